@@ -1,0 +1,66 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from glob import glob
+import os
+import sys
+
+from setuptools import find_packages, setup
+
+package_name = 'tp_controller'
+executables = {
+    'tp_controller': 'tp_controller.cli.main:main',
+    'controller_node': 'tp_controller.nodes.controller_node:main',
+    'simulator_node': 'tp_controller.nodes.simulator_node:main',
+}
+
+
+def shims():
+    """
+    Return scripts for lib/tp_controller, where `ros2 run` looks for executables.
+
+    colcon installs the console scripts there by itself (setup.cfg); pip puts them in bin/ only.
+    """
+    if 'bdist_wheel' not in sys.argv:
+        return []
+    return [(os.path.join('lib', package_name), sorted(glob('scripts/*')))]
+
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(exclude=['test*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
+        ('share/' + package_name, ['package.xml']),
+        ('share/' + package_name + '/config', glob('config/*.yaml')),
+        ('share/' + package_name + '/config/robots', glob('config/robots/*.yaml')),
+        ('share/' + package_name + '/launch', glob('launch/*.launch.py')),
+        *shims(),
+    ],
+    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin', 'matplotlib'],
+    extras_require={
+        'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'test': ['pytest', 'pytest-xdist', 'hypothesis', 'example-robot-data', 'ruff'],
+    },
+    python_requires='>=3.10',
+    zip_safe=True,
+    maintainer='tp_controller contributors',
+    maintainer_email='maintainers@users.noreply.github.com',
+    description='Prioritized velocity control of redundant robots',
+    license='Apache-2.0',
+    tests_require=['pytest'],
+    entry_points={'console_scripts': [f'{name} = {target}'
+                                      for name, target in executables.items()]},
+)

@@ -1,0 +1,47 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Prioritized velocity control of redundant robots.
+
+::
+
+    robot = Robot.from_urdf('panda.urdf')
+    controller = Controller(robot, Stack.from_yaml('stack.yaml', robot))
+    controller.set_goal('tool', pose, now)
+    command = controller.update(q, now)
+"""
+
+from tp_controller.controller import Command, Controller
+from tp_controller.errors import (
+    GoalError,
+    RobotError,
+    SettingsError,
+    SolverError,
+    StackError,
+    TaskError,
+    TpControllerError,
+)
+from tp_controller.level import Level
+from tp_controller.robot import Robot, RobotState
+from tp_controller.settings import Settings
+from tp_controller.simulator import Imperfections, KinematicSimulator
+from tp_controller.solution import LevelSolution, Solution
+from tp_controller.solver import solve
+from tp_controller.stack import Stack
+
+__all__ = [
+    'Command', 'Controller', 'GoalError', 'Imperfections', 'KinematicSimulator', 'Level',
+    'LevelSolution', 'Robot', 'RobotError', 'RobotState', 'Settings', 'SettingsError', 'Solution',
+    'SolverError', 'Stack', 'StackError', 'TaskError', 'TpControllerError', 'solve']

@@ -1,0 +1,194 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The controller: joint positions in, joint velocities and a report out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tp_controller.errors import GoalError, SettingsError, unknown
+from tp_controller.limits import velocity_bounds
+from tp_controller.report import Report
+from tp_controller.settings import Settings
+from tp_controller.solver import solve
+from tp_controller.spatial import inverse_pose
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """
+    What one cycle gives.
+
+    Attributes
+    ----------
+    velocity : ndarray (n,)
+        Joint velocities [rad/s or m/s], within every limit.
+    report : Report
+
+    """
+
+    velocity: np.ndarray
+    report: Report
+
+
+class Controller:
+    """
+    Carries out a stack of tasks on a robot, one `update` a cycle.
+
+    Time is whatever clock the caller has, in seconds.
+
+    Parameters
+    ----------
+    robot : Robot
+    stack : Stack
+    settings : Settings, optional
+
+    Raises
+    ------
+    SettingsError
+        The weights do not fit the robot.
+
+    """
+
+    def __init__(self, robot, stack, settings=None):
+        self.robot = robot
+        self.stack = stack
+        self.settings = settings or Settings()
+        self._state = None
+
+    @property
+    def settings(self):
+        """Return the settings; they can be replaced between two cycles."""
+        return self._settings
+
+    @settings.setter
+    def settings(self, settings):
+        weights = settings.weights or None
+        if weights is not None and len(weights) != self.robot.n:
+            raise SettingsError([f'weights needs {self.robot.n} numbers, one for each of '
+                                 f'{", ".join(self.robot.joint_names)}, got {len(weights)}'])
+        self._settings = settings
+        self._options = {
+            'weights': weights, 'damping': settings.damping, 'scaling': settings.scaling,
+            'singular_region': settings.singular_region, 'method': settings.method,
+            'rank_tolerance': settings.rank_tolerance}
+
+    def set_goal(self, name, goal, now, frame=None):
+        """
+        Set the goal of a task.
+
+        Parameters
+        ----------
+        name : str
+            Task.
+        goal : array_like or dict
+            What the type of the task takes; see `tp_controller.tasks`.
+        now : float
+            [s]
+        frame : str, optional
+            Frame of the robot that the goal is expressed in, where it is now; the task's
+            reference frame by default.
+
+        Raises
+        ------
+        GoalError
+            The task or frame is unknown, or the goal is not finite or has the wrong shape. The
+            goal before stays in force.
+
+        """
+        task = self._task(name)
+        goal = task.parse_goal(goal)
+        if frame and frame != task.reference:
+            goal = task.goal_in_reference(goal, self._pose_in(task, frame))
+        task.set_goal(goal, now)
+
+    def set_feed_forward(self, name, velocity, now, frame=None):
+        """
+        Set the feed-forward velocity of a task, in force until its timeout.
+
+        Parameters
+        ----------
+        name, now, frame
+            See `set_goal`.
+        velocity : array_like or dict
+            Twist (6,), linear then angular [m/s, rad/s], or joint velocities.
+
+        Raises
+        ------
+        GoalError
+            As `set_goal`.
+
+        """
+        task = self._task(name)
+        velocity = task.parse_feed_forward(velocity)
+        if frame and frame != task.reference:
+            velocity = task.feed_forward_in_reference(velocity,
+                                                      self._pose_in(task, frame)[:3, :3])
+        task.set_feed_forward(velocity, now)
+
+    def enable(self, name, enabled):
+        """Take a task into the stack, or leave it out; raise `GoalError` if it is unknown."""
+        self.stack.enable(self._task(name).name, enabled)
+
+    def update(self, q, now, passive=None):
+        """
+        Return the command at positions `q`.
+
+        Parameters
+        ----------
+        q : array_like (n,)
+            Positions of the driven joints [rad or m].
+        now : float
+            [s]
+        passive : array_like (p,), optional
+            Positions of the passive joints [rad or m]; unchanged where left out.
+
+        Returns
+        -------
+        Command
+
+        Raises
+        ------
+        RobotError
+            `q` has the wrong shape or is not finite.
+
+        """
+        if self._state is None:
+            self._state = self.robot.state(q, passive)
+            self.stack.start(self._state)
+        else:
+            self._state.update(q, passive)
+        state = self._state
+        levels = self.stack.levels(state, now)
+        lower, upper = velocity_bounds(self.robot, state.q, self._settings.braking_gain)
+        solution = solve(levels, lower, upper, **self._options)
+        return Command(solution.velocity, Report(self.robot, self.stack, state.q, solution))
+
+    def _task(self, name):
+        """Return a task by name."""
+        if name not in self.stack.tasks:
+            raise GoalError(unknown('task', name, self.stack.tasks))
+        return self.stack.tasks[name]
+
+    def _pose_in(self, task, frame):
+        """Return T_reference_frame (4, 4), as the robot stands now."""
+        if task.reference is None:
+            raise GoalError(f'task {task.name!r} takes no frame')
+        if frame not in self.robot.frame_names:
+            raise GoalError(unknown('frame', frame, self.robot.frame_names))
+        if self._state is None:
+            raise GoalError(f'a goal in frame {frame!r} needs joint positions, '
+                            'and there were none yet')
+        return inverse_pose(self._state.pose(task.reference)).dot(self._state.pose(frame))

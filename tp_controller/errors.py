@@ -1,0 +1,107 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The errors a user can meet.
+
+::
+
+    TpControllerError
+    ├── RobotError      a URDF, DH table, joint, frame or joint position is not usable
+    ├── SettingsError   a setting is out of its range (all of them at once)
+    ├── TaskError       keys of one task are wrong (all of them at once)
+    ├── StackError      the list of tasks has faults (all of them at once, with lines)
+    ├── GoalError       a goal is not finite, has the wrong shape or names nothing
+    └── SolverError     the levels handed to ``solve`` do not fit together
+
+Every message names the thing that is wrong and says what is valid.
+"""
+
+from dataclasses import dataclass
+import difflib
+
+
+class TpControllerError(Exception):
+    """Base of all errors raised by this package."""
+
+
+class RobotError(TpControllerError):
+    """A robot description, or something asked of the robot, is not usable."""
+
+
+class SettingsError(TpControllerError):
+    """One or more settings are out of range; ``faults`` lists them all."""
+
+    def __init__(self, faults):
+        self.faults = tuple(faults)
+        super().__init__('; '.join(self.faults))
+
+
+class TaskError(TpControllerError):
+    """Keys of one task are wrong; ``faults`` is a tuple of (key, message)."""
+
+    def __init__(self, name, faults):
+        self.faults = tuple(faults)
+        lines = '; '.join(f'{key}: {message}' for key, message in self.faults)
+        super().__init__(f'task {name}: {lines}')
+
+
+class GoalError(TpControllerError):
+    """A goal was refused; the goal in force before stays in force."""
+
+
+class SolverError(TpControllerError):
+    """The levels, bounds or weights handed to the solver do not fit together."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """
+    One thing that is wrong in a stack.
+
+    Attributes
+    ----------
+    line : int
+        Line in the YAML text, from 1.
+    where : str
+        Task, or task and key, that the fault is in; empty for the list itself.
+    message : str
+        What is wrong and what is valid.
+
+    """
+
+    line: int
+    where: str
+    message: str
+
+    def __str__(self):
+        """Return the fault as one line."""
+        where = f'{self.where}: ' if self.where else ''
+        return f'line {self.line}: {where}{self.message}'
+
+
+class StackError(TpControllerError):
+    """A stack has faults; ``faults`` is a tuple of `Fault`, in order of their lines."""
+
+    def __init__(self, faults):
+        self.faults = tuple(sorted(faults, key=lambda fault: fault.line))
+        super().__init__('; '.join(str(fault) for fault in self.faults))
+
+
+def unknown(what, name, valid):
+    """Return a message that says what is unknown, what was meant perhaps, and what is valid."""
+    valid = list(valid)
+    near = difflib.get_close_matches(str(name), valid, n=1)
+    hint = f' (did you mean {near[0]!r}?)' if near else ''
+    return f'unknown {what} {name!r}{hint}; valid: {", ".join(valid) or "none"}'

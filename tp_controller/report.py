@@ -1,0 +1,154 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The report of a cycle: for every task how far it is, and what holds it back."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tp_controller.tasks.base import norm
+
+# A part of the wanted velocity below this is rounding, not something that was held back.
+NEGLIGIBLE = 1e-6
+# A task is called slowed or held back when it misses more than this share of what it wants.
+NOTABLE = 0.01
+NEAR_SINGULAR = 0.1
+
+
+@dataclass(frozen=True)
+class TaskReport:
+    """
+    One task in one cycle.
+
+    Attributes
+    ----------
+    name, type_name : str
+    level : int or None
+        From 1, the highest priority; None while the task is disabled.
+    errors : tuple of (float, str, float)
+        Norm of the error, its unit and the tolerance, for each unit.
+    reached : bool
+        Every error is within its tolerance.
+    wanted_speed, achieved_speed : float
+        Norm of the wanted task velocity, and of its part that is carried out (over all rows;
+        m/s and rad/s are added up as they are).
+    reason : str
+        What holds the task back; empty where nothing does.
+
+    """
+
+    name: str
+    type_name: str
+    level: int
+    errors: tuple
+    reached: bool
+    wanted_speed: float
+    achieved_speed: float
+    reason: str
+
+    @property
+    def status(self):
+        """Return ``disabled``, ``reached``, ``moving`` or ``held back``."""
+        if self.level is None:
+            return 'disabled'
+        if self.reached:
+            return 'reached'
+        return 'held back' if self.reason else 'moving'
+
+
+class Report:
+    """
+    What the solver made of the stack in one cycle; worked out when it is asked for.
+
+    Attributes
+    ----------
+    scale : float
+        Factor by which the limits slowed the command.
+    tasks : tuple of TaskReport
+        In order of priority, the disabled ones last.
+
+    """
+
+    def __init__(self, robot, stack, q, solution):
+        self._robot, self._q, self._solution = robot, q, solution
+        self._groups = stack.active
+        self._disabled = tuple(task for name, task in stack.tasks.items()
+                               if name in stack.disabled)
+        self._errors = [task.last_error for group in stack.active for task in group]
+        self.scale = solution.scale
+
+    @cached_property
+    def tasks(self):
+        """Return a `TaskReport` for every task."""
+        reports = []
+        errors = iter(self._errors)
+        for number, (group, level) in enumerate(zip(self._groups, self._solution.levels), 1):
+            first = 0
+            for task in group:
+                rows = slice(first, first + task.rows)
+                reports.append(self._task(task, number, level, rows, next(errors)))
+                first += task.rows
+        reports.extend(TaskReport(task.name, task.type_name, None, (), False, 0.0, 0.0,
+                                  'disabled') for task in self._disabled)
+        return tuple(reports)
+
+    @property
+    def reached(self):
+        """Return whether every enabled task is at its goal."""
+        return all(task.reached for task in self.tasks if task.level is not None)
+
+    @property
+    def limiting(self):
+        """Return what slows the command, as text; empty where nothing does."""
+        index = self._solution.limiting
+        if index is None:
+            return ''
+        robot = self._robot
+        velocity = self._solution.velocity[index]
+        at_speed_limit = abs(velocity) >= robot.velocity[index] > 0.0
+        # At the limit itself the velocity is zero and does not tell its side.
+        upper = robot.upper[index] - self._q[index] < self._q[index] - robot.lower[index]
+        limit = ('velocity limit' if at_speed_limit else
+                 f'{"upper" if upper else "lower"} position limit')
+        return f'{robot.joint_names[index]} at its {limit}'
+
+    def _task(self, task, number, level, rows, error):
+        """Return the report of a task that is rows `rows` of a level."""
+        wanted, achieved = level.wanted[rows], level.achieved[rows]
+        residual = wanted - achieved
+        errors = task.reported_errors(error, residual)
+        return TaskReport(
+            task.name, task.type_name, number, errors,
+            all(value <= tolerance for value, _, tolerance in errors),
+            norm(wanted), norm(achieved), self._reason(level, wanted, achieved))
+
+    def _reason(self, level, wanted, achieved):
+        """Return what holds a task back."""
+        reasons = []
+        speed = norm(wanted)
+        if level.scale < 1.0 - NOTABLE and speed > NEGLIGIBLE:
+            reasons.append(f'slowed to {100.0 * level.scale:.0f} % by {self.limiting}')
+        unscaled = achieved / level.scale if level.scale > 0.0 else np.zeros_like(achieved)
+        if level.scale > 0.0 and norm(wanted - unscaled) > max(NEGLIGIBLE, NOTABLE * speed):
+            rows = len(level.wanted)
+            if level.rank < rows:
+                reasons.append(f'{level.rank} of {rows} directions left by higher levels')
+            elif level.smallest_singular_value < NEAR_SINGULAR:
+                reasons.append('near a singularity (smallest singular value '
+                               f'{level.smallest_singular_value:.2g})')
+            else:
+                reasons.append('damped')
+        return ', '.join(reasons)

@@ -1,0 +1,114 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Files by name: paths, ``package://`` names, and text given in place of a file."""
+
+from pathlib import Path
+import sys
+
+PACKAGE = 'tp_controller'
+SCHEME = 'package://'
+
+
+def package_share(package=PACKAGE):
+    """
+    Return the share directory of a ROS package.
+
+    The ament index is asked first; this package's own files are also found after a plain
+    ``pip install`` (below the prefix) and in a source tree.
+
+    Parameters
+    ----------
+    package : str
+        Its name.
+
+    Returns
+    -------
+    pathlib.Path
+
+    Raises
+    ------
+    FileNotFoundError
+        The package is not installed.
+
+    """
+    try:
+        from ament_index_python.packages import get_package_share_directory
+        return Path(get_package_share_directory(package))
+    except LookupError:  # PackageNotFoundError is a KeyError
+        pass
+    except ImportError:
+        pass
+    if package == PACKAGE:
+        source = Path(__file__).resolve().parent.parent
+        for folder in (source, Path(sys.prefix) / 'share' / PACKAGE):
+            if (folder / 'config').is_dir():
+                return folder
+    raise FileNotFoundError(f'package {package!r} is not in the ament index '
+                            '(AMENT_PREFIX_PATH): source its workspace')
+
+
+def find_file(name):
+    """
+    Return the path of a file.
+
+    Parameters
+    ----------
+    name : str or pathlib.Path
+        A path, or ``package://<package>/<path in its share directory>``.
+
+    Returns
+    -------
+    pathlib.Path
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no such file.
+
+    """
+    if str(name).startswith(SCHEME):
+        package, _, rest = str(name)[len(SCHEME):].partition('/')
+        path = package_share(package) / rest
+    else:
+        path = Path(name).expanduser()
+    if not path.is_file():
+        raise FileNotFoundError(f'no file {path}')
+    return path
+
+
+def read_source(source, is_text):
+    """
+    Return the text of `source`, which is a file's name or the text itself.
+
+    Parameters
+    ----------
+    source : str or pathlib.Path
+        Text or name.
+    is_text : callable
+        Says of a string whether it is the text itself.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    FileNotFoundError
+        `source` is no text and there is no such file.
+
+    """
+    if isinstance(source, str) and is_text(source):
+        return source
+    return find_file(source).read_text(encoding='utf-8')

@@ -1,0 +1,488 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The robot: names, limits and kinematics of a URDF tree, evaluated by Pinocchio."""
+
+import copy
+import math
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio
+
+from tp_controller.dh import UNLIMITED, urdf_from_dh
+from tp_controller.errors import RobotError, unknown
+from tp_controller.resources import read_source
+
+BASES = ('fixed',)
+MOVING = ('revolute', 'continuous', 'prismatic')
+LIMIT_KEYS = ('lower', 'upper', 'velocity')
+DEFAULT_NAME = 'robot'
+
+
+class Robot:
+    """
+    A robot whose `n` driven joints the controller commands.
+
+    Joints of the description that are not driven are passive: they stay where the state says.
+    Mimic joints follow the joint they mimic.
+
+    Attributes
+    ----------
+    name : str
+    urdf : str
+        The description as URDF text.
+    n : int
+        Number of driven joints.
+    joint_names, passive_names : tuple of str
+        Driven joints, in the order of every (n,) array; passive ones.
+    joint_units : tuple of str
+        ``'rad'`` or ``'m'`` for each driven joint.
+    lower, upper : ndarray (n,)
+        Position limits [rad or m], infinite where there are none.
+    velocity : ndarray (n,)
+        Limits of the absolute velocity [rad/s or m/s].
+    continuous : ndarray (n,) of bool
+        Joints that turn without end.
+    frame_names : tuple of str
+        All links; `root` is the first, every pose and Jacobian is expressed in it by default.
+
+    """
+
+    def __init__(self, urdf, joints=None, limits=None):
+        """Build from URDF text; see `from_urdf`."""
+        tree = _parse(urdf)
+        elements = _moving_joints(tree)
+        self.urdf = urdf
+        self._model = _build_model(tree)
+        self.name = self._model.name
+        self._frame_ids = {frame.name: self._model.getFrameId(frame.name, frame.type)
+                           for frame in self._model.frames
+                           if frame.type == pinocchio.FrameType.BODY}
+        self.frame_names = tuple(self._frame_ids)
+        self.root = self.frame_names[0]
+        mimics = _mimic_rules(elements)
+        self._select_joints(elements, mimics, joints)
+        self._read_limits(elements, mimics, limits or {})
+        self._map_configuration(mimics)
+
+    @classmethod
+    def from_urdf(cls, source, base='fixed', joints=None, limits=None):
+        """
+        Return the robot of a URDF.
+
+        Parameters
+        ----------
+        source : str or pathlib.Path
+            URDF text, a file's path, or ``package://<package>/<path>``.
+        base : str
+            ``fixed``.
+        joints : sequence of str, optional
+            The driven joints, in the order wanted; all that can be driven by default.
+        limits : dict, optional
+            ``{joint: {lower, upper, velocity}}``; replaces single limits of the URDF.
+
+        Raises
+        ------
+        RobotError
+            The description cannot be read, a joint is of an unsupported type, or a name in
+            `joints` or `limits` is unknown; the message lists what is valid.
+
+        """
+        if base not in BASES:
+            raise RobotError(unknown('base', base, BASES))
+        try:
+            urdf = read_source(source, lambda text: '<' in text)
+        except (OSError, UnicodeDecodeError) as error:
+            raise RobotError(f'robot description: {error}') from error
+        return cls(urdf, joints, limits)
+
+    @classmethod
+    def from_dh(cls, table, convention=None, joints=None, limits=None):
+        """
+        Return the robot of a Denavit-Hartenberg table; see `tp_controller.dh.urdf_from_dh`.
+
+        Raises
+        ------
+        RobotError
+            Names the row and key that is wrong.
+
+        """
+        return cls(urdf_from_dh(table, convention), joints, limits)
+
+    @classmethod
+    def from_file(cls, name, joints=None, limits=None):
+        """
+        Return the robot of a file: a DH table if it ends in ``.yaml`` or ``.yml``, else a URDF.
+
+        Raises
+        ------
+        RobotError
+            The file is missing or its content is not usable.
+
+        """
+        if Path(str(name)).suffix in ('.yaml', '.yml'):
+            return cls.from_dh(Path(name) if '://' not in str(name) else name,
+                               joints=joints, limits=limits)
+        return cls.from_urdf(name, joints=joints, limits=limits)
+
+    def check_frame(self, name):
+        """Return `name` if it is a frame of the robot, else raise `RobotError`."""
+        if name not in self._frame_ids:
+            raise RobotError(unknown('frame', name, self.frame_names))
+        return name
+
+    def joint_index(self, name):
+        """Return the index of a driven joint, else raise `RobotError`."""
+        if name not in self._joint_indices:
+            raise RobotError(unknown('driven joint', name, self.joint_names))
+        return self._joint_indices[name]
+
+    def neutral(self):
+        """Return the driven positions (n,) nearest to zero that the limits allow [rad or m]."""
+        return np.clip(np.zeros(self.n), self.lower, self.upper)
+
+    def state(self, q, passive=None):
+        """
+        Return a new `RobotState` at `q`.
+
+        Parameters
+        ----------
+        q : array_like (n,)
+            Positions of the driven joints [rad or m].
+        passive : array_like (len(passive_names),), optional
+            Positions of the passive joints; zero, or what is nearest within their limits.
+
+        Raises
+        ------
+        RobotError
+            Wrong shape or not finite.
+
+        """
+        return RobotState(self, q, passive)
+
+    def _select_joints(self, elements, mimics, joints):
+        """Sort the moving joints into driven and passive ones."""
+        names = [name for name in self._model.names if name in elements]
+        drivable = [name for name in names if name not in mimics]
+        driven = drivable if joints is None else list(joints)
+        for name in driven:
+            if name in mimics:
+                raise RobotError(f'joint {name!r} mimics {mimics[name][0]!r}: drive that one')
+            if name not in drivable:
+                raise RobotError(unknown('joint', name, drivable))
+        if len(set(driven)) < len(driven):
+            raise RobotError(f'driven joints named twice: {driven}')
+        if not driven:
+            raise RobotError('the robot has no joint to drive')
+        self.joint_names = tuple(driven)
+        self.passive_names = tuple(name for name in drivable if name not in driven)
+        self._joint_indices = {name: index for index, name in enumerate(driven)}
+        self.n = len(driven)
+        self.joint_units = tuple('m' if elements[name].get('type') == 'prismatic' else 'rad'
+                                 for name in driven)
+        self.continuous = _read_only(
+            np.array([elements[name].get('type') == 'continuous' for name in driven]))
+
+    def _read_limits(self, elements, mimics, overrides):
+        """Take the limits of the driven joints from the URDF, replaced where overridden."""
+        for name, limits in overrides.items():
+            self.joint_index(name)
+            for key in limits:
+                if key not in LIMIT_KEYS:
+                    raise RobotError(f'joint {name}: {unknown("limit", key, LIMIT_KEYS)}')
+        rows = {name: {**_urdf_limits(name, elements[name]), **overrides.get(name, {})}
+                for name in self.joint_names}
+        for follower in mimics:
+            leader, multiplier, offset = _resolve_mimic(follower, mimics)
+            if leader in rows:
+                _share_limits(rows[leader], _urdf_limits(follower, elements[follower]),
+                              multiplier, offset)
+        for name, row in rows.items():
+            if not row['lower'] < row['upper']:
+                raise RobotError(f'joint {name}: lower limit {row["lower"]} must be below '
+                                 f'upper limit {row["upper"]}')
+            if not row['velocity'] >= 0.0:
+                raise RobotError(f'joint {name}: velocity limit {row["velocity"]} '
+                                 'must not be negative')
+        self.lower, self.upper, self.velocity = (
+            _read_only(np.array([float(row[key]) for row in rows.values()]))
+            for key in LIMIT_KEYS)
+
+    def _map_configuration(self, mimics):
+        """Prepare the way from driven and passive positions to Pinocchio's configuration."""
+        model = self._model
+        # The configuration is `_expand` q + `_passive_map` p + `_offset`, and with it
+        # J_driven = J_model `_expand`. None where the configuration is q itself.
+        expand = np.zeros((model.nv, self.n))
+        self._passive_map = np.zeros((model.nv, len(self.passive_names)))
+        self._offset = np.zeros(model.nv)
+        for row, name in enumerate(model.names[1:]):
+            leader, multiplier, self._offset[row] = _resolve_mimic(name, mimics)
+            if leader in self._joint_indices:
+                expand[row, self._joint_indices[leader]] = multiplier
+            else:
+                self._passive_map[row, self.passive_names.index(leader)] = multiplier
+        self._driven_rows = [model.joints[model.getJointId(name)].idx_v
+                             for name in self.joint_names]
+        same = expand.shape == (self.n, self.n) and np.array_equal(expand, np.eye(self.n))
+        self._expand = None if same else expand
+
+    def integrate(self, q, velocity, dt):
+        """
+        Return the driven positions after `dt` seconds at a constant velocity.
+
+        Parameters
+        ----------
+        q, velocity : ndarray (n,)
+            [rad or m], [rad/s or m/s]
+        dt : float
+            [s]
+
+        Returns
+        -------
+        ndarray (n,)
+            Angles of continuous joints are not wrapped.
+
+        """
+        if self._expand is None:
+            return pinocchio.integrate(self._model, q, dt * velocity)
+        moved = pinocchio.integrate(self._model, self._expand.dot(q),
+                                    dt * self._expand.dot(velocity))
+        return moved[self._driven_rows]
+
+
+class RobotState:
+    """
+    The robot at one configuration, its kinematics evaluated once.
+
+    Frames are asked for by name; what was computed for one is kept until the next `update`. All
+    arrays are read-only copies, so they stay true to the configuration they were taken at.
+    """
+
+    def __init__(self, robot, q, passive=None):
+        self.robot = robot
+        self._data = robot._model.createData()
+        self._offset = robot._offset
+        self._rotations, self._positions, self._jacobians = {}, {}, {}
+        if passive is None and robot.passive_names:
+            passive = np.zeros(len(robot.passive_names))
+        self.update(q, passive)
+
+    def update(self, q, passive=None):
+        """
+        Move to another configuration and evaluate the kinematics there.
+
+        Parameters
+        ----------
+        q : array_like (n,)
+            Driven positions [rad or m].
+        passive : array_like (p,), optional
+            Passive positions; unchanged where left out.
+
+        Raises
+        ------
+        RobotError
+            Wrong shape or not finite; the state stays what it was.
+
+        """
+        robot = self.robot
+        q = _positions(q, robot.joint_names, 'q')
+        if passive is not None and robot.passive_names:
+            passive = _positions(passive, robot.passive_names, 'passive')
+            self._offset = robot._offset + robot._passive_map.dot(passive)
+        self.q = q
+        self._rotations.clear()
+        self._positions.clear()
+        self._jacobians.clear()
+        configuration = q if robot._expand is None else robot._expand.dot(q) + self._offset
+        pinocchio.computeJointJacobians(robot._model, self._data, configuration)
+
+    def rotation(self, frame):
+        """Return R_root_frame (3, 3)."""
+        if frame not in self._rotations:
+            self._place(frame)
+        return self._rotations[frame]
+
+    def position(self, frame):
+        """Return the origin of a frame (3,), in the root frame [m]."""
+        if frame not in self._positions:
+            self._place(frame)
+        return self._positions[frame]
+
+    def pose(self, frame):
+        """Return T_root_frame (4, 4)."""
+        T = np.eye(4)
+        T[:3, :3] = self.rotation(frame)
+        T[:3, 3] = self.position(frame)
+        return _read_only(T)
+
+    def jacobian(self, frame):
+        """
+        Return the Jacobian of a frame, in the axes of the root frame.
+
+        Parameters
+        ----------
+        frame : str
+            Its name.
+
+        Returns
+        -------
+        ndarray (6, n)
+            Rows 0 to 2 give the velocity of the frame's origin, 3 to 5 its angular velocity.
+
+        """
+        J = self._jacobians.get(frame)
+        if J is None:
+            if frame not in self._positions:
+                self._place(frame)
+            robot = self.robot
+            J = pinocchio.getFrameJacobian(robot._model, self._data, robot._frame_ids[frame],
+                                           pinocchio.LOCAL_WORLD_ALIGNED)
+            if robot._expand is not None:
+                J = J.dot(robot._expand)
+            self._jacobians[frame] = _read_only(J)
+        return J
+
+    def _place(self, frame):
+        """Evaluate the placement of a frame."""
+        robot = self.robot
+        index = robot._frame_ids[robot.check_frame(frame)]
+        placement = pinocchio.updateFramePlacement(robot._model, self._data, index)
+        # The arrays of a placement are windows into Pinocchio's data, hence the copies.
+        self._rotations[frame] = _read_only(placement.rotation.copy())
+        self._positions[frame] = _read_only(placement.translation.copy())
+
+
+def _read_only(array):
+    """Return the array, protected against writing."""
+    array.setflags(write=False)
+    return array
+
+
+def _positions(values, names, what):
+    """Return joint positions as a protected array, one for each name."""
+    values = np.array(values, dtype=float)
+    if values.shape != (len(names),):
+        raise RobotError(f'{what} needs {len(names)} positions ({", ".join(names)}), '
+                         f'got an array of shape {values.shape}')
+    # A square beyond the range of a float would be no position either.
+    if not math.isfinite(values.dot(values)):
+        bad = [name for name, value in zip(names, values) if not abs(value) < 1e150]
+        raise RobotError(f'{what} is not finite for {", ".join(bad)}')
+    return _read_only(values)
+
+
+def _parse(urdf):
+    """Return the element tree of a URDF text."""
+    try:
+        tree = ElementTree.fromstring(urdf.encode())
+    except ElementTree.ParseError as error:
+        raise RobotError(f'robot description is no XML: {error}') from error
+    if tree.tag != 'robot':
+        raise RobotError(f'robot description: the outermost element is <{tree.tag}>, not <robot>')
+    if any('xacro' in element.tag for element in tree.iter() if isinstance(element.tag, str)):
+        raise RobotError('robot description has xacro macros: run it through xacro first')
+    return tree
+
+
+def _moving_joints(tree):
+    """Return the elements of the joints that move, by name; refuse unsupported types."""
+    elements = {}
+    for joint in tree.findall('joint'):
+        kind = joint.get('type')
+        if kind in MOVING:
+            elements[joint.get('name')] = joint
+        elif kind != 'fixed':
+            raise RobotError(f'joint {joint.get("name")!r} is of type {kind!r}; '
+                             f'valid: fixed, {", ".join(MOVING)}')
+    return elements
+
+
+def _build_model(tree):
+    """Return Pinocchio's model of a URDF, every moving joint with one coordinate."""
+    tree = copy.deepcopy(tree)
+    for joint in tree.findall('joint'):
+        if joint.get('type') == 'continuous':
+            # Pinocchio would hold a continuous joint as cosine and sine and forget its turns.
+            joint.set('type', 'revolute')
+            limit = joint.find('limit')
+            if limit is None:
+                limit = ElementTree.SubElement(joint, 'limit', effort='0', velocity='0')
+            limit.set('lower', repr(-UNLIMITED))
+            limit.set('upper', repr(UNLIMITED))
+    try:
+        return pinocchio.buildModelFromXML(ElementTree.tostring(tree, encoding='unicode'))
+    except (ValueError, RuntimeError) as error:
+        raise RobotError(f'robot description: {error}') from error
+
+
+def _mimic_rules(elements):
+    """Return {follower: (leader, multiplier, offset)}."""
+    rules = {}
+    for name, element in elements.items():
+        mimic = element.find('mimic')
+        if mimic is None:
+            continue
+        leader = mimic.get('joint')
+        if leader not in elements:
+            raise RobotError(f'joint {name!r} mimics {unknown("joint", leader, elements)}')
+        rules[name] = (leader, float(mimic.get('multiplier', 1.0)),
+                       float(mimic.get('offset', 0.0)))
+    for name in rules:
+        _resolve_mimic(name, rules)
+    return rules
+
+
+def _resolve_mimic(name, rules):
+    """Return (leader, multiplier, offset) of a joint; itself where it follows no other."""
+    multiplier, offset = 1.0, 0.0
+    leader, seen = name, set()
+    while leader in rules:
+        if leader in seen:
+            raise RobotError(f'joint {name!r} mimics itself, through {", ".join(sorted(seen))}')
+        seen.add(leader)
+        leader, factor, shift = rules[leader]
+        offset += multiplier * shift
+        multiplier *= factor
+    return leader, multiplier, offset
+
+
+def _urdf_limits(name, element):
+    """Return the limits of one joint of a URDF, infinite where it has none."""
+    limit = element.find('limit')
+    attributes = {} if limit is None else limit.attrib
+    endless = element.get('type') == 'continuous'
+    defaults = {'lower': -math.inf if endless else 0.0, 'upper': math.inf if endless else 0.0,
+                'velocity': math.inf}
+    limits = {}
+    for key, default in defaults.items():
+        given = attributes.get(key) if key == 'velocity' or not endless else None
+        try:
+            value = default if given is None else float(given)
+        except ValueError as error:
+            raise RobotError(f'joint {name}: {key} limit {given!r} is no number') from error
+        limits[key] = math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
+    return limits
+
+
+def _share_limits(row, follower, multiplier, offset):
+    """Narrow the limits of a joint to what a joint that follows it allows."""
+    if multiplier == 0.0:
+        return
+    ends = sorted((follower[key] - offset) / multiplier for key in ('lower', 'upper'))
+    row['lower'] = max(row['lower'], ends[0])
+    row['upper'] = min(row['upper'], ends[1])
+    row['velocity'] = min(row['velocity'], follower['velocity'] / abs(multiplier))

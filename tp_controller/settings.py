@@ -1,0 +1,96 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Settings of the controller, with defaults that are safe for a real arm."""
+
+from dataclasses import dataclass, field, fields
+import math
+
+from tp_controller.errors import SettingsError
+from tp_controller.solver import METHODS, RANK_TOLERANCE, SCALINGS
+
+
+def _number(default, lower, upper, unit, description):
+    """Return a field with its range and description."""
+    return field(default=default, metadata={
+        'lower': lower, 'upper': upper, 'unit': unit, 'description': description})
+
+
+def _choice(default, valid, description):
+    """Return a field with its valid values and description."""
+    return field(default=default, metadata={
+        'valid': valid, 'unit': '', 'description': description})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """
+    Settings of a `Controller`; each field carries its unit, range and description.
+
+    Raises
+    ------
+    SettingsError
+        All that are out of range.
+
+    """
+
+    period: float = _number(
+        0.01, 1e-5, 1.0, 's', 'longest time between two commands; braking ahead of position '
+        'limits relies on it')
+    damping: float = _number(
+        0.1, 0.0, 10.0, '',
+        'damping λ of the task inverses, in the units of the Jacobian (0: undamped)')
+    singular_region: float = _number(
+        0.1, 0.0, math.inf, '', 'singular value below which a direction is damped (inf: all '
+        'directions are, which is damped least squares as in the lecture)')
+    braking_gain: float = _number(
+        10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; '
+        'at most 1/period')
+    scaling: str = _choice(
+        'uniform', SCALINGS, 'how a command that exceeds a limit is brought within it')
+    method: str = _choice(
+        'recursive', METHODS, 'sequential is for comparison only: lower tasks suffer')
+    rank_tolerance: float = _number(
+        RANK_TOLERANCE, 1e-14, 1e-3, '',
+        'singular values below this times the norm of the level count as zero')
+    weights: tuple = field(default=None, metadata={
+        'unit': '', 'description': 'cost of moving each joint, all positive: the higher, the '
+        'less the joint is used (empty: all equal)'})
+
+    def __post_init__(self):
+        """Check everything, and raise one error for all faults."""
+        faults = [fault for item in fields(self) for fault in self._faults(item)]
+        if not faults and self.braking_gain * self.period > 1.0 + 1e-12:
+            faults.append(f'braking_gain {self.braking_gain:g} must be at most 1/period = '
+                          f'{1.0 / self.period:g}, or position limits would be crossed')
+        if faults:
+            raise SettingsError(faults)
+
+    def _faults(self, item):
+        """Return what is wrong with one field."""
+        value = getattr(self, item.name)
+        if 'valid' in item.metadata:
+            if value not in item.metadata['valid']:
+                yield (f'{item.name} must be one of {", ".join(item.metadata["valid"])}, '
+                       f'not {value!r}')
+        elif 'lower' in item.metadata:
+            lower, upper = item.metadata['lower'], item.metadata['upper']
+            if isinstance(value, bool) or not isinstance(value, (int, float)) \
+                    or not lower <= value <= upper:
+                yield f'{item.name} must be a number from {lower:g} to {upper:g}, not {value!r}'
+        elif value is not None and not (
+                isinstance(value, (list, tuple)) and
+                all(isinstance(weight, (int, float)) and 0.0 < weight < math.inf
+                    for weight in value)):
+            yield f'{item.name} must be positive numbers, one for each joint, not {value!r}'

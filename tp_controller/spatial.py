@@ -1,0 +1,181 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Rotations, poses and angles.
+
+Quaternions are ordered ``xyzw``; poses are 4×4 homogeneous matrices ``T_a_b`` (frame b
+expressed in frame a), rotations 3×3 matrices ``R_a_b``; angles are in radians.
+"""
+
+import math
+
+import numpy as np
+import pinocchio
+
+# How far the norm of a quaternion may be from 1 before it is taken for a mistake: numbers typed
+# with two digits pass, an all-zero quaternion or an angle triple does not.
+QUATERNION_TOLERANCE = 0.05
+ROTATION_TOLERANCE = 1e-3
+# Within this angle of half a turn both ways round are equally short, and noise alone would
+# choose between them [rad].
+HALF_TURN_BAND = 0.1
+
+
+def wrap_angle(angle):
+    """
+    Return angles [rad] in the interval [-π, π).
+
+    Parameters
+    ----------
+    angle : ndarray
+        Any shape.
+
+    Returns
+    -------
+    ndarray
+        The same shape.
+
+    """
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def rotation_vector(R):
+    """
+    Return the rotation vector (log map) of a rotation matrix.
+
+    Parameters
+    ----------
+    R : ndarray (3, 3)
+        Rotation matrix.
+
+    Returns
+    -------
+    ndarray (3,)
+        Axis times angle [rad], angle in [0, π].
+
+    """
+    return pinocchio.log3(R)
+
+
+def shorter_way(vector, previous):
+    """
+    Return the rotation vector of the way round to take, steady near half a turn.
+
+    Up to half a turn the log map gives the shorter way. Just there the two ways are equally long
+    and measurement noise flips between them, so that the robot would not move at all; within
+    `HALF_TURN_BAND` of it the way taken before is kept.
+
+    Parameters
+    ----------
+    vector : ndarray (3,)
+        Rotation vector from the log map [rad].
+    previous : ndarray (3,) or None
+        Rotation vector that was followed last.
+
+    Returns
+    -------
+    ndarray (3,)
+        `vector`, or the same rotation the other way round.
+
+    """
+    if previous is None or vector.dot(previous) >= 0.0:
+        return vector
+    angle = math.sqrt(vector.dot(vector))
+    if angle < math.pi - HALF_TURN_BAND:
+        return vector
+    return vector * ((angle - 2.0 * math.pi) / angle)
+
+
+def rotation_from_quaternion(quat_xyzw):
+    """
+    Return the rotation matrix of a quaternion.
+
+    Parameters
+    ----------
+    quat_xyzw : ndarray (4,)
+        Norm within `QUATERNION_TOLERANCE` of 1; it is normalised.
+
+    Returns
+    -------
+    ndarray (3, 3)
+
+    Raises
+    ------
+    ValueError
+        The norm is not near 1.
+
+    """
+    norm = float(np.linalg.norm(quat_xyzw))
+    if not abs(norm - 1.0) <= QUATERNION_TOLERANCE:
+        raise ValueError(f'a quaternion (x, y, z, w) has norm 1, this one has {norm:.3g}')
+    return pinocchio.Quaternion(np.asarray(quat_xyzw, float) / norm).toRotationMatrix()
+
+
+def quaternion_from_rotation(R):
+    """
+    Return the quaternion of a rotation matrix, with w ≥ 0 (lecture 3.3, slip corrected).
+
+    Parameters
+    ----------
+    R : ndarray (3, 3)
+        Rotation matrix.
+
+    Returns
+    -------
+    ndarray (4,)
+        Ordered x, y, z, w.
+
+    """
+    quat_xyzw = pinocchio.Quaternion(np.ascontiguousarray(R)).coeffs()
+    return -quat_xyzw if quat_xyzw[3] < 0.0 else quat_xyzw
+
+
+def check_rotation(R):
+    """
+    Return a rotation matrix if it is one.
+
+    Raises
+    ------
+    ValueError
+        R is not orthonormal, or mirrors.
+
+    """
+    if np.abs(R.dot(R.T) - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
+        raise ValueError('the 3×3 part is no rotation matrix (R Rᵀ = 1, det R = 1)')
+    return R
+
+
+def rotation_from_rpy(roll, pitch, yaw):
+    """Return the 3×3 rotation matrix Rz(yaw) Ry(pitch) Rx(roll), angles in radians (URDF)."""
+    return pinocchio.rpy.rpyToMatrix(float(roll), float(pitch), float(yaw))
+
+
+def rpy_from_rotation(R):
+    """Return roll, pitch and yaw [rad] of a rotation matrix (3, 3), as URDF defines them."""
+    return pinocchio.rpy.matrixToRpy(np.ascontiguousarray(R))
+
+
+def pose(R, p):
+    """Return the 4×4 homogeneous matrix of a rotation (3, 3) and a position (3,) [m]."""
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = p
+    return T
+
+
+def inverse_pose(T):
+    """Return the inverse of a 4×4 homogeneous matrix."""
+    R_T = T[:3, :3].T
+    return pose(R_T, -R_T.dot(T[:3, 3]))

@@ -1,0 +1,229 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The stack: a YAML list of tasks, the highest priority first, turned into levels every cycle."""
+
+import inspect
+import re
+
+import numpy as np
+import yaml
+
+from tp_controller.errors import Fault, StackError, TaskError, unknown
+from tp_controller.level import Level
+from tp_controller.resources import read_source
+from tp_controller.tasks import task_types
+
+# Names become parts of topic names.
+NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
+LIST_FORM = 'a stack is a list of "- name: {type: …}", the highest priority first'
+
+
+class Stack:
+    """
+    Prioritized tasks.
+
+    Attributes
+    ----------
+    tasks : dict
+        {name: Task}, in order of priority.
+    groups : tuple of tuple of Task
+        The tasks of each level, the highest priority first.
+    disabled : set of str
+        Names of the tasks that are left out until they are enabled again.
+
+    """
+
+    def __init__(self, groups):
+        self.groups = tuple(tuple(group) for group in groups)
+        self.tasks = {task.name: task for group in self.groups for task in group}
+        self.disabled = set()
+        self._arrange()
+
+    @classmethod
+    def from_yaml(cls, source, robot):
+        """
+        Return the stack of a YAML list.
+
+        Parameters
+        ----------
+        source : str or pathlib.Path
+            YAML text, a file's path, or ``package://<package>/<path>``.
+        robot : Robot
+            Whose joints and frames the tasks name.
+
+        Raises
+        ------
+        StackError
+            All faults, each with its line.
+
+        """
+        try:
+            text = read_source(source, lambda text: any(mark in text for mark in '\n[{'))
+        except (OSError, UnicodeDecodeError) as error:
+            raise StackError([Fault(0, '', str(error))]) from error
+        return cls(_Reader(robot).read(text))
+
+    def enable(self, name, enabled):
+        """Take a task into the stack (True) or leave it out (False)."""
+        (self.disabled.discard if enabled else self.disabled.add)(name)
+        self._arrange()
+
+    def start(self, state):
+        """Let every task without a goal hold the value it has at a `RobotState`."""
+        for task in self.tasks.values():
+            task.start(state)
+
+    def levels(self, state, now):
+        """
+        Return the levels at a state, built anew.
+
+        Parameters
+        ----------
+        state : RobotState
+            Where the robot is.
+        now : float
+            [s]
+
+        Returns
+        -------
+        list of Level
+            For each group of `active`.
+
+        """
+        levels = []
+        for group in self.active:
+            if len(group) == 1:
+                levels.append(Level(*group[0].evaluate(state, now)))
+            else:
+                parts = [task.evaluate(state, now) for task in group]
+                levels.append(Level(np.concatenate([J for J, _ in parts]),
+                                    np.concatenate([v for _, v in parts])))
+        return levels
+
+    def _arrange(self):
+        """Set `active`: the groups without their disabled tasks."""
+        enabled = (tuple(task for task in group if task.name not in self.disabled)
+                   for group in self.groups)
+        self.active = tuple(group for group in enabled if group)
+
+
+class _Reader:
+    """Reads a YAML list into groups of tasks and collects all its faults."""
+
+    def __init__(self, robot):
+        self._robot = robot
+        self._types = task_types()
+        self._faults = []
+        self._lines_of_names = {}
+
+    def read(self, text):
+        """Return the groups of tasks."""
+        try:
+            root = yaml.compose(text, Loader=yaml.SafeLoader)
+        except yaml.YAMLError as error:
+            mark = getattr(error, 'problem_mark', None)
+            line = mark.line + 1 if mark else 1
+            raise StackError([Fault(line, '', f'no YAML: {_first_line(error)}')]) from error
+        if not isinstance(root, yaml.SequenceNode):
+            self._fault(root, '', LIST_FORM)
+            groups = []
+        else:
+            groups = [self._group(node) for node in root.value]
+        if self._faults:
+            raise StackError(self._faults)
+        return groups
+
+    def _group(self, node):
+        """Return the tasks of one entry of the list, which may be a list itself."""
+        entries = node.value if isinstance(node, yaml.SequenceNode) else [node]
+        if not entries:
+            self._fault(node, '', 'a level needs at least one task')
+        return [self._task(entry) for entry in entries]
+
+    def _task(self, node):
+        """Return the task of one entry, or None and note what is wrong."""
+        if not isinstance(node, yaml.MappingNode) or len(node.value) != 1:
+            self._fault(node, '', LIST_FORM)
+            return None
+        (key, body), = node.value
+        name = key.value
+        self._check_name(key, name)
+        if not isinstance(body, yaml.MappingNode):
+            self._fault(body, str(name), 'needs a mapping such as {type: pose, frame: …}')
+            return None
+        values, lines = self._values(body, name)
+        kind = values.pop('type', None)
+        if 'type' not in lines:
+            self._fault(key, name, f'needs a type; valid: {", ".join(sorted(self._types))}')
+        elif kind not in self._types:
+            self._faults.append(Fault(lines['type'], name,
+                                      unknown('type', kind, sorted(self._types))))
+        else:
+            return self._build(self._types[kind], name, key, values, lines)
+        return None
+
+    def _check_name(self, key, name):
+        """Check the name of a task."""
+        if not isinstance(name, str) or not NAME.match(name):
+            self._fault(key, '', f'a task is named by letters, digits and _, not {name!r}')
+        elif name in self._lines_of_names:
+            self._fault(key, name, 'the name is used already, in line '
+                                   f'{self._lines_of_names[name]}')
+        else:
+            self._lines_of_names[name] = key.start_mark.line + 1
+
+    def _values(self, body, name):
+        """Return {key: value} and {key: line} of a mapping."""
+        values, lines = {}, {}
+        constructor = yaml.constructor.SafeConstructor()
+        for key, value in body.value:
+            if key.value in lines:
+                self._fault(key, f'{name}, {key.value}', 'the key is given twice')
+            lines[key.value] = value.start_mark.line + 1
+            try:
+                values[key.value] = constructor.construct_object(value, deep=True)
+            except yaml.YAMLError as error:
+                self._fault(value, f'{name}, {key.value}', _first_line(error))
+        return values, lines
+
+    def _build(self, task_type, name, key, values, lines):
+        """Return a task of a type, or None and note what is wrong with its keys."""
+        accepted = task_type.accepted_keys()
+        for other in set(values) - set(accepted):
+            self._faults.append(Fault(lines[other], name,
+                                      unknown('key', other, ['type', *accepted])))
+            del values[other]
+        missing = [needed for needed, default in accepted.items()
+                   if default is inspect.Parameter.empty and needed not in lines]
+        for needed in missing:
+            self._fault(key, name, f'needs the key {needed!r}: '
+                                   f'{task_type.described_keys()[needed]}')
+        try:
+            # Missing keys are tried as None, so that faults of the other ones are found too.
+            return task_type(self._robot, name, **dict.fromkeys(missing), **values)
+        except TaskError as error:
+            self._faults.extend(Fault(lines[fault_key], f'{name}, {fault_key}', message)
+                                for fault_key, message in error.faults if fault_key in lines)
+            return None
+
+    def _fault(self, node, where, message):
+        """Note a fault at the line of a YAML node."""
+        line = node.start_mark.line + 1 if node is not None else 1
+        self._faults.append(Fault(line, where, message))
+
+
+def _first_line(error):
+    """Return what a YAML error says, in one line."""
+    return getattr(error, 'problem', None) or str(error).splitlines()[0]

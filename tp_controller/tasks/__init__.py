@@ -1,0 +1,51 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The task types, one class each.
+
+A new type is a subclass of `Task` (or of `FrameTask`, `JointTask`) with a `type_name`; it
+registers itself. Other packages add theirs through the entry point group
+``tp_controller.tasks``, whose entries name the class or its module.
+"""
+
+from functools import lru_cache
+from importlib.metadata import entry_points
+
+from tp_controller.tasks.base import Keys, Task
+from tp_controller.tasks.frame import FrameTask
+from tp_controller.tasks.joint import Joint, JointTask, JointVelocity, Posture
+from tp_controller.tasks.orientation import Orientation
+from tp_controller.tasks.pose import Pose
+from tp_controller.tasks.position import Position
+from tp_controller.tasks.twist import Twist
+
+ENTRY_POINTS = 'tp_controller.tasks'
+
+__all__ = [
+    'FrameTask', 'Joint', 'JointTask', 'JointVelocity', 'Keys', 'Orientation', 'Pose', 'Position',
+    'Posture', 'Task', 'Twist', 'task_types']
+
+
+@lru_cache(maxsize=1)
+def _load_entry_points():
+    """Load the types that other packages add."""
+    for entry in entry_points(group=ENTRY_POINTS):
+        entry.load()
+
+
+def task_types():
+    """Return {type name: class} of all types, those of other packages included."""
+    _load_entry_points()
+    return dict(Task.types)

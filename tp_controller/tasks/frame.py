@@ -1,0 +1,166 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Tasks about where a frame of the robot is, seen from another frame."""
+
+import numpy as np
+
+from tp_controller.tasks.base import DEFAULT_GAIN, DEFAULT_TIMEOUT, finite_vector, Keys, Task
+
+TWIST_AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
+
+
+class FrameTask(Task):
+    """
+    A task about a frame, expressed in a reference frame of the robot.
+
+    The reference may itself move with the joints: value and Jacobian are then those of the
+    relative motion.
+
+    Parameters
+    ----------
+    robot : Robot
+    name : str
+    frame : str
+    reference : str, optional
+        Frame that goals, errors and axes are expressed in; the root by default.
+    axes : str or list of str, optional
+        Axes of the reference frame that count, a subset of `axis_names`.
+    gain, tolerance, timeout
+        See `Task`.
+
+    Raises
+    ------
+    TaskError
+        All keys that are wrong.
+
+    """
+
+    keys = {
+        'frame': 'frame of the robot that the task moves',
+        'reference': 'frame that goals, errors and axes are expressed in (default: the root)',
+        'axes': 'axes of the reference frame that count (default: all)',
+    }
+    feed_forward_type = 'twist'
+    # The part of a twist (linear, then angular velocity) that the type is about.
+    twist_rows = slice(0, 6)
+
+    def __init__(self, robot, name, *, frame, reference=None, axes=None, gain=DEFAULT_GAIN,
+                 tolerance=None, timeout=DEFAULT_TIMEOUT):
+        keys = Keys()
+        self.frame = keys.check('frame', robot.check_frame, frame)
+        self.reference = keys.check('reference', robot.check_frame, reference or robot.root)
+        self.axes = keys.check('axes', _axes, axes, self.axis_names()) or self.axis_names()
+        rows = [TWIST_AXES.index(axis) for axis in _twist_names(self.axes, self.twist_rows)]
+        units = ['m' if row < 3 else 'rad' for row in rows]
+        # A slice makes a window, a list a copy: prefer the slice.
+        self._twist_rows = slice(rows[0], rows[-1] + 1) if _contiguous(rows) else rows
+        mask = [row - self.twist_rows.start for row in rows]
+        self._mask = slice(mask[0], mask[-1] + 1) if _contiguous(mask) else mask
+        self._in_root = self.reference == robot.root
+        super().__init__(robot, name, units, keys, gain=gain, tolerance=tolerance,
+                         timeout=timeout)
+        keys.raise_faults(name)
+
+    @classmethod
+    def axis_names(cls):
+        """Return the names that `axes` may use."""
+        names = TWIST_AXES[cls.twist_rows]
+        return tuple(name[-1] for name in names) if len(names) == 3 else names
+
+    def position(self, state):
+        """Return the origin of the frame (3,) [m], in the reference frame."""
+        if self._in_root:
+            return state.position(self.frame)
+        return state.rotation(self.reference).T.dot(
+            state.position(self.frame) - state.position(self.reference))
+
+    def rotation(self, state):
+        """Return R_reference_frame (3, 3)."""
+        if self._in_root:
+            return state.rotation(self.frame)
+        return state.rotation(self.reference).T.dot(state.rotation(self.frame))
+
+    def jacobian(self, state):
+        """Return J (rows, n) of the twist of the frame relative to the reference frame."""
+        J = state.jacobian(self.frame)
+        if not self._in_root:
+            J = self._relative_jacobian(state, J)
+        return J[self._twist_rows]
+
+    def _relative_jacobian(self, state, J_frame):
+        """Return the Jacobian (6, n) of the motion seen by the moving reference frame."""
+        # d/dt Rᵀ(p − p_ref) = Rᵀ(v − v_ref − ω_ref × (p − p_ref)); −ω × d = d × ω.
+        J_reference = state.jacobian(self.reference)
+        J = J_frame - J_reference
+        between = state.position(self.frame) - state.position(self.reference)
+        J[:3] += np.cross(between, J_reference[3:], axisb=0, axisc=0)
+        R_T = state.rotation(self.reference).T
+        return np.concatenate((R_T.dot(J[:3]), R_T.dot(J[3:])))
+
+    def parse_feed_forward(self, velocity):
+        """
+        Return a twist (6,).
+
+        Parameters
+        ----------
+        velocity : array_like (6,) or (3,)
+            Linear then angular velocity [m/s, rad/s] in the axes of the reference frame; of a
+            type that is about one of them, that part alone will do.
+
+        Raises
+        ------
+        GoalError
+            Wrong shape or not finite.
+
+        """
+        size = 6 if np.size(velocity) == 6 else len(self.axis_names())
+        twist = np.zeros(6)
+        twist[slice(0, 6) if size == 6 else self.twist_rows] = finite_vector(
+            velocity, size, f'the velocity of task {self.name!r}')
+        return twist
+
+    def feed_forward_in_reference(self, velocity, R_reference_frame):
+        """Return a twist (6,) given in the axes of another frame."""
+        return np.concatenate((R_reference_frame.dot(velocity[:3]),
+                               R_reference_frame.dot(velocity[3:])))
+
+    def set_feed_forward(self, velocity, now):
+        """Take the rows of a twist (6,) that count, until it times out."""
+        super().set_feed_forward(velocity[self._twist_rows], now)
+
+
+def _contiguous(rows):
+    """Say whether rows follow each other without a gap."""
+    return rows == list(range(rows[0], rows[-1] + 1))
+
+
+def _twist_names(axes, rows):
+    """Return the names in `TWIST_AXES` of axes of a type, in their order there."""
+    names = TWIST_AXES[rows]
+    return [name for name in names if name in axes or (len(names) == 3 and name[-1] in axes)]
+
+
+def _axes(axes, valid):
+    """Return the axes named by a string or list; None for all."""
+    if axes is None:
+        return None
+    if isinstance(axes, str):
+        words = axes.replace(',', ' ').split()
+        axes = [letter for word in words for letter in ([word] if word in valid else word)]
+    if not isinstance(axes, list) or not axes or any(axis not in valid for axis in axes):
+        raise ValueError(f'needs some of {", ".join(valid)}, got {axes!r}')
+    if len(set(axes)) < len(axes):
+        raise ValueError(f'names an axis twice: {axes!r}')
+    return tuple(axis for axis in valid if axis in axes)

@@ -1,0 +1,198 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Tasks about joint positions and velocities (lecture 3.5)."""
+
+import math
+
+import numpy as np
+
+from tp_controller.errors import GoalError, unknown
+from tp_controller.level import identity
+from tp_controller.spatial import wrap_angle
+from tp_controller.tasks.base import DEFAULT_GAIN, DEFAULT_TIMEOUT, finite_vector, Keys, Task
+from tp_controller.tasks.velocity import VelocityTask
+
+
+class JointTask(Task):
+    """
+    A task about some of the driven joints; its Jacobian has single-entry rows (lecture 3.5).
+
+    Parameters
+    ----------
+    joints : str or list of str or None
+        Joints in the order of the rows; None for all.
+
+    """
+
+    keys = {'joints': 'driven joint, or list of them, in the order of the rows'}
+    feed_forward_type = 'joint_velocities'
+
+    def __init__(self, robot, name, keys, joints, **options):
+        self.joints = keys.check('joints', _joints, robot, joints) or robot.joint_names
+        self._indices = np.array([robot.joint_index(joint) for joint in self.joints])
+        # Handed out as it is in every cycle, hence protected. The shared identity tells the
+        # solver that all joints are meant.
+        whole = self.joints == robot.joint_names
+        self._jacobian = identity(robot.n) if whole else np.eye(robot.n)[self._indices]
+        self._jacobian.setflags(write=False)
+        super().__init__(robot, name, [robot.joint_units[index] for index in self._indices],
+                         keys, **options)
+
+    def jacobian(self, state):
+        """Return the rows of the identity (rows, n) that select the joints."""
+        return self._jacobian
+
+    def parse_feed_forward(self, velocity):
+        """Return joint velocities (rows,); raise `GoalError` if they cannot be ones."""
+        return self.by_name(velocity, 0.0, f'the velocity of task {self.name!r}')
+
+    def by_name(self, values, default, what):
+        """
+        Return one number for each joint of the task.
+
+        Parameters
+        ----------
+        values : array_like (rows,) or dict
+            All numbers, or some by joint name.
+        default : float
+            Number of joints that a dict leaves out.
+        what : str
+            What the values are, for the message.
+
+        Raises
+        ------
+        GoalError
+            A name is unknown, the shape is wrong or a number is not finite.
+
+        """
+        if not isinstance(values, dict):
+            return finite_vector(values, self.rows, f'{what} ({", ".join(self.joints)})')
+        for joint in values:
+            if joint not in self.joints:
+                raise GoalError(f'{what}: {unknown("joint", joint, self.joints)}')
+        given = finite_vector(list(values.values()), len(values), what)
+        vector = np.full(self.rows, default)
+        vector[[self.joints.index(joint) for joint in values]] = given
+        return vector
+
+
+class Joint(JointTask):
+    """
+    Bring joints to positions: σ = q_i, error q_i,d − q_i (lecture 3.5).
+
+    The goal is one position for each joint, or some by name; joints that a goal leaves out keep
+    theirs, and joints that never had one hold the position they started at.
+    """
+
+    type_name = 'joint'
+    goal_type = 'joints'
+    keys = {'target': 'goal at the start, {joint: position} or a list [rad or m]'}
+
+    def __init__(self, robot, name, *, joints, target=None, gain=DEFAULT_GAIN, tolerance=None,
+                 timeout=DEFAULT_TIMEOUT):
+        keys = Keys()
+        super().__init__(robot, name, keys, joints, gain=gain, tolerance=tolerance,
+                         timeout=timeout)
+        self._wrapped = robot.continuous[self._indices]
+        self._wraps = bool(self._wrapped.any())
+        if target is not None and not any(key == 'joints' for key, _ in keys.faults):
+            self.goal = keys.check('target', self.parse_goal, target)
+        keys.raise_faults(name)
+
+    def value(self, state):
+        """Return the positions of the joints (rows,) [rad or m]."""
+        return state.q[self._indices]
+
+    def start(self, state):
+        """Hold the positions of joints that have no goal."""
+        super().start(state)
+        waiting = np.isnan(self.goal)
+        if waiting.any():
+            self.goal = np.where(waiting, self.value(state), self.goal)
+
+    def error(self, state):
+        """Return the way to the goal (rows,), joints without end by the shorter way."""
+        error = self.goal - state.q[self._indices]
+        if self._wraps:
+            error[self._wrapped] = wrap_angle(error[self._wrapped])
+        return error
+
+    def parse_goal(self, goal):
+        """
+        Return one position for each joint; NaN for a joint that has none yet.
+
+        Raises
+        ------
+        GoalError
+            Wrong shape, unknown joint, not finite, or outside the joint's limits.
+
+        """
+        what = f'the goal of task {self.name!r}'
+        given = self.by_name(goal, math.nan, what)
+        for joint, index, value in zip(self.joints, self._indices, given):
+            lower, upper = self.robot.lower[index], self.robot.upper[index]
+            if value < lower or value > upper:
+                raise GoalError(f'{what}: {joint} = {value:g} is outside its limits '
+                                f'[{lower:g}, {upper:g}]')
+        return given if self.goal is None else np.where(np.isnan(given), self.goal, given)
+
+
+class Posture(Joint):
+    """
+    Bring the whole robot to a posture; at the end of a stack it settles what is left free.
+
+    The same as `joint` with all joints, none of which needs a goal.
+    """
+
+    type_name = 'posture'
+
+    def __init__(self, robot, name, *, joints=None, target=None, gain=DEFAULT_GAIN,
+                 tolerance=None, timeout=DEFAULT_TIMEOUT):
+        super().__init__(robot, name, joints=joints, target=target, gain=gain,
+                         tolerance=tolerance, timeout=timeout)
+
+
+class JointVelocity(VelocityTask, JointTask):
+    """
+    Move joints with wanted velocities, as y(t) in the null space (lecture 1.2, lab exercise 1).
+
+    The goal is one velocity for each joint, or some by name [rad/s or m/s]. It times out: no
+    motion is asked for then.
+    """
+
+    type_name = 'joint_velocity'
+    goal_type = 'joint_velocities'
+    feed_forward_type = None
+
+    def __init__(self, robot, name, *, joints=None, timeout=DEFAULT_TIMEOUT):
+        keys = Keys()
+        super().__init__(robot, name, keys, joints, timeout=timeout)
+        keys.raise_faults(name)
+
+
+def _joints(robot, joints):
+    """Return the names of driven joints as a tuple; None for all."""
+    if joints is None:
+        return None
+    names = [joints] if isinstance(joints, str) else joints
+    if not isinstance(names, (list, tuple)) or not names:
+        raise ValueError(f'needs a driven joint or a list of them, got {joints!r}')
+    for name in names:
+        robot.joint_index(name)
+    if len(set(names)) < len(names):
+        raise ValueError(f'names a joint twice: {", ".join(names)}')
+    return tuple(names)
+
+

@@ -1,0 +1,96 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The end-effector orientation task (lecture 3.3, slip corrected)."""
+
+import numpy as np
+
+from tp_controller.errors import GoalError
+from tp_controller.spatial import (
+    check_rotation,
+    rotation_from_quaternion,
+    rotation_vector,
+    shorter_way,
+)
+from tp_controller.tasks.base import finite_vector
+from tp_controller.tasks.frame import FrameTask
+
+
+class Orientation(FrameTask):
+    """
+    Turn a frame to an attitude: error log(R_d Rᵀ), Jacobian J_ω (lecture 3.3).
+
+    The lecture's error w ε_d − w_d ε − ε × ε_d is expressed in the frame itself, while J_ω is
+    expressed in the base; here both are expressed in the reference frame. The rotation vector
+    takes the shorter way round and decays with the full gain.
+
+    The goal is a quaternion ``xyzw`` (4,) or a rotation matrix (3, 3), in the reference frame.
+    """
+
+    type_name = 'orientation'
+    goal_type = 'quaternion'
+    twist_rows = slice(3, 6)
+
+    def __init__(self, robot, name, **keys):
+        super().__init__(robot, name, **keys)
+        self._way = WayRound()
+
+    def value(self, state):
+        """Return R_reference_frame (3, 3)."""
+        return self.rotation(state)
+
+    def error(self, state):
+        """Return the rotation vector to the goal about the axes that count (rows,) [rad]."""
+        return self._way.error(self.goal, self.rotation(state))[self._mask]
+
+    def set_goal(self, goal, now):
+        """Take a goal; the shorter way to it is chosen anew."""
+        super().set_goal(goal, now)
+        self._way.forget()
+
+    def parse_goal(self, goal):
+        """Return a rotation matrix (3, 3); raise `GoalError` if it cannot be one."""
+        return parse_rotation(goal, f'the goal of task {self.name!r}')
+
+    def goal_in_reference(self, goal, T_reference_frame):
+        """Return an attitude given in another frame."""
+        return T_reference_frame[:3, :3].dot(goal)
+
+
+class WayRound:
+    """The error of an attitude, with the way round remembered near half a turn."""
+
+    def __init__(self):
+        self._previous = None
+
+    def forget(self):
+        """Choose the shorter way anew."""
+        self._previous = None
+
+    def error(self, R_desired, R_actual):
+        """Return the rotation vector (3,) from actual to desired [rad]."""
+        vector = rotation_vector(R_desired.dot(R_actual.T))
+        self._previous = shorter_way(vector, self._previous)
+        return self._previous
+
+
+def parse_rotation(goal, what):
+    """Return the rotation matrix (3, 3) of a quaternion ``xyzw`` or matrix, or `GoalError`."""
+    try:
+        if np.shape(goal) == (3, 3):
+            return check_rotation(finite_vector(np.ravel(goal), 9, what).reshape(3, 3))
+        return rotation_from_quaternion(
+            finite_vector(goal, 4, f'{what} (a quaternion x, y, z, w)'))
+    except ValueError as error:
+        raise GoalError(f'{what}: {error}') from error

@@ -1,0 +1,67 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The end-effector configuration task (lecture 3.4)."""
+
+import numpy as np
+
+from tp_controller.spatial import pose
+from tp_controller.tasks.base import finite_vector
+from tp_controller.tasks.frame import FrameTask
+from tp_controller.tasks.orientation import parse_rotation, WayRound
+
+
+class Pose(FrameTask):
+    """
+    Bring a frame to a pose: position and orientation in one task (lecture 3.4).
+
+    The goal is a 4×4 homogeneous matrix, or ``x, y, z`` [m] and a quaternion ``xyzw`` (7,), in
+    the reference frame.
+    """
+
+    type_name = 'pose'
+    goal_type = 'pose'
+
+    def __init__(self, robot, name, **keys):
+        super().__init__(robot, name, **keys)
+        self._way = WayRound()
+
+    def value(self, state):
+        """Return T_reference_frame (4, 4)."""
+        return pose(self.rotation(state), self.position(state))
+
+    def error(self, state):
+        """Return way and rotation vector to the goal along the axes that count (rows,)."""
+        error = np.empty(6)
+        error[:3] = self.goal[:3, 3] - self.position(state)
+        error[3:] = self._way.error(self.goal[:3, :3], self.rotation(state))
+        return error[self._mask]
+
+    def set_goal(self, goal, now):
+        """Take a goal; the shorter way to it is chosen anew."""
+        super().set_goal(goal, now)
+        self._way.forget()
+
+    def parse_goal(self, goal):
+        """Return a pose (4, 4); raise `GoalError` if it cannot be one."""
+        what = f'the goal of task {self.name!r}'
+        if np.shape(goal) == (4, 4):
+            T = finite_vector(np.ravel(goal), 16, what).reshape(4, 4)
+            return pose(parse_rotation(T[:3, :3], what), T[:3, 3])
+        goal = finite_vector(goal, 7, f'{what} (a pose x, y, z, qx, qy, qz, qw)')
+        return pose(parse_rotation(goal[3:], what), goal[:3])
+
+    def goal_in_reference(self, goal, T_reference_frame):
+        """Return a pose given in another frame."""
+        return T_reference_frame.dot(goal)

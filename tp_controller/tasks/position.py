@@ -1,0 +1,46 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The end-effector position task (lecture 3.2)."""
+
+from tp_controller.tasks.base import finite_vector
+from tp_controller.tasks.frame import FrameTask
+
+
+class Position(FrameTask):
+    """
+    Bring the origin of a frame to a point: σ = η₁, error η₁,d − η₁, Jacobian J_v (lecture 3.2).
+
+    The goal is a point (3,) in the reference frame [m].
+    """
+
+    type_name = 'position'
+    goal_type = 'point'
+    twist_rows = slice(0, 3)
+
+    def value(self, state):
+        """Return the origin of the frame (3,), in the reference frame [m]."""
+        return self.position(state)
+
+    def error(self, state):
+        """Return the way to the goal along the axes that count (rows,) [m]."""
+        return (self.goal - self.position(state))[self._mask]
+
+    def parse_goal(self, goal):
+        """Return a point (3,) [m]; raise `GoalError` if it is none."""
+        return finite_vector(goal, 3, f'the goal of task {self.name!r} (a point x, y, z)')
+
+    def goal_in_reference(self, goal, T_reference_frame):
+        """Return a point given in another frame."""
+        return T_reference_frame[:3, :3].dot(goal) + T_reference_frame[:3, 3]

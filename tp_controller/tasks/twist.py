@@ -1,0 +1,35 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A wanted velocity of a frame (slides (1)-(5): linear and angular velocity of a link)."""
+
+from tp_controller.tasks.base import DEFAULT_TIMEOUT
+from tp_controller.tasks.frame import FrameTask
+from tp_controller.tasks.velocity import VelocityTask
+
+
+class Twist(VelocityTask, FrameTask):
+    """
+    Move a frame with a wanted velocity, linear and angular (slides (1)-(5)).
+
+    The goal is a twist (6,), linear then angular [m/s, rad/s], in the axes of the reference
+    frame. It times out: no motion is asked for then.
+    """
+
+    type_name = 'twist'
+
+    def __init__(self, robot, name, *, frame, reference=None, axes=None,
+                 timeout=DEFAULT_TIMEOUT):
+        super().__init__(robot, name, frame=frame, reference=reference, axes=axes,
+                         timeout=timeout)

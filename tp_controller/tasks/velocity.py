@@ -1,0 +1,49 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What tasks without a value of their own have in common: only a velocity is wanted."""
+
+import numpy as np
+
+from tp_controller.tasks.base import norm, Task
+
+
+class VelocityTask(Task):
+    """A task whose goal is a velocity; the report shows wanted minus achieved as its error."""
+
+    def value(self, state):
+        """Return no motion (rows,): what is held where there is no goal."""
+        return np.zeros(self.rows)
+
+    def error(self, state):
+        """Return zeros (rows,): there is no value to be led anywhere."""
+        return np.zeros(self.rows)
+
+    def parse_goal(self, goal):
+        """Return a velocity in the form used inside; raise `GoalError` if it cannot be one."""
+        return self.parse_feed_forward(goal)
+
+    def goal_in_reference(self, goal, T_reference_frame):
+        """Return a velocity given in the axes of another frame."""
+        return self.feed_forward_in_reference(goal, T_reference_frame[:3, :3])
+
+    def set_goal(self, goal, now):
+        """Take a velocity, until it times out."""
+        super().set_goal(goal, now)
+        self.set_feed_forward(goal, now)
+
+    def reported_errors(self, error, residual):
+        """Return wanted minus achieved velocity for each unit; see `Task`."""
+        return tuple((norm(residual[rows]), f'{unit}/s', tolerance)
+                     for rows, unit, tolerance in self.groups)
