@@ -32,7 +32,7 @@ def shims():
 
     colcon installs the console scripts there by itself (setup.cfg); pip puts them in bin/ only.
     """
-    if 'bdist_wheel' not in sys.argv:
+    if not {'bdist_wheel', 'sdist'} & set(sys.argv):
         return []
     return [(os.path.join('lib', package_name), sorted(glob('scripts/*')))]
 
@@ -52,7 +52,8 @@ setup(
     install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin', 'matplotlib'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-        'test': ['pytest', 'pytest-xdist', 'hypothesis', 'example-robot-data', 'ruff'],
+        'test': ['pytest', 'pytest-xdist', 'hypothesis', 'example-robot-data', 'ruff',
+                 'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',
     zip_safe=True,
