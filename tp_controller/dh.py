@@ -107,7 +107,7 @@ def _load(table):
         try:
             text = read_source(table, lambda text: '\n' in text or '{' in text)
             table = yaml.safe_load(text)
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        except (OSError, ValueError, yaml.YAMLError) as error:
             raise RobotError(f'DH table: {error}') from error
     if isinstance(table, (list, tuple)):
         table = {'joints': list(table)}
@@ -116,14 +116,18 @@ def _load(table):
     for key in table:
         if key not in TABLE_KEYS:
             raise RobotError(unknown('key of a DH table', key, TABLE_KEYS))
+    _check_word(table.get('root', 'base_link'), 'DH table: root')
     return table
 
 
 def _rows(table, key, valid):
     """Return the rows under `key`, checked to be mappings with valid keys and a name."""
     rows = table.get(key) or []
+    if not isinstance(rows, (list, tuple)):
+        raise RobotError(f'DH table, {key}: needs a list, not {rows!r}')
     for number, row in enumerate(rows, start=1):
-        if not isinstance(row, dict) or not isinstance(row.get('name'), str):
+        if not isinstance(row, dict) or not isinstance(row.get('name'), str) \
+                or not row['name']:
             raise RobotError(f'DH table, {key}, row {number}: needs a mapping with a name')
         for name in row:
             if name not in valid:
@@ -139,6 +143,7 @@ def _joint_row(row, number):
     if joint['type'] not in JOINT_TYPES:
         raise RobotError(
             f'DH table, {joint["name"]}: {unknown("joint type", joint["type"], JOINT_TYPES)}')
+    _check_word(joint['link'], f'DH table, {joint["name"]}: link')
     for key in ('a', 'alpha', 'd', 'theta', 'lower', 'upper', 'velocity'):
         joint[key] = _number(joint[key], f'DH table, {joint["name"]}: {key}')
         if key in ('a', 'alpha', 'd', 'theta') and not math.isfinite(joint[key]):
@@ -159,9 +164,15 @@ def _frame_row(row, links):
     return frame
 
 
+def _check_word(value, what):
+    """Raise unless `value` can be a name."""
+    if not isinstance(value, str) or not value:
+        raise RobotError(f'{what} must be a name, not {value!r}')
+
+
 def _number(value, what):
     """Return `value` as a float that is not NaN."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
         raise RobotError(f'{what} must be a number, not {value!r}')
     return float(value)
 

@@ -75,14 +75,17 @@ def find_file(name):
     Raises
     ------
     FileNotFoundError
-        There is no such file.
+        There is no such file, or ``~user`` names nobody.
 
     """
     if str(name).startswith(SCHEME):
         package, _, rest = str(name)[len(SCHEME):].partition('/')
         path = package_share(package) / rest
     else:
-        path = Path(name).expanduser()
+        try:
+            path = Path(name).expanduser()
+        except RuntimeError as error:
+            raise FileNotFoundError(f'no file {name}: {error}') from error
     if not path.is_file():
         raise FileNotFoundError(f'no file {path}')
     return path

@@ -140,13 +140,13 @@ class Robot:
 
     def check_frame(self, name):
         """Return `name` if it is a frame of the robot, else raise `RobotError`."""
-        if name not in self._frame_ids:
+        if not isinstance(name, str) or name not in self._frame_ids:
             raise RobotError(unknown('frame', name, self.frame_names))
         return name
 
     def joint_index(self, name):
         """Return the index of a driven joint, else raise `RobotError`."""
-        if name not in self._joint_indices:
+        if not isinstance(name, str) or name not in self._joint_indices:
             raise RobotError(unknown('driven joint', name, self.joint_names))
         return self._joint_indices[name]
 
@@ -200,9 +200,15 @@ class Robot:
         """Take the limits of the driven joints from the URDF, replaced where overridden."""
         for name, limits in overrides.items():
             self.joint_index(name)
-            for key in limits:
+            if not isinstance(limits, dict):
+                raise RobotError(f'joint {name}: limits need a mapping of '
+                                 f'{", ".join(LIMIT_KEYS)}, not {limits!r}')
+            for key, value in limits.items():
                 if key not in LIMIT_KEYS:
                     raise RobotError(f'joint {name}: {unknown("limit", key, LIMIT_KEYS)}')
+                if isinstance(value, bool) or not isinstance(value, (int, float)):
+                    raise RobotError(f'joint {name}: {key} limit must be a number, '
+                                     f'not {value!r}')
         rows = {name: {**_urdf_limits(name, elements[name]), **overrides.get(name, {})}
                 for name in self.joint_names}
         for follower in mimics:
@@ -217,6 +223,9 @@ class Robot:
             if not row['velocity'] >= 0.0:
                 raise RobotError(f'joint {name}: velocity limit {row["velocity"]} '
                                  'must not be negative')
+        ranges = [_urdf_limits(name, elements[name]) for name in self.passive_names]
+        self._passive_neutral = np.array([min(max(0.0, row['lower']), row['upper'])
+                                          for row in ranges])
         self.lower, self.upper, self.velocity = (
             _read_only(np.array([float(row[key]) for row in rows.values()]))
             for key in LIMIT_KEYS)
@@ -278,7 +287,7 @@ class RobotState:
         self._offset = robot._offset
         self._rotations, self._positions, self._jacobians = {}, {}, {}
         if passive is None and robot.passive_names:
-            passive = np.zeros(len(robot.passive_names))
+            passive = robot._passive_neutral
         self.update(q, passive)
 
     def update(self, q, passive=None):
@@ -374,7 +383,11 @@ def _read_only(array):
 
 def _positions(values, names, what):
     """Return joint positions as a protected array, one for each name."""
-    values = np.array(values, dtype=float)
+    try:
+        values = np.array(values, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise RobotError(f'{what} needs {len(names)} positions ({", ".join(names)}): '
+                         f'{error}') from error
     if values.shape != (len(names),):
         raise RobotError(f'{what} needs {len(names)} positions ({", ".join(names)}), '
                          f'got an array of shape {values.shape}')

@@ -99,6 +99,8 @@ def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='un
     """
     levels = [_check_level(level, index) for index, level in enumerate(levels)]
     n = _check_width(levels, lower)
+    if lower is not None or upper is not None:
+        lower, upper = _check_bounds(lower, upper, n)
     # ζ = W^{-1/2} u turns the weighted problem into an unweighted one in u, projector included.
     # Starting the recursion from Z = W^{-1/2} instead of I does exactly that.
     start = identity(n) if weights is None else np.diag(_column_scales(weights, n))
@@ -179,6 +181,8 @@ class _Inverse:
     def damped(self, v, damping, singular_region):
         """Return J̄^# v."""
         if self.rank == 0:
+            if not np.isfinite(v).all():
+                raise SolverError('a level holds numbers that are not finite')
             return np.zeros(len(self.null_space))
         gains = damped_inverse(self._s, damping, singular_region)
         return self._V_T.T.dot(gains * self._U.T.dot(v))
@@ -238,15 +242,21 @@ def scale_uniformly(velocity, lower, upper):
         ratios = np.where(excess > 0.0, bound / velocity, 1.0)
     limiting = int(ratios.argmin())
     scale = float(ratios[limiting])
-    # The product may miss a bound by one rounding; the clip takes that away and no more.
-    return np.clip(scale * velocity, lower, upper), scale, limiting
+    # The products may miss their bounds by one rounding; these two lines take that away and no
+    # more.
+    scaled = np.clip(scale * velocity, lower, upper)
+    scaled[limiting] = bound[limiting]
+    return scaled, scale, limiting
 
 
 def _check_level(level, index):
     """Return a level as `Level`, its shapes checked."""
     if not isinstance(level, Level):
-        J, v = level
-        level = Level(np.asarray(J, dtype=float), np.asarray(v, dtype=float))
+        try:
+            J, v = level
+            level = Level(np.asarray(J, dtype=float), np.asarray(v, dtype=float))
+        except (TypeError, ValueError) as error:
+            raise SolverError(f'level {index + 1}: needs J (m, n) and v (m,): {error}') from error
     if level.J.ndim != 2 or level.v.shape != (level.J.shape[0],):
         raise SolverError(f'level {index + 1}: J must be (m, n) and v (m,), '
                           f'got {level.J.shape} and {level.v.shape}')
@@ -257,10 +267,24 @@ def _check_width(levels, lower):
     """Return n, the number of joints that all levels agree on."""
     widths = {level.J.shape[1] for level in levels}
     if lower is not None:
-        widths.add(len(lower))
+        widths.add(np.size(lower))
     if len(widths) > 1:
         raise SolverError(f'levels and bounds disagree on the number of joints: {sorted(widths)}')
     return widths.pop() if widths else 0
+
+
+def _check_bounds(lower, upper, n):
+    """Return the bounds as arrays (n,) with lower ≤ 0 ≤ upper."""
+    if lower is None or upper is None:
+        raise SolverError('bounds need lower and upper together')
+    lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+    if lower.shape != (n,) or upper.shape != (n,):
+        raise SolverError(f'bounds must be {n} numbers each, got shapes {lower.shape} and '
+                          f'{upper.shape}')
+    if not lower.max(initial=0.0) <= 0.0 <= upper.min(initial=0.0):
+        raise SolverError('bounds must hold zero, lower ≤ 0 ≤ upper, got '
+                          f'{lower.tolist()} and {upper.tolist()}')
+    return lower, upper
 
 
 def _column_scales(weights, n):

@@ -51,6 +51,8 @@ def solve_stacked(levels, n, damping, singular_region):
     """
     zeta = None
     if levels and levels[-1].J is identity(n):
+        if damping > 0.0 and singular_region > 1.0:
+            return None
         zeta = levels[-1].v
         levels = levels[:-1]
     if not levels:
