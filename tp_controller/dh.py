@@ -94,7 +94,8 @@ def urdf_from_dh(table, convention=None):
         joints.append(_fixed_joint(frame['name'], frame['parent'], (frame['xyz'], frame['rpy'])))
         visuals.setdefault(frame['parent'], []).append(frame['xyz'])
         links.append(frame['name'])
-    _check_unique(links)
+    _check_unique('frame', links)
+    _check_unique('joint', [row['name'] for row in table['joints']])
     bodies = [_link(name, visuals.get(name, ())) for name in links]
     name = quoteattr(str(table.get('name', 'robot')))
     return '\n'.join(['<?xml version="1.0"?>', f'<robot name={name}>', *bodies, *joints,
@@ -189,11 +190,11 @@ def _transforms(joint, convention):
     return before, after if any(after[0]) or any(after[1]) else None
 
 
-def _check_unique(links):
-    """Raise if a frame name is used twice."""
-    twice = {name for name in links if links.count(name) > 1}
+def _check_unique(what, names):
+    """Raise if a name is used twice."""
+    twice = {name for name in names if names.count(name) > 1}
     if twice:
-        raise RobotError(f'DH table: frame names used twice: {", ".join(sorted(twice))}')
+        raise RobotError(f'DH table: {what} names used twice: {", ".join(sorted(twice))}')
 
 
 def _triple(values):
