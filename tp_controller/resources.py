@@ -15,7 +15,6 @@
 """Files by name: paths, ``package://`` names, and text given in place of a file."""
 
 from pathlib import Path
-import sys
 
 PACKAGE = 'tp_controller'
 SCHEME = 'package://'
@@ -25,8 +24,8 @@ def package_share(package=PACKAGE):
     """
     Return the share directory of a ROS package.
 
-    The ament index is asked first; this package's own files are also found after a plain
-    ``pip install`` (below the prefix) and in a source tree.
+    The ament index is asked first; this package's own files are also found in a source tree and
+    after a plain ``pip install``, below whatever prefix it went to.
 
     Parameters
     ----------
@@ -46,15 +45,13 @@ def package_share(package=PACKAGE):
     try:
         from ament_index_python.packages import get_package_share_directory
         return Path(get_package_share_directory(package))
-    except LookupError:  # PackageNotFoundError is a KeyError
-        pass
-    except ImportError:
-        pass
+    except (ImportError, LookupError, OSError):
+        pass  # no ROS; not in the index (a KeyError); AMENT_PREFIX_PATH is not set
     if package == PACKAGE:
-        source = Path(__file__).resolve().parent.parent
-        for folder in (source, Path(sys.prefix) / 'share' / PACKAGE):
-            if (folder / 'config').is_dir():
-                return folder
+        for folder in Path(__file__).resolve().parents[1:]:
+            for share in (folder, folder / 'share' / PACKAGE):
+                if (share / 'package.xml').is_file() and (share / 'config').is_dir():
+                    return share
     raise FileNotFoundError(f'package {package!r} is not in the ament index '
                             '(AMENT_PREFIX_PATH): source its workspace')
 
