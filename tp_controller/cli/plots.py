@@ -1,0 +1,528 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Figures of a recorded motion, written to files.
+
+Everything is drawn on a canvas of its own, so neither a display nor the global state of pyplot
+is touched, and figures can be made in any thread.
+"""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+import numpy as np
+from PIL import Image
+
+# Okabe and Ito's colours, which the colour-blind can tell apart; their yellow is too light for
+# lines.
+COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
+STYLES = ('-', '--', ':', '-.')
+GOAL_COLOUR = '#D55E00'
+ARM_COLOUR = '#2F3B4A'
+PATH_COLOUR = '#0072B2'
+LIMIT_COLOUR = '#B00020'
+FAINT = '#B8BEC6'
+SHADOW_COLOUR = '#DDE1E6'
+DPI = 110
+MAX_FRAMES = 80
+# Spread [m] below which a motion counts as lying in a plane.
+FLAT = 1e-6
+
+
+def plot_errors(path, times, errors, *, title='Task errors', changes=(), log=False):
+    """
+    Draw errors over time, one axis for each unit.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        File to write; its folder is made where it is missing.
+    times : ndarray (T,)
+        [s]
+    errors : sequence of (str, str, ndarray (T,))
+        Name, unit and values; not a number where there is no error. A name keeps its colour on
+        every axis.
+    title : str
+        Of the whole figure.
+    changes : sequence of float
+        Times at which a goal changed [s], marked by vertical lines.
+    log : bool
+        Logarithmic error axes.
+
+    Returns
+    -------
+    pathlib.Path
+
+    """
+    names = list(dict.fromkeys(name for name, _, _ in errors))
+    units = list(dict.fromkeys(unit for _, unit, _ in errors))
+    figure, axes = _figure(title, len(units), height=2.0 + 1.9 * len(units))
+    for axis, unit in zip(axes, units):
+        curves = [(name, np.abs(values)) for name, kind, values in errors if kind == unit]
+        for name, values in curves:
+            if log:
+                values = np.where(values > 0.0, values, np.nan)
+            axis.plot(times, values, label=name, **_line(names.index(name)))
+        _mark_changes(axis, changes)
+        axis.set_ylabel(f'error [{unit}]')
+        _set_error_range(axis, [values for _, values in curves], log)
+        _legend(axis)
+    _finish_time_axes(axes, times)
+    return _save(figure, path)
+
+
+def plot_velocities(path, times, velocities, limits, names, *, units=None,
+                    title='Joint velocities', changes=()):
+    """
+    Draw joint velocities against their limits.
+
+    Where all limits are equal the velocities are drawn as they are, else as shares of the
+    limits; joints without a limit get an axis of their own.
+
+    Parameters
+    ----------
+    path, times, title, changes
+        See `plot_errors`.
+    velocities : ndarray (T, n)
+        [rad/s or m/s]
+    limits : ndarray (n,)
+        Largest absolute velocities [rad/s or m/s], infinite where there is none.
+    names : sequence of str
+        Of the joints.
+    units : sequence of str, optional
+        ``'rad'`` or ``'m'`` for each joint; ``'rad'`` by default.
+
+    Returns
+    -------
+    pathlib.Path
+
+    """
+    velocities, limits = np.asarray(velocities, dtype=float), np.asarray(limits, dtype=float)
+    units = list(units or ['rad'] * len(names))
+    limited = np.flatnonzero(np.isfinite(limits) & (limits > 0.0))
+    free = np.setdiff1d(np.arange(len(names)), limited)
+    groups = [group for group in (limited, free) if len(group)]
+    figure, axes = _figure(title, len(groups), height=2.0 + 2.4 * len(groups))
+    for axis, group in zip(axes, groups):
+        alike = len({(limits[joint], units[joint]) for joint in group}) == 1
+        unit = '/'.join(dict.fromkeys(units[joint] for joint in group))
+        share = group is limited and not alike
+        for joint in group:
+            label = f'{names[joint]} (±{limits[joint]:g} {units[joint]}/s)' if share \
+                else names[joint]
+            scale = 100.0 / limits[joint] if share else 1.0
+            axis.plot(times, scale * velocities[:, joint], label=label, **_line(joint))
+        axis.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+        if group is limited:
+            _mark_limits(axis, 100.0 if share else limits[group[0]])
+        axis.set_ylabel('share of limit [%]' if share else f'velocity [{unit}/s]')
+        _mark_changes(axis, changes)
+        _legend(axis)
+    _finish_time_axes(axes, times)
+    return _save(figure, path)
+
+
+def plot_positions(path, times, q, names, lower=None, upper=None, *, units=None,
+                   title='Joint positions', changes=()):
+    """
+    Draw joint positions, each within its limits where there are any.
+
+    Parameters
+    ----------
+    path, times, title, changes
+        See `plot_errors`.
+    q : ndarray (T, n)
+        [rad or m]
+    names, units
+        See `plot_velocities`.
+    lower, upper : ndarray (n,), optional
+        Position limits [rad or m], infinite where there are none.
+
+    Returns
+    -------
+    pathlib.Path
+
+    """
+    q, n = np.asarray(q, dtype=float), len(names)
+    units = list(units or ['rad'] * n)
+    lower = np.full(n, -np.inf) if lower is None else np.asarray(lower, dtype=float)
+    upper = np.full(n, np.inf) if upper is None else np.asarray(upper, dtype=float)
+    if not (np.isfinite(lower) | np.isfinite(upper)).any():
+        figure, axes = _figure(title, 1, height=4.2)
+        for joint, name in enumerate(names):
+            axes[0].plot(times, q[:, joint], label=name, **_line(joint))
+        axes[0].set_ylabel(f'position [{"/".join(dict.fromkeys(units))}]')
+        _mark_changes(axes[0], changes)
+        _legend(axes[0])
+        _finish_time_axes(axes, times)
+        return _save(figure, path)
+    columns = 1 if n < 3 else 2 if n < 9 else 3
+    rows = -(-n // columns)
+    figure, axes = _figure(title, rows, columns, height=1.0 + 1.35 * rows)
+    for joint, axis in enumerate(axes[:n]):
+        axis.plot(times, q[:, joint], **_line(0))
+        _mark_range(axis, lower[joint], upper[joint])
+        _mark_changes(axis, changes)
+        axis.set_title(names[joint], loc='left', fontsize=9)
+        axis.set_ylabel(f'[{units[joint]}]')
+    for axis in axes[n:]:
+        axis.remove()
+    _finish_time_axes(axes[:n], times, columns)
+    figure.legend(*axes[n - 1].get_legend_handles_labels(), loc='outside upper right', ncols=2,
+                  frameon=False)
+    return _save(figure, path)
+
+
+def plot_tool_path(path, points, goals=None, *, title='Tool path', times=None):
+    """
+    Draw the path of a point, flat where its height does not change, else in space.
+
+    Parameters
+    ----------
+    path, title
+        See `plot_errors`.
+    points : ndarray (T, 3)
+        [m]
+    goals : ndarray (k, 3), optional
+        [m]
+    times : ndarray (T,), optional
+        Of the points [s]; they colour the path. By default it is coloured by its progress.
+
+    Returns
+    -------
+    pathlib.Path
+
+    """
+    points = np.asarray(points, dtype=float)
+    goals = np.empty((0, 3)) if goals is None else np.atleast_2d(np.asarray(goals, dtype=float))
+    goals = goals[np.isfinite(goals).all(axis=1)]
+    everything = np.concatenate((points, goals))
+    figure, axis, width = _scene(everything, title)
+    progress = np.linspace(0.0, 100.0, len(points)) if times is None else np.asarray(times)
+    shown = _thinned(len(points), 1500)
+    points, progress = points[shown], progress[shown]
+    if width == 3:
+        axis.plot(points[:, 0], points[:, 1], axis.get_zlim()[0], color=SHADOW_COLOUR,
+                  linewidth=2)
+    lines = _coloured_path(axis, points[:, :width], progress)
+    axis.plot(*_columns(points[:1, :width]), 'o', color='white', markeredgecolor=ARM_COLOUR,
+              markersize=9, markeredgewidth=2, label='start', zorder=5)
+    axis.plot(*_columns(points[-1:, :width]), 's', color=ARM_COLOUR, markersize=7, label='end',
+              zorder=6)
+    if len(goals):
+        axis.plot(*_columns(goals[:, :width]), 'x', color=GOAL_COLOUR, markersize=10,
+                  markeredgewidth=2.5, label='goal' if len(goals) == 1 else 'goals', zorder=7)
+    bar = figure.colorbar(lines, ax=axis, shrink=0.7, pad=0.02 if width == 2 else 0.1)
+    bar.set_label('time [s]' if times is not None else 'progress [%]')
+    figure.legend(*axis.get_legend_handles_labels(), loc='outside lower center', ncols=3,
+                  frameon=False)
+    return _save(figure, path)
+
+
+def animate_arm(path, robot, qs, times, frames=None, goals=None, fps=None, *, title=None):
+    """
+    Write an animation of the moving robot as a GIF of at most `MAX_FRAMES` pictures.
+
+    Links are drawn as straight lines between their origins. The view is from above where the
+    robot moves in a horizontal plane, else in space, with its shadow on the ground.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        See `plot_errors`.
+    robot : Robot
+        Whose links are drawn.
+    qs : ndarray (T, n)
+        Positions [rad or m].
+    times : ndarray (T,)
+        [s]
+    frames : sequence of str, optional
+        Frames whose path is drawn; the one at the end of the longest chain by default.
+    goals : ndarray (T, 3) or (3,), optional
+        Goal in force at each time, in the root frame [m]; not a number where there is none.
+    fps : float, optional
+        Pictures a second; such that the motion plays at its true speed by default, but in no
+        more than ten seconds.
+    title : str, optional
+        The robot's name by default.
+
+    Returns
+    -------
+    pathlib.Path
+
+    """
+    times = np.asarray(times, dtype=float)
+    links = _links(robot)
+    frames = [_tip(robot, links)] if frames is None else list(frames)
+    segments, tools = _positions(robot, np.asarray(qs, dtype=float), links, frames)
+    goals = np.full((len(times), 3), np.nan) if goals is None \
+        else np.broadcast_to(np.asarray(goals, dtype=float), (len(times), 3))
+    everything = np.concatenate([segments.reshape(-1, 3), tools.reshape(-1, 3),
+                                 goals[np.isfinite(goals).all(axis=1)]])
+    scene = _ArmScene(everything, tools, title or robot.name)
+    shown = _thinned(len(times), MAX_FRAMES)
+    duration = times[-1] - times[0]
+    seconds = len(shown) / fps if fps else min(max(duration, 0.1), 10.0)
+    speed = duration / seconds
+    pictures = [scene.picture(segments[k], k, goals[k],
+                              f't = {times[k]:.1f} s' +
+                              (f'   ({speed:.1f} × real time)' if speed > 1.05 else ''))
+                for k in shown]
+    return _save_gif(path, pictures, 1000.0 * seconds / len(shown))
+
+
+class _ArmScene:
+    """Axes with everything that stays, and the lines that move, drawn over a kept background."""
+
+    def __init__(self, everything, tools, title):
+        self._figure, self._axis, self._width = _scene(everything, title, size=(5.2, 5.4), dpi=88)
+        self._tools = tools
+        self._floor = None if self._width == 2 else self._axis.get_zlim()[0]
+        blank = [[np.nan]] * self._width
+        plot = self._axis.plot
+        self._shadow = plot(*blank, color=SHADOW_COLOUR, linewidth=4, solid_capstyle='round')[0]
+        self._paths = [plot(*blank, color=PATH_COLOUR, linewidth=1.2,
+                            label=None if index else 'tool path')[0]
+                       for index in range(tools.shape[1])]
+        self._arm = plot(*blank, color=ARM_COLOUR, linewidth=4, solid_capstyle='round',
+                         marker='o', markersize=7, markerfacecolor='white', markeredgewidth=2,
+                         label='robot')[0]
+        self._goal = plot(*blank, 'x', color=GOAL_COLOUR, markersize=11, markeredgewidth=3,
+                          label='goal')[0]
+        self._clock = self._axis.text2D(0.02, 0.97, '', transform=self._axis.transAxes) \
+            if self._width == 3 else self._axis.text(0.02, 0.96, '',
+                                                     transform=self._axis.transAxes)
+        self._figure.legend(*self._axis.get_legend_handles_labels(), loc='outside lower center',
+                            ncols=3, frameon=False)
+        self._moving = [self._shadow, *self._paths, self._arm, self._goal, self._clock]
+        for artist in self._moving:
+            artist.set_animated(True)
+        self._figure.canvas.draw()
+        self._background = self._figure.canvas.copy_from_bbox(self._figure.bbox)
+
+    def picture(self, segments, sample, goal, clock):
+        """Return the picture of one sample; `segments` (k, 2, 3) are the links' ends."""
+        gap = np.full((len(segments), 1, 3), np.nan)
+        chain = np.concatenate((segments, gap), axis=1).reshape(-1, 3)
+        self._set(self._arm, chain)
+        if self._floor is not None:
+            self._set(self._shadow, np.column_stack((
+                chain[:, :2], np.where(np.isnan(chain[:, 0]), np.nan, self._floor))))
+        for index, line in enumerate(self._paths):
+            self._set(line, self._tools[:sample + 1, index])
+        self._set(self._goal, goal[None])
+        self._clock.set_text(clock)
+        canvas = self._figure.canvas
+        canvas.restore_region(self._background)
+        for artist in self._moving:
+            self._axis.draw_artist(artist)
+        return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+
+    def _set(self, line, points):
+        """Give a line its points (k, 3)."""
+        columns = _columns(points[:, :self._width])
+        if self._width == 3:
+            line.set_data_3d(*columns)
+        else:
+            line.set_data(*columns)
+
+
+def _links(robot):
+    """Return (parent, child) of every joint of the description, moving ones or not."""
+    tree = ElementTree.fromstring(robot.urdf.encode())
+    return [(joint.find('parent').get('link'), joint.find('child').get('link'))
+            for joint in tree.findall('joint')]
+
+
+def _tip(robot, links):
+    """Return the frame at the end of the chain with the most joints."""
+    parents = {child: parent for parent, child in links}
+
+    def depth(frame):
+        return 1 + depth(parents[frame]) if frame in parents else 0
+
+    return max(robot.frame_names, key=depth)
+
+
+def _positions(robot, qs, links, frames):
+    """Return the ends of the links (T, k, 2, 3), without those of no length, and frames [m]."""
+    state = robot.state(qs[0])
+    segments, tools = np.empty((len(qs), len(links), 2, 3)), np.empty((len(qs), len(frames), 3))
+    for sample, q in enumerate(qs):
+        state.update(q)
+        segments[sample] = [[state.position(parent), state.position(child)]
+                            for parent, child in links]
+        tools[sample] = [state.position(frame) for frame in frames]
+    lengths = np.linalg.norm(segments[:, :, 1] - segments[:, :, 0], axis=2).max(axis=0)
+    return segments[:, lengths > FLAT], tools
+
+
+def _scene(points, title, size=(6.4, 6.0), dpi=DPI):
+    """Return a figure, an axis with equal scales around points (k, 3), and its dimensions."""
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    flat = upper[2] - lower[2] < FLAT
+    figure = Figure(figsize=size, dpi=dpi, layout='constrained')
+    FigureCanvasAgg(figure)
+    axis = figure.add_subplot() if flat else figure.add_subplot(projection='3d')
+    axis.set_title(title)
+    axis.set(xlabel='x [m]', ylabel='y [m]')
+    half = 0.55 * max((upper - lower).max(), FLAT)
+    middle = (lower + upper) / 2.0
+    axis.set_xlim(middle[0] - half, middle[0] + half)
+    axis.set_ylim(middle[1] - half, middle[1] + half)
+    if flat:
+        axis.set_aspect('equal')
+        _tidy(axis)
+        return figure, axis, 2
+    axis.set_zlim(lower[2], lower[2] + 2.0 * half)
+    axis.set_zlabel('z [m]')
+    axis.set_box_aspect((1.0, 1.0, 1.0), zoom=0.9)
+    axis.view_init(elev=22.0, azim=-55.0)
+    return figure, axis, 3
+
+
+def _coloured_path(axis, points, values):
+    """Add a path (k, 2 or 3) whose colour follows values (k,), and return it."""
+    pieces = np.stack((points[:-1], points[1:]), axis=1)
+    if points.shape[1] == 2:
+        collection = LineCollection(pieces, cmap='viridis', linewidth=2, capstyle='round')
+    else:
+        from mpl_toolkits.mplot3d.art3d import Line3DCollection
+        collection = Line3DCollection(pieces, cmap='viridis', linewidth=2)
+    collection.set_array(values[1:])
+    axis.add_collection(collection)
+    return collection
+
+
+def _figure(title, rows, columns=1, height=4.0):
+    """Return a figure and its axes, row by row, over one time axis."""
+    figure = Figure(figsize=(8.2, height), dpi=DPI, layout='constrained')
+    FigureCanvasAgg(figure)
+    figure.suptitle(title)
+    axes = list(figure.subplots(rows, columns, sharex=True, squeeze=False).ravel())
+    for axis in axes:
+        _tidy(axis)
+    return figure, axes
+
+
+def _tidy(axis):
+    """Take away what distracts."""
+    axis.grid(color='#E6E8EB', linewidth=0.8)
+    axis.set_axisbelow(True)
+    for side in ('top', 'right'):
+        axis.spines[side].set_visible(False)
+
+
+def _line(index):
+    """Return colour and style of the line with a number."""
+    return {'color': COLOURS[index % len(COLOURS)], 'linewidth': 1.8,
+            'linestyle': STYLES[index // len(COLOURS) % len(STYLES)]}
+
+
+def _legend(axis):
+    """Put the legend beside the axis, where it covers nothing."""
+    axis.legend(loc='upper left', bbox_to_anchor=(1.01, 1.02), frameon=False, borderaxespad=0.0)
+
+
+def _mark_changes(axis, changes):
+    """Mark the times at which a goal changed; the first mark explains them all."""
+    for index, time in enumerate(changes):
+        axis.axvline(time, color=FAINT, linewidth=1.0, linestyle=(0, (2, 2)), zorder=0,
+                     label=None if index else 'new goal')
+
+
+def _mark_limits(axis, limit):
+    """Mark ±limit, and leave room above it."""
+    for index, value in enumerate((limit, -limit)):
+        axis.axhline(value, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1,
+                     label=None if index else 'limit')
+    axis.set_ylim(-1.12 * limit, 1.12 * limit)
+
+
+def _mark_range(axis, lower, upper):
+    """Mark position limits, and shade what is beyond them."""
+    span = upper - lower if np.isfinite(upper - lower) else 1.0
+    for limit, outward in ((lower, -1.0), (upper, 1.0)):
+        if np.isfinite(limit):
+            axis.axhline(limit, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1,
+                         label='limit' if outward > 0.0 or not np.isfinite(upper) else None)
+            axis.axhspan(limit, limit + outward * span, color=LIMIT_COLOUR, alpha=0.06, zorder=0,
+                         linewidth=0.0)
+            axis.set_ylim(**{'bottom' if outward < 0.0 else 'top': limit + outward * 0.1 * span})
+
+
+def _set_error_range(axis, curves, log):
+    """Show zero on a linear axis; keep rounding errors from stretching a logarithmic one."""
+    values = np.concatenate(curves)
+    values = values[np.isfinite(values) & (values > 0.0)]
+    top = values.max(initial=0.0)
+    if log and top > 0.0:
+        axis.set_yscale('log')
+        axis.set_ylim(max(values.min(), 1e-7 * top) / 1.5, 1.5 * top)
+    elif not log:
+        # A little below zero, so that a curve on zero is seen.
+        axis.set_ylim(-0.03 * (top or 1.0), 1.08 * (top or 1.0))
+
+
+def _finish_time_axes(axes, times, columns=1):
+    """Label the time axes, the lowest of each column."""
+    for axis in axes:
+        axis.set_xlim(times[0], times[-1] if times[-1] > times[0] else times[0] + 1.0)
+    for axis in axes[-columns:]:
+        axis.tick_params(labelbottom=True)
+    axes[0].figure.supxlabel('time [s]', fontsize='medium')
+
+
+def _thinned(count, most):
+    """Return the indices of at most `most` samples, the first and the last included."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+
+def _columns(points):
+    """Return the columns of an array, as the arguments of a plot."""
+    return tuple(np.asarray(points).T)
+
+
+def _save(figure, path):
+    """Write a figure and return its path."""
+    path = _prepared(path)
+    figure.savefig(path)
+    return path
+
+
+def _save_gif(path, pictures, milliseconds):
+    """Write pictures as an animation that repeats, and return its path."""
+    path = _prepared(path)
+    # One palette for all: what does not change between two pictures then takes no space. The
+    # last picture has every colour in it. What is almost white shall not tint the background.
+    palette = pictures[-1].quantize(64, dither=Image.Dither.NONE)
+    colours = np.array(palette.getpalette()).reshape(-1, 3)
+    colours[colours.min(axis=1) > 245] = 255
+    palette.putpalette(colours.ravel().tolist())
+    first, *others = (picture.quantize(palette=palette, dither=Image.Dither.NONE)
+                      for picture in pictures)
+    first.save(path, save_all=True, append_images=others, loop=0,
+               duration=max(round(milliseconds, -1), 20))
+    return path
+
+
+def _prepared(path):
+    """Return a path whose folder exists."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
