@@ -52,7 +52,7 @@ setup(
     install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin', 'matplotlib'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-        'test': ['pytest', 'pytest-xdist', 'hypothesis', 'example-robot-data', 'ruff',
+        'test': ['pytest', 'pytest-xdist', 'hypothesis', 'example-robot-data', 'ruff<0.18',
                  'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',
@@ -61,7 +61,6 @@ setup(
     maintainer_email='maintainers@users.noreply.github.com',
     description='Prioritized velocity control of redundant robots',
     license='Apache-2.0',
-    tests_require=['pytest'],
     entry_points={'console_scripts': [f'{name} = {target}'
                                       for name, target in executables.items()]},
 )

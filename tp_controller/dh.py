@@ -23,10 +23,9 @@ import math
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-import yaml
-
 from tp_controller.errors import RobotError, unknown
 from tp_controller.resources import read_source
+import yaml
 
 CONVENTIONS = ('standard', 'modified')
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-
 from tp_controller.tasks.base import norm
 
 # A part of the wanted velocity below this is rounding, not something that was held back.

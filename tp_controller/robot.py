@@ -21,7 +21,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio
-
 from tp_controller.dh import UNLIMITED, urdf_from_dh
 from tp_controller.errors import RobotError, unknown
 from tp_controller.resources import read_source

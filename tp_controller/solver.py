@@ -35,7 +35,6 @@ import math
 
 import numpy as np
 from scipy.linalg import lapack
-
 from tp_controller.errors import SolverError, unknown
 from tp_controller.level import identity, Level
 from tp_controller.solution import Solution

@@ -24,7 +24,6 @@ a velocity of every joint, J = I, is met as closely as the others allow by start
 
 import numpy as np
 from scipy.linalg import lapack
-
 from tp_controller.level import identity
 
 # Below this, relative to ‖J‖, the squared condition number costs digits: the recursion is asked.

@@ -15,7 +15,6 @@
 """What tasks without a value of their own have in common: only a velocity is wanted."""
 
 import numpy as np
-
 from tp_controller.tasks.base import norm, Task
 
 
