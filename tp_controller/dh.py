@@ -148,6 +148,8 @@ def _joint_row(row, number):
         joint[key] = _number(joint[key], f'DH table, {joint["name"]}: {key}')
         if key in ('a', 'alpha', 'd', 'theta') and not math.isfinite(joint[key]):
             raise RobotError(f'DH table, {joint["name"]}: {key} must be finite')
+    if joint['velocity'] < 0.0:
+        raise RobotError(f'DH table, {joint["name"]}: velocity must not be negative')
     return joint
 
 
