@@ -17,7 +17,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from tp_controller.errors import GoalError, SettingsError, unknown
 from tp_controller.limits import velocity_bounds
 from tp_controller.report import Report
@@ -67,6 +66,19 @@ class Controller:
         self.stack = stack
         self.settings = settings or Settings()
         self._state = None
+        self._started = False
+
+    def replace_stack(self, stack):
+        """Carry out another stack from the next cycle on; goals of tasks it keeps go on."""
+        stack.take_over(self.stack)
+        self.stack = stack
+        self._started = False
+
+    def restart(self):
+        """Let tasks without a goal hold, from the next cycle on, what they find then."""
+        for task in self.stack.tasks.values():
+            task.release()
+        self._started = False
 
     @property
     def settings(self):
@@ -75,15 +87,20 @@ class Controller:
 
     @settings.setter
     def settings(self, settings):
+        self.check_settings(settings)
         weights = settings.weights or None
-        if weights is not None and len(weights) != self.robot.n:
-            raise SettingsError([f'weights needs {self.robot.n} numbers, one for each of '
-                                 f'{", ".join(self.robot.joint_names)}, got {len(weights)}'])
         self._settings = settings
         self._options = {
             'weights': weights, 'damping': settings.damping, 'scaling': settings.scaling,
             'singular_region': settings.singular_region, 'method': settings.method,
             'rank_tolerance': settings.rank_tolerance}
+
+    def check_settings(self, settings):
+        """Raise `SettingsError` where settings do not fit the robot."""
+        weights = settings.weights
+        if weights and len(weights) != self.robot.n:
+            raise SettingsError([f'weights needs {self.robot.n} numbers, one for each of '
+                                 f'{", ".join(self.robot.joint_names)}, got {len(weights)}'])
 
     def set_goal(self, name, goal, now, frame=None):
         """
@@ -97,9 +114,10 @@ class Controller:
             What the type of the task takes; see `tp_controller.tasks`.
         now : float
             [s]
-        frame : str, optional
-            Frame of the robot that the goal is expressed in, where it is now; the task's
-            reference frame by default.
+        frame : str or ndarray (4, 4), optional
+            Frame of the robot that the goal is expressed in, where it is now, or the pose
+            T_root_frame of a frame that is not on the robot; the task's reference frame by
+            default.
 
         Raises
         ------
@@ -110,7 +128,7 @@ class Controller:
         """
         task = self._task(name)
         goal = task.parse_goal(goal)
-        if frame and frame != task.reference:
+        if frame is not None:
             goal = task.goal_in_reference(goal, self._pose_in(task, frame))
         task.set_goal(goal, now)
 
@@ -133,7 +151,7 @@ class Controller:
         """
         task = self._task(name)
         velocity = task.parse_feed_forward(velocity)
-        if frame and frame != task.reference:
+        if frame is not None:
             velocity = task.feed_forward_in_reference(velocity,
                                                       self._pose_in(task, frame)[:3, :3])
         task.set_feed_forward(velocity, now)
@@ -167,10 +185,12 @@ class Controller:
         """
         if self._state is None:
             self._state = self.robot.state(q, passive)
-            self.stack.start(self._state)
         else:
             self._state.update(q, passive)
         state = self._state
+        if not self._started:
+            self.stack.start(state)
+            self._started = True
         levels = self.stack.levels(state, now)
         lower, upper = velocity_bounds(self.robot, state.q, self._settings.braking_gain)
         solution = solve(levels, lower, upper, **self._options)
@@ -182,13 +202,38 @@ class Controller:
             raise GoalError(unknown('task', name, self.stack.tasks))
         return self.stack.tasks[name]
 
+    def goal_poses(self):
+        """
+        Return where the tasks about a frame want it to be.
+
+        Returns
+        -------
+        list of (str, ndarray (4, 4), ndarray (4, 4))
+            For each such task: its name, T_root_goal and T_root_frame.
+
+        """
+        if self._state is None:
+            return []
+        found = []
+        for group in self.stack.active:
+            for task in group:
+                T_reference_goal = task.goal_pose(self._state)
+                if T_reference_goal is not None:
+                    found.append((task.name,
+                                  self._state.pose(task.reference).dot(T_reference_goal),
+                                  self._state.pose(task.frame)))
+        return found
+
     def _pose_in(self, task, frame):
         """Return T_reference_frame (4, 4), as the robot stands now."""
         if task.reference is None:
             raise GoalError(f'task {task.name!r} takes no frame')
-        if frame not in self.robot.frame_names:
+        if isinstance(frame, str) and frame not in self.robot.frame_names:
             raise GoalError(unknown('frame', frame, self.robot.frame_names))
+        if isinstance(frame, str) and frame == task.reference:
+            return np.eye(4)
         if self._state is None:
-            raise GoalError(f'a goal in frame {frame!r} needs joint positions, '
+            raise GoalError('a goal in another frame needs joint positions, '
                             'and there were none yet')
-        return inverse_pose(self._state.pose(task.reference)).dot(self._state.pose(frame))
+        T_root_frame = self._state.pose(frame) if isinstance(frame, str) else frame
+        return inverse_pose(self._state.pose(task.reference)).dot(T_root_frame)

@@ -19,10 +19,9 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-import yaml
-
 from tp_controller.errors import RobotError, SettingsError, unknown
 from tp_controller.resources import read_source
+import yaml
 
 
 @dataclass(frozen=True)
@@ -111,11 +110,11 @@ class KinematicSimulator:
         self._random = np.random.default_rng(self.imperfections.seed)
         self.reset()
 
-    def reset(self):
-        """Go back to the initial positions, at rest, at time zero."""
+    def reset(self, now=0.0):
+        """Go back to the initial positions, at rest, at time `now` [s]."""
         self.q = self._initial.copy()
         self.velocity = np.zeros(self.robot.n)
-        self.now = 0.0
+        self.now = now
         self._wanted = np.zeros(self.robot.n)
         self._expiry = -math.inf
         self._on_the_way = deque()

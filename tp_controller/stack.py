@@ -18,12 +18,11 @@ import inspect
 import re
 
 import numpy as np
-import yaml
-
 from tp_controller.errors import Fault, StackError, TaskError, unknown
 from tp_controller.level import Level
 from tp_controller.resources import read_source
 from tp_controller.tasks import task_types
+import yaml
 
 # Names become parts of topic names.
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
@@ -78,6 +77,14 @@ class Stack:
     def enable(self, name, enabled):
         """Take a task into the stack (True) or leave it out (False)."""
         (self.disabled.discard if enabled else self.disabled.add)(name)
+        self._arrange()
+
+    def take_over(self, other):
+        """Go on with the goals of another stack, task by task of the same name and kind."""
+        for name, task in self.tasks.items():
+            if name in other.tasks:
+                task.take_over(other.tasks[name])
+        self.disabled = other.disabled & set(self.tasks)
         self._arrange()
 
     def start(self, state):
@@ -167,8 +174,8 @@ class _Reader:
         kind = values.pop('type', None)
         if 'type' not in lines:
             self._fault(key, name, f'needs a type; valid: {", ".join(sorted(self._types))}')
-        elif kind not in self._types:
-            self._faults.append(Fault(lines['type'], name,
+        elif not isinstance(kind, str) or kind not in self._types:
+            self._faults.append(Fault(lines['type'], str(name),
                                       unknown('type', kind, sorted(self._types))))
         else:
             return self._build(self._types[kind], name, key, values, lines)
@@ -189,12 +196,16 @@ class _Reader:
         values, lines = {}, {}
         constructor = yaml.constructor.SafeConstructor()
         for key, value in body.value:
+            if not isinstance(key, yaml.ScalarNode):
+                self._fault(key, str(name), 'a key must be a word')
+                continue
             if key.value in lines:
                 self._fault(key, f'{name}, {key.value}', 'the key is given twice')
             lines[key.value] = value.start_mark.line + 1
             try:
                 values[key.value] = constructor.construct_object(value, deep=True)
-            except yaml.YAMLError as error:
+            except (yaml.YAMLError, ValueError, LookupError, AttributeError) as error:
+                # PyYAML lets the errors of a date or number it cannot read through.
                 self._fault(value, f'{name}, {key.value}', _first_line(error))
         return values, lines
 
@@ -226,4 +237,4 @@ class _Reader:
 
 def _first_line(error):
     """Return what a YAML error says, in one line."""
-    return getattr(error, 'problem', None) or str(error).splitlines()[0]
+    return getattr(error, 'problem', None) or (str(error).splitlines() or ['cannot be read'])[0]

@@ -19,7 +19,6 @@ import inspect
 import math
 
 import numpy as np
-
 from tp_controller.errors import GoalError, RobotError, TaskError
 
 DEFAULT_GAIN = 1.0
@@ -51,6 +50,8 @@ class Task(ABC):
         Number of rows.
     goal : object or None
         Goal in force, as `parse_goal` returns it; None before the task has started.
+    held : bool
+        The goal is only the value that the task had when it started.
     last_error : ndarray (rows,)
         Error at the last `evaluate`.
     reference : str or None
@@ -89,13 +90,14 @@ class Task(ABC):
         self.groups = keys.check('tolerance', _groups, self.units, tolerance)
         self.timeout = keys.check('timeout', positive, timeout)
         self.goal = None
+        self.held = False
         self.last_error = np.zeros(self.rows)
         self._feed_forward = None
         self._feed_forward_time = -math.inf
 
     @classmethod
     def accepted_keys(cls):
-        """Return {key: default} of the keys taken; `inspect.Parameter.empty` marks a needed one."""
+        """Return {key: default} of the keys; `inspect.Parameter.empty` marks a needed one."""
         accepted = {}
         for base in cls.__mro__:
             if '__init__' in vars(base):
@@ -110,11 +112,11 @@ class Task(ABC):
 
     @classmethod
     def described_keys(cls):
-        """Return {key: description}, those of the bases included."""
+        """Return {key: description} of the keys taken, in the order of `accepted_keys`."""
         described = {}
         for base in reversed(cls.__mro__):
             described.update(vars(base).get('keys', {}))
-        return described
+        return {key: described.get(key, '') for key in cls.accepted_keys()}
 
     @abstractmethod
     def value(self, state):
@@ -136,14 +138,30 @@ class Task(ABC):
         """Return a goal given in another frame; raise `GoalError` where goals have no frame."""
         raise GoalError(f'a goal of task {self.name!r} is in no frame')
 
+    def goal_pose(self, state):
+        """Return T_reference_goal (4, 4) for display; None where the goal is no place."""
+        return None
+
     def set_goal(self, goal, now):
         """Take a goal as `parse_goal` returned it."""
         self.goal = goal
+        self.held = False
 
     def start(self, state):
-        """Hold the value the task has now, unless a goal was set before."""
+        """Hold the value the task has now, unless there is a goal."""
         if self.goal is None:
             self.goal = self.value(state)
+            self.held = True
+
+    def release(self):
+        """Forget a value that was only held, so that the next start holds a new one."""
+        if self.held:
+            self.goal = None
+
+    def take_over(self, other):
+        """Go on with the goal of a task that this one replaces, where it means the same."""
+        if self.goal is None and type(self) is type(other) and self.reference == other.reference:
+            self.goal, self.held = other.goal, other.held
 
     def parse_feed_forward(self, velocity):
         """Return a velocity in the form used inside; raise `GoalError` if it cannot be one."""
@@ -250,6 +268,14 @@ def positive(value):
     return value
 
 
+def has_shape(values, shape):
+    """Say whether `values` is an array, or nested lists, of a shape."""
+    try:
+        return np.shape(values) == shape
+    except ValueError:
+        return False
+
+
 def finite_vector(values, size, what):
     """
     Return `values` as a new float array of one row.
@@ -262,7 +288,7 @@ def finite_vector(values, size, what):
     """
     try:
         vector = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise GoalError(f'{what} needs {size} numbers, got {values!r}') from error
     if vector.shape != (size,):
         raise GoalError(f'{what} needs {size} numbers, got an array of shape {vector.shape}')

@@ -15,8 +15,14 @@
 """Tasks about where a frame of the robot is, seen from another frame."""
 
 import numpy as np
-
-from tp_controller.tasks.base import DEFAULT_GAIN, DEFAULT_TIMEOUT, finite_vector, Keys, Task
+from tp_controller.tasks.base import (
+    DEFAULT_GAIN,
+    DEFAULT_TIMEOUT,
+    finite_vector,
+    has_shape,
+    Keys,
+    Task,
+)
 
 TWIST_AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
@@ -60,7 +66,8 @@ class FrameTask(Task):
                  tolerance=None, timeout=DEFAULT_TIMEOUT):
         keys = Keys()
         self.frame = keys.check('frame', robot.check_frame, frame)
-        self.reference = keys.check('reference', robot.check_frame, reference or robot.root)
+        self.reference = keys.check('reference', robot.check_frame,
+                                    robot.root if reference is None else reference)
         self.axes = keys.check('axes', _axes, axes, self.axis_names()) or self.axis_names()
         rows = [TWIST_AXES.index(axis) for axis in _twist_names(self.axes, self.twist_rows)]
         units = ['m' if row < 3 else 'rad' for row in rows]
@@ -125,7 +132,7 @@ class FrameTask(Task):
             Wrong shape or not finite.
 
         """
-        size = 6 if np.size(velocity) == 6 else len(self.axis_names())
+        size = 6 if has_shape(velocity, (6,)) else len(self.axis_names())
         twist = np.zeros(6)
         twist[slice(0, 6) if size == 6 else self.twist_rows] = finite_vector(
             velocity, size, f'the velocity of task {self.name!r}')

@@ -17,7 +17,6 @@
 import math
 
 import numpy as np
-
 from tp_controller.errors import GoalError, unknown
 from tp_controller.level import identity
 from tp_controller.spatial import wrap_angle
@@ -107,6 +106,7 @@ class Joint(JointTask):
                          timeout=timeout)
         self._wrapped = robot.continuous[self._indices]
         self._wraps = bool(self._wrapped.any())
+        self._held_rows = np.zeros(self.rows, dtype=bool)
         if target is not None and not any(key == 'joints' for key, _ in keys.faults):
             self.goal = keys.check('target', self.parse_goal, target)
         keys.raise_faults(name)
@@ -117,10 +117,29 @@ class Joint(JointTask):
 
     def start(self, state):
         """Hold the positions of joints that have no goal."""
-        super().start(state)
-        waiting = np.isnan(self.goal)
-        if waiting.any():
-            self.goal = np.where(waiting, self.value(state), self.goal)
+        if self.goal is None:
+            self.goal = np.full(self.rows, math.nan)
+        self._held_rows = np.isnan(self.goal)
+        self.held = bool(self._held_rows.any())
+        self.goal = np.where(self._held_rows, self.value(state), self.goal)
+
+    def set_goal(self, goal, now):
+        """Take a goal; joints whose position it changes are held no more."""
+        if self.held:
+            self._held_rows &= goal == self.goal
+        super().set_goal(goal, now)
+        self.held = bool(self._held_rows.any())
+
+    def release(self):
+        """Forget positions that were only held."""
+        if self.held:
+            self.goal = np.where(self._held_rows, math.nan, self.goal)
+
+    def take_over(self, other):
+        """Go on with the positions of a task that this one replaces, where it gives none."""
+        if type(self) is type(other) and self.joints == other.joints and other.goal is not None:
+            mine = np.full(self.rows, math.nan) if self.goal is None else self.goal
+            self.goal = np.where(np.isnan(mine), other.goal, mine)
 
     def error(self, state):
         """Return the way to the goal (rows,), joints without end by the shorter way."""

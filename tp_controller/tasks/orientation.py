@@ -15,10 +15,10 @@
 """The end-effector orientation task (lecture 3.3, slip corrected)."""
 
 import numpy as np
-
 from tp_controller.errors import GoalError
 from tp_controller.spatial import (
     check_rotation,
+    pose,
     rotation_from_quaternion,
     rotation_vector,
     shorter_way,
@@ -66,6 +66,10 @@ class Orientation(FrameTask):
     def goal_in_reference(self, goal, T_reference_frame):
         """Return an attitude given in another frame."""
         return T_reference_frame[:3, :3].dot(goal)
+
+    def goal_pose(self, state):
+        """Return the goal at the place of the frame (4, 4)."""
+        return pose(self.goal, self.position(state))
 
 
 class WayRound:

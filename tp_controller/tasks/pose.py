@@ -15,9 +15,8 @@
 """The end-effector configuration task (lecture 3.4)."""
 
 import numpy as np
-
 from tp_controller.spatial import pose
-from tp_controller.tasks.base import finite_vector
+from tp_controller.tasks.base import finite_vector, has_shape
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.orientation import parse_rotation, WayRound
 
@@ -56,7 +55,7 @@ class Pose(FrameTask):
     def parse_goal(self, goal):
         """Return a pose (4, 4); raise `GoalError` if it cannot be one."""
         what = f'the goal of task {self.name!r}'
-        if np.shape(goal) == (4, 4):
+        if has_shape(goal, (4, 4)):
             T = finite_vector(np.ravel(goal), 16, what).reshape(4, 4)
             return pose(parse_rotation(T[:3, :3], what), T[:3, 3])
         goal = finite_vector(goal, 7, f'{what} (a pose x, y, z, qx, qy, qz, qw)')
@@ -65,3 +64,7 @@ class Pose(FrameTask):
     def goal_in_reference(self, goal, T_reference_frame):
         """Return a pose given in another frame."""
         return T_reference_frame.dot(goal)
+
+    def goal_pose(self, state):
+        """Return the goal (4, 4)."""
+        return self.goal

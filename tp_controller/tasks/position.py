@@ -14,6 +14,7 @@
 
 """The end-effector position task (lecture 3.2)."""
 
+from tp_controller.spatial import pose
 from tp_controller.tasks.base import finite_vector
 from tp_controller.tasks.frame import FrameTask
 
@@ -44,3 +45,7 @@ class Position(FrameTask):
     def goal_in_reference(self, goal, T_reference_frame):
         """Return a point given in another frame."""
         return T_reference_frame[:3, :3].dot(goal) + T_reference_frame[:3, 3]
+
+    def goal_pose(self, state):
+        """Return the goal with the attitude of the frame (4, 4)."""
+        return pose(self.rotation(state), self.goal)

@@ -1,0 +1,318 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The controller node: joint states and goals in, joint velocities and status out."""
+
+from array import array
+from functools import partial
+import sys
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from std_srvs.srv import Trigger
+from tp_controller.controller import Controller
+from tp_controller.errors import RobotError, SettingsError, TpControllerError
+from tp_controller.nodes.joint_states import JointStateBuffer
+from tp_controller.nodes.parameters import (
+    declare,
+    ROBOT,
+    robot_from,
+    SETTINGS,
+    settings_from,
+    Spec,
+    STRINGS,
+    warn_unknown,
+)
+from tp_controller.nodes.runner import run
+from tp_controller.nodes.status import diagnostics, markers
+from tp_controller.nodes.task_topics import TaskTopics
+from tp_controller.stack import Stack
+from visualization_msgs.msg import MarkerArray
+
+NAME = 'tp_controller'
+PARAMETERS = (
+    *ROBOT,
+    Spec('joints', STRINGS, 'driven joints, in the order of `weights` (default: all that can be '
+         'driven); the others stay where joint_states says', read_only=True),
+    Spec('command_joints', STRINGS, 'the driven joints in the order of the commands (default: '
+         'as `joints`)', read_only=True),
+    Spec('stack', '', 'the tasks, the highest priority first: YAML text, a path, or '
+         'package://<package>/<path>'),
+    Spec('rate', 100.0, 'cycles per second; 0: one cycle for each complete joint state', 'Hz',
+         0.0, 2000.0, True),
+    Spec('state_timeout', 0.1, 'age of the joint states, since their receipt, from which zeros '
+         'are commanded', 's', 1e-3, 10.0, True),
+    Spec('status_rate', 10.0, 'status and marker messages per second', 'Hz', 0.1, 1000.0, True),
+    *SETTINGS,
+)
+# Joint states need no repetition, and there may be several publishers in one cycle.
+STATE_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class ControllerNode(Node):
+    """
+    Runs the controller, by a timer or once per joint state.
+
+    Whenever something is missing zeros are commanded, and the status says what.
+    """
+
+    def __init__(self, **options):
+        super().__init__(NAME, **options)
+        # Safety times are measured between receipt and use, on a clock nobody can set.
+        self._now = time.monotonic
+        self._values = declare(self, PARAMETERS)
+        self._settings = settings_from(self._values, self._period())
+        self._controller = self._report = self._buffer = None
+        self._stack_fault = ''
+        self._stopped = False
+        self._hold = 'no robot description yet'
+        self._last_cycle = self._now()
+        robot = self._make_robot()
+        if robot is not None:
+            self._set_robot(robot)
+        else:
+            self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
+        self._status = self.create_publisher(DiagnosticArray, '~/status', 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._markers = self.create_publisher(MarkerArray, '~/markers', 10)
+        for name, callback in (('stop', self._on_stop), ('start', self._on_start),
+                               ('reload', self._on_reload)):
+            self.create_service(Trigger, f'~/{name}', callback)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
+        self._start_timers()
+        warn_unknown(self)
+
+    def close(self):
+        """Command zeros for the last time."""
+        if self._buffer is not None:
+            self._publish_zeros()
+
+    # Setting up ---------------------------------------------------------------------------
+
+    def _period(self):
+        """Return the longest time between two commands [s]."""
+        rate = self._values['rate']
+        return 1.0 / rate if rate > 0.0 else self._values['state_timeout']
+
+    def _start_timers(self):
+        """Start the cycle, and what watches over it on the steady clock."""
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        if self._values['rate'] > 0.0:
+            self.create_timer(1.0 / self._values['rate'], self._cycle)
+        # Neither a joint state nor simulated time may come any more: then nothing else would
+        # command zeros.
+        self.create_timer(self._values['state_timeout'] / 2.0, self._watch, clock=steady)
+        self.create_timer(1.0 / self._values['status_rate'], self._publish_status, clock=steady)
+
+    def _make_robot(self, description=None):
+        """Return the robot, None without a description."""
+        return robot_from(self, self._values, description, self._values['joints'])
+
+    def _on_description(self, message):
+        """Take the first usable description from the topic."""
+        if self._buffer is not None:
+            return
+        try:
+            self._set_robot(self._make_robot(message.data))
+        except TpControllerError as error:
+            self.get_logger().error(str(error))
+
+    def _set_robot(self, robot):
+        """Make everything that depends on the robot."""
+        names = self._values['command_joints'] or list(robot.joint_names)
+        if sorted(names) != sorted(robot.joint_names):
+            raise RobotError(f'parameter command_joints must be the driven joints in some order '
+                             f'({", ".join(robot.joint_names)}), not {", ".join(names)}')
+        unlimited = [name for name, limit in zip(robot.joint_names, robot.velocity)
+                     if not np.isfinite(limit)]
+        if unlimited:
+            self.get_logger().warning(f'no velocity limit for {", ".join(unlimited)}')
+        self._controller = Controller(robot, Stack([]), self._settings)
+        self._topics = TaskTopics(self, self._controller, self._now)
+        self._order = np.array([robot.joint_index(name) for name in names])
+        self._command = Float64MultiArray(data=array('d', bytes(8 * robot.n)))
+        self._command_view = np.frombuffer(self._command.data)
+        self._commands = self.create_publisher(Float64MultiArray,
+                                               'velocity_controller/commands', 10)
+        self._buffer = JointStateBuffer(robot.joint_names, robot.passive_names)
+        self._load_stack()
+        self.create_subscription(JointState, 'joint_states', self._on_joint_state, STATE_QOS)
+        self.get_logger().info(f'controlling {robot.name}, joints {", ".join(names)}')
+
+    # Stack and parameters -----------------------------------------------------------------
+
+    def _load_stack(self):
+        """Read the stack of the parameter; return whether it is valid."""
+        try:
+            stack = self._read_stack(self._values['stack'])
+        except TpControllerError as error:
+            self._stack_fault = f'no valid stack: {error}'
+            self.get_logger().error(self._stack_fault)
+            return False
+        self._use_stack(stack)
+        return True
+
+    def _read_stack(self, source):
+        """Return the stack of a parameter's value."""
+        if not source:
+            raise SettingsError(['parameter stack is empty'])
+        return Stack.from_yaml(source, self._controller.robot)
+
+    def _use_stack(self, stack):
+        """Carry out a stack."""
+        self._controller.replace_stack(stack)
+        self._stack_fault = ''
+        self._topics.follow_stack()
+        names = ' > '.join(', '.join(task.name for task in group) for group in stack.groups)
+        self.get_logger().info(f'stack: {names or "empty"}')
+
+    def _check_parameters(self, parameters):
+        """Refuse what the method would refuse; what it knows nothing of is not its business."""
+        values = {**self._values, **{parameter.name: parameter.value
+                                     for parameter in parameters}}
+        try:
+            settings = settings_from(values, self._period())
+            if self._controller is not None:
+                self._controller.check_settings(settings)
+                if values['stack'] != self._values['stack']:
+                    self._read_stack(values['stack'])
+        except TpControllerError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _apply_parameters(self, parameters):
+        """Act on parameters that were accepted."""
+        changed = {parameter.name: parameter.value for parameter in parameters}
+        self._values.update(changed)
+        self._settings = settings_from(self._values, self._period())
+        if self._controller is not None:
+            self._controller.settings = self._settings
+            if 'stack' in changed:
+                self._load_stack()
+
+    # The cycle ----------------------------------------------------------------------------
+
+    def _on_joint_state(self, message):
+        """Take joint positions; in the mode without a timer they start the cycle."""
+        fault = self._buffer.put(message.name, message.position, self._now())
+        if fault:
+            self.get_logger().warning(f'joint state ignored: {fault}', throttle_duration_sec=1.0)
+        elif self._values['rate'] == 0.0 and self._buffer.take_complete():
+            self._cycle()
+
+    def _cycle(self):
+        """Command velocities, or zeros where something is missing."""
+        now = self._now()
+        self._last_cycle = now
+        if self._buffer is None:
+            return
+        hold = self._reason_to_hold(now)
+        if not hold:
+            try:
+                command = self._controller.update(self._buffer.q, now, self._buffer.passive)
+                self._report = command.report
+                self._command_view[:] = command.velocity[self._order]
+                self._commands.publish(self._command)
+            except TpControllerError as error:
+                hold = str(error)
+        if hold:
+            self._publish_zeros()
+        if hold != self._hold:
+            self._say_hold(hold)
+
+    def _say_hold(self, hold):
+        """Log why the robot is held, or that it is no more."""
+        self._hold = hold
+        if hold:
+            self.get_logger().warning(f'commanding zeros: {hold}')
+        else:
+            self.get_logger().info('running')
+
+    def _reason_to_hold(self, now):
+        """Return why zeros are commanded; empty if nothing speaks against motion."""
+        if self._stopped:
+            return 'stopped; call ~/start to go on'
+        if self._stack_fault:
+            return self._stack_fault
+        missing = self._buffer.missing(now, self._values['state_timeout'])
+        return f'no joint states of {", ".join(missing)}' if missing else ''
+
+    def _watch(self):
+        """Command zeros if the cycle has not done anything for too long."""
+        if self._now() - self._last_cycle <= self._values['state_timeout']:
+            return
+        if self._buffer is not None:
+            missing = self._buffer.missing(self._now(), self._values['state_timeout'])
+            hold = f'no joint states of {", ".join(missing)}' if missing else 'time stands still'
+            self._publish_zeros()
+            if hold != self._hold:
+                self._say_hold(hold)
+
+    def _publish_zeros(self):
+        """Command no motion."""
+        self._command_view[:] = 0.0
+        self._commands.publish(self._command)
+
+    # Services and status ------------------------------------------------------------------
+
+    def _on_stop(self, request, response):
+        """Stop, until ~/start."""
+        self._stopped = True
+        if self._buffer is not None:
+            self._publish_zeros()
+        response.success, response.message = True, 'stopped'
+        return response
+
+    def _on_start(self, request, response):
+        """Go on after ~/stop; tasks without a goal hold what they find now."""
+        if self._stopped and self._controller is not None:
+            self._controller.restart()
+        self._stopped = False
+        response.success, response.message = True, 'started'
+        return response
+
+    def _on_reload(self, request, response):
+        """Read the stack file again; one with faults leaves the stack as it is."""
+        try:
+            if self._controller is None:
+                raise RobotError('no robot description yet')
+            self._use_stack(self._read_stack(self._values['stack']))
+            response.success, response.message = True, 'stack reloaded'
+        except TpControllerError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _publish_status(self):
+        """Publish the status, and markers where somebody looks at them."""
+        stamp = self.get_clock().now().to_msg()
+        message = diagnostics(stamp, self.get_name(), self._hold, self._report)
+        self._status.publish(message)
+        self._diagnostics.publish(message)
+        if self._controller is not None and self._markers.get_subscription_count():
+            self._markers.publish(markers(stamp, self._controller.robot.root, self._controller))
+
+
+main = partial(run, ControllerNode, NAME)
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,128 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Goal messages become arrays, one entry for each kind of goal."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from geometry_msgs.msg import PointStamped, PoseStamped, QuaternionStamped, TwistStamped
+from sensor_msgs.msg import JointState
+from tp_controller.errors import GoalError
+
+
+@dataclass(frozen=True)
+class GoalMessage:
+    """
+    How a kind of goal comes in.
+
+    Attributes
+    ----------
+    type : type
+        Message type.
+    topic : str
+        Last part of the topic, after the name of the task.
+    goal, feed_forward : callable
+        Return the goal, the feed-forward velocity, of a message; None where it has none.
+    framed : bool
+        The header's frame says what the goal is expressed in.
+
+    """
+
+    type: type
+    topic: str
+    goal: Callable
+    feed_forward: Callable
+    framed: bool
+
+
+def _nothing(message):
+    """Return None: the message says nothing of the kind."""
+    return None
+
+
+def _point(message):
+    """Return x, y, z [m]."""
+    point = message.point
+    return point.x, point.y, point.z
+
+
+def _quaternion(message):
+    """Return a quaternion xyzw."""
+    turn = message.quaternion
+    return turn.x, turn.y, turn.z, turn.w
+
+
+def _pose(message):
+    """Return x, y, z [m] and a quaternion xyzw."""
+    point, turn = message.pose.position, message.pose.orientation
+    return point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w
+
+
+def _twist(message):
+    """Return linear [m/s] and angular [rad/s] velocity."""
+    linear, angular = message.twist.linear, message.twist.angular
+    return linear.x, linear.y, linear.z, angular.x, angular.y, angular.z
+
+
+def _named(names, values, what):
+    """Return {joint: value}, the plain values where there are no names, None without values."""
+    if not len(values):
+        return None
+    if not names:
+        return list(values)
+    if len(names) != len(values):
+        raise GoalError(f'{len(names)} joints with {len(values)} {what}')
+    return dict(zip(names, values))
+
+
+def _joint_positions(message):
+    """Return positions by joint [rad or m]."""
+    return _named(message.name, message.position, 'positions')
+
+
+def _joint_velocities(message):
+    """Return velocities by joint [rad/s or m/s]."""
+    return _named(message.name, message.velocity, 'velocities')
+
+
+GOALS = {
+    'point': GoalMessage(PointStamped, 'goal', _point, _nothing, True),
+    'quaternion': GoalMessage(QuaternionStamped, 'goal', _quaternion, _nothing, True),
+    'pose': GoalMessage(PoseStamped, 'goal', _pose, _nothing, True),
+    'joints': GoalMessage(JointState, 'goal', _joint_positions, _joint_velocities, False),
+    'joint_velocities': GoalMessage(JointState, 'goal', _joint_velocities, _nothing, False),
+}
+FEED_FORWARD = {
+    'twist': GoalMessage(TwistStamped, 'twist', _nothing, _twist, True),
+}
+
+
+def messages_of(task_type):
+    """
+    Return how a type of task is told what to do.
+
+    Parameters
+    ----------
+    task_type : type
+        Subclass of `Task`.
+
+    Returns
+    -------
+    list of GoalMessage
+        One for each topic of the task.
+
+    """
+    entries = (GOALS.get(task_type.goal_type), FEED_FORWARD.get(task_type.feed_forward_type))
+    return [entry for entry in entries if entry is not None]

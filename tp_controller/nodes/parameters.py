@@ -1,0 +1,204 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Parameters: declared with description, unit and range, refused with the reason."""
+
+from dataclasses import dataclass, fields
+import math
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterAlreadyDeclaredException,
+)
+from rclpy.parameter import Parameter
+from tp_controller.errors import SettingsError
+from tp_controller.robot import LIMIT_KEYS, Robot
+from tp_controller.settings import Settings
+
+STRINGS = Parameter.Type.STRING_ARRAY
+DOUBLES = Parameter.Type.DOUBLE_ARRAY
+DOUBLE = Parameter.Type.DOUBLE
+EXAMPLES = {
+    'DOUBLE': 'a double, such as 1.0', 'INTEGER': 'an integer, such as 1',
+    'STRING': 'a string', 'BOOL': 'true or false',
+    'STRING_ARRAY': 'a list of strings, such as [a, b]',
+    'DOUBLE_ARRAY': 'a list of doubles, such as [1.0, 2.0]'}
+
+
+@dataclass(frozen=True)
+class Spec:
+    """
+    One parameter.
+
+    Attributes
+    ----------
+    name : str
+    default : object
+        Value; or a `Parameter.Type` where there is no default.
+    description : str
+    unit : str
+    lower, upper : float
+        Range of a double.
+    read_only : bool
+        Fixed once the node runs.
+
+    """
+
+    name: str
+    default: object
+    description: str
+    unit: str = ''
+    lower: float = -math.inf
+    upper: float = math.inf
+    read_only: bool = False
+
+    def descriptor(self):
+        """Return the descriptor that ROS tools show."""
+        unit = f' [{self.unit}]' if self.unit else ''
+        ranges = []
+        if self.lower > -math.inf or self.upper < math.inf:
+            ranges = [FloatingPointRange(from_value=self.lower, to_value=self.upper)]
+        return ParameterDescriptor(description=self.description + unit,
+                                   floating_point_range=ranges, read_only=self.read_only)
+
+
+ROBOT = (
+    Spec('robot_description', '', 'URDF text; goes before the topic of the same name',
+         read_only=True),
+    Spec('robot', '', 'file of the robot: URDF, or DH table (.yaml); a path or '
+         'package://<package>/<path>; goes before robot_description', read_only=True),
+)
+
+# What belongs to the method is described there, once.
+SETTINGS = tuple(
+    Spec(item.name, DOUBLES if item.name == 'weights' else item.default,
+         item.metadata['description']
+         + (f' ({", ".join(item.metadata["valid"])})' if 'valid' in item.metadata else ''),
+         item.metadata['unit'], item.metadata.get('lower', -math.inf),
+         item.metadata.get('upper', math.inf))
+    for item in fields(Settings) if item.name != 'period')
+
+
+def declare(node, specs):
+    """
+    Declare parameters and return their values.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Node that gets them.
+    specs : sequence of Spec
+        What to declare; what is declared already is only read.
+
+    Returns
+    -------
+    dict
+        {name: value}, None where a parameter without default is not set.
+
+    Raises
+    ------
+    SettingsError
+        All parameters that were given a value of the wrong type or out of range.
+
+    """
+    values, faults = {}, []
+    for spec in specs:
+        try:
+            values[spec.name] = node.declare_parameter(
+                spec.name, spec.default, spec.descriptor()).value
+        except ParameterAlreadyDeclaredException:
+            values[spec.name] = node.get_parameter(spec.name).value
+        except InvalidParameterTypeException:
+            given = node._parameter_overrides[spec.name].value
+            kind = spec.default if isinstance(spec.default, Parameter.Type) \
+                else Parameter.Type.from_parameter_value(spec.default)
+            faults.append(f'parameter {spec.name} must be {EXAMPLES[kind.name]}, not {given!r}')
+        except InvalidParameterValueException:
+            given = node._parameter_overrides[spec.name].value
+            faults.append(f'parameter {spec.name} must be from {spec.lower:g} to {spec.upper:g}, '
+                          f'not {given!r}')
+    if faults:
+        raise SettingsError(faults)
+    return values
+
+
+def warn_unknown(node):
+    """Say which parameters were given a value but do not exist: ROS ignores them silently."""
+    unknown = [name for name in node._parameter_overrides
+               if not node.has_parameter(name) and not name.startswith('qos_overrides.')]
+    if unknown:
+        node.get_logger().warning(f'unknown parameters, ignored: {", ".join(sorted(unknown))}')
+
+
+def settings_from(values, period):
+    """Return `Settings` from parameter values; raise `SettingsError` where they are refused."""
+    given = {spec.name: values[spec.name] for spec in SETTINGS}
+    given['weights'] = tuple(given['weights']) if given['weights'] else None
+    return Settings(period=period, **given)
+
+
+def robot_from(node, values, description=None, joints=None):
+    """
+    Return the robot that the parameters describe.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Node that gets a parameter for each limit of each joint.
+    values : dict
+        Values of `ROBOT`.
+    description : str, optional
+        URDF from the topic.
+    joints : list of str, optional
+        Driven joints.
+
+    Returns
+    -------
+    Robot or None
+        None while there is no description.
+
+    Raises
+    ------
+    RobotError, SettingsError
+        What is wrong with the description or a limit.
+
+    """
+    if values['robot']:
+        def build(**options):
+            return Robot.from_file(values['robot'], joints=joints, **options)
+    elif values['robot_description'] or description:
+        def build(**options):
+            return Robot.from_urdf(values['robot_description'] or description, joints=joints,
+                                   **options)
+    else:
+        return None
+    robot = build()
+    limits = _limits(node, robot)
+    return build(limits=limits) if limits else robot
+
+
+def _limits(node, robot):
+    """Return {joint: {key: value}} of the limits that parameters replace."""
+    specs = [Spec(f'limits.{joint}.{key}', DOUBLE,
+                  f'{key} limit of the joint, in place of the one in the description',
+                  unit + ('/s' if key == 'velocity' else ''), read_only=True)
+             for joint, unit in zip(robot.joint_names, robot.joint_units) for key in LIMIT_KEYS]
+    limits = {}
+    for name, value in declare(node, specs).items():
+        if value is not None:
+            joint, key = name.removeprefix('limits.').rsplit('.', 1)
+            limits.setdefault(joint, {})[key] = value
+    return limits

@@ -1,0 +1,117 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Running a node: one loop, clean ends, plain words instead of tracebacks."""
+
+import os
+import signal
+import threading
+
+from rclpy import init, try_shutdown
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import get_logger
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from tp_controller.errors import TpControllerError
+
+try:
+    from rclpy.experimental.events_executor import EventsExecutor
+except ImportError:
+    EventsExecutor = None
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# EventsExecutor.spin() waits with a deadline that overflows and burns a core; a long finite one
+# does not [s].
+LONG = 1e8
+
+
+def make_executor(context=None):
+    """Return the executor with the least overhead that this rclpy has."""
+    return (EventsExecutor or SingleThreadedExecutor)(context=context)
+
+
+def run(make_node, name, args=None):
+    """
+    Run a node until SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    make_node : callable
+        Returns the node; it has a method `close`, called while publishing still works.
+    name : str
+        Name for messages before the node exists.
+    args : list of str, optional
+        Command line.
+
+    Returns
+    -------
+    int
+        Exit status: 0, or 1 if the node could not start.
+
+    """
+    arrived = _catch_signals()
+    try:
+        init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except (RCLError, ValueError) as error:
+        get_logger(name).fatal(str(error).splitlines()[0])
+        return 1
+    node = None
+    try:
+        node = make_node()
+        _spin(node, arrived)
+    except (TpControllerError, ParameterException) as error:
+        get_logger(name).fatal(str(error))
+        return 1
+    finally:
+        if node is not None:
+            node.close()
+            node.destroy_node()
+        try_shutdown()
+    return 0
+
+
+def _catch_signals():
+    """
+    Catch the signals that end a node; return a file that a byte arrives at for each.
+
+    rclpy's own handlers shut the context down at once, when no zero can be published any more.
+    A handler in Python would run only once the executor returns from C++, hence the file.
+    """
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    for number in SIGNALS:
+        signal.signal(number, lambda *_: None)
+    return reader
+
+
+def _spin(node, arrived):
+    """Spin until a signal arrives or somebody shuts the context down."""
+    executor = make_executor()
+    executor.add_node(node)
+    ended = Future(executor=executor)
+
+    def wait_for_signal():
+        os.read(arrived, 1)
+        ended.set_result(None)
+
+    threading.Thread(target=wait_for_signal, daemon=True).start()
+    try:
+        executor.spin_until_future_complete(ended, LONG)
+    except ExternalShutdownException:
+        pass
+    finally:
+        executor.shutdown()

@@ -1,0 +1,165 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The simulator node: a kinematic robot behind the topics of a real one."""
+
+from array import array
+from functools import partial
+import math
+import sys
+import time
+
+import numpy as np
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from std_srvs.srv import Trigger
+from tp_controller.errors import RobotError
+from tp_controller.nodes.parameters import declare, ROBOT, robot_from, Spec, STRINGS, warn_unknown
+from tp_controller.nodes.runner import run
+from tp_controller.simulator import Imperfections, initial_positions, KinematicSimulator
+
+NAME = 'tp_simulator'
+PARAMETERS = (
+    *ROBOT,
+    Spec('command_joints', STRINGS, 'joints in the order of the commands; all others stand '
+         'still (default: all that can be driven)', read_only=True),
+    Spec('rate', 200.0, 'joint states per simulated second', 'Hz', 1.0, 5000.0, True),
+    Spec('speed', 1.0, 'simulated seconds per second', '', 0.01, 1000.0, True),
+    Spec('publish_clock', False, 'publish simulated time on /clock', read_only=True),
+    Spec('command_timeout', 0.1, 'time without a command after which the robot stops, of the '
+         'wall clock', 's', 1e-3, 10.0, True),
+    Spec('initial_positions', '', 'positions at the start, as YAML {joint: position} or a file '
+         'of it; joints left out start as near to zero as their limits allow', read_only=True),
+    Spec('noise', 0.0, 'standard deviation of measured positions', 'rad or m', 0.0, 1.0, True),
+    Spec('delay', 0.0, 'time from a command to its effect, simulated', 's', 0.0, 10.0, True),
+    Spec('lag', 0.0, 'time constant of the drives, first order', 's', 0.0, 10.0, True),
+    Spec('drop', 0.0, 'share of commands and of joint states that get lost', '', 0.0, 0.99,
+         True),
+    Spec('seed', 0, 'seed of noise and loss', read_only=True),
+)
+# How far the simulation may fall behind before it gives up catching up [s].
+LARGEST_GAP = 0.2
+
+
+class SimulatorNode(Node):
+    """Integrates commands and publishes joint states, at its own pace."""
+
+    def __init__(self, **options):
+        super().__init__(NAME, **options)
+        values = declare(self, PARAMETERS)
+        self._robot = robot_from(self, values)
+        if self._robot is None:
+            raise RobotError('parameter robot (a file) or robot_description (URDF text) is needed')
+        self._speed, self._dt = values['speed'], 1.0 / values['rate']
+        self._simulator = KinematicSimulator(
+            self._robot,
+            initial_positions(values['initial_positions'] or '{}', self._robot),
+            # The timeout protects against a dead controller, so it runs on the wall clock,
+            # whatever the speed of the simulation.
+            values['command_timeout'] * self._speed,
+            Imperfections(values['noise'], values['delay'], values['lag'], values['drop'],
+                          values['seed']))
+        names = values['command_joints'] or self._robot.joint_names
+        self._commanded = np.array([self._robot.joint_index(name) for name in names])
+        self._velocity = np.zeros(self._robot.n)
+        self._publish_clock = values['publish_clock']
+        self._connect()
+        warn_unknown(self)
+        self.get_logger().info(
+            f'simulating {self._robot.name} ({self._robot.n} joints) at {self._speed:g} × real '
+            f'time, commands for {", ".join(names)}')
+
+    def close(self):
+        """Do nothing: the robot stops by itself."""
+
+    def _connect(self):
+        """Create publishers, the subscription, the service and the timer."""
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._description = self.create_publisher(String, 'robot_description', latched)
+        self._description.publish(String(data=self._robot.urdf))
+        self._states = self.create_publisher(JointState, 'joint_states', 10)
+        self._message = JointState(name=list(self._robot.joint_names))
+        self._message.position = array('d', bytes(8 * self._robot.n))
+        self._message.velocity = array('d', bytes(8 * self._robot.n))
+        self._position_view = np.frombuffer(self._message.position)
+        self._velocity_view = np.frombuffer(self._message.velocity)
+        self._clock_publisher = None
+        if self._publish_clock:
+            self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
+        self.create_subscription(Float64MultiArray, 'velocity_controller/commands',
+                                 self._on_command, 10)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self._start_time = time.monotonic()
+        self._steps_since_start = 0
+        self.create_timer(self._dt / self._speed, self._on_timer,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_command(self, message):
+        """Take a command."""
+        if len(message.data) != len(self._commanded):
+            self.get_logger().error(
+                f'command ignored: {len(message.data)} velocities for '
+                f'{len(self._commanded)} joints', throttle_duration_sec=1.0)
+            return
+        self._velocity[self._commanded] = message.data
+        if not np.isfinite(self._velocity).all():
+            self.get_logger().error('command ignored: not finite', throttle_duration_sec=1.0)
+            return
+        self._simulator.command(self._velocity)
+
+    def _on_reset(self, request, response):
+        """Go back to the start."""
+        # Time goes on: it must not run backwards for those who read it.
+        self._simulator.reset(self._simulator.now)
+        response.success = True
+        return response
+
+    def _on_timer(self):
+        """Make all the steps that are due, and publish each."""
+        due = (time.monotonic() - self._start_time) * self._speed / self._dt
+        behind = due - self._steps_since_start
+        if behind * self._dt / self._speed > LARGEST_GAP:
+            self.get_logger().warning('the simulation cannot keep up with its speed',
+                                      throttle_duration_sec=5.0)
+            self._steps_since_start = math.floor(due) - 1
+        while self._steps_since_start + 1 <= due:
+            self._steps_since_start += 1
+            self._simulator.step(self._dt)
+            self._publish()
+
+    def _publish(self):
+        """Publish time and joint states."""
+        now = self._simulator.now
+        if self._clock_publisher is not None:
+            stamp = Time(nanoseconds=round(now * 1e9)).to_msg()
+            self._clock_publisher.publish(ClockMessage(clock=stamp))
+        else:
+            stamp = self.get_clock().now().to_msg()
+        measured = self._simulator.measure()
+        if measured is None:
+            return
+        self._position_view[:], self._velocity_view[:] = measured
+        self._message.header.stamp = stamp
+        self._states.publish(self._message)
+
+
+main = partial(run, SimulatorNode, NAME)
+
+if __name__ == '__main__':
+    sys.exit(main())

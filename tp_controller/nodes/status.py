@@ -1,0 +1,131 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The report of a cycle as messages: diagnostics and markers."""
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point
+import numpy as np
+from visualization_msgs.msg import Marker, MarkerArray
+
+ARROW = (0.08, 0.008)
+LEVELS = {'reached': DiagnosticStatus.OK, 'moving': DiagnosticStatus.OK,
+          'disabled': DiagnosticStatus.OK, 'held back': DiagnosticStatus.WARN}
+COLOURS = ((0.9, 0.1, 0.1), (0.1, 0.7, 0.1), (0.2, 0.3, 0.95))
+
+
+def diagnostics(stamp, node_name, hold, report):
+    """
+    Return the status of the node and of every task.
+
+    Parameters
+    ----------
+    stamp : builtin_interfaces.msg.Time
+        Time of the message.
+    node_name : str
+        Start of the name of each entry.
+    hold : str
+        Why zeros are commanded; empty while the tasks are carried out.
+    report : Report or None
+        Of the last cycle.
+
+    Returns
+    -------
+    diagnostic_msgs.msg.DiagnosticArray
+
+    """
+    head = DiagnosticStatus(
+        name=node_name, hardware_id=node_name,
+        level=DiagnosticStatus.WARN if hold else DiagnosticStatus.OK,
+        message=hold or 'running')
+    array = DiagnosticArray(status=[head])
+    array.header.stamp = stamp
+    if report is None or hold:
+        return array
+    head.values = [_value('scale', f'{report.scale:.4f}'), _value('limiting', report.limiting)]
+    array.status.extend(_task_status(node_name, task) for task in report.tasks)
+    return array
+
+
+def _task_status(node_name, task):
+    """Return the status of one task."""
+    values = [_value('type', task.type_name), _value('level', task.level or 'disabled'),
+              _value('status', task.status)]
+    for error, unit, tolerance in task.errors:
+        values.append(_value(f'error [{unit}]', f'{error:.6g}'))
+        values.append(_value(f'tolerance [{unit}]', f'{tolerance:.6g}'))
+    values.append(_value('wanted speed', f'{task.wanted_speed:.6g}'))
+    values.append(_value('achieved speed', f'{task.achieved_speed:.6g}'))
+    values.append(_value('reason', task.reason))
+    message = task.status if not task.reason else f'{task.status}: {task.reason}'
+    return DiagnosticStatus(name=f'{node_name}: {task.name}', hardware_id=node_name,
+                            level=LEVELS[task.status], message=message, values=values)
+
+
+def _value(key, value):
+    """Return one entry of a diagnostic status."""
+    return KeyValue(key=key, value=str(value))
+
+
+def markers(stamp, root, controller):
+    """
+    Return the goals of the tasks that are about a frame, and the way to them.
+
+    Parameters
+    ----------
+    stamp : builtin_interfaces.msg.Time
+        Time of the message.
+    root : str
+        Root frame of the robot.
+    controller : Controller
+        Whose goals are shown.
+
+    Returns
+    -------
+    visualization_msgs.msg.MarkerArray
+        Positions as a line to the goal, attitudes as three axes (x red, y green, z blue).
+
+    """
+    array = MarkerArray()
+    for name, T_goal, T_frame in controller.goal_poses():
+        line = _marker(stamp, root, name, 0, Marker.LINE_LIST)
+        line.scale.x = ARROW[1] / 2.0
+        line.color.a = line.color.r = line.color.g = 1.0
+        line.points = [_to_point(T_frame[:3, 3]), _to_point(T_goal[:3, 3])]
+        array.markers.append(line)
+        for axis, colour in enumerate(COLOURS):
+            arrow = _marker(stamp, root, name, axis + 1, Marker.LINE_LIST)
+            arrow.scale.x = ARROW[1]
+            arrow.color.a = 1.0
+            arrow.color.r, arrow.color.g, arrow.color.b = colour
+            tip = T_goal[:3, 3] + ARROW[0] * T_goal[:3, axis]
+            arrow.points = [_to_point(T_goal[:3, 3]), _to_point(tip)]
+            array.markers.append(arrow)
+    return array
+
+
+def _marker(stamp, root, name, number, kind):
+    """Return a marker in the root frame that disappears when it is not renewed."""
+    marker = Marker(ns=name, id=number, type=kind, action=Marker.ADD)
+    marker.header.frame_id = root
+    marker.header.stamp = stamp
+    marker.pose.orientation.w = 1.0
+    marker.lifetime.sec = 1
+    return marker
+
+
+def _to_point(vector):
+    """Return a point message."""
+    x, y, z = np.asarray(vector, float).tolist()
+    return Point(x=x, y=y, z=z)

@@ -1,0 +1,102 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The topics and the service that each task of a stack has."""
+
+from functools import partial
+
+from std_srvs.srv import SetBool
+from tp_controller.errors import GoalError
+from tp_controller.nodes.foreign_frames import ForeignFrames
+from tp_controller.nodes.goal_messages import messages_of
+
+
+class TaskTopics:
+    """
+    Takes goals and feed-forward velocities for the tasks of a controller.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Node that the topics belong to, below ``~/<task>/``.
+    controller : Controller
+        Gets the goals.
+    clock : callable
+        Returns the time of receipt [s].
+
+    """
+
+    def __init__(self, node, controller, clock):
+        self._node, self._controller, self._clock = node, controller, clock
+        self._frames = ForeignFrames(node, controller.robot.root)
+        self._open = {}
+
+    def follow_stack(self):
+        """Open what the tasks of the stack need, and close what no task needs any more."""
+        wanted = {}
+        for name, task in self._controller.stack.tasks.items():
+            wanted[name, 'enable'] = SetBool, None
+            for entry in messages_of(type(task)):
+                wanted[name, entry.topic] = entry.type, entry
+        for key, (kind, _, close) in list(self._open.items()):
+            if key not in wanted or wanted[key][0] is not kind:
+                close()
+                del self._open[key]
+        for key, (kind, entry) in wanted.items():
+            if key not in self._open:
+                self._open[key] = self._make(*key, kind, entry)
+
+    def _make(self, name, topic, kind, entry):
+        """Open one topic or service; return its type, itself and what closes it."""
+        if entry is None:
+            made = self._node.create_service(kind, f'~/{name}/{topic}',
+                                             partial(self._on_enable, name))
+            return kind, made, partial(self._node.destroy_service, made)
+        made = self._node.create_subscription(kind, f'~/{name}/{topic}',
+                                              partial(self._on_message, name, topic), 10)
+        return kind, made, partial(self._node.destroy_subscription, made)
+
+    def _on_enable(self, name, request, response):
+        """Take a task into the stack or leave it out."""
+        self._controller.enable(name, request.data)
+        response.success = True
+        response.message = f'task {name} is {"enabled" if request.data else "disabled"}'
+        return response
+
+    def _on_message(self, name, topic, message):
+        """Take a goal or a feed-forward velocity, or say why not."""
+        task = self._controller.stack.tasks[name]
+        entry, = (entry for entry in messages_of(type(task)) if entry.topic == topic)
+        try:
+            self._take(name, entry, message)
+        except GoalError as error:
+            self._node.get_logger().error(f'goal for task {name} refused: {error}')
+
+    def _take(self, name, entry, message):
+        """Hand the content of a message to the controller."""
+        goal, feed_forward = entry.goal(message), entry.feed_forward(message)
+        if goal is None and feed_forward is None:
+            raise GoalError('the message holds nothing that this task takes')
+        frame = self._frame(message.header.frame_id) if entry.framed else None
+        now = self._clock()
+        if goal is not None:
+            self._controller.set_goal(name, goal, now, frame)
+        if feed_forward is not None:
+            self._controller.set_feed_forward(name, feed_forward, now, frame)
+
+    def _frame(self, frame):
+        """Return a frame as the controller takes it: None, a name or a pose in the root."""
+        if not frame or frame in self._controller.robot.frame_names:
+            return frame or None
+        return self._frames.pose(frame)
