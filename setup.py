@@ -49,7 +49,7 @@ setup(
         ('share/' + package_name + '/launch', glob('launch/*.launch.py')),
         *shims(),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin', 'matplotlib'],
+    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin', 'matplotlib', 'Pillow'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'test': ['pytest', 'pytest-xdist', 'hypothesis', 'example-robot-data', 'ruff<0.18',

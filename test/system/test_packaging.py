@@ -1,0 +1,322 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The package as others get it: metadata, wheel, and what `ros2 run` finds after `pip install`.
+
+Nothing here needs a network; a ROS machine that lacks pip or a new setuptools skips the builds.
+"""
+
+import ast
+import configparser
+import importlib.util
+import os
+from pathlib import Path
+import re
+import runpy
+import shutil
+import stat
+import subprocess
+import sys
+from xml.etree import ElementTree
+import zipfile
+
+import pytest
+import setuptools
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = 'tp_controller'
+EXECUTABLES = {'tp_controller', 'controller_node', 'simulator_node'}
+SHIPPED = ('LICENSE', 'README.md', 'config', 'launch', 'package.xml', 'pyproject.toml', 'resource',
+           'scripts', 'setup.cfg', 'setup.py', PACKAGE)
+
+# Module: (requirement in setup.py, key in package.xml; None where rosdep has none).
+# Every other module that is not Python's own is a ROS package.
+THIRD_PARTY = {
+    'PIL': ('Pillow', 'python3-pil'),
+    'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg-modules'),
+    'daqp': ('daqp', None),
+    'example_robot_data': ('example-robot-data', None),
+    'hypothesis': ('hypothesis', 'python3-hypothesis'),
+    'matplotlib': ('matplotlib', 'python3-matplotlib'),
+    'mpl_toolkits': ('matplotlib', 'python3-matplotlib'),
+    'numpy': ('numpy', 'python3-numpy'),
+    'pinocchio': ('pin', 'pinocchio'),
+    'pytest': ('pytest', 'python3-pytest'),
+    'rosbags': ('rosbags', None),
+    'scipy': ('scipy', 'python3-scipy'),
+    'setuptools': ('setuptools', 'python3-setuptools'),
+    'viser': ('viser', None),
+    'yaml': ('PyYAML', 'python3-yaml'),
+}
+ROS_PACKAGE_OF_MODULE = {'tf2_ros': 'tf2_ros_py'}
+
+
+@pytest.fixture(scope='module')
+def metadata():
+    """Return the arguments of setup()."""
+    arguments = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(ROOT)
+        patch.setattr(setuptools, 'setup', arguments.update)
+        runpy.run_path(str(ROOT / 'setup.py'))
+    return arguments
+
+
+@pytest.fixture(scope='module')
+def package_xml():
+    """Return the root element of package.xml."""
+    return ElementTree.parse(ROOT / 'package.xml').getroot()
+
+
+def imported_modules(folder):
+    """Return the top-level names of other people's modules that a folder's files import."""
+    files = sorted((ROOT / folder).rglob('*.py'))
+    own = {PACKAGE, 'conftest', *(path.stem for path in files)}
+    names = set()
+    for path in files:
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.partition('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names.add(node.module.partition('.')[0])
+    return names - own - set(sys.stdlib_module_names)
+
+
+def requirements(metadata):
+    """Return the names of all distributions that setup.py asks for, with any extra."""
+    wanted = [*metadata['install_requires'], *sum(metadata['extras_require'].values(), [])]
+    return {re.match(r'[\w.-]+', requirement)[0] for requirement in wanted}
+
+
+def dependencies(package_xml):
+    """Return the names of all dependencies in package.xml."""
+    return [element.text for element in package_xml if element.tag.endswith('depend')]
+
+
+def test_package_xml_and_setup_py_agree(metadata, package_xml):
+    for key in ('name', 'version', 'license'):
+        assert metadata[key] == package_xml.findtext(key)
+    maintainer = package_xml.find('maintainer')
+    assert metadata['maintainer'] == maintainer.text
+    assert metadata['maintainer_email'] == maintainer.get('email')
+    assert f'{metadata["version"]} (' in (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+
+
+def test_package_xml_is_what_colcon_needs(package_xml):
+    # A faulty one only warns there, and the folder is built as plain Python.
+    assert package_xml.get('format') == '3'
+    assert package_xml.findtext('export/build_type') == 'ament_python'
+    names = dependencies(package_xml)
+    assert sorted(names) == sorted(set(names))
+
+
+def test_package_xml_is_valid():
+    parse_package = pytest.importorskip('catkin_pkg.package').parse_package
+    warnings = []
+    package = parse_package(ROOT, warnings=warnings)
+    package.validate(warnings=warnings)
+    assert package.get_build_type() == 'ament_python'
+    assert warnings == []
+
+
+@pytest.mark.parametrize('folder', [PACKAGE, 'launch', 'test', 'benchmarks'])
+def test_every_import_is_a_dependency(folder, metadata, package_xml):
+    wanted, keys = requirements(metadata), dependencies(package_xml)
+    for module in imported_modules(folder):
+        requirement, key = THIRD_PARTY.get(
+            module, (None, ROS_PACKAGE_OF_MODULE.get(module, module)))
+        assert requirement is None or requirement in wanted, f'setup.py lacks {requirement}'
+        assert key is None or key in keys, f'package.xml lacks {key}'
+
+
+def test_library_needs_no_extra(metadata):
+    needed = {THIRD_PARTY[module][0] for path in (ROOT / PACKAGE).glob('[a-z]*')
+              for module in imported_modules(path.relative_to(ROOT))
+              if path.is_dir() and path.name not in ('nodes', 'cli')}
+    assert needed <= set(metadata['install_requires'])
+
+
+def test_ros_is_an_extra(metadata):
+    # An apt ROS has no such distributions, so pip would install a second one.
+    assert not [name for name in metadata['install_requires'] if name.startswith('ros')]
+    assert any(name.startswith('ros-jazzy-rclpy') for name in metadata['extras_require']['ros'])
+
+
+def test_every_subpackage_is_shipped(metadata):
+    folders = {path.parent.relative_to(ROOT) for path in (ROOT / PACKAGE).rglob('*.py')}
+    assert {'.'.join(folder.parts) for folder in folders} == set(metadata['packages'])
+
+
+def test_executables_have_code_and_shims(metadata):
+    scripts = dict(map(str.strip, line.split('='))
+                   for line in metadata['entry_points']['console_scripts'])
+    assert set(scripts) == EXECUTABLES
+    assert {path.name for path in (ROOT / 'scripts').iterdir()} == EXECUTABLES
+    assert all(os.access(path, os.X_OK) for path in (ROOT / 'scripts').iterdir())
+    for target in scripts.values():
+        module, _, function = target.partition(':')
+        tree = ast.parse((ROOT / f'{module.replace(".", "/")}.py').read_text(encoding='utf-8'))
+        assert function in [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
+
+
+def test_colcon_puts_executables_where_ros2_run_looks():
+    config = configparser.ConfigParser()
+    config.read(ROOT / 'setup.cfg')
+    assert config['install']['install_scripts'] == f'$base/lib/{PACKAGE}'
+    assert config['develop']['script_dir'] == f'$base/lib/{PACKAGE}'
+
+
+def child_environment(**changes):
+    """Return the environment for a child; what the ROS wheels set is for this process only."""
+    environment = dict(os.environ)
+    if environment.pop('_ROS_WHEELS_BOOTSTRAP_COMPLETE', None):
+        environment.pop('LD_LIBRARY_PATH', None)
+    return {**environment, **changes}
+
+
+def run(*command, **changes):
+    """Run a command and return what it printed."""
+    done = subprocess.run(list(map(str, command)), env=child_environment(**changes), cwd='/',
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout
+    return done.stdout
+
+
+def pip(*arguments):
+    """Run pip without a network, in this very environment."""
+    return run(sys.executable, '-m', 'pip', '--disable-pip-version-check', '--no-input',
+               arguments[0], '--quiet', '--no-deps', '--no-index', *arguments[1:])
+
+
+def build_sdist(source, target):
+    """Return the folder of an unpacked source distribution."""
+    run(sys.executable, '-c', 'import os, sys; os.chdir(sys.argv[1]); '
+        'from setuptools import build_meta; build_meta.build_sdist(sys.argv[2])', source, target)
+    archive, = target.glob('*.tar.gz')
+    shutil.unpack_archive(archive, target)
+    return target / archive.name[:-len('.tar.gz')]
+
+
+@pytest.fixture(scope='module')
+def wheel(tmp_path_factory):
+    """Return a wheel, built from a source distribution of this tree."""
+    pytest.importorskip('pip')
+    if importlib.util.find_spec('setuptools.command.bdist_wheel') is None:
+        pytest.importorskip('wheel', reason='setuptools is older than 70.1, and no wheel')
+    folder = tmp_path_factory.mktemp('wheel')
+    source = folder / 'source'
+    source.mkdir()
+    for name in SHIPPED:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, source / name,
+                            ignore=shutil.ignore_patterns('__pycache__'))
+        elif (ROOT / name).exists():
+            shutil.copy2(ROOT / name, source / name)
+    unpacked = build_sdist(source, folder)
+    pip('wheel', '--no-build-isolation', '--wheel-dir', folder, unpacked)
+    result, = folder.glob('*.whl')
+    return result
+
+
+@pytest.fixture(scope='module')
+def prefix(wheel, tmp_path_factory):
+    """Return the folder to which the wheel was installed."""
+    folder = tmp_path_factory.mktemp('prefix')
+    pip('install', '--ignore-installed', '--no-warn-script-location', '--prefix', folder, wheel)
+    marker, = folder.rglob(f'share/ament_index/resource_index/packages/{PACKAGE}')
+    return marker.parents[4]
+
+
+@pytest.fixture(scope='module')
+def site_packages(prefix):
+    """Return the folder of the installed modules."""
+    module, = prefix.rglob(f'*-packages/{PACKAGE}/__init__.py')
+    return module.parents[1]
+
+
+def test_wheel_holds_every_file(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        modes = {entry.filename.partition('.data/data/')[2] or entry.filename:
+                 entry.external_attr >> 16 for entry in archive.infolist()}
+    data = [path.relative_to(ROOT) for folder in ('config', 'launch')
+            for path in (ROOT / folder).rglob('*.*') if path.suffix != '.pyc']
+    assert len(data) > 1
+    assert {f'share/{PACKAGE}/{path}' for path in data} <= set(modes)
+    assert {f'share/{PACKAGE}/package.xml',
+            f'share/ament_index/resource_index/packages/{PACKAGE}'} <= set(modes)
+    sources = {str(path.relative_to(ROOT)) for path in (ROOT / PACKAGE).rglob('*.py')}
+    assert sources == {name for name in modes if name.endswith('.py') and 'share/' not in name}
+    for name in EXECUTABLES:
+        assert modes[f'lib/{PACKAGE}/{name}'] & stat.S_IXUSR
+
+
+def test_ros2_run_finds_the_executables(prefix, monkeypatch):
+    # As `ros2 run` looks: executable files in lib/<package> of the prefix in the ament index.
+    packages = pytest.importorskip('ament_index_python.packages')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(prefix))
+    folder = Path(packages.get_package_prefix(PACKAGE)) / 'lib' / PACKAGE
+    found = [path for path in folder.rglob('*') if os.access(path, os.X_OK) and path.is_file()]
+    assert sorted(path.name for path in found) == sorted(EXECUTABLES)
+    assert all((prefix / 'bin' / path.name).is_file() for path in found)
+
+
+def test_shim_runs_the_program_with_its_own_python(prefix, site_packages, tmp_path):
+    # No activated environment: nothing on PATH but the system's shell tools.
+    shim = prefix / 'lib' / PACKAGE / 'tp_controller'
+    (tmp_path / 'link').symlink_to(prefix)
+    for path in (shim, tmp_path / 'link' / shim.relative_to(prefix)):
+        text = run(path, '--help', PATH='/usr/bin:/bin', PYTHONPATH=python_path(site_packages))
+        assert 'usage: tp_controller' in text
+
+
+def test_shim_leaves_signals_and_exit_code_to_the_program(prefix, tmp_path):
+    # A launch file or `ros2 run` must reach the program itself, not a shell before it.
+    for folder in ('bin', 'lib/tp_controller'):
+        (tmp_path / folder).mkdir(parents=True)
+    shim = tmp_path / 'lib' / PACKAGE / 'controller_node'
+    shutil.copy2(prefix / 'lib' / PACKAGE / 'controller_node', shim)
+    program = tmp_path / 'bin' / 'controller_node'
+    program.write_text('#!/bin/sh\necho $$ "$#" "$2"\nexit 7\n')
+    program.chmod(0o755)
+    child = subprocess.Popen([shim, 'one', 'two words'], stdout=subprocess.PIPE, text=True)
+    text, _ = child.communicate(timeout=10)
+    assert text == f'{child.pid} 2 two words\n'
+    assert child.returncode == 7
+
+
+def python_path(*folders):
+    """Return PYTHONPATH with these folders in front."""
+    return os.pathsep.join([*map(str, folders), os.environ.get('PYTHONPATH', '')]).rstrip(':')
+
+
+def test_installed_library_works_without_ros(site_packages, package_xml):
+    ros = [name for name in dependencies(package_xml)
+           if not name.startswith('python3-') and name != 'pinocchio']
+    code = (
+        'import sys\n'
+        f'sys.modules.update(dict.fromkeys({ros!r}))\n'  # importing these raises ImportError
+        'import tp_controller\n'
+        'from tp_controller.resources import find_file, package_share\n'
+        'robot = tp_controller.Robot.from_file(\n'
+        '    "package://tp_controller/config/robots/planar_3r.yaml")\n'
+        'stack = tp_controller.Stack.from_yaml("- home: {type: posture}", robot)\n'
+        'command = tp_controller.Controller(robot, stack).update(robot.neutral(), 0.0)\n'
+        'print(len(command.velocity), package_share(), tp_controller.__file__, sep="\\n")\n')
+    size, share, module = run(sys.executable, '-c', code, AMENT_PREFIX_PATH='',
+                              PYTHONPATH=python_path(site_packages)).split()
+    assert size == '3'
+    assert Path(module).parents[1] == site_packages
+    assert Path(share).parts[-2:] == ('share', PACKAGE)
+    assert (Path(share) / 'package.xml').is_file()
