@@ -1,0 +1,326 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The YAML stack: what it makes of good lists, and what it says about bad ones."""
+
+from importlib.metadata import EntryPoint
+import re
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+import robots
+from tp_controller import Stack, StackError, tasks
+from tp_controller.tasks import Task, task_types
+import yaml
+
+GOOD = """\
+# the most important first
+- limits: {type: joint, joints: joint1}
+- [left: {type: position, frame: link2, axes: xy},
+   right: {type: joint_velocity, joints: [joint3, joint2]}]
+- posture:
+    type: posture
+    target: {joint2: 0.4}
+    gain: 0.5
+"""
+
+
+def read(text, robot=None):
+    """Return the stack of a text."""
+    return Stack.from_yaml(text, robot or robots.planar())
+
+
+def faults(text):
+    """Return the faults of a text as (line, where, message)."""
+    with pytest.raises(StackError) as caught:
+        read(text)
+    return [(fault.line, fault.where, fault.message) for fault in caught.value.faults]
+
+
+def fault(text):
+    """Return the only fault of a text."""
+    found = faults(text)
+    assert len(found) == 1, found
+    return found[0]
+
+
+# Good stacks
+
+def test_tasks_come_in_order_of_priority_with_their_keys():
+    stack = read(GOOD)
+    assert list(stack.tasks) == ['limits', 'left', 'right', 'posture']
+    assert [[task.name for task in group] for group in stack.groups] == [
+        ['limits'], ['left', 'right'], ['posture']]
+    assert stack.tasks['posture'].gain == 0.5
+    assert stack.tasks['left'].axes == ('x', 'y')
+    assert stack.tasks['right'].joints == ('joint3', 'joint2')
+
+
+def test_each_entry_is_a_level_and_an_inner_list_shares_one():
+    robot = robots.planar()
+    stack, state = read(GOOD), robot.state(robots.PLANAR_START)
+    stack.start(state)
+    levels = stack.levels(state, 0.0)
+    assert [level.J.shape for level in levels] == [(1, 3), (4, 3), (3, 3)]
+    J = state.jacobian('link2')
+    np.testing.assert_array_equal(levels[1].J, [*J[:2], [0, 0, 1], [0, 1, 0]])
+    stack.tasks['right'].set_goal(np.array([5.0, 7.0]), 0.0)
+    assert stack.levels(state, 0.0)[1].v.tolist() == [0.0, 0.0, 5.0, 7.0]
+
+
+@pytest.mark.parametrize('text', ['[]', '[]\n', '# nothing yet\n[]\n'])
+def test_empty_stack_is_a_stack(text):
+    stack = read(text)
+    assert stack.tasks == {} and stack.groups == ()
+    assert stack.levels(robots.planar().state(robots.PLANAR_START), 0.0) == []
+
+
+def test_stack_is_read_from_a_file_by_path_and_from_text(tmp_path):
+    file = tmp_path / 'stack.yaml'
+    file.write_text(GOOD, encoding='utf-8')
+    for source in (file, str(file), GOOD):
+        assert list(read(source).tasks) == ['limits', 'left', 'right', 'posture']
+
+
+def test_flow_style_on_one_line_is_text_not_a_file_name():
+    assert list(read('[a: {type: posture}]').tasks) == ['a']
+
+
+def test_anchors_and_merge_free_yaml_work_as_yaml_says():
+    stack = read('- a: {type: posture, target: &goal {joint1: 0.2}}\n'
+                 '- b: {type: posture, target: *goal}\n')
+    assert stack.tasks['b'].goal[0] == 0.2
+
+
+# Enabling
+
+def test_disabled_task_is_left_out_until_it_is_enabled_again():
+    stack, state = read(GOOD), robots.planar().state(robots.PLANAR_START)
+    stack.start(state)
+    stack.enable('left', False)
+    stack.enable('posture', False)
+    assert [level.J.shape[0] for level in stack.levels(state, 0.0)] == [1, 2]
+    stack.enable('right', False)
+    assert [level.J.shape[0] for level in stack.levels(state, 0.0)] == [1]
+    assert stack.disabled == {'left', 'right', 'posture'}
+    for name in ('left', 'right', 'posture'):
+        stack.enable(name, True)
+    assert [level.J.shape[0] for level in stack.levels(state, 0.0)] == [1, 4, 3]
+
+
+def test_whole_stack_can_be_disabled():
+    stack, state = read(GOOD), robots.planar().state(robots.PLANAR_START)
+    for name in stack.tasks:
+        stack.enable(name, False)
+    assert stack.levels(state, 0.0) == []
+
+
+# Faults
+
+def test_all_faults_are_told_at_once_in_order_of_their_lines():
+    found = faults("""\
+- tool: {type: pose, frame: link9}
+- elbow: {type: positon, frame: link2}
+- wrist:
+    type: position
+    frame: link3
+    gian: 2.0
+    axes: xw
+- tool: {type: posture}
+- base: {type: joint, joints: [joint1, joint7], gain: -1}
+- none: {frame: link3}
+- short: {type: orientation}
+- 2nd: {type: posture}
+- just words
+- [in: {type: posture, gain: fast}, other: {type: nothing}]
+""")
+    assert [(line, where) for line, where, _ in found] == [
+        (1, 'tool, frame'), (2, 'elbow'), (6, 'wrist'), (7, 'wrist, axes'), (8, 'tool'),
+        (9, 'base, joints'), (9, 'base, gain'), (10, 'none'), (11, 'short'), (12, ''), (13, ''),
+        (14, 'in, gain'), (14, 'other')]
+    messages = [message for _, _, message in found]
+    for pattern, message in zip((
+            "unknown frame 'link9'.*valid: base_link",
+            "unknown type 'positon' .did you mean 'position'.*valid: joint, ",
+            "unknown key 'gian' .did you mean 'gain'.*valid: type, ",
+            'needs some of x, y, z',
+            'the name is used already, in line 1',
+            "unknown driven joint 'joint7'.*valid: joint1, joint2, joint3",
+            'must be positive, got -1',
+            'needs a type; valid: joint, ',
+            "needs the key 'frame': frame of the robot",
+            'named by letters, digits and _',
+            'a stack is a list of',
+            "needs a number.*'fast'",
+            "unknown type 'nothing'"), messages):
+        assert re.search(pattern, message), (pattern, message)
+
+
+@pytest.mark.parametrize('text, line, where, pattern', [
+    ('', 0, '', 'no file'),
+    ('no/such/stack.yaml', 0, '', 'no file no/such/stack.yaml'),
+    ('~no_such_user_here/stack.yaml', 0, '', 'no file'),
+    ('\n', 1, '', 'a stack is a list'),
+    ('{}', 1, '', 'a stack is a list'),
+    ('\n\ntool: {type: pose}\n', 3, '', 'a stack is a list'),
+    ('- a: {type: posture}\n- b: {type: posture\n', 3, '', 'no YAML'),
+    ('- a: \t{type: [\n', 1, '', 'no YAML'),
+    ('- \x00\n', 1, '', 'no YAML'),
+    ('- []\n', 1, '', 'at least one task'),
+    ('- a: {type: posture}\n  b: {type: posture}\n', 1, '', 'a stack is a list'),
+    ('- {}\n', 1, '', 'a stack is a list'),
+    ('- [[a: {type: posture}]]\n', 1, '', 'a stack is a list'),
+    ('- a:\n', 1, 'a', 'needs a mapping such as'),
+    ('- a: posture\n', 1, 'a', 'needs a mapping such as'),
+    ('- a: [type, posture]\n', 1, 'a', 'needs a mapping such as'),
+    ('- a:\n    type: posture\n    gain: 1\n    gain: 2\n', 4, 'a, gain', 'given twice'),
+    ('- a: {type: posture, type: joint}\n', None, 'a, type', 'given twice'),
+    ('- a: {type: [pose]}\n', 1, 'a', 'unknown type ..pose'),
+    ('- a: {type: null}\n', 1, 'a', 'unknown type None'),
+    ('- a b: {type: posture}\n', 1, '', "not 'a b'"),
+    ('- ünder: {type: posture}\n', 1, '', 'letters, digits'),
+    ('- ? [a]\n  : {type: posture}\n', 1, '', 'a task is named by'),
+    ('- a: {type: posture, ? [gain] : 1}\n', 1, 'a', 'a key must be a word'),
+    ('- a: {type: posture, gain: 2001-13-45}\n', 1, 'a, gain', 'month'),
+    ('- a: {type: posture, gain: !!int abc}\n', 1, 'a, gain', 'abc'),
+    ('- a: {type: posture, gain: !!float ""}\n', 1, 'a, gain', '.'),
+    ('- a: {type: posture, gain: !!timestamp abc}\n', 1, 'a, gain', '.'),
+    ('- a: {type: posture, gain: !!python/object:os.system 1}\n', 1, 'a, gain', 'constructor'),
+    ('- a: {type: posture, gain: !unknown 1}\n', 1, 'a, gain', 'constructor'),
+    ('- a: {type: posture, gain: *x}\n', 1, '', 'no YAML: found undefined alias'),
+    ('- a: {type: posture, target: {joint1: .nan}}\n', 1, 'a, target', 'finite'),
+    ('- a: {type: posture, target: {[1]: 2}}\n', 1, 'a, target', 'unhashable'),
+    ('- a: {type: posture, target: [1, [2], 3]}\n', 1, 'a, target', 'needs 3 numbers'),
+    ('- a: {type: position, frame: [link3]}\n', 1, 'a, frame', 'unknown frame'),
+    ('- a: {type: position, frame: {}}\n', 1, 'a, frame', 'unknown frame'),
+    ('- a: {type: position, frame: link3, robot: x}\n', 1, 'a', "unknown key 'robot'"),
+    ('- a: {type: position, frame: link3, name: x}\n', 1, 'a', "unknown key 'name'"),
+    ('- a: {type: joint, joints: [[joint1]]}\n', 1, 'a, joints', 'unknown driven joint'),
+    ('- a: {type: twist, frame: link3, gain: 1}\n', 1, 'a', "unknown key 'gain'"),
+])
+def test_fault_is_told_with_its_line_and_task(text, line, where, pattern):
+    found = faults(text)
+    assert any(re.search(pattern, message) and found_where == where and line in (None, found_line)
+               for found_line, found_where, message in found), found
+
+
+def test_missing_key_does_not_hide_a_wrong_one():
+    assert [where for _, where, _ in faults('- a: {type: position, axes: q, gain: 0}\n')] == [
+        'a', 'a, axes', 'a, gain']
+
+
+def test_message_of_the_error_holds_every_fault_as_a_line_number_and_a_task():
+    with pytest.raises(StackError, match='line 1: a: unknown type.*; line 2: b, gain: must be'):
+        read('- a: {type: x}\n- b: {type: posture, gain: -1}\n')
+
+
+PIECES = st.sampled_from([
+    'a', 'b', 'type', 'frame', 'joints', 'gain', 'axes', 'target', 'pose', 'position', 'posture',
+    'link3', 'joint1', 'xy', '', 1, -2.5, True, None, 10 ** 400, '2001-13-45', '<<', '='])
+DOCUMENTS = st.recursive(
+    PIECES, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(PIECES, inner, max_size=4),
+    max_leaves=12)
+
+
+@given(st.lists(st.dictionaries(PIECES, DOCUMENTS, max_size=2), max_size=4) | DOCUMENTS)
+def test_any_yaml_gives_a_stack_or_a_stack_error(document):
+    try:
+        read('---\n' + yaml.safe_dump(document))
+    except StackError as error:
+        assert error.faults and all(fault.line >= 1 for fault in error.faults)
+
+
+@given(st.text(alphabet='-[]{}:,?!&*#|>%@\'"\n\t ab1.', max_size=40))
+def test_any_text_gives_a_stack_or_a_stack_error(text):
+    try:
+        read(text + '\n')
+    except StackError as error:
+        assert error.faults
+
+
+# Types of other packages
+
+@pytest.fixture
+def registry():
+    """Give back the registry of types as it was, and have entry points looked up anew."""
+    before = dict(Task.types)
+    tasks._load_entry_points.cache_clear()
+    yield
+    Task.types.clear()
+    Task.types.update(before)
+    tasks._load_entry_points.cache_clear()
+
+
+def test_type_that_another_package_adds_is_a_type_like_any_other(registry, monkeypatch, tmp_path):
+    (tmp_path / 'other_package.py').write_text('''
+from tp_controller.tasks import Position
+
+
+class Hover(Position):
+    """Stay above a point."""
+
+    type_name = 'hover'
+    keys = {'height': 'height above the goal [m]'}
+
+    def __init__(self, robot, name, *, height, **keys):
+        super().__init__(robot, name, **keys)
+        self.height = height
+
+    def error(self, state):
+        return super().error(state) + [0.0, 0.0, self.height]
+''', encoding='utf-8')
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def entry_points(group):
+        assert group == 'tp_controller.tasks'
+        return [EntryPoint('hover', 'other_package:Hover', group)]
+    monkeypatch.setattr(tasks, 'entry_points', entry_points)
+    assert 'hover' in task_types()
+    stack = read('- h: {type: hover, frame: link3, height: 0.3, gain: 2}\n')
+    state = robots.planar().state(robots.PLANAR_START)
+    stack.start(state)
+    assert stack.levels(state, 0.0)[0].v == pytest.approx([0.0, 0.0, 0.6])
+    assert "needs the key 'height'" in fault('- h: {type: hover, frame: link3}\n')[2]
+    assert "unknown key 'hight'" in faults('- h: {type: hover, frame: link3, hight: 1}\n')[0][2]
+    described = task_types()['hover'].described_keys()
+    assert described['height'] == 'height above the goal [m]'
+    assert set(described) == {'height', 'frame', 'reference', 'axes', 'gain', 'tolerance',
+                              'timeout'}
+
+
+# One stack after another
+
+def test_stack_that_takes_over_keeps_the_goals_of_tasks_that_mean_the_same():
+    robot = robots.planar()
+    old, new = read(GOOD), read("""\
+- posture: {type: posture, gain: 2.0}
+- left: {type: position, frame: link3, reference: link1}
+- limits: {type: joint, joints: joint2}
+- fresh: {type: joint, joints: joint1}
+""")
+    start, later = robot.state(robots.PLANAR_START), robot.state([1.0, 0.2, 0.1])
+    old.start(start)
+    old.tasks['limits'].set_goal(np.array([0.7]), 0.0)
+    old.enable('left', False)
+    new.take_over(old)
+    new.start(later)
+    # The goal of joint 2 was 0.4 in the old stack; the others were held where they started.
+    assert new.tasks['posture'].goal == pytest.approx([0.0, 0.4, 0.3])
+    # Another reference frame, or other joints: not the same task any more.
+    np.testing.assert_allclose(new.tasks['left'].error(later), 0.0, atol=1e-12)
+    np.testing.assert_allclose(new.tasks['limits'].error(later), 0.0, atol=1e-12)
+    np.testing.assert_allclose(new.tasks['fresh'].error(later), 0.0, atol=1e-12)
+    assert new.disabled == {'left'}

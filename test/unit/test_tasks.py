@@ -1,0 +1,620 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What every task type promises, checked on all that are registered; then each on its own."""
+
+import inspect
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+import robots
+from scipy.spatial.transform import Rotation
+from tp_controller import GoalError, solve, TaskError
+from tp_controller.tasks import JointTask, task_types
+
+SEEDS = st.integers(0, 2 ** 32 - 1)
+TOOL, ELBOW = robots.PANDA_TOOL, 'panda_link3'
+ALL = [0, 1, 2, 3, 4, 5]
+
+# For every type: keys, and which rows of a twist (or which joints) the task is about.
+CASES = {
+    'position': [
+        ({'frame': TOOL, 'gain': 2.0}, [0, 1, 2]),
+        ({'frame': TOOL, 'axes': 'xz'}, [0, 2]),
+        ({'frame': TOOL, 'axes': ['y']}, [1]),
+        ({'frame': TOOL, 'reference': ELBOW, 'gain': [1.0, 2.0, 3.0]}, [0, 1, 2]),
+        ({'frame': 'panda_link6', 'reference': 'panda_link2', 'axes': 'x, y'}, [0, 1]),
+    ],
+    'orientation': [
+        ({'frame': TOOL, 'gain': 2.0}, [3, 4, 5]),
+        ({'frame': TOOL, 'axes': 'xy'}, [3, 4]),
+        ({'frame': TOOL, 'reference': ELBOW, 'gain': 0.5}, [3, 4, 5]),
+        ({'frame': TOOL, 'reference': ELBOW, 'axes': 'z x'}, [3, 5]),
+    ],
+    'pose': [
+        ({'frame': TOOL, 'gain': 2.0}, ALL),
+        ({'frame': TOOL, 'axes': 'x y z rx ry'}, [0, 1, 2, 3, 4]),
+        ({'frame': TOOL, 'axes': ['z', 'rx']}, [2, 3]),
+        ({'frame': TOOL, 'axes': 'rz x', 'gain': [1.0, 4.0]}, [0, 5]),
+        ({'frame': TOOL, 'reference': 'panda_link1'}, ALL),
+    ],
+    'twist': [
+        ({'frame': TOOL}, ALL),
+        ({'frame': TOOL, 'axes': 'rz y'}, [1, 5]),
+        ({'frame': TOOL, 'reference': 'panda_link1'}, ALL),
+    ],
+    'joint': [
+        ({'joints': 'panda_joint3', 'gain': 3.0}, [2]),
+        ({'joints': ['panda_joint6', 'panda_joint1'], 'gain': [1.0, 2.0]}, [5, 0]),
+    ],
+    'posture': [
+        ({}, list(range(7))),
+        ({'joints': ['panda_joint2'], 'gain': 2.0}, [1]),
+    ],
+    'joint_velocity': [
+        ({}, list(range(7))),
+        ({'joints': ['panda_joint5', 'panda_joint2']}, [4, 1]),
+    ],
+}
+VELOCITY_TYPES = ('twist', 'joint_velocity')
+CONTRACT = [pytest.param(name, keys, rows, id=f'{name}-{index}')
+            for name, cases in CASES.items() for index, (keys, rows) in enumerate(cases)]
+WITH_VALUE = [case for case in CONTRACT if case.values[0] not in VELOCITY_TYPES]
+NOT_FINITE = (math.nan, math.inf, -math.inf, 1e7)
+
+
+def make(name, keys, robot=None):
+    """Return a task of a type."""
+    return task_types()[name](robot or robots.panda(), 'task', **keys)
+
+
+def inside(robot, rng):
+    """Return random positions (n,), some way within the limits."""
+    lower, upper = np.maximum(robot.lower, -3.0), np.minimum(robot.upper, 3.0)
+    return rng.uniform(lower + 0.1, upper - 0.1)
+
+
+def relative_twist(robot, q, direction, frame, reference, h=1e-6):
+    """Return the twist (6,) of a frame seen from another, for motion along `direction`."""
+    relative = []
+    for step in (-h, h):
+        state = robot.state(q + step * direction)
+        relative.append(np.linalg.inv(state.pose(reference)) @ state.pose(frame))
+    before, after = relative
+    turned = Rotation.from_matrix(after[:3, :3] @ before[:3, :3].T).as_rotvec()
+    return np.concatenate((after[:3, 3] - before[:3, 3], turned)) / (2 * h)
+
+
+def motion(task, rows, q, direction):
+    """Return how fast the value of a task moves, by differences of the robot's poses."""
+    if isinstance(task, JointTask):
+        return direction[rows]
+    return relative_twist(task.robot, q, direction, task.frame, task.reference)[rows]
+
+
+# The contract
+
+def test_every_registered_type_has_a_case():
+    assert set(CASES) == set(task_types())
+
+
+@pytest.mark.parametrize('name, keys, rows', CONTRACT)
+def test_jacobian_is_the_derivative_of_the_value(name, keys, rows):
+    task, rng = make(name, keys), np.random.default_rng(1)
+    for _ in range(3):
+        q = inside(task.robot, rng)
+        state = task.robot.state(q)
+        task.start(state)
+        numeric = np.array([motion(task, rows, q, axis) for axis in np.eye(7)]).T
+        np.testing.assert_allclose(task.jacobian(state), numeric, atol=1e-8)
+        assert task.rows == len(rows) == len(task.units)
+        assert task.jacobian(state).shape == (task.rows, 7)
+
+
+@pytest.mark.parametrize('name, keys, rows', WITH_VALUE)
+def test_error_is_zero_at_the_goal_and_only_there(name, keys, rows):
+    task, rng = make(name, keys), np.random.default_rng(2)
+    q = inside(task.robot, rng)
+    state = task.robot.state(q)
+    task.set_goal(task.parse_goal(task.value(state)), 0.0)
+    np.testing.assert_allclose(task.error(state), 0.0, atol=1e-7)
+    np.testing.assert_allclose(task.evaluate(state, 0.0)[1], 0.0, atol=1e-6)
+    assert np.linalg.norm(task.error(task.robot.state(q + 0.1))) > 1e-3
+
+
+@pytest.mark.parametrize('name, keys, rows', WITH_VALUE)
+def test_error_is_desired_minus_actual(name, keys, rows):
+    task, rng = make(name, keys), np.random.default_rng(3)
+    q = inside(task.robot, rng)
+    direction = rng.normal(size=7)
+    task.set_goal(task.value(task.robot.state(q + 1e-5 * direction)), 0.0)
+    np.testing.assert_allclose(task.error(task.robot.state(q)) / 1e-5,
+                               motion(task, rows, q, direction), atol=1e-3)
+
+
+@pytest.mark.parametrize('name, keys, rows', WITH_VALUE)
+def test_one_step_shrinks_the_error_by_one_minus_gain_times_period(name, keys, rows):
+    task, rng = make(name, keys), np.random.default_rng(4)
+    robot, dt = task.robot, 0.01
+    for _ in range(5):
+        q = inside(robot, rng)
+        task.set_goal(task.value(robot.state(q + 1e-3 * rng.normal(size=7))), 0.0)
+        J, v = task.evaluate(robot.state(q), 0.0)
+        before = task.last_error
+        after = task.error(robot.state(q + dt * solve([(J, v)]).velocity))
+        gain = np.asarray(keys.get('gain', 1.0))
+        np.testing.assert_allclose(after, (1.0 - gain * dt) * before, rtol=0,
+                                   atol=0.03 * dt * np.linalg.norm(gain * before))
+
+
+@pytest.mark.parametrize('name, keys, rows', [
+    case for case in CONTRACT if case.values[0] in VELOCITY_TYPES])
+def test_velocity_task_moves_as_its_goal_says_and_stops_when_it_is_too_old(name, keys, rows):
+    task, rng = make(name, keys), np.random.default_rng(5)
+    q = inside(task.robot, rng)
+    state = task.robot.state(q)
+    task.start(state)
+    assert task.evaluate(state, 0.0)[1].tolist() == [0.0] * task.rows
+    wanted = rng.normal(size=6 if name == 'twist' else task.rows)
+    task.set_goal(task.parse_goal(wanted), 10.0)
+    J, v = task.evaluate(state, 10.2)
+    velocity = solve([(J, v)]).velocity
+    expected = wanted[rows] if name == 'twist' else wanted
+    np.testing.assert_allclose(motion(task, rows, q, velocity), expected, atol=1e-7)
+    assert task.evaluate(state, 10.6)[1].tolist() == [0.0] * task.rows
+
+
+@pytest.mark.parametrize('name, keys, rows', CONTRACT)
+def test_bad_goals_are_refused_and_the_goal_in_force_stays(name, keys, rows):
+    task = make(name, keys)
+    state = task.robot.state(robots.PANDA_READY)
+    task.start(state)
+    good = task.value(state)
+    before = task.evaluate(state, 0.0)[1]
+    bad = [None, 'goal', object(), [], [[]], [[1.0], [1.0, 2.0]], 0.0, np.zeros(17),
+           np.zeros((3, 4)), np.zeros((2, task.rows)), {'no_such_name': 0.0}, ['a'] * task.rows,
+           [10 ** 400] * task.rows]
+    for value in NOT_FINITE:
+        spoilt = np.array(good, dtype=float)
+        spoilt.flat[0] = value
+        bad.append(spoilt)
+    for goal in bad:
+        with pytest.raises(GoalError, match="'task'"):
+            task.parse_goal(goal)
+    np.testing.assert_array_equal(task.evaluate(state, 0.0)[1], before)
+
+
+@pytest.mark.parametrize('name, keys, rows', CONTRACT)
+def test_bad_feed_forward_is_refused(name, keys, rows):
+    task = make(name, keys)
+    size = len(rows) if isinstance(task, JointTask) else 6
+    bad = [None, 'v', [], [[1.0], [1.0, 2.0]], np.zeros(17), {'no_such_name': 0.0},
+           *([value] + [0.0] * (size - 1) for value in NOT_FINITE)]
+    for velocity in bad:
+        with pytest.raises(GoalError, match="'task'"):
+            task.parse_feed_forward(velocity)
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_keys_describe_exactly_what_is_accepted(name):
+    task_type = task_types()[name]
+    accepted, described = task_type.accepted_keys(), task_type.described_keys()
+    assert set(described) == set(accepted)
+    assert all(len(text) > 10 for text in described.values())
+    needed = {key for key, default in accepted.items() if default is inspect.Parameter.empty}
+    for keys, _ in CASES[name]:
+        assert needed <= set(keys) <= set(accepted)
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_every_type_says_what_it_takes_and_what_it_is(name):
+    task_type = task_types()[name]
+    assert task_type.type_name == name
+    assert task_type.goal_type in ('point', 'quaternion', 'pose', 'joints', 'joint_velocities',
+                                   None)
+    assert task_type.feed_forward_type in ('twist', 'joint_velocities', None)
+    assert task_type.goal_type or task_type.feed_forward_type
+    assert inspect.getdoc(task_type)
+
+
+@pytest.mark.parametrize('name, keys, rows', CONTRACT)
+def test_units_are_those_of_the_rows(name, keys, rows):
+    task = make(name, keys)
+    joints = isinstance(task, JointTask)
+    assert task.units == tuple('m' if row < 3 and not joints else 'rad' for row in rows)
+
+
+@pytest.mark.parametrize('name, keys, rows', WITH_VALUE)
+def test_task_without_a_goal_holds_the_value_it_started_at(name, keys, rows):
+    task, rng = make(name, keys), np.random.default_rng(6)
+    start = task.robot.state(inside(task.robot, rng))
+    task.start(start)
+    np.testing.assert_allclose(task.error(start), 0.0, atol=1e-7)
+    elsewhere = task.robot.state(inside(task.robot, rng))
+    held = task.error(elsewhere)
+    assert np.linalg.norm(held) > 1e-3
+    task.start(elsewhere)
+    np.testing.assert_array_equal(task.error(elsewhere), held)
+
+
+@pytest.mark.parametrize('name, keys, rows', WITH_VALUE)
+def test_goal_set_before_the_start_is_kept_at_the_start(name, keys, rows):
+    task, rng = make(name, keys), np.random.default_rng(7)
+    goal, start = (task.robot.state(inside(task.robot, rng)) for _ in range(2))
+    task.set_goal(task.parse_goal(task.value(goal)), 0.0)
+    task.start(start)
+    np.testing.assert_allclose(task.error(goal), 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize('name, keys, rows', WITH_VALUE)
+def test_feed_forward_adds_to_the_feedback_until_it_times_out(name, keys, rows):
+    task, rng = make(name, {**keys, 'timeout': 0.25}), np.random.default_rng(8)
+    state = task.robot.state(inside(task.robot, rng))
+    task.start(task.robot.state(inside(task.robot, rng)))
+    feedback = task.evaluate(state, 0.0)[1]
+    given_ = rng.normal(size=task.rows if isinstance(task, JointTask) else 6)
+    wanted = given_ if isinstance(task, JointTask) else given_[rows]
+    task.set_feed_forward(task.parse_feed_forward(given_), 100.0)
+    np.testing.assert_allclose(task.evaluate(state, 100.0)[1], feedback + wanted)
+    np.testing.assert_allclose(task.evaluate(state, 100.24)[1], feedback + wanted)
+    np.testing.assert_allclose(task.evaluate(state, 100.26)[1], feedback)
+    np.testing.assert_allclose(task.evaluate(state, 100.1)[1], feedback)
+
+
+def test_clock_that_jumps_back_ends_a_feed_forward_too():
+    for name in ('position', 'twist', 'joint_velocity'):
+        task = make(name, CASES[name][0][0])
+        state = task.robot.state(robots.PANDA_READY)
+        task.start(state)
+        size = 7 if name == 'joint_velocity' else 6
+        task.set_feed_forward(task.parse_feed_forward(np.ones(size)), 100.0)
+        assert task.evaluate(state, 3.0)[1].tolist() == [0.0] * task.rows
+
+
+# Keys
+
+def faults(name, keys, robot=None):
+    """Return the keys that a task type finds at fault."""
+    with pytest.raises(TaskError) as caught:
+        make(name, keys, robot)
+    return [key for key, _ in caught.value.faults]
+
+
+def test_all_wrong_keys_are_reported_at_once():
+    assert faults('position', {'frame': 'tool', 'reference': 'world', 'axes': 'w', 'gain': -1,
+                               'tolerance': 'small', 'timeout': math.nan}) == [
+        'frame', 'reference', 'axes', 'gain', 'tolerance', 'timeout']
+    assert faults('joint', {'joints': 'elbow', 'gain': 'high', 'tolerance': 0}) == [
+        'joints', 'gain', 'tolerance']
+    assert faults('joint', {'joints': 'panda_joint1', 'target': [9.0]}) == ['target']
+    assert faults('joint_velocity', {'joints': 5, 'timeout': 0}) == ['joints', 'timeout']
+
+
+@pytest.mark.parametrize('keys', [
+    {'gain': 0}, {'gain': -1.0}, {'gain': math.nan}, {'gain': math.inf}, {'gain': 1e7},
+    {'gain': True}, {'gain': 'x'}, {'gain': [1.0, 2.0]}, {'gain': [1.0, 2.0, 0.0]}, {'gain': {}},
+    {'axes': ''}, {'axes': []}, {'axes': 'xx'}, {'axes': 'rx'}, {'axes': 5}, {'axes': ['x', 1]},
+    {'axes': [['x']]}, {'frame': 5}, {'frame': ['panda_link1']}, {'frame': None},
+    {'reference': ''}, {'reference': 0}, {'reference': {}},
+    {'tolerance': 0.0}, {'tolerance': -1e-3}, {'tolerance': {'s': 1.0}}, {'tolerance': [1e-3]},
+    {'tolerance': {'m': None}}, {'timeout': 0.0}, {'timeout': '1'}, {'timeout': None},
+])
+def test_key_with_a_senseless_value_is_refused(keys):
+    assert faults('position', {'frame': TOOL, **keys}) == list(keys)
+
+
+@pytest.mark.parametrize('joints', ['x', [], {}, 7, ['panda_joint1', 'panda_joint1'],
+                                    ['panda_joint1', 2], [['panda_joint1']]])
+def test_joints_that_are_none_are_refused(joints):
+    assert faults('joint', {'joints': joints}) == ['joints']
+
+
+def test_message_names_the_key_what_was_given_and_what_is_valid():
+    with pytest.raises(TaskError, match="task task: frame: unknown frame 'panda_link88'.*did you "
+                                        'mean.*valid: panda_link0'):
+        make('pose', {'frame': 'panda_link88'})
+    with pytest.raises(TaskError, match="axes: needs some of x, y, z, rx, ry, rz, got .'w'"):
+        make('pose', {'frame': TOOL, 'axes': 'w'})
+
+
+# Gains, tolerances, held goals
+
+def test_each_row_can_have_its_own_gain():
+    task = make('pose', {'frame': TOOL, 'gain': [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]})
+    task.set_goal(task.value(task.robot.state(np.add(robots.PANDA_READY, 0.1))), 0.0)
+    _, v = task.evaluate(task.robot.state(robots.PANDA_READY), 0.0)
+    np.testing.assert_allclose(v, np.arange(1, 7) * task.last_error)
+
+
+def test_tolerance_is_one_number_or_one_for_each_unit():
+    def tolerances(keys):
+        return {unit: (rows.tolist(), tolerance)
+                for rows, unit, tolerance in make('pose', {'frame': TOOL, **keys}).groups}
+    rows = {'m': [0, 1, 2], 'rad': [3, 4, 5]}
+    assert tolerances({}) == {'m': (rows['m'], 1e-3), 'rad': (rows['rad'], 5e-3)}
+    assert tolerances({'tolerance': 0.02}) == {'m': (rows['m'], 0.02), 'rad': (rows['rad'], 0.02)}
+    assert tolerances({'tolerance': {'rad': 0.1}}) == {
+        'm': (rows['m'], 1e-3), 'rad': (rows['rad'], 0.1)}
+    assert tolerances({'axes': 'rx z'}) == {'m': ([0], 1e-3), 'rad': ([1], 5e-3)}
+
+
+def test_reported_error_is_its_norm_for_each_unit():
+    task = make('pose', {'frame': TOOL})
+    error = np.array([3.0, 4.0, 0.0, 0.0, 0.0, 2.0])
+    assert task.reported_errors(error, None) == ((5.0, 'm', 1e-3), (2.0, 'rad', 5e-3))
+
+
+def test_velocity_task_reports_what_is_missing_of_its_velocity():
+    task = make('twist', {'frame': TOOL})
+    residual = np.array([0.0, 0.3, 0.4, 1.0, 0.0, 0.0])
+    assert task.reported_errors(np.zeros(6), residual) == (
+        (0.5, 'm/s', 1e-3), (1.0, 'rad/s', 5e-3))
+
+
+@pytest.mark.parametrize('name, keys, rows', WITH_VALUE)
+def test_only_a_held_value_is_forgotten_on_release(name, keys, rows):
+    task, rng = make(name, keys), np.random.default_rng(9)
+    first, second = (task.robot.state(inside(task.robot, rng)) for _ in range(2))
+    task.start(first)
+    task.release()
+    task.start(second)
+    np.testing.assert_allclose(task.error(second), 0.0, atol=1e-7)
+    task.set_goal(task.value(first), 0.0)
+    task.release()
+    task.start(second)
+    np.testing.assert_allclose(task.error(first), 0.0, atol=1e-7)
+
+
+# Positions, and relative motion
+
+def test_axes_are_those_of_the_reference_frame():
+    robot = robots.panda()
+    state = robot.state(robots.PANDA_READY)
+    task = make('position', {'frame': TOOL, 'reference': ELBOW, 'axes': 'y'})
+    T = np.linalg.inv(state.pose(ELBOW)) @ state.pose(TOOL)
+    task.set_goal(task.parse_goal(T[:3, 3] + [0.5, 0.2, -0.3]), 0.0)
+    assert task.error(state) == pytest.approx([0.2])
+
+
+def test_motion_of_the_reference_alone_is_no_motion_of_what_it_carries():
+    task = make('pose', {'frame': TOOL, 'reference': 'panda_link4'})
+    state = task.robot.state(robots.PANDA_READY)
+    np.testing.assert_allclose(task.jacobian(state)[:, :4], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize('name, keys', [('position', {'frame': TOOL}),
+                                        ('orientation', {'frame': TOOL})])
+def test_feed_forward_of_a_part_of_the_twist_may_be_that_part_alone(name, keys):
+    task = make(name, keys)
+    whole = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0] if name == 'position' else [0.0] * 3 + [1.0, 2.0, 3.0]
+    assert task.parse_feed_forward([1.0, 2.0, 3.0]).tolist() == whole
+    assert task.parse_feed_forward(whole).tolist() == whole
+
+
+# Joints
+
+def test_joint_without_end_takes_the_shorter_way():
+    robot = robots.mixed()
+    task = make('joint', {'joints': ['turn', 'spin', 'roll']}, robot)
+    task.set_goal(task.parse_goal({'turn': 2.4, 'spin': -3.0, 'roll': 1.0}), 0.0)
+    error = task.error(robot.state([-1.9, 0.0, 3.0, 1.0 + 20 * math.pi]))
+    assert error == pytest.approx([4.3, 2 * math.pi - 6.0, 0.0])
+
+
+def test_joint_goal_by_name_leaves_the_other_joints_theirs():
+    task = make('joint', {'joints': ['panda_joint1', 'panda_joint6'],
+                          'target': {'panda_joint6': 1.0}})
+    state = task.robot.state(robots.PANDA_READY)
+    task.start(state)
+    assert task.error(state) == pytest.approx([0.0, 1.0 - 1.571])
+    task.set_goal(task.parse_goal({'panda_joint1': 0.4}), 0.0)
+    assert task.error(state) == pytest.approx([0.4, 1.0 - 1.571])
+    task.set_goal(task.parse_goal([0.1, 0.2]), 0.0)
+    assert task.error(state) == pytest.approx([0.1, 0.2 - 1.571])
+
+
+def test_joint_goal_beyond_a_limit_is_refused_with_the_limits():
+    task = make('posture', {})
+    with pytest.raises(GoalError, match=r'panda_joint4 = 0.5 is outside its limits \[-3.07'):
+        task.parse_goal({'panda_joint4': 0.5})
+    assert faults('posture', {'target': {'panda_joint4': 0.5}}) == ['target']
+
+
+def test_unknown_joint_of_a_goal_is_named_with_the_valid_ones():
+    task = make('joint', {'joints': 'panda_joint1'})
+    with pytest.raises(GoalError, match="unknown joint 'panda_joint2'.*valid: panda_joint1"):
+        task.parse_goal({'panda_joint2': 0.0})
+
+
+def test_joint_velocity_by_name_leaves_the_others_at_rest():
+    task = make('joint_velocity', {})
+    assert task.parse_goal({'panda_joint2': 0.5}).tolist() == [0, 0.5, 0, 0, 0, 0, 0]
+
+
+def test_linear_joint_counts_in_metres():
+    task = make('posture', {}, robots.mixed())
+    assert task.units == ('rad', 'm', 'rad', 'rad')
+
+
+# Attitudes
+
+class Body:
+    """A state in which a frame can be turned at will: an ideal robot for an attitude."""
+
+    def __init__(self, R, position=(0.0, 0.0, 0.0)):
+        self._R, self._position = R, np.array(position)
+
+    def rotation(self, frame):
+        """Return the attitude, whatever the frame."""
+        return self._R
+
+    def position(self, frame):
+        """Return the position, whatever the frame."""
+        return self._position
+
+
+def turn(task, R, cycles, dt=0.02, noise=0.0, rng=None):
+    """Follow an attitude task; return the attitude at the end and the angle turned."""
+    turned = 0.0
+    angular = slice(3, 6) if task.rows == 6 else slice(0, 3)
+    for _ in range(cycles):
+        seen = R
+        if noise:
+            seen = (Rotation.from_rotvec(noise * rng.normal(size=3))).as_matrix() @ R
+        step = dt * task.velocity(task.error(Body(seen)), 0.0)[angular]
+        turned += np.linalg.norm(step)
+        R = Rotation.from_rotvec(step).as_matrix() @ R
+    return R, turned
+
+
+def angle(R, S):
+    """Return the angle between two attitudes [rad]."""
+    return Rotation.from_matrix(R @ S.T).magnitude()
+
+
+def attitude_task(name='orientation', gain=2.0):
+    """Return a task about the attitude of the Panda's tool."""
+    return make(name, {'frame': TOOL, 'gain': gain})
+
+
+def set_attitude(task, R):
+    """Give a task an attitude as its goal."""
+    goal = R if task.type_name == 'orientation' else np.block([
+        [R, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
+    task.set_goal(task.parse_goal(goal), 0.0)
+
+
+@given(SEEDS, st.sampled_from(['orientation', 'pose']))
+def test_attitude_converges_from_anywhere_to_anywhere_by_the_shorter_way(seed, name):
+    start, goal = Rotation.random(2, rng=np.random.default_rng(seed)).as_matrix()
+    task = attitude_task(name)
+    set_attitude(task, goal)
+    end, turned = turn(task, start, 400)
+    assert angle(end, goal) < 1e-5
+    assert turned == pytest.approx(angle(start, goal), rel=1e-5)
+
+
+@given(SEEDS, st.floats(95.0, 180.0))
+def test_goal_far_from_the_base_attitude_is_reached(seed, degrees):
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    goal = Rotation.from_rotvec(math.radians(degrees) * axis / np.linalg.norm(axis)).as_matrix()
+    start = Rotation.from_rotvec(0.3 * rng.normal(size=3)).as_matrix() @ goal
+    task = attitude_task()
+    set_attitude(task, goal)
+    end, turned = turn(task, start, 400)
+    assert angle(end, goal) < 1e-5
+    assert turned == pytest.approx(angle(start, goal), rel=1e-5)
+
+
+@pytest.mark.parametrize('axis', [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.6, 0.0, 0.8],
+                                  [-0.48, 0.6, 0.64]])
+def test_half_a_turn_is_made_at_full_speed_from_the_start(axis):
+    goal = Rotation.random(rng=np.random.default_rng(1)).as_matrix()
+    start = Rotation.from_rotvec(math.pi * np.array(axis)).as_matrix() @ goal
+    task = attitude_task()
+    set_attitude(task, goal)
+    assert np.linalg.norm(task.error(Body(start))) == pytest.approx(math.pi, abs=1e-6)
+    end, turned = turn(task, start, 400)
+    assert angle(end, goal) < 1e-5
+    assert turned == pytest.approx(math.pi, rel=1e-5)
+
+
+@pytest.mark.parametrize('name', ['orientation', 'pose'])
+def test_half_a_turn_does_not_stall_where_measurements_are_noisy(name):
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        goal = Rotation.random(rng=rng).as_matrix()
+        axis = rng.normal(size=3)
+        start = Rotation.from_rotvec(
+            math.pi * axis / np.linalg.norm(axis)).as_matrix() @ goal
+        task = attitude_task(name)
+        set_attitude(task, goal)
+        # At the gain of 2/s and 10 ms, 0.2 s of steady motion make one third of the way.
+        end, turned = turn(task, start, 20, dt=0.01, noise=1e-3, rng=rng)
+        assert angle(end, goal) < 0.72 * math.pi
+        end, more = turn(task, end, 500, dt=0.01, noise=1e-3, rng=rng)
+        assert angle(end, goal) < 0.01
+
+
+def test_new_goal_is_approached_the_shorter_way_whatever_was_followed_before():
+    task = attitude_task()
+    start = np.eye(3)
+    for sign in (1.0, -1.0, 1.0):
+        set_attitude(task, Rotation.from_rotvec([0.0, 0.0, sign * 3.1]).as_matrix())
+        assert task.error(Body(start)) == pytest.approx([0.0, 0.0, sign * 3.1])
+
+
+def test_attitude_is_a_quaternion_of_either_sign_or_a_matrix():
+    rotation = Rotation.from_rotvec([0.1, -0.7, 0.4])
+    task = attitude_task()
+    for goal in (rotation.as_quat(), -rotation.as_quat(), 1.001 * rotation.as_quat(),
+                 rotation.as_matrix()):
+        np.testing.assert_allclose(task.parse_goal(goal), rotation.as_matrix(), atol=1e-12)
+    pose = make('pose', {'frame': TOOL}).parse_goal([1.0, 2.0, 3.0, *rotation.as_quat()])
+    np.testing.assert_allclose(pose[:3, :3], rotation.as_matrix(), atol=1e-12)
+    assert pose[:, 3].tolist() == [1.0, 2.0, 3.0, 1.0]
+
+
+@pytest.mark.parametrize('goal', [
+    [0.0] * 4, [0.5, 0.0, 0.0, 0.5], [0.0, 0.0, 0.0, 1.2], np.diag([1.0, 1.0, -1.0]),
+    2.0 * np.eye(3), np.ones((3, 3)), np.zeros((3, 3))])
+def test_what_is_no_attitude_is_refused(goal):
+    with pytest.raises(GoalError, match="the goal of task 'task'"):
+        attitude_task().parse_goal(goal)
+    pose = make('pose', {'frame': TOOL})
+    whole = np.eye(4)
+    if np.shape(goal) == (3, 3):
+        whole[:3, :3] = goal
+    else:
+        whole = [0.0, 0.0, 0.0, *goal]
+    with pytest.raises(GoalError, match="the goal of task 'task'"):
+        pose.parse_goal(whole)
+
+
+def test_tool_that_points_down_turns_by_30_degrees_about_any_axis():
+    robot = robots.panda()
+    start = robot.state(robots.PANDA_READY).pose(TOOL)
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        axis = rng.normal(size=3)
+        goal = start.copy()
+        goal[:3, :3] = Rotation.from_rotvec(
+            math.radians(30) * axis / np.linalg.norm(axis)).as_matrix() @ start[:3, :3]
+        task = make('pose', {'frame': TOOL, 'gain': 5.0})
+        task.set_goal(task.parse_goal(goal), 0.0)
+        q, state = np.array(robots.PANDA_READY), robot.state(robots.PANDA_READY)
+        turned = 0.0
+        for _ in range(120):
+            state.update(q)
+            J, v = task.evaluate(state, 0.0)
+            step = 0.02 * solve([(J, v)]).velocity
+            turned += np.linalg.norm(J[3:] @ step)
+            q = q + step
+        assert np.abs(task.error(robot.state(q))).max() < 1e-4
+        assert turned < 1.02 * math.radians(30)
+
+
+def test_attitude_in_a_moving_reference_is_led_there_too():
+    robot = robots.panda()
+    task = make('orientation', {'frame': TOOL, 'reference': ELBOW, 'gain': 5.0})
+    goal = task.value(robot.state(np.add(robots.PANDA_READY, [0.3, 0.2, -0.4, 0.3, 0.2, -0.5, 1])))
+    task.set_goal(goal, 0.0)
+    q = np.array(robots.PANDA_READY)
+    for _ in range(120):
+        q = q + 0.02 * solve([task.evaluate(robot.state(q), 0.0)]).velocity
+    assert angle(task.value(robot.state(q)), goal) < 1e-4
