@@ -24,6 +24,7 @@ from xml.etree import ElementTree
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 import numpy as np
 from PIL import Image
@@ -267,9 +268,10 @@ def animate_arm(path, robot, qs, times, frames=None, goals=None, fps=None, *, ti
 
     """
     times = np.asarray(times, dtype=float)
-    links = _links(robot)
+    links, moving = _links(robot)
     frames = [_tip(robot, links)] if frames is None else list(frames)
-    segments, tools = _positions(robot, np.asarray(qs, dtype=float), links, frames)
+    segments, tools, joints = _positions(robot, np.asarray(qs, dtype=float), links, frames,
+                                         moving)
     goals = np.full((len(times), 3), np.nan) if goals is None \
         else np.broadcast_to(np.asarray(goals, dtype=float), (len(times), 3))
     everything = np.concatenate([segments.reshape(-1, 3), tools.reshape(-1, 3),
@@ -279,9 +281,8 @@ def animate_arm(path, robot, qs, times, frames=None, goals=None, fps=None, *, ti
     duration = times[-1] - times[0]
     seconds = len(shown) / fps if fps else min(max(duration, 0.1), 10.0)
     speed = duration / seconds
-    pictures = [scene.picture(segments[k], k, goals[k],
-                              f't = {times[k]:.1f} s' +
-                              (f'   ({speed:.1f} × real time)' if speed > 1.05 else ''))
+    note = f'   ({speed:.1f} × real time)' if speed > 1.05 else ''
+    pictures = [scene.picture(k, segments[k], joints[k], goals[k], f't = {times[k]:.1f} s{note}')
                 for k in shown]
     return _save_gif(path, pictures, 1000.0 * seconds / len(shown))
 
@@ -300,26 +301,31 @@ class _ArmScene:
                             label=None if index else 'tool path')[0]
                        for index in range(tools.shape[1])]
         self._arm = plot(*blank, color=ARM_COLOUR, linewidth=4, solid_capstyle='round',
-                         marker='o', markersize=7, markerfacecolor='white', markeredgewidth=2,
                          label='robot')[0]
+        self._joints = plot(*blank, 'o', color='white', markersize=6.5, markeredgewidth=2,
+                            markeredgecolor=ARM_COLOUR, label='joints')[0]
+        self._ends = plot(*blank, 'o', color=ARM_COLOUR, markersize=7)[0]
         self._goal = plot(*blank, 'x', color=GOAL_COLOUR, markersize=11, markeredgewidth=3,
                           label='goal')[0]
         self._clock = self._axis.text2D(0.02, 0.97, '', transform=self._axis.transAxes) \
             if self._width == 3 else self._axis.text(0.02, 0.96, '',
                                                      transform=self._axis.transAxes)
         self._figure.legend(*self._axis.get_legend_handles_labels(), loc='outside lower center',
-                            ncols=3, frameon=False)
-        self._moving = [self._shadow, *self._paths, self._arm, self._goal, self._clock]
+                            ncols=4, frameon=False)
+        self._moving = [self._shadow, *self._paths, self._arm, self._joints, self._ends,
+                        self._goal, self._clock]
         for artist in self._moving:
             artist.set_animated(True)
         self._figure.canvas.draw()
         self._background = self._figure.canvas.copy_from_bbox(self._figure.bbox)
 
-    def picture(self, segments, sample, goal, clock):
-        """Return the picture of one sample; `segments` (k, 2, 3) are the links' ends."""
+    def picture(self, sample, segments, joints, goal, clock):
+        """Return the picture of one sample; `segments` (k, 2, 3) are the ends of the links."""
         gap = np.full((len(segments), 1, 3), np.nan)
         chain = np.concatenate((segments, gap), axis=1).reshape(-1, 3)
         self._set(self._arm, chain)
+        self._set(self._joints, joints)
+        self._set(self._ends, self._tools[sample])
         if self._floor is not None:
             self._set(self._shadow, np.column_stack((
                 chain[:, :2], np.where(np.isnan(chain[:, 0]), np.nan, self._floor))))
@@ -343,10 +349,13 @@ class _ArmScene:
 
 
 def _links(robot):
-    """Return (parent, child) of every joint of the description, moving ones or not."""
-    tree = ElementTree.fromstring(robot.urdf.encode())
-    return [(joint.find('parent').get('link'), joint.find('child').get('link'))
-            for joint in tree.findall('joint')]
+    """Return (parent, child) of every joint of the description, and the children that move."""
+    joints = ElementTree.fromstring(robot.urdf.encode()).findall('joint')
+    links = [(joint.find('parent').get('link'), joint.find('child').get('link'))
+             for joint in joints]
+    driven = [child for joint, (_, child) in zip(joints, links)
+              if joint.get('name') in robot.joint_names]
+    return links, driven
 
 
 def _tip(robot, links):
@@ -359,17 +368,24 @@ def _tip(robot, links):
     return max(robot.frame_names, key=depth)
 
 
-def _positions(robot, qs, links, frames):
-    """Return the ends of the links (T, k, 2, 3), without those of no length, and frames [m]."""
+def _positions(robot, qs, links, frames, joints):
+    """
+    Return where everything is [m].
+
+    That is the ends of the links (T, k, 2, 3), without those of no length, and the origins of
+    `frames` and `joints` (T, k, 3).
+    """
     state = robot.state(qs[0])
-    segments, tools = np.empty((len(qs), len(links), 2, 3)), np.empty((len(qs), len(frames), 3))
+    segments = np.empty((len(qs), len(links), 2, 3))
+    tools, axes = (np.empty((len(qs), len(names), 3)) for names in (frames, joints))
     for sample, q in enumerate(qs):
         state.update(q)
         segments[sample] = [[state.position(parent), state.position(child)]
                             for parent, child in links]
         tools[sample] = [state.position(frame) for frame in frames]
+        axes[sample] = [state.position(frame) for frame in joints]
     lengths = np.linalg.norm(segments[:, :, 1] - segments[:, :, 0], axis=2).max(axis=0)
-    return segments[:, lengths > FLAT], tools
+    return segments[:, lengths > FLAT], tools, axes
 
 
 def _scene(points, title, size=(6.4, 6.0), dpi=DPI):
@@ -509,11 +525,14 @@ def _save_gif(path, pictures, milliseconds):
     """Write pictures as an animation that repeats, and return its path."""
     path = _prepared(path)
     # One palette for all: what does not change between two pictures then takes no space. The
-    # last picture has every colour in it. What is almost white shall not tint the background.
-    palette = pictures[-1].quantize(64, dither=Image.Dither.NONE)
-    colours = np.array(palette.getpalette()).reshape(-1, 3)
+    # last picture has every colour in it. What is almost white shall not tint the background,
+    # and the colours that carry meaning shall not be mixed with others.
+    palette = pictures[-1].quantize(60, dither=Image.Dither.NONE)
+    colours = np.array(palette.getpalette()[:180]).reshape(-1, 3)
     colours[colours.min(axis=1) > 245] = 255
-    palette.putpalette(colours.ravel().tolist())
+    kept = [round(255.0 * part) for colour in (GOAL_COLOUR, PATH_COLOUR, ARM_COLOUR)
+            for part in to_rgb(colour)]
+    palette.putpalette(colours.ravel().tolist() + kept)
     first, *others = (picture.quantize(palette=palette, dither=Image.Dither.NONE)
                       for picture in pictures)
     first.save(path, save_all=True, append_images=others, loop=0,
