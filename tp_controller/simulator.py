@@ -235,7 +235,7 @@ def initial_positions(source, robot):
         text = read_source(source, lambda text: ':' in text and '://' not in text
                            and not text.endswith(('.yaml', '.yml')))
         positions = yaml.safe_load(text) or {}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, yaml.YAMLError) as error:
         raise RobotError(f'initial positions: {error}') from error
     if not isinstance(positions, dict):
         raise RobotError('initial positions: needs a mapping {joint: position}')

@@ -1,0 +1,165 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The architecture: imports run one way, no ROS in the method, one version, documented names."""
+
+import ast
+from pathlib import Path
+import re
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+import robots
+import tp_controller
+
+PACKAGE = robots.REPOSITORY / 'tp_controller'
+# Every module of the method may import from those before it only.
+ORDER = [
+    'errors', 'spatial', 'resources', 'dh', 'level', 'robot',
+    'tasks.base', 'tasks.frame', 'tasks.velocity', 'tasks.joint', 'tasks.position',
+    'tasks.orientation', 'tasks.pose', 'tasks.twist', 'tasks',
+    'stack', 'limits', 'solution', 'stacked', 'solver', 'settings', 'report', 'controller',
+    'simulator', '']
+# What the method may use: the standard library and these. ROS only says where packages are.
+LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'yaml', 'daqp', 'tp_controller'}
+OPTIONAL = {('resources', 'ament_index_python')}
+
+
+def module_name(path):
+    """Return the name of a module below the package, '' for the package itself."""
+    parts = path.relative_to(PACKAGE).with_suffix('').parts
+    return '.'.join(part for part in parts if part != '__init__')
+
+
+def method_modules():
+    """Return {name: path} of all modules outside nodes and cli."""
+    return {module_name(path): path for path in sorted(PACKAGE.rglob('*.py'))
+            if path.relative_to(PACKAGE).parts[0] not in ('nodes', 'cli')}
+
+
+def imported(path):
+    """Return the absolute names of all modules that a file imports, wherever it does."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f'{path}: relative import'
+            found.add(node.module)
+            # `from package import module` names a module too.
+            found.update(f'{node.module}.{alias.name}' for alias in node.names
+                         if (PACKAGE.parent / node.module.replace('.', '/') / f'{alias.name}.py'
+                             ).is_file())
+    return found
+
+
+def test_every_module_of_the_method_has_its_place_in_the_order():
+    assert set(method_modules()) == set(ORDER)
+
+
+@pytest.mark.parametrize('name', [name or 'tp_controller' for name in ORDER])
+def test_module_imports_only_what_lies_below_it(name):
+    name = '' if name == 'tp_controller' else name
+    below = set(ORDER[:ORDER.index(name)])
+    for module in imported(method_modules()[name]):
+        if module.split('.')[0] == 'tp_controller':
+            assert module.partition('.')[2] in below, module
+
+
+@pytest.mark.parametrize('name', [name or 'tp_controller' for name in ORDER])
+def test_method_uses_its_libraries_and_nothing_of_ros(name):
+    name = '' if name == 'tp_controller' else name
+    for module in imported(method_modules()[name]):
+        top = module.split('.')[0]
+        assert top in sys.stdlib_module_names | LIBRARIES or (name, top) in OPTIONAL, module
+
+
+def test_only_the_nodes_speak_ros():
+    for path in sorted(PACKAGE.rglob('*.py')):
+        if path.relative_to(PACKAGE).parts[0] == 'nodes':
+            continue
+        for module in imported(path):
+            top = module.split('.')[0]
+            assert top != 'rclpy' and not top.endswith(('_msgs', '_srvs', '_interfaces')), path
+
+
+def test_nodes_are_imported_by_nothing_but_nodes_and_command_line():
+    for path in sorted(PACKAGE.rglob('*.py')):
+        folder = path.relative_to(PACKAGE).parts[0]
+        for module in imported(path):
+            if module.startswith('tp_controller.nodes'):
+                assert folder in ('nodes', 'cli'), path
+            if module.startswith('tp_controller.cli'):
+                assert folder == 'cli', path
+
+
+def test_importing_the_package_leaves_ros_alone():
+    program = ('import sys; sys.modules["rclpy"] = None; import tp_controller; '
+               'print([name for name in sys.modules if name.split(".")[0].endswith("_msgs")])')
+    done = subprocess.run([sys.executable, '-c', program], cwd=robots.REPOSITORY, check=True,
+                          capture_output=True, text=True)
+    assert done.stdout.strip() == '[]'
+
+
+def test_package_has_one_version():
+    xml = ElementTree.parse(robots.REPOSITORY / 'package.xml').getroot()
+    setup = (robots.REPOSITORY / 'setup.py').read_text(encoding='utf-8')
+    version, = re.findall(r"version='([^']*)'", setup)
+    assert xml.findtext('version') == version
+    assert xml.findtext('name') == 'tp_controller'
+
+
+def test_public_names_exist_and_are_documented():
+    assert len(set(tp_controller.__all__)) == len(tp_controller.__all__)
+    for name in tp_controller.__all__:
+        documentation = getattr(tp_controller, name).__doc__
+        # A dataclass without a docstring gets its signature as one.
+        assert documentation and not documentation.startswith(f'{name}('), name
+
+
+def test_public_names_are_all_that_the_package_imports():
+    tree = ast.parse((PACKAGE / '__init__.py').read_text(encoding='utf-8'))
+    names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
+             for alias in node.names}
+    assert names == set(tp_controller.__all__)
+
+
+@pytest.mark.parametrize('name', [name or 'tp_controller' for name in ORDER])
+def test_public_functions_classes_and_methods_say_what_they_do(name):
+    tree = ast.parse(method_modules()['' if name == 'tp_controller' else name].read_text(
+        encoding='utf-8'))
+    assert ast.get_docstring(tree)
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    for node in [*tree.body, *(member for each in classes for member in each.body)]:
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith('__'):
+            setter = any(isinstance(decorator, ast.Attribute) and decorator.attr == 'setter'
+                         for decorator in node.decorator_list)
+            assert setter or ast.get_docstring(node), node.name
+
+
+def test_all_errors_share_one_base():
+    for name in tp_controller.__all__:
+        member = getattr(tp_controller, name)
+        if isinstance(member, type) and issubclass(member, Exception):
+            assert issubclass(member, tp_controller.TpControllerError)
+
+
+def test_tests_here_need_no_ros():
+    for path in sorted(Path(__file__).parent.glob('*.py')):
+        for module in imported(path):
+            top = module.split('.')[0]
+            assert top != 'rclpy' and not top.endswith('_msgs'), path
+            assert not module.startswith('tp_controller.nodes'), path
