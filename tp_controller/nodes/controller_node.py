@@ -81,7 +81,7 @@ class ControllerNode(Node):
         self._now = time.monotonic
         self._values = declare(self, PARAMETERS)
         self._settings = settings_from(self._values, self._period())
-        self._controller = self._report = self._buffer = None
+        self._controller = self._topics = self._report = self._buffer = None
         self._stack_fault = ''
         self._stopped = False
         self._hold = 'no robot description yet'
@@ -305,7 +305,8 @@ class ControllerNode(Node):
     def _publish_status(self):
         """Publish the status, and markers where somebody looks at them."""
         stamp = self.get_clock().now().to_msg()
-        message = diagnostics(stamp, self.get_name(), self._hold, self._report)
+        message = diagnostics(stamp, self.get_name(), self._hold, self._report,
+                              self._topics.records if self._topics else {})
         self._status.publish(message)
         self._diagnostics.publish(message)
         if self._controller is not None and self._markers.get_subscription_count():

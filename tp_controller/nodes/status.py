@@ -25,7 +25,7 @@ LEVELS = {'reached': DiagnosticStatus.OK, 'moving': DiagnosticStatus.OK,
 COLOURS = ((0.9, 0.1, 0.1), (0.1, 0.7, 0.1), (0.2, 0.3, 0.95))
 
 
-def diagnostics(stamp, node_name, hold, report):
+def diagnostics(stamp, node_name, hold, report, records):
     """
     Return the status of the node and of every task.
 
@@ -39,6 +39,8 @@ def diagnostics(stamp, node_name, hold, report):
         Why zeros are commanded; empty while the tasks are carried out.
     report : Report or None
         Of the last cycle.
+    records : dict
+        {task: GoalRecord}
 
     Returns
     -------
@@ -52,13 +54,25 @@ def diagnostics(stamp, node_name, hold, report):
     array = DiagnosticArray(status=[head])
     array.header.stamp = stamp
     if report is None or hold:
+        array.status.extend(
+            DiagnosticStatus(name=f'{node_name}: {name}', hardware_id=node_name,
+                             level=DiagnosticStatus.WARN, message='on hold',
+                             values=[_value('status', 'on hold'), *_goal_values(record)])
+            for name, record in records.items())
         return array
     head.values = [_value('scale', f'{report.scale:.4f}'), _value('limiting', report.limiting)]
-    array.status.extend(_task_status(node_name, task) for task in report.tasks)
+    array.status.extend(_task_status(node_name, task, records[task.name])
+                        for task in report.tasks if task.name in records)
     return array
 
 
-def _task_status(node_name, task):
+def _goal_values(record):
+    """Return what came in for a task."""
+    return [_value('goals accepted', record.accepted), _value('goals refused', record.refused),
+            _value('last refusal', record.refusal)]
+
+
+def _task_status(node_name, task, record):
     """Return the status of one task."""
     values = [_value('type', task.type_name), _value('level', task.level or 'disabled'),
               _value('status', task.status)]
@@ -68,6 +82,7 @@ def _task_status(node_name, task):
     values.append(_value('wanted speed', f'{task.wanted_speed:.6g}'))
     values.append(_value('achieved speed', f'{task.achieved_speed:.6g}'))
     values.append(_value('reason', task.reason))
+    values.extend(_goal_values(record))
     message = task.status if not task.reason else f'{task.status}: {task.reason}'
     return DiagnosticStatus(name=f'{node_name}: {task.name}', hardware_id=node_name,
                             level=LEVELS[task.status], message=message, values=values)

@@ -14,12 +14,22 @@
 
 """The topics and the service that each task of a stack has."""
 
+from dataclasses import dataclass
 from functools import partial
 
 from std_srvs.srv import SetBool
 from tp_controller.errors import GoalError
 from tp_controller.nodes.foreign_frames import ForeignFrames
 from tp_controller.nodes.goal_messages import messages_of
+
+
+@dataclass
+class GoalRecord:
+    """What came in for a task: so many goals taken, so many refused, and why the last one."""
+
+    accepted: int = 0
+    refused: int = 0
+    refusal: str = ''
 
 
 class TaskTopics:
@@ -35,15 +45,23 @@ class TaskTopics:
     clock : callable
         Returns the time of receipt [s].
 
+    Attributes
+    ----------
+    records : dict
+        {task: GoalRecord}, in order of priority.
+
     """
 
     def __init__(self, node, controller, clock):
         self._node, self._controller, self._clock = node, controller, clock
         self._frames = ForeignFrames(node, controller.robot.root)
         self._open = {}
+        self.records = {}
 
     def follow_stack(self):
         """Open what the tasks of the stack need, and close what no task needs any more."""
+        self.records = {name: self.records.get(name, GoalRecord())
+                        for name in self._controller.stack.tasks}
         wanted = {}
         for name, task in self._controller.stack.tasks.items():
             wanted[name, 'enable'] = SetBool, None
@@ -78,9 +96,13 @@ class TaskTopics:
         """Take a goal or a feed-forward velocity, or say why not."""
         task = self._controller.stack.tasks[name]
         entry, = (entry for entry in messages_of(type(task)) if entry.topic == topic)
+        record = self.records[name]
         try:
             self._take(name, entry, message)
+            record.accepted += 1
         except GoalError as error:
+            record.refused += 1
+            record.refusal = str(error)
             self._node.get_logger().error(f'goal for task {name} refused: {error}')
 
     def _take(self, name, entry, message):

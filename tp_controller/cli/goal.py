@@ -1,0 +1,154 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tp_controller goal``: publish the message that a task takes."""
+
+import argparse
+import math
+import sys
+import time
+
+from tp_controller.spatial import quaternion_from_rotation, rotation_from_rpy
+
+# Velocities time out at the controller, so they are repeated at this period [s].
+REPEAT = 0.05
+
+
+def add_goal_arguments(parser):
+    """Add the arguments of the command to its parser."""
+    parser.add_argument('task', help='name of the task in the stack')
+    parser.add_argument('--xyz', nargs=3, type=_finite, metavar=('X', 'Y', 'Z'),
+                        help='position [m]')
+    turn = parser.add_mutually_exclusive_group()
+    turn.add_argument('--rpy', nargs=3, type=_finite, metavar=('R', 'P', 'Y'),
+                      help='attitude as roll, pitch, yaw [rad]')
+    turn.add_argument('--quat', nargs=4, type=_finite, metavar=('X', 'Y', 'Z', 'W'),
+                      help='attitude as a quaternion')
+    parser.add_argument('--joint', action='append', type=_assignment, metavar='NAME=VALUE',
+                        help='joint position [rad or m]; once for each joint')
+    parser.add_argument('--velocity', action='append', type=_assignment, metavar='NAME=VALUE',
+                        help='joint velocity [rad/s or m/s]; once for each joint')
+    parser.add_argument('--linear', nargs=3, type=_finite, metavar=('X', 'Y', 'Z'),
+                        help='linear velocity [m/s]')
+    parser.add_argument('--angular', nargs=3, type=_finite, metavar=('X', 'Y', 'Z'),
+                        help='angular velocity [rad/s]')
+    parser.add_argument('--frame', default='',
+                        help='frame the goal is expressed in (default: the reference frame of '
+                        'the task)')
+    parser.add_argument('--for', dest='duration', type=_seconds, metavar='SECONDS',
+                        help='repeat the goal for so long: velocities time out')
+    parser.add_argument('--reach', type=_seconds, metavar='SECONDS',
+                        help='wait until the goal is reached, at most so long; the exit status '
+                        'tells whether it was')
+    parser.add_argument('--node', default='tp_controller',
+                        help='name of the controller node (default: tp_controller)')
+    parser.add_argument('--wait', type=_seconds, default=10.0, metavar='SECONDS',
+                        help='how long to look for the controller (default: 10)')
+
+
+def send_goal(options):
+    """
+    Send a goal.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of the arguments that `add_goal_arguments` adds.
+
+    Returns
+    -------
+    int
+        0, or 1 if the goal was not reached in time; 2 if there is no goal.
+
+    Raises
+    ------
+    GoalError
+        The controller or task is not there, or the task takes something else.
+
+    """
+    fields = _fields(options)
+    if not fields:
+        print('tp_controller goal: nothing to send; give --xyz, --rpy, --quat, --joint, '
+              '--velocity, --linear or --angular', file=sys.stderr)
+        return 2
+    from tp_controller.nodes.client import Client
+    with Client(options.node) as client:
+        client.send(options.task, options.frame, options.wait, **fields)
+        if options.duration:
+            _repeat(client, options.duration)
+        print(f'goal sent to task {options.task}')
+        if options.reach:
+            return 0 if _reach(client, options) else 1
+    return 0
+
+
+def _fields(options):
+    """Return the parts of the goal that were given."""
+    quat_xyzw = options.quat
+    if options.rpy:
+        quat_xyzw = quaternion_from_rotation(rotation_from_rpy(*options.rpy)).tolist()
+    fields = {'xyz': options.xyz, 'quat_xyzw': quat_xyzw, 'linear': options.linear,
+              'angular': options.angular, 'joints': options.joint and dict(options.joint),
+              'velocities': options.velocity and dict(options.velocity)}
+    return {name: value for name, value in fields.items() if value}
+
+
+def _repeat(client, duration):
+    """Send the goal again and again, for `duration` seconds."""
+    end = time.monotonic() + duration
+    while time.monotonic() < end:
+        client.wait(lambda: False, REPEAT)
+        client.repeat()
+
+
+def _reach(client, options):
+    """Wait for the goal, and say what became of it."""
+    reached = client.wait(
+        lambda: client.task_status(options.task).get('status') == 'reached', options.reach)
+    status = client.task_status(options.task)
+    if client.hold():
+        print(f'not reached: {client.hold()}')
+        return False
+    errors = ', '.join(f'{float(value):.3g} {key[7:-1]}' for key, value in status.items()
+                       if key.startswith('error ['))
+    print(f'{"reached" if reached else "not reached"}: error {errors}'
+          + (f' ({status["reason"]})' if status['reason'] and not reached else ''))
+    return reached
+
+
+def _finite(text):
+    """Return a finite number of the command line."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f'{text!r} is no finite number')
+    return value
+
+
+def _seconds(text):
+    """Return a positive time of the command line."""
+    value = _finite(text)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r} must be positive')
+    return value
+
+
+def _assignment(text):
+    """Return (name, value) of NAME=VALUE."""
+    name, equals, value = text.partition('=')
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f'{text!r} is not of the form NAME=VALUE')
+    return name, _finite(value)

@@ -1,0 +1,143 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The command ``tp_controller``."""
+
+import argparse
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+import sys
+
+from tp_controller.cli.goal import add_goal_arguments, send_goal
+from tp_controller.errors import TpControllerError
+
+EXAMPLES = """\
+examples:
+  tp_controller demo                     a 7-DoF arm carries out a stack of tasks, over ROS 2
+  tp_controller demo lab1                motion in the null space of a planar arm, no ROS needed
+  tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 3.14 0 0
+  tp_controller goal --help              how to send goals of every kind
+"""
+DEMO_EXAMPLES = """\
+examples:
+  tp_controller demo                         figures and animation go to ./tp_demo
+  tp_controller demo --output /tmp/figures
+  tp_controller demo lab2 --seed 3           exercise 2 of the lab with other random goals
+
+The demo `panda` starts its own controller and simulator; they talk on this machine only, in a
+ROS domain of their own. lab1 and lab2 need no ROS.
+"""
+GOAL_EXAMPLES = """\
+examples:
+  tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 3.14 0 0
+  tp_controller goal tool --xyz 0 0 0.1 --quat 0 0 0 1 --frame panda_hand_tcp
+  tp_controller goal elbow --xyz 0 0 0.6 --reach 10
+  tp_controller goal posture --joint panda_joint4=-2.0 --joint panda_joint6=1.8
+  tp_controller goal swing --velocity joint1=0.3 --for 2
+  tp_controller goal carry --linear 0.1 0 0 --for 3
+
+The same with the ros2 command:
+  ros2 topic pub --once /tp_controller/elbow/goal geometry_msgs/msg/PointStamped \\
+      "{point: {x: 0.0, y: 0.0, z: 0.6}}"
+"""
+
+
+def make_parser():
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='tp_controller', epilog=EXAMPLES,
+        description='Prioritized velocity control of redundant robots.',
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--version', action='version', version=_version())
+    commands = parser.add_subparsers(dest='command', required=True, metavar='command')
+    demo = commands.add_parser(
+        'demo', help='run a demonstration and write its figures', epilog=DEMO_EXAMPLES,
+        description='Run a demonstration, print a table and write figures.',
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    demo.add_argument('name', nargs='?', default='panda', choices=('panda', 'lab1', 'lab2'),
+                      help='panda: a 7-DoF arm over ROS 2 topics (default); lab1: null-space '
+                      'motion; lab2: two tasks in both orders')
+    demo.add_argument('--output', type=Path, default=Path('tp_demo'), metavar='FOLDER',
+                      help='where the figures go (default: ./tp_demo)')
+    demo.add_argument('--seed', type=int, default=1,
+                      help='seed of the random goals of lab2 (default: 1)')
+    demo.set_defaults(run=_demo)
+    goal = commands.add_parser(
+        'goal', help='send a goal to a task of a running controller', epilog=GOAL_EXAMPLES,
+        description='Send a goal to a task of a running controller. What the task takes decides '
+        'the message: a point needs --xyz, an attitude --rpy or --quat, a pose both.',
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_goal_arguments(goal)
+    goal.set_defaults(run=send_goal)
+    return parser
+
+
+def main(arguments=None):
+    """
+    Run the command line.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        Those of the process by default.
+
+    Returns
+    -------
+    int
+        0 if what was asked for came about; 1 if not; 2 for a command that makes no sense.
+
+    """
+    options = make_parser().parse_args(arguments)
+    try:
+        return options.run(options)
+    except TpControllerError as error:
+        print(f'tp_controller: {error}', file=sys.stderr)
+        return 1
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition('.')[0] == 'tp_controller':
+            raise
+        print(f'tp_controller: this needs ROS 2 ({error.name} is missing): source its setup '
+              "file, or pip install 'tp_controller[ros]'", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print('tp_controller: interrupted', file=sys.stderr)
+        return 130
+
+
+def _version():
+    """Return the version that is installed."""
+    try:
+        return version('tp_controller')
+    except PackageNotFoundError:
+        return 'not installed'
+
+
+def _demo(options):
+    """Run the demonstration that is asked for."""
+    try:
+        options.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        print(f'tp_controller: --output: {error}', file=sys.stderr)
+        return 2
+    # Imported here: figures take a second to import, and goals do not need them.
+    if options.name == 'panda':
+        from tp_controller.cli.demo import panda
+        return 0 if panda(options.output) else 1
+    from tp_controller.cli.lab import lab1, lab2
+    passed = lab1(options.output) if options.name == 'lab1' else lab2(options.output, options.seed)
+    return 0 if passed else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

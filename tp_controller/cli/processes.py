@@ -1,0 +1,106 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The nodes as processes of their own, in a ROS domain of their own."""
+
+from contextlib import contextmanager
+import fcntl
+import os
+from pathlib import Path
+import subprocess
+import sys
+import tempfile
+
+# All ids that are safe on every platform (ROS 2 documentation, "The ROS_DOMAIN_ID").
+DOMAINS = range(1, 102)
+NODES = {'controller_node', 'simulator_node'}
+
+
+@contextmanager
+def own_domain():
+    """
+    Reserve a ROS domain on this machine that no other user of this function has.
+
+    Yields
+    ------
+    dict
+        Environment for nodes that shall hear each other and nobody else.
+
+    """
+    folder = Path(tempfile.gettempdir()) / f'tp_controller_domains_{os.getuid()}'
+    folder.mkdir(exist_ok=True)
+    for domain in DOMAINS:
+        with open(folder / str(domain), 'w') as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield {**os.environ, 'ROS_DOMAIN_ID': str(domain),
+                   'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+            return
+    raise RuntimeError(f'all ROS domains are taken; see {folder}')
+
+
+class NodeProcess:
+    """
+    One node as a process; what it prints goes to a file.
+
+    Parameters
+    ----------
+    executable : str
+        ``controller_node`` or ``simulator_node``.
+    arguments : list of str
+        ROS arguments, after ``--ros-args``.
+    environment : dict
+        Environment of the process.
+    log : str or pathlib.Path
+        Where its output goes.
+
+    """
+
+    def __init__(self, executable, arguments, environment, log):
+        if executable not in NODES:
+            raise ValueError(f'{executable!r} is none of {", ".join(sorted(NODES))}')
+        self.log = Path(log)
+        with open(self.log, 'w') as output:
+            self.process = subprocess.Popen(
+                [sys.executable, '-m', f'tp_controller.nodes.{executable}', '--ros-args',
+                 *arguments], env=environment, stdin=subprocess.DEVNULL, stdout=output,
+                stderr=subprocess.STDOUT)
+
+    def __enter__(self):
+        """Return the running process."""
+        return self
+
+    def __exit__(self, *_):
+        """End the process."""
+        self.stop()
+
+    def running(self):
+        """Return whether the process is alive."""
+        return self.process.poll() is None
+
+    def output(self):
+        """Return what the process has printed so far."""
+        return self.log.read_text()
+
+    def stop(self, seconds=10.0):
+        """End the process as a shell would, by force if it does not; return its exit status."""
+        if self.running():
+            self.process.terminate()
+        try:
+            return self.process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
