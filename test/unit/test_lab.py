@@ -19,7 +19,6 @@ import math
 import numpy as np
 import pytest
 import robots
-
 from tp_controller import Controller, Robot, Settings, Stack
 
 DT = 1.0 / 60.0

@@ -1,0 +1,622 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The controller in closed loops, with the limits, goals and reports around it."""
+
+from collections import deque
+import math
+
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+import robots
+from scipy.spatial.transform import Rotation
+from tp_controller import (
+    Controller,
+    GoalError,
+    Imperfections,
+    KinematicSimulator,
+    Robot,
+    RobotError,
+    Settings,
+    SettingsError,
+    Stack,
+)
+from tp_controller.limits import velocity_bounds
+
+SEEDS = st.integers(0, 2 ** 32 - 1)
+TOOL = robots.PANDA_TOOL
+READY = np.array(robots.PANDA_READY)
+EXACT = Settings(damping=0.0)
+POSE_AND_POSTURE = ('- tool: {type: pose, frame: panda_hand_tcp, gain: 2.0}\n'
+                    '- posture: {type: posture, gain: 0.5}\n')
+
+
+def unlimited(robot):
+    """Return the same robot without limits."""
+    free = {'lower': -math.inf, 'upper': math.inf, 'velocity': math.inf}
+    return Robot.from_urdf(robot.urdf, limits=dict.fromkeys(robot.joint_names, free))
+
+
+def control(text, robot=None, options=EXACT):
+    """Return a controller of a stack, on the Panda by default."""
+    robot = robot or robots.panda()
+    return Controller(robot, Stack.from_yaml(text, robot), options)
+
+
+def run(controller, q, cycles, dt=0.01, each=None, **imperfections):
+    """Run a controller on the simulator; return the positions after every cycle."""
+    simulator = KinematicSimulator(controller.robot, q, imperfections=Imperfections(
+        **imperfections))
+    positions = [simulator.q.copy()]
+    for _ in range(cycles):
+        command = controller.update(simulator.measure()[0], simulator.now)
+        if each is not None:
+            each(simulator.now, command)
+        simulator.command(command.velocity)
+        simulator.step(dt)
+        positions.append(simulator.q.copy())
+    return np.array(positions)
+
+
+def shifted(T, offset, turn=(0.0, 0.0, 0.0)):
+    """Return a pose moved by an offset and turned by a rotation vector, in base axes."""
+    T = T.copy()
+    T[:3, 3] += offset
+    T[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ T[:3, :3]
+    return T
+
+
+def report_of(controller, name):
+    """Return the report of one task at the ready posture."""
+    report = controller.update(READY, 0.0).report
+    return next(task for task in report.tasks if task.name == name)
+
+
+# Closed loops
+
+@pytest.mark.parametrize('gain', [0.5, 2.0, 5.0])
+def test_error_decays_exponentially_at_the_gain(gain):
+    robot = robots.panda()
+    controller = control(f'- tool: {{type: pose, frame: {TOOL}, gain: {gain}}}\n', robot,
+                         Settings(damping=0.0, period=0.001))
+    goal = shifted(robot.state(READY).pose(TOOL), [0.02, -0.03, 0.02], [0.05, 0.1, -0.05])
+    controller.set_goal('tool', goal, 0.0)
+    norms = []
+    run(controller, READY, 500, 0.001,
+        lambda now, command: norms.append([task[0] for task in command.report.tasks[0].errors]))
+    t = 0.001 * np.arange(500)
+    for unit in range(2):
+        np.testing.assert_allclose(np.array(norms)[:, unit] / norms[0][unit], np.exp(-gain * t),
+                                   rtol=0.01)
+
+
+def test_pose_is_reached_and_said_to_be():
+    robot = robots.panda()
+    controller = control(POSE_AND_POSTURE, robot, None)
+    goal = shifted(robot.state(READY).pose(TOOL), [0.1, 0.2, -0.1], [0.0, 0.3, 0.4])
+    controller.set_goal('tool', goal, 0.0)
+    seen = []
+    q = run(controller, READY, 600, each=lambda now, command: seen.append(
+        command.report.tasks[0].reached))
+    np.testing.assert_allclose(robot.state(q[-1]).pose(TOOL), goal, atol=1e-3)
+    assert not seen[0] and seen[-1]
+
+
+def test_robot_without_goals_stays_where_it_is():
+    controller = control(POSE_AND_POSTURE, options=None)
+    q = run(controller, READY, 50)
+    np.testing.assert_allclose(q, np.tile(READY, (51, 1)), atol=1e-12)
+    assert controller.update(READY, 1.0).report.reached
+
+
+def test_controller_without_tasks_commands_zero():
+    assert control('[]').update(READY, 0.0).velocity.tolist() == [0.0] * 7
+
+
+def test_lower_task_never_disturbs_a_higher_one_in_closed_loop():
+    robot = unlimited(robots.panda())
+    texts = [f'- hand: {{type: position, frame: {TOOL}, gain: 2.0}}\n',
+             '- elbow: {type: position, frame: panda_link4, axes: z, gain: 3.0}\n',
+             '- base: {type: joint, joints: panda_joint1, target: [1.5], gain: 4.0}\n',
+             '- rest: {type: posture, target: {panda_joint7: -1.0}, gain: 1.0}\n']
+    whole = control(''.join(texts), robot)
+    parts = [control(''.join(texts[:count]), robot) for count in range(1, 4)]
+    for controller in (whole, *parts):
+        controller.update(READY, 0.0)
+        controller.set_goal('hand', robot.state(READY).position(TOOL) + [-0.1, 0.2, 0.1], 0.0)
+        if 'elbow' in controller.stack.tasks:
+            controller.set_goal('elbow', [0.0, 0.0, 0.5], 0.0)
+    q = READY.copy()
+    for cycle in range(100):
+        command = whole.update(q, 0.01 * cycle)
+        for count, controller in enumerate(parts, start=1):
+            alone = controller.update(q, 0.01 * cycle).velocity
+            for group in list(controller.stack.active)[:count]:
+                J = group[0].jacobian(robot.state(q))
+                assert np.linalg.norm(J @ (command.velocity - alone)) < 1e-9 * max(
+                    1.0, np.linalg.norm(J @ alone))
+        q = q + 0.01 * command.velocity
+
+
+def test_moving_goal_is_followed_without_a_lag_with_feed_forward():
+    robot = robots.panda()
+    controller = control(f'- tool: {{type: position, frame: {TOOL}, gain: 5.0}}\n', robot)
+    start = robot.state(READY).position(TOOL).copy()
+    speed = np.array([0.0, 0.1, 0.0])
+    errors = []
+
+    def each(now, command):
+        errors.append(command.report.tasks[0].errors[0][0])
+        controller.set_goal('tool', start + speed * (now + 0.01), now)
+        controller.set_feed_forward('tool', speed, now)
+    run(controller, READY, 200, each=each)
+    # Without feed-forward the error would settle at v / K = 20 mm.
+    assert max(errors) < 2e-3 and errors[-1] < 1e-4
+
+
+# Goals
+
+def moving_frame_cases():
+    """Return (stack, frame) whose goals are in a frame of the robot."""
+    root = f'- tool: {{type: %s, frame: {TOOL}, gain: 2.0}}\n'
+    relative = f'- tool: {{type: %s, frame: {TOOL}, reference: panda_link2, gain: 2.0}}\n'
+    return [(root, 'panda_link4'), (root, TOOL), (relative, 'panda_link5'),
+            (relative, 'panda_link0'), (root, None), (relative, None)]
+
+
+@pytest.mark.parametrize('text, frame', moving_frame_cases())
+@pytest.mark.parametrize('kind', ['position', 'orientation', 'pose'])
+def test_goal_in_another_frame_is_taken_where_that_frame_is_now(kind, text, frame):
+    robot = robots.panda()
+    controller = control(text % kind, robot)
+    controller.update(READY, 0.0)
+    state = robot.state(READY)
+    if frame is None:
+        # A frame that is not on the robot is given as its pose in the root.
+        T_root_frame = shifted(np.eye(4), [0.3, -0.2, 0.5], [0.4, 0.5, -0.6])
+        told = T_root_frame
+    else:
+        T_root_frame, told = state.pose(frame), frame
+    T_frame_goal = np.linalg.inv(T_root_frame) @ shifted(
+        state.pose(TOOL), [0.02, 0.05, -0.04], [0.1, -0.1, 0.2])
+    goal = {'position': T_frame_goal[:3, 3], 'orientation': T_frame_goal[:3, :3],
+            'pose': T_frame_goal}[kind]
+    controller.set_goal('tool', goal, 0.0, told)
+    report = controller.update(READY, 0.0).report.tasks[0]
+    sizes = {'m': math.sqrt(0.02 ** 2 + 0.05 ** 2 + 0.04 ** 2), 'rad': math.sqrt(0.06)}
+    for value, unit, _ in report.errors:
+        assert value == pytest.approx(sizes[unit], rel=1e-6)
+    task = controller.stack.tasks['tool']
+    reached = np.linalg.inv(state.pose(task.reference)) @ T_root_frame @ T_frame_goal
+    expected = {'position': reached[:3, 3], 'orientation': reached[:3, :3], 'pose': reached}
+    np.testing.assert_allclose(task.goal, expected[kind], atol=1e-9)
+
+
+def test_velocity_in_the_tools_own_axes_moves_along_them():
+    robot = robots.panda()
+    controller = control(f'- tool: {{type: twist, frame: {TOOL}}}\n', robot)
+    controller.update(READY, 0.0)
+    controller.set_goal('tool', [0.0, 0.0, 0.1, 0.0, 0.2, 0.0], 0.0, TOOL)
+    velocity = controller.update(READY, 0.0).velocity
+    state = robot.state(READY)
+    twist = state.jacobian(TOOL) @ velocity
+    np.testing.assert_allclose(state.rotation(TOOL).T @ twist[:3], [0, 0, 0.1], atol=1e-12)
+    np.testing.assert_allclose(state.rotation(TOOL).T @ twist[3:], [0, 0.2, 0], atol=1e-12)
+
+
+def test_goal_in_the_reference_frame_itself_needs_no_positions_yet():
+    controller = control(f'- tool: {{type: position, frame: {TOOL}}}\n')
+    controller.set_goal('tool', [0.5, 0.0, 0.5], 0.0, 'panda_link0')
+    assert controller.stack.tasks['tool'].goal.tolist() == [0.5, 0.0, 0.5]
+
+
+@pytest.mark.parametrize('name, goal, frame, message', [
+    ('tol', [0, 0, 0], None, "unknown task 'tol' .did you mean 'tool'"),
+    ('tool', [0, 0], None, "goal of task 'tool' .a point x, y, z. needs 3 numbers"),
+    ('tool', [0, 0, math.nan], None, 'must be finite'),
+    ('tool', [0, 0, 0], 'panda_link88', "unknown frame 'panda_link88'"),
+    ('tool', [0, 0, 0], 'panda_link4', 'needs joint positions, and there were none yet'),
+    ('rest', READY, 'panda_link4', "task 'rest' takes no frame"),
+    ('rest', {'panda_joint4': 1.0}, None, 'outside its limits'),
+])
+def test_goal_that_is_refused_leaves_the_one_in_force(name, goal, frame, message):
+    controller = control(f'- tool: {{type: position, frame: {TOOL}}}\n- rest: {{type: posture}}\n')
+    controller.set_goal('tool', [0.4, 0.1, 0.5], 0.0)
+    with pytest.raises(GoalError, match=message):
+        controller.set_goal(name, goal, 0.0, frame)
+    assert controller.stack.tasks['tool'].goal.tolist() == [0.4, 0.1, 0.5]
+
+
+@pytest.mark.parametrize('name, velocity, frame, message', [
+    ('tol', [0, 0, 0], None, "unknown task 'tol'"),
+    ('tool', [0, math.inf, 0], None, 'must be finite'),
+    ('tool', [0, 0, 0], 'panda_link88', 'unknown frame'),
+    ('speed', [0.0] * 7, 'panda_link4', 'takes no frame'),
+])
+def test_velocity_that_is_refused_has_no_effect(name, velocity, frame, message):
+    controller = control(f'- tool: {{type: position, frame: {TOOL}}}\n'
+                         '- speed: {type: joint_velocity}\n')
+    controller.update(READY, 0.0)
+    with pytest.raises(GoalError, match=message):
+        controller.set_feed_forward(name, velocity, 0.0, frame)
+    assert controller.update(READY, 0.0).velocity.tolist() == [0.0] * 7
+
+
+@pytest.mark.parametrize('q', [[0.0] * 6, [math.nan] * 7, None, 'q'])
+def test_positions_that_are_none_are_refused_and_the_controller_goes_on(q):
+    controller = control(POSE_AND_POSTURE)
+    with pytest.raises(RobotError, match='q '):
+        controller.update(q, 0.0)
+    before = controller.update(READY, 0.0).velocity
+    with pytest.raises(RobotError, match='q '):
+        controller.update(q, 0.1)
+    assert controller.update(READY, 0.2).velocity.tolist() == before.tolist()
+
+
+# Limits
+
+@given(st.lists(st.tuples(st.floats(-6.0, 6.0), st.floats(0.1, 1e3)), min_size=1, max_size=1),
+       st.floats(0.1, 100.0))
+def test_allowed_speed_is_gain_times_distance_and_zero_is_always_allowed(places, gain):
+    (position, speed), = places
+    robot = Robot.from_dh([{'name': 'a', 'lower': -2.0, 'upper': 3.0, 'velocity': speed}])
+    lower, upper = velocity_bounds(robot, np.array([position]), gain)
+    assert upper[0] == pytest.approx(min(speed, max(0.0, gain * (3.0 - position))))
+    assert lower[0] == pytest.approx(-min(speed, max(0.0, gain * (position + 2.0))))
+    assert lower[0] <= 0.0 <= upper[0]
+
+
+@st.composite
+def hard_runs(draw):
+    """Return (robot, stack, start, goals): nothing about them is kind to the limits."""
+    rng = np.random.default_rng(draw(SEEDS))
+    robot = draw(st.sampled_from([robots.panda(), robots.mixed()]))
+    frame = robot.frame_names[-1]
+    gain = draw(st.sampled_from([1.0, 10.0, 80.0]))
+    text = (f'- tool: {{type: {draw(st.sampled_from(["pose", "position", "orientation"]))}, '
+            f'frame: {frame}, gain: {gain}}}\n'
+            f'- rest: {{type: posture, gain: {gain}}}\n')
+    lower, upper = np.maximum(robot.lower, -3.0), np.minimum(robot.upper, 3.0)
+    outside = 0.3 * draw(st.booleans())
+    start = rng.uniform(lower - outside, upper + outside)
+    if draw(st.booleans()):
+        start = np.clip(start, robot.lower, robot.upper)
+        start[0] = robot.upper[0]
+    goals = [np.concatenate([rng.uniform(-1.0, 1.0, 3),
+                             Rotation.random(rng=rng).as_quat()]) for _ in range(3)]
+    return robot, text, start, goals, rng.uniform(lower, upper)
+
+
+@settings(max_examples=80)
+@given(hard_runs(), st.integers(0, 3))
+def test_no_limit_is_ever_exceeded_whatever_the_goals_start_and_delay(case, delay):
+    robot, text, start, goals, rest = case
+    controller = control(text, robot, Settings(period=0.01, braking_gain=10.0))
+    part = {'position': slice(0, 3), 'orientation': slice(3, 7), 'pose': slice(0, 7)}[
+        controller.stack.tasks['tool'].type_name]
+    controller.update(start, 0.0)
+    controller.set_goal('rest', rest, 0.0)
+    # A robot that does exactly as it is told, `delay` cycles late, and stops at no limit itself.
+    on_the_way = deque([np.zeros(robot.n)] * delay)
+    q = start.copy()
+    for cycle in range(120):
+        if cycle % 40 == 0:
+            controller.set_goal('tool', goals[cycle // 40][part], 0.0)
+        velocity = controller.update(q, 0.01 * cycle).velocity
+        assert np.isfinite(velocity).all()
+        assert (np.abs(velocity) <= robot.velocity).all()
+        on_the_way.append(velocity)
+        moved = q + 0.01 * on_the_way.popleft()
+        assert (moved >= np.minimum(robot.lower, q) - 1e-12).all()
+        assert (moved <= np.maximum(robot.upper, q) + 1e-12).all()
+        q = moved
+
+
+def test_joint_runs_into_its_limit_softly_and_stays_there():
+    robot = robots.mixed()
+    controller = control('- m: {type: joint_velocity, joints: turn, timeout: 100}\n', robot)
+    controller.update([0.0] * 4, 0.0)
+    controller.set_goal('m', [5.0], 0.0)
+    q = run(controller, [0.0] * 4, 400)[:, 0]
+    speeds = np.diff(q) / 0.01
+    assert speeds.max() == pytest.approx(1.5)
+    assert (speeds >= 0.0).all() and (q <= 2.5).all()
+    assert q[-1] == pytest.approx(2.5, abs=1e-4)
+    # The last radians are taken at braking_gain times the distance.
+    near = (q[:-1] > 2.36) & (q[:-1] < 2.49)
+    np.testing.assert_allclose(speeds[near], 10.0 * (2.5 - q[:-1][near]), rtol=1e-9)
+
+
+def test_braking_gain_of_the_settings_is_the_one_in_force():
+    robot = robots.mixed()
+    for gain in (2.0, 5.0, 10.0):
+        controller = control('- m: {type: joint_velocity, joints: turn}\n', robot,
+                             Settings(braking_gain=gain))
+        controller.update([2.4, 0.0, 0.0, 0.0], 0.0)
+        controller.set_goal('m', [5.0], 0.0)
+        velocity = controller.update([2.4, 0.0, 0.0, 0.0], 0.0).velocity
+        assert velocity[0] == pytest.approx(gain * 0.1)
+
+
+def test_joint_outside_its_range_comes_back_in_and_goes_no_further_out():
+    robot = robots.mixed()
+    controller = control('- j: {type: joint, joints: turn, target: [0.0], gain: 2.0}\n', robot)
+    assert controller.update([2.8, 0.0, 0.0, 0.0], 0.0).velocity[0] < -1.0
+    controller = control('- m: {type: joint_velocity, joints: turn}\n', robot)
+    controller.update([2.8, 0.0, 0.0, 0.0], 0.0)
+    controller.set_goal('m', [1.0], 0.0)
+    assert controller.update([2.8, 0.0, 0.0, 0.0], 0.0).velocity.tolist() == [0.0] * 4
+
+
+# Reports
+
+def test_report_tells_every_task_with_its_unit_tolerance_and_speed():
+    controller = control(POSE_AND_POSTURE)
+    controller.update(READY, 0.0)
+    state = controller.robot.state(READY)
+    controller.set_goal('tool', shifted(state.pose(TOOL), [0.03, 0.0, 0.04], [0.0, 0.0, 0.2]), 0.0)
+    tool = report_of(controller, 'tool')
+    assert (tool.name, tool.type_name, tool.level) == ('tool', 'pose', 1)
+    (way, unit, tolerance), (angle, angle_unit, angle_tolerance) = tool.errors
+    assert (unit, tolerance, angle_unit, angle_tolerance) == ('m', 1e-3, 'rad', 5e-3)
+    assert (way, angle) == (pytest.approx(0.05), pytest.approx(0.2))
+    assert tool.wanted_speed == pytest.approx(2.0 * math.hypot(0.05, 0.2))
+    assert tool.achieved_speed == pytest.approx(tool.wanted_speed)
+    assert (tool.reached, tool.status, tool.reason) == (False, 'moving', '')
+    posture = report_of(controller, 'posture')
+    assert (posture.level, posture.status) == (2, 'reached')
+
+
+def test_report_of_a_velocity_task_is_in_units_per_second():
+    controller = control(f'- t: {{type: twist, frame: {TOOL}}}\n')
+    controller.update(READY, 0.0)
+    controller.set_goal('t', [0.05, 0, 0, 0, 0, 0.1], 0.0)
+    task = report_of(controller, 't')
+    assert [unit for _, unit, _ in task.errors] == ['m/s', 'rad/s']
+    assert task.reached
+    assert task.wanted_speed == pytest.approx(math.hypot(0.05, 0.1))
+
+
+def test_report_says_how_much_a_velocity_limit_slows_a_task_and_which():
+    controller = control('- m: {type: joint_velocity}\n')
+    controller.update(READY, 0.0)
+    controller.set_goal('m', [0.0, 0.0, -4.35, 0.0, 1.0, 0.0, 0.0], 0.0)
+    task = report_of(controller, 'm')
+    assert task.reason == 'slowed to 50 % by panda_joint3 at its velocity limit'
+    assert task.status == 'held back'
+    report = controller.update(READY, 0.0).report
+    assert report.scale == pytest.approx(0.5)
+    assert report.limiting == 'panda_joint3 at its velocity limit'
+
+
+@given(st.floats(1.02, 1e6))
+@example(49.0)
+def test_velocity_limit_is_named_as_such_whatever_the_rounding(speed):
+    controller = control('- m: {type: joint_velocity, joints: joint1}\n', robots.planar())
+    controller.update([0.0] * 3, 0.0)
+    controller.set_goal('m', [-speed], 0.0)
+    command = controller.update([0.0] * 3, 0.0)
+    assert command.velocity[0] == -1.0
+    assert command.report.limiting == 'joint1 at its velocity limit'
+
+
+@pytest.mark.parametrize('position, wish, side', [
+    (2.5, 1.0, 'upper'), (2.45, 1.0, 'upper'), (-2.0, -1.0, 'lower'), (-1.95, -1.0, 'lower'),
+    (2.6, 1.0, 'upper')])
+def test_report_names_the_position_limit_that_stops_a_joint(position, wish, side):
+    controller = control('- m: {type: joint_velocity, joints: turn}\n', robots.mixed())
+    q = [position, 0.0, 0.0, 0.0]
+    controller.update(q, 0.0)
+    controller.set_goal('m', [wish], 0.0)
+    report = controller.update(q, 0.0).report
+    assert f'by turn at its {side} position limit' in report.tasks[0].reason
+    assert report.tasks[0].status == 'held back'
+
+
+def test_report_says_that_higher_levels_left_no_room():
+    controller = control(
+        '- a: {type: joint, joints: panda_joint1}\n'
+        '- b: {type: joint, joints: [panda_joint1, panda_joint2], target: [0.5, 0.1]}\n')
+    task = report_of(controller, 'b')
+    assert task.reason == '1 of 2 directions left by higher levels'
+    assert task.achieved_speed < task.wanted_speed
+
+
+def test_report_says_that_a_singularity_is_near():
+    controller = control('- tool: {type: position, frame: link3, axes: xy}\n', robots.planar(),
+                         Settings(damping=0.1, singular_region=0.1))
+    q = [0.3, 0.02, 0.02]
+    controller.update(q, 0.0)
+    controller.set_goal('tool', [0.2, 0.1, 0.0], 0.0)
+    assert 'near a singularity (smallest singular value 0.0' in controller.update(
+        q, 0.0).report.tasks[0].reason
+
+
+def test_report_says_that_damping_costs_speed_elsewhere():
+    controller = control('- tool: {type: position, frame: link3, axes: xy}\n', robots.planar(),
+                         Settings(damping=0.3, singular_region=math.inf))
+    q = [0.0, 1.2, 0.8]
+    controller.update(q, 0.0)
+    state = controller.robot.state(q)
+    controller.set_goal('tool', state.position('link3') + [0.1, 0.1, 0.0], 0.0)
+    task = controller.update(q, 0.0).report.tasks[0]
+    assert task.reason == 'damped'
+    assert task.achieved_speed < task.wanted_speed
+
+
+def test_report_stays_what_it_was_when_the_robot_goes_on():
+    controller = control(POSE_AND_POSTURE)
+    controller.update(READY, 0.0)
+    T = controller.robot.state(READY).pose(TOOL)
+    controller.set_goal('tool', shifted(T, [0.1, 0.0, 0.0]), 0.0)
+    report = controller.update(READY, 0.0).report
+    controller.update(READY + 0.1, 0.1)
+    controller.enable('tool', False)
+    assert report.tasks[0].errors[0][0] == pytest.approx(0.1)
+    assert report.tasks[0].wanted_speed == pytest.approx(0.2)
+    assert [task.name for task in report.tasks] == ['tool', 'posture']
+
+
+def test_tasks_that_share_a_level_are_reported_one_by_one():
+    controller = control('- [a: {type: joint, joints: panda_joint1, target: [0.3]},\n'
+                         '   b: {type: joint, joints: panda_joint7, target: [0.285], gain: 4}]\n')
+    a, b = controller.update(READY, 0.0).report.tasks
+    assert (a.level, b.level) == (1, 1)
+    assert (a.wanted_speed, b.wanted_speed) == (pytest.approx(0.3), pytest.approx(2.0))
+    assert (a.errors[0][0], b.errors[0][0]) == (pytest.approx(0.3), pytest.approx(0.5))
+
+
+# Enabling, replacing, restarting
+
+def test_disabled_task_has_no_say_and_comes_back_with_its_goal():
+    controller = control('- a: {type: joint, joints: panda_joint1, target: [0.5]}\n'
+                         '- b: {type: joint, joints: panda_joint2, target: [0.0]}\n')
+    both = controller.update(READY, 0.0).velocity
+    controller.enable('a', False)
+    command = controller.update(READY, 0.0)
+    assert command.velocity[0] == 0.0 and command.velocity[1] == both[1]
+    assert [(task.name, task.level, task.status) for task in command.report.tasks] == [
+        ('b', 1, 'moving'), ('a', None, 'disabled')]
+    assert not command.report.reached
+    controller.enable('a', True)
+    assert controller.update(READY, 0.0).velocity.tolist() == both.tolist()
+    with pytest.raises(GoalError, match="unknown task 'c'; valid: a, b"):
+        controller.enable('c', True)
+
+
+def test_stack_can_be_replaced_between_two_cycles():
+    robot = robots.panda()
+    controller = control(POSE_AND_POSTURE, robot)
+    controller.update(READY, 0.0)
+    controller.set_goal('posture', {'panda_joint1': 0.5}, 0.0)
+    controller.replace_stack(Stack.from_yaml('- posture: {type: posture, gain: 2.0}\n'
+                                             '- new: {type: pose, frame: panda_link7}\n', robot))
+    command = controller.update(READY + 0.01, 0.1)
+    assert command.velocity == pytest.approx(2.0 * (np.where(np.arange(7) == 0, 0.5, READY)
+                                                    - READY - 0.01))
+    assert command.report.tasks[1].errors[0][0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_restart_holds_where_the_robot_is_found_but_keeps_goals_that_were_given():
+    controller = control('- a: {type: joint, joints: panda_joint1}\n'
+                         '- b: {type: joint, joints: panda_joint2, target: [0.0]}\n')
+    controller.update(READY, 0.0)
+    controller.restart()
+    velocity = controller.update(READY + 0.2, 1.0).velocity
+    assert velocity[0] == 0.0
+    assert velocity[1] == pytest.approx(0.785 - 0.2)
+
+
+def test_goal_poses_are_those_of_the_tasks_about_a_frame_in_the_root():
+    robot = robots.panda()
+    controller = control(f'- p: {{type: position, frame: {TOOL}, reference: panda_link3}}\n'
+                         '- j: {type: posture}\n'
+                         f'- o: {{type: orientation, frame: {TOOL}}}\n'
+                         f'- w: {{type: pose, frame: {TOOL}}}\n'
+                         f'- t: {{type: twist, frame: {TOOL}}}\n', robot)
+    assert controller.goal_poses() == []
+    controller.update(READY, 0.0)
+    T = robot.state(READY).pose(TOOL)
+    for kind, offset, turn in (('p', [0.1, 0.0, 0.0], [0.0] * 3), ('o', [0.0] * 3, [0.3, 0, 0]),
+                               ('w', [0.0, 0.1, 0.0], [0.0, 0.2, 0.0])):
+        goal = shifted(T, offset, turn)
+        whole = {'p': goal[:3, 3], 'o': goal[:3, :3], 'w': goal}[kind]
+        controller.set_goal(kind, whole, 0.0, 'panda_link0')
+        found = {name: (T_goal, T_frame) for name, T_goal, T_frame in controller.goal_poses()}
+        assert set(found) == {'p', 'o', 'w'}
+        np.testing.assert_allclose(found[kind][0], goal, atol=1e-9)
+        np.testing.assert_allclose(found[kind][1], T, atol=1e-12)
+
+
+# Settings
+
+def test_all_settings_out_of_range_are_told_at_once():
+    with pytest.raises(SettingsError) as caught:
+        Settings(period=0.0, damping=-1.0, singular_region=math.nan, braking_gain='x',
+                 scaling='clip', method='magic', rank_tolerance=True, weights=[1.0, -1.0])
+    faults = caught.value.faults
+    assert [fault.split()[0] for fault in faults] == [
+        'period', 'damping', 'singular_region', 'braking_gain', 'scaling', 'method',
+        'rank_tolerance', 'weights']
+    assert 'must be a number from 1e-05 to 1, not 0.0' in faults[0]
+    assert 'must be one of uniform, not' in faults[4]
+
+
+def test_braking_that_the_period_cannot_keep_up_with_is_refused():
+    Settings(period=0.05, braking_gain=20.0)
+    with pytest.raises(SettingsError, match='braking_gain 21 must be at most 1/period = 20'):
+        Settings(period=0.05, braking_gain=21.0)
+
+
+def test_defaults_are_in_range_and_every_setting_is_described():
+    for name, item in Settings.__dataclass_fields__.items():
+        assert item.metadata['description'], name
+        assert 'unit' in item.metadata
+    assert Settings().damping > 0.0
+
+
+@pytest.mark.parametrize('weights', ['heavy', [1.0, 0.0], [1.0, math.inf], [1.0, 'x'], 5.0])
+def test_weights_that_are_not_positive_are_refused(weights):
+    with pytest.raises(SettingsError, match='weights must be positive numbers'):
+        Settings(weights=weights)
+
+
+def test_weights_must_fit_the_robot_and_the_settings_before_stay():
+    controller = control(POSE_AND_POSTURE)
+    before = controller.settings
+    with pytest.raises(SettingsError, match='weights needs 7 numbers.*panda_joint1.*got 2'):
+        controller.settings = Settings(weights=(1.0, 2.0))
+    assert controller.settings is before
+    controller.update(READY, 0.0)
+    with pytest.raises(SettingsError, match='weights needs 7'):
+        control(POSE_AND_POSTURE, options=Settings(weights=(1.0,)))
+
+
+def test_settings_that_are_replaced_act_in_the_next_cycle():
+    robot = robots.panda()
+    controller = control(f'- tool: {{type: position, frame: {TOOL}}}\n', robot)
+    controller.update(READY, 0.0)
+    state = robot.state(READY)
+    J, v = state.jacobian(TOOL)[:3], np.array([0.03, 0.0, 0.02])
+    controller.set_goal('tool', state.position(TOOL) + v, 0.0)
+    np.testing.assert_allclose(controller.update(READY, 0.0).velocity, np.linalg.pinv(J) @ v,
+                               atol=1e-9)
+    controller.settings = Settings(damping=0.0, weights=(9.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0))
+    W_inverse = np.diag([1.0 / 9.0, 1, 1, 1, 1, 1, 1])
+    np.testing.assert_allclose(controller.update(READY, 0.0).velocity,
+                               W_inverse @ J.T @ np.linalg.solve(J @ W_inverse @ J.T, v),
+                               atol=1e-9)
+    controller.settings = Settings(damping=0.5, singular_region=math.inf)
+    np.testing.assert_allclose(controller.update(READY, 0.0).velocity,
+                               J.T @ np.linalg.solve(J @ J.T + 0.25 * np.eye(3), v), atol=1e-9)
+    controller.settings = Settings(damping=0.0, weights=())
+    np.testing.assert_allclose(controller.update(READY, 0.0).velocity, np.linalg.pinv(J) @ v,
+                               atol=1e-9)
+
+
+def test_method_of_the_settings_is_the_one_in_force():
+    controller = control('- a: {type: joint, joints: panda_joint1, target: [0.0]}\n'
+                         '- b: {type: pose, frame: panda_hand_tcp}\n')
+    controller.update(READY, 0.0)
+    T = controller.robot.state(READY).pose(TOOL)
+    controller.set_goal('b', shifted(T, [0.02, 0.02, 0.01]), 0.0)
+    recursive = controller.update(READY, 0.0)
+    assert np.linalg.norm(recursive.report.tasks[1].wanted_speed
+                          - recursive.report.tasks[1].achieved_speed) < 1e-9
+    controller.settings = Settings(damping=0.0, method='sequential')
+    sequential = controller.update(READY, 0.0)
+    assert sequential.velocity[0] == pytest.approx(0.0, abs=1e-12)
+    assert np.abs(sequential.velocity - recursive.velocity).max() > 1e-4
