@@ -20,10 +20,14 @@ Jacobian are the linear velocities, and the scaling takes absolute values in bot
 """
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 from PIL import Image
 import pytest
+from robots import REPOSITORY
 from tp_controller.cli import lab
 
 LENGTHS = np.array([0.75, 0.5, 0.5])
@@ -212,3 +216,33 @@ def test_the_outcome_is_printed_and_returned(monkeypatch, capsys, tmp_path):
                                               (math.nan, False)])
 def test_a_bound_holds_from_below(measured, passed):
     assert lab.Row('speed', 'rad/s', measured, 1.0, 0.0, bound=True).passed is passed
+
+
+def test_the_documented_table_of_random_goals_is_the_one_printed(outcomes):
+    documented = [line.replace('−', '-') for line in
+                  (REPOSITORY / 'docs' / 'lab.md').read_text(encoding='utf-8').splitlines()
+                  if line.startswith('| (')]
+    printed = [line for line in str(outcomes['lab2']).splitlines() if line.startswith('(')]
+    found = 0
+    for line in printed:
+        goal, cells = line.split(')')
+        goal = ', '.join(number.strip() for number in goal[1:].split(','))
+        for row in documented:
+            if row.startswith(f'| ({goal})'):
+                columns = [float(cell) for cell in row.split('|')[2:7]]
+                assert columns == [float(cell) for cell in cells.split()]
+                found += 1
+    assert found == len(printed) == 6
+
+
+def test_the_documented_comparison_of_forms_is_the_one_measured():
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
+    printed = subprocess.run(
+        [sys.executable, str(REPOSITORY / 'benchmarks' / 'forms.py')], check=True, timeout=120,
+        capture_output=True, encoding='utf-8',
+        env={**environment, 'PYTHONIOENCODING': 'utf-8'}).stdout
+    documented = (REPOSITORY / 'docs' / 'sequential.md').read_text(encoding='utf-8').splitlines()
+    lines = [line for line in printed.splitlines() if line]
+    assert len(lines) == 12
+    for line in lines:
+        assert line in documented

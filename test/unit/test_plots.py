@@ -105,7 +105,7 @@ def test_position_limits_are_marked_where_there_are_any(tmp_path):
         assert (count(pixels(path), plots.LIMIT_COLOUR, 0.2) > 500) is marked
 
 
-@pytest.mark.parametrize('n', [1, 3, 9])
+@pytest.mark.parametrize('n', [1, 3])
 def test_positions_of_any_number_of_joints_can_be_drawn(tmp_path, n):
     names = [f'joint{index}' for index in range(n)]
     q = np.sin(TIMES[:30, None] * np.linspace(0.5, 1.0, n))
@@ -163,7 +163,8 @@ def test_the_shortest_recordings_can_be_drawn(tmp_path, samples):
     plots.plot_velocities(tmp_path / 'b.png', times, q, robot.velocity, robot.joint_names)
     plots.plot_positions(tmp_path / 'c.png', times, q, robot.joint_names)
     plots.plot_tool_path(tmp_path / 'd.png', points)
-    plots.animate_arm(tmp_path / 'e.gif', robot, q, times)
+    with Image.open(plots.animate_arm(tmp_path / 'e.gif', robot, q, times)) as picture:
+        assert picture.n_frames == samples
 
 
 def test_a_figure_can_be_drawn_in_another_thread(tmp_path):

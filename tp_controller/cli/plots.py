@@ -277,7 +277,9 @@ def animate_arm(path, robot, qs, times, frames=None, goals=None, fps=None, *, ti
     everything = np.concatenate([segments.reshape(-1, 3), tools.reshape(-1, 3),
                                  goals[np.isfinite(goals).all(axis=1)]])
     scene = _ArmScene(everything, tools, title or robot.name)
-    shown = _thinned(len(times), MAX_FRAMES)
+    # The samples nearest to moments equally spaced in time, which the samples need not be.
+    moments = np.linspace(times[0], times[-1], min(len(times), MAX_FRAMES))
+    shown = np.unique(np.searchsorted((times[1:] + times[:-1]) / 2.0, moments))
     duration = times[-1] - times[0]
     seconds = len(shown) / fps if fps else min(max(duration, 0.1), 10.0)
     speed = duration / seconds
