@@ -232,8 +232,8 @@ def initial_positions(source, robot):
 
     """
     try:
-        text = read_source(source, lambda text: ':' in text and '://' not in text
-                           and not text.endswith(('.yaml', '.yml')))
+        text = read_source(source, lambda text: text.lstrip().startswith('{') or (
+            ':' in text and '://' not in text and not text.endswith(('.yaml', '.yml'))))
         positions = yaml.safe_load(text) or {}
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise RobotError(f'initial positions: {error}') from error

@@ -305,6 +305,7 @@ def test_initial_positions_come_from_text_or_file_and_default_to_neutral(tmp_pat
     for source in (file, str(file), 'panda_joint4: -2\npanda_joint1: 0.5',
                    '{panda_joint4: -2, panda_joint1: 0.5}'):
         assert initial_positions(source, robot).tolist() == [0.5, 0, 0, -2.0, 0, 0, 0]
+    assert initial_positions('{}', robot).tolist() == robot.neutral().tolist()
 
 
 @pytest.mark.parametrize('source, message', [
