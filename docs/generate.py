@@ -1,0 +1,408 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Writes the tables of README.md and docs/*.md that say what the code says.
+
+``python docs/generate.py`` rewrites every region between ``<!-- begin generated: name -->`` and
+``<!-- end generated -->``; with ``--check`` it changes nothing, and fails if a region is out of
+date. What is about the nodes needs rclpy; without it those regions are left as they are.
+"""
+
+import argparse
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import fields
+from functools import cache
+import importlib.util
+import inspect
+import io
+import os
+from pathlib import Path
+import re
+import sys
+
+import tp_controller
+from tp_controller import Controller, errors, Robot, Settings, Stack
+from tp_controller.cli.main import make_parser
+from tp_controller.tasks import task_types
+from tp_controller.tasks.base import DEFAULT_TOLERANCE
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))
+REGION = re.compile(r'(<!-- begin generated: (?P<name>[\w ]+) -->\n).*?(<!-- end generated -->)',
+                    re.DOTALL)
+PANDA = ROOT / 'config' / 'robots' / 'panda.yaml'
+# Packages of the types that every node's own topics and services have.
+EVERY_NODE = ('rcl_interfaces', 'type_description_interfaces')
+NAMESPACE, NODE = '/namespace', 'tp_controller'
+
+# What a goal is for `Controller.set_goal`, and the fields of its message that count.
+GOALS = {
+    'point': ('`x, y, z` [m]', '`point`'),
+    'quaternion': ('`qx, qy, qz, qw`, or a 3×3 rotation matrix', '`quaternion`'),
+    'pose': ('`x, y, z, qx, qy, qz, qw`, or a 4×4 matrix', '`pose`'),
+    'joints': ('positions in the order of `joints`, or `{joint: position}`',
+               '`name`, `position`; `velocity` as feed-forward'),
+    'joint_velocities': ('velocities in the order of `joints`, or `{joint: velocity}`',
+                         '`name`, `velocity`'),
+    'twist': ('`vx, vy, vz, wx, wy, wz` [m/s, rad/s]', '`twist.linear`, `twist.angular`'),
+}
+# Topic or service: what it is for.
+TOPICS = {
+    'joint_states': 'positions, merged by name; any number of publishers, other joints in '
+                    'between',
+    'robot_description': 'URDF text, latched; only without the parameters `robot` and '
+                         '`robot_description`',
+    '~/<task>/goal': 'the goal of a task; the type follows from the task',
+    '~/<task>/twist': 'velocity of a frame, as feed-forward or as the goal of a `twist` task; '
+                      'times out',
+    'velocity_controller/commands': 'joint velocities, every cycle; zeros while the robot is '
+                                    'held',
+    '~/status': 'for the node and each task: error, speeds, what holds it back',
+    '/diagnostics': 'the same, where ROS tools look for it',
+    '~/markers': 'goals and the way to them, for RViz; only while somebody subscribes',
+    '~/stop': 'command zeros until `~/start`',
+    '~/start': 'go on; tasks without a goal hold what they find',
+    '~/reload': 'read the stack file again; one with faults changes nothing',
+    '~/<task>/enable': 'take a task into the stack (true) or leave it out (false)',
+    '/clock': 'simulated time, with `publish_clock`',
+    '~/reset': 'back to the initial positions',
+}
+SIMULATOR_TOPICS = {
+    **TOPICS,
+    'joint_states': 'positions and velocities, `rate` times a second',
+    'robot_description': 'the URDF of the robot, latched',
+    'velocity_controller/commands': 'joint velocities; the robot stops when none came for '
+                                    '`command_timeout`',
+}
+STATUS = {
+    'scale': 'factor by which the limits slowed the command; 1 where none did',
+    'limiting': 'joint and limit that decided it',
+    'type': 'type of the task',
+    'level': 'level in the stack, 1 is the highest; `disabled` for a task that is left out',
+    'status': '`reached`, `moving`, `held back`, `disabled` or `on hold` (zeros are commanded)',
+    'error [m]': 'norm of the error; one key for each unit: `[m]`, `[rad]`, for velocity tasks '
+                 '`[m/s]`, `[rad/s]`',
+    'tolerance [m]': 'error below which the goal counts as reached; one key for each unit',
+    'wanted speed': 'norm of the velocity that the task asks for',
+    'achieved speed': 'norm of its part that the command carries out',
+    'reason': 'what holds the task back; empty where nothing does',
+    'goals accepted': 'goals and velocities taken since the task is in the stack',
+    'goals refused': 'those refused',
+    'last refusal': 'why the last one was refused',
+}
+
+
+def table(head, rows):
+    """Return a table in Markdown."""
+    lines = [head, ['---'] * len(head), *rows]
+    return '\n'.join('| ' + ' | '.join(str(cell).replace('|', r'\|') for cell in line) + ' |'
+                     for line in lines) + '\n'
+
+
+def literal(value):
+    """Return a default as a reader would write it."""
+    if value is inspect.Parameter.empty:
+        return '**needed**'
+    if value is None or value == '':
+        return ''
+    if isinstance(value, bool):
+        return f'`{str(value).lower()}`'
+    return f'`{value}`'
+
+
+def interval(lower, upper, valid=()):
+    """Return what a value may be."""
+    if valid:
+        return ', '.join(f'`{value}`' for value in valid)
+    if lower is None or (lower == float('-inf') and upper == float('inf')):
+        return ''
+    return f'{lower:g} … {upper:g}'.replace('inf', '∞')
+
+
+def summary(thing):
+    """Return the first line of a docstring, without its sources and final full stop."""
+    line = inspect.getdoc(thing).partition('\n')[0]
+    return re.sub(r' \((lecture|slides|lab|wiki|notes)\b.*\)', '', line).rstrip('.')
+
+
+# What needs no ROS -----------------------------------------------------------------------
+
+
+def tasks():
+    """Return the table of task types."""
+    rows = [(f'[`{name}`](docs/tasks.md#{name})', summary(kind).partition(':')[0],
+             GOALS[kind.goal_type or kind.feed_forward_type][0])
+            for name, kind in task_types().items() if kind.__module__.startswith('tp_controller.')]
+    return table(('`type`', 'what it does', 'goal'), rows)
+
+
+def keys(name):
+    """Return the table of the keys of a task type."""
+    kind = task_types()[name]
+    described, rows = kind.described_keys(), []
+    for key, default in kind.accepted_keys().items():
+        if key == 'tolerance':
+            units = ', '.join(f'{unit}: {value:g}' for unit, value in DEFAULT_TOLERANCE.items())
+            rows.append((f'`{key}`', f'`{{{units}}}`', described[key]))
+        else:
+            rows.append((f'`{key}`', literal(default), described[key]))
+    return table(('key', 'default', 'meaning'), rows)
+
+
+def settings():
+    """Return the table of settings."""
+    return table(
+        ('setting', 'default', 'range', 'unit', 'meaning'),
+        [(f'`{item.name}`', literal(item.default),
+          interval(item.metadata.get('lower'), item.metadata.get('upper'),
+                   item.metadata.get('valid', ())), item.metadata['unit'],
+          item.metadata['description']) for item in fields(Settings)])
+
+
+def names():
+    """Return the table of public names."""
+    return table(('name', 'what it is'), [(f'`{name}`', summary(getattr(tp_controller, name)))
+                                          for name in tp_controller.__all__])
+
+
+def error_tree():
+    """Return the tree of errors."""
+    tree = inspect.getdoc(errors).partition('::\n')[2].partition('\n\nEvery')[0]
+    return f'```text\n{inspect.cleandoc(tree)}\n```\n'
+
+
+def command_help(command=None):
+    """Return what the command line prints for --help."""
+    arguments = ([command] if command else []) + ['--help']
+    printed = io.StringIO()
+    with environment(COLUMNS='80', NO_COLOR='1'), redirect_stdout(printed):
+        try:
+            make_parser().parse_args(arguments)
+        except SystemExit:
+            pass
+    return f'```text\n$ tp_controller {" ".join(arguments)}\n{printed.getvalue()}```\n'
+
+
+# What needs ROS --------------------------------------------------------------------------
+
+
+def parameters(node):
+    """Return the table of the parameters of a node."""
+    module = importlib.import_module(f'tp_controller.nodes.{node}_node')
+    rows = []
+    for spec in module.PARAMETERS:
+        default = '' if type(spec.default).__module__.startswith('rclpy') else spec.default
+        rows.append((f'`{spec.name}`', literal(default), interval(spec.lower, spec.upper),
+                     spec.unit, 'start' if spec.read_only else 'any time', spec.description))
+    return table(('parameter', 'default', 'range', 'unit', 'set', 'meaning'), rows)
+
+
+def goals():
+    """Return the table of goal messages."""
+    from tp_controller.nodes import goal_messages as messages
+    rows = []
+    for kind, entry in (*messages.GOALS.items(), *messages.FEED_FORWARD.items()):
+        takers = [f'`{name}`' for name, task in task_types().items()
+                  if kind == (task.goal_type if entry.topic == 'goal' else task.feed_forward_type)]
+        rows.append((', '.join(takers), f'`~/<task>/{entry.topic}`',
+                     f'`{message_name(entry.type)}`', GOALS[kind][1],
+                     'yes' if entry.framed else 'no'))
+    return table(('tasks', 'topic', 'type', 'fields that count', '`header.frame_id` counts'),
+                 rows)
+
+
+def topics(node):
+    """Return the table of topics and services, read off a running node."""
+    described = TOPICS if node == 'controller' else SIMULATOR_TOPICS
+    rows = {}
+    for direction, name, kind in interfaces(node):
+        kind = '[by task](docs/ros.md#goals)' if name == '~/<task>/goal' else f'`{kind}`'
+        rows[direction, f'`{name}`', kind, described[name]] = None
+    return table(('direction', 'name', 'type', 'what for'), rows)
+
+
+@cache
+def interfaces(node):
+    """Return (direction, name, type) of the topics and services of a node, as it opens them."""
+    import rclpy
+    from rclpy.parameter import Parameter
+    robot = {'robot': str(PANDA)}
+    if node == 'controller':
+        from tp_controller.nodes.controller_node import ControllerNode as Node
+        stack = '\n'.join(f'- {name}: {{type: {name}{_example_keys(kind)}}}'
+                          for name, kind in task_types().items())
+        starts = ({**robot, 'stack': stack + '\n'}, {})
+    else:
+        from tp_controller.nodes.simulator_node import SimulatorNode as Node
+        starts = ({**robot, 'publish_clock': True},)
+    found = []
+    quiet = [f'--disable-{logs}-logs' for logs in ('external-lib', 'stdout', 'rosout')]
+    with environment(ROS_AUTOMATIC_DISCOVERY_RANGE='OFF'):
+        for values in starts:
+            context = rclpy.Context()
+            rclpy.init(context=context, args=['--ros-args', *quiet])
+            try:
+                made = Node(context=context, namespace=NAMESPACE, parameter_overrides=[
+                    Parameter(name, value=value) for name, value in values.items()])
+                found += _opened(made)
+                made.destroy_node()
+            finally:
+                rclpy.try_shutdown(context=context)
+    order = ('in', 'out', 'service')
+    return sorted(dict.fromkeys(found), key=lambda entry: order.index(entry[0]))
+
+
+def _example_keys(kind):
+    """Return the keys without which a task of a type cannot be."""
+    examples = {'frame': 'panda_hand_tcp', 'joints': 'panda_joint1'}
+    return ''.join(f', {key}: {examples[key]}' for key, default in kind.accepted_keys().items()
+                   if default is inspect.Parameter.empty)
+
+
+def _opened(node):
+    """Yield (direction, name, type) of what a node has opened, without what every node has."""
+    opened = [('in', entry.topic_name, entry.msg_type) for entry in node.subscriptions]
+    opened += [('out', entry.topic_name, entry.msg_type) for entry in node.publishers]
+    opened += [('service', entry.srv_name, entry.srv_type) for entry in node.services]
+    own = f'{NAMESPACE}/{node.get_name()}/'
+    for direction, name, kind in opened:
+        if kind.__module__.partition('.')[0] in EVERY_NODE:
+            continue
+        if not name.startswith('/'):
+            name = f'{NAMESPACE}/{name.replace("~", node.get_name())}'
+        if name.startswith(own):
+            name = '~/' + name.removeprefix(own)
+            if name.count('/') == 2:
+                name = f'~/<task>/{name.rpartition("/")[2]}'
+        elif name.startswith(f'{NAMESPACE}/'):
+            name = name.removeprefix(f'{NAMESPACE}/')
+        yield direction, name, message_name(kind)
+
+
+def message_name(kind):
+    """Return the name that ROS tools use for a message or service type."""
+    package, part = kind.__module__.split('.')[:2]
+    return f'{package}/{part}/{kind.__name__}'
+
+
+def status():
+    """Return the table of the keys of a status message, read off a message."""
+    from builtin_interfaces.msg import Time
+    from tp_controller.nodes.status import diagnostics
+    from tp_controller.nodes.task_topics import GoalRecord
+    robot = Robot.from_file(PANDA)
+    stack = Stack.from_yaml('[tool: {type: position, frame: panda_hand_tcp}]', robot)
+    report = Controller(robot, stack).update(robot.neutral(), 0.0).report
+    message = diagnostics(Time(), NODE, '', report, {'tool': GoalRecord()})
+    rows = [(of, f'`{value.key}`', STATUS[value.key])
+            for of, entry in zip(('node', 'task'), message.status) for value in entry.values]
+    return table(('of', 'key', 'meaning'), rows)
+
+
+REGIONS = {
+    'tasks': tasks, 'settings': settings, 'names': names, 'errors': error_tree,
+    'help': command_help, **{f'help {name}': lambda name=name: command_help(name)
+                             for name in ('demo', 'goal')},
+    **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},
+}
+ROS_REGIONS = {
+    'goals': goals, 'status': status,
+    **{f'{what.__name__} {node}': lambda what=what, node=node: what(node)
+       for what in (topics, parameters) for node in ('controller', 'simulator')},
+}
+
+
+# Pages -----------------------------------------------------------------------------------
+
+
+@contextmanager
+def environment(**changes):
+    """Change environment variables for a while."""
+    before = {name: os.environ.get(name) for name in changes}
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@cache
+def content(name):
+    """Return what belongs in a region."""
+    return {**REGIONS, **ROS_REGIONS}[name]()
+
+
+def renewed(page, ros=True):
+    """
+    Return the text of a page with its regions as they should be.
+
+    Parameters
+    ----------
+    page : pathlib.Path
+        Its file.
+    ros : bool
+        Renew the regions that need ROS, too.
+
+    Returns
+    -------
+    str
+
+    """
+    def region(match):
+        name = match['name']
+        if name not in REGIONS and name not in ROS_REGIONS:
+            raise SystemExit(f'{page}: unknown region {name!r}; '
+                             f'valid: {", ".join((*REGIONS, *ROS_REGIONS))}')
+        if name in ROS_REGIONS and not ros:
+            return match[0]
+        text = content(name)
+        if page.parent != ROOT:
+            text = text.replace('(docs/', '(').replace(f'({page.name}#', '(#')
+        return f'{match[1]}\n{text}\n{match[3]}'
+
+    return REGION.sub(region, page.read_text(encoding='utf-8'))
+
+
+def same(one, other):
+    """Say whether two texts differ in white space at most: argparse breaks lines as it likes."""
+    return one.split() == other.split()
+
+
+def main():
+    """Run the command line and return its exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().partition('\n')[0])
+    parser.add_argument('--check', action='store_true', help='only say what is out of date')
+    check = parser.parse_args().check
+    ros = importlib.util.find_spec('rclpy') is not None
+    if not ros:
+        print('no rclpy: the tables about the nodes stay as they are', file=sys.stderr)
+    outdated = 0
+    for page in PAGES:
+        text = renewed(page, ros)
+        if same(text, page.read_text(encoding='utf-8')):
+            continue
+        outdated += 1
+        print(f'{page.relative_to(ROOT)}: {"out of date" if check else "renewed"}')
+        if not check:
+            page.write_text(text, encoding='utf-8')
+    return 1 if check and outdated else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
