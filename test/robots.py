@@ -15,9 +15,10 @@
 """Robots that the tests share: the files of this repository and of example-robot-data."""
 
 from functools import lru_cache
-from importlib.metadata import files
+from importlib.metadata import files, PackageNotFoundError
 from pathlib import Path
 
+import pytest
 from tp_controller import Robot
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -46,9 +47,13 @@ PLANAR_START = (0.0, 0.6, 0.3)
 
 @lru_cache(maxsize=None)
 def urdf_path(name):
-    """Return the path of a robot's URDF in example-robot-data."""
+    """Return the path of a robot's URDF in example-robot-data; skip the test without it."""
     wanted = f'robots/{URDFS[name]}'
-    for file in files('example-robot-data'):
+    try:
+        installed = files('example-robot-data')
+    except PackageNotFoundError:
+        pytest.skip('needs the robots of pip install example-robot-data')
+    for file in installed:
         if str(file).endswith(wanted):
             return Path(file.locate()).resolve()
     raise FileNotFoundError(f'example-robot-data has no {wanted}')

@@ -296,7 +296,7 @@ def hard_runs(draw):
         start = np.clip(start, robot.lower, robot.upper)
         start[0] = robot.upper[0]
     goals = [np.concatenate([rng.uniform(-1.0, 1.0, 3),
-                             Rotation.random(rng=rng).as_quat()]) for _ in range(3)]
+                             Rotation.from_quat(rng.normal(size=4)).as_quat()]) for _ in range(3)]
     return robot, text, start, goals, rng.uniform(lower, upper)
 
 
