@@ -21,7 +21,7 @@ from tp_controller.errors import GoalError, SettingsError, unknown
 from tp_controller.limits import velocity_bounds
 from tp_controller.report import Report
 from tp_controller.settings import Settings
-from tp_controller.solver import solve
+from tp_controller.solver import Solver
 from tp_controller.spatial import inverse_pose
 
 
@@ -88,12 +88,10 @@ class Controller:
     @settings.setter
     def settings(self, settings):
         self.check_settings(settings)
-        weights = settings.weights or None
         self._settings = settings
-        self._options = {
-            'weights': weights, 'damping': settings.damping, 'scaling': settings.scaling,
-            'singular_region': settings.singular_region, 'method': settings.method,
-            'rank_tolerance': settings.rank_tolerance}
+        self._solver = Solver(
+            self.robot.n, settings.weights or None, settings.damping, settings.scaling,
+            settings.singular_region, settings.method, settings.rank_tolerance)
 
     def check_settings(self, settings):
         """Raise `SettingsError` where settings do not fit the robot."""
@@ -193,7 +191,7 @@ class Controller:
             self._started = True
         levels = self.stack.levels(state, now)
         lower, upper = velocity_bounds(self.robot, state.q, self._settings.braking_gain)
-        solution = solve(levels, lower, upper, **self._options)
+        solution = self._solver.solve(levels, lower, upper)
         return Command(solution.velocity, Report(self.robot, self.stack, state.q, solution))
 
     def _task(self, name):

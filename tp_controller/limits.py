@@ -43,5 +43,5 @@ def velocity_bounds(robot, q, braking_gain):
 
     """
     upper = np.minimum(robot.velocity, np.maximum(braking_gain * (robot.upper - q), 0.0))
-    lower = np.minimum(robot.velocity, np.maximum(braking_gain * (q - robot.lower), 0.0))
-    return -lower, upper
+    lower = np.maximum(-robot.velocity, np.minimum(braking_gain * (robot.lower - q), 0.0))
+    return lower, upper

@@ -83,10 +83,8 @@ class Report:
 
     def __init__(self, robot, stack, q, solution):
         self._robot, self._q, self._solution = robot, q, solution
-        self._groups = stack.active
-        self._disabled = tuple(task for name, task in stack.tasks.items()
-                               if name in stack.disabled)
-        self._errors = [task.last_error for group in stack.active for task in group]
+        self._groups, self._disabled = stack.active, stack.inactive
+        self._errors = [task.last_error for task in stack.active_tasks]
         self.scale = solution.scale
 
     @cached_property

@@ -284,7 +284,7 @@ class RobotState:
         self.robot = robot
         self._data = robot._model.createData()
         self._offset = robot._offset
-        self._rotations, self._positions, self._jacobians = {}, {}, {}
+        self._placements, self._jacobians = {}, {}
         if passive is None and robot.passive_names:
             passive = robot._passive_neutral
         self.update(q, passive)
@@ -312,23 +312,18 @@ class RobotState:
             passive = _positions(passive, robot.passive_names, 'passive')
             self._offset = robot._offset + robot._passive_map.dot(passive)
         self.q = q
-        self._rotations.clear()
-        self._positions.clear()
+        self._placements.clear()
         self._jacobians.clear()
         configuration = q if robot._expand is None else robot._expand.dot(q) + self._offset
         pinocchio.computeJointJacobians(robot._model, self._data, configuration)
 
     def rotation(self, frame):
         """Return R_root_frame (3, 3)."""
-        if frame not in self._rotations:
-            self._place(frame)
-        return self._rotations[frame]
+        return (self._placements.get(frame) or self._place(frame))[0]
 
     def position(self, frame):
         """Return the origin of a frame (3,), in the root frame [m]."""
-        if frame not in self._positions:
-            self._place(frame)
-        return self._positions[frame]
+        return (self._placements.get(frame) or self._place(frame))[1]
 
     def pose(self, frame):
         """Return T_root_frame (4, 4)."""
@@ -354,7 +349,7 @@ class RobotState:
         """
         J = self._jacobians.get(frame)
         if J is None:
-            if frame not in self._positions:
+            if frame not in self._placements:
                 self._place(frame)
             robot = self.robot
             J = pinocchio.getFrameJacobian(robot._model, self._data, robot._frame_ids[frame],
@@ -365,13 +360,14 @@ class RobotState:
         return J
 
     def _place(self, frame):
-        """Evaluate the placement of a frame."""
+        """Evaluate the placement of a frame and return R_root_frame and its origin."""
         robot = self.robot
         index = robot._frame_ids[robot.check_frame(frame)]
         placement = pinocchio.updateFramePlacement(robot._model, self._data, index)
         # The arrays of a placement are windows into Pinocchio's data, hence the copies.
-        self._rotations[frame] = _read_only(placement.rotation.copy())
-        self._positions[frame] = _read_only(placement.translation.copy())
+        placed = _read_only(placement.rotation.copy()), _read_only(placement.translation.copy())
+        self._placements[frame] = placed
+        return placed
 
 
 def _read_only(array):

@@ -77,6 +77,7 @@ class Solution:
         self.scale = scale
         self.limiting = limiting
         self._levels = levels
+        # What the fast path did not need to know is found out when it is asked for.
         self._ranks = ranks
 
     @cached_property
@@ -84,4 +85,5 @@ class Solution:
         """Return what was wanted, achieved and possible, level by level."""
         return tuple(
             LevelSolution(level.v, level.J.dot(self.velocity), self.scale, rank, smallest)
-            for level, (rank, smallest) in zip(self._levels, self._ranks()))
+            for level, (rank, smallest) in zip(
+                self._levels, self._ranks() if callable(self._ranks) else self._ranks))

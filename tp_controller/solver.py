@@ -100,33 +100,76 @@ def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='un
     n = _check_width(levels, lower)
     if lower is not None or upper is not None:
         lower, upper = _check_bounds(lower, upper, n)
-    # ζ = W^{-1/2} u turns the weighted problem into an unweighted one in u, projector included.
-    # Starting the recursion from Z = W^{-1/2} instead of I does exactly that.
-    start = identity(n) if weights is None else np.diag(_column_scales(weights, n))
-    if method == 'sequential':
-        velocity, ranks = _sequential(levels, start, damping, singular_region, rank_tolerance)
-    elif method == 'recursive':
+    solver = Solver(n, weights, damping, scaling, singular_region, method, rank_tolerance)
+    return solver.solve(levels, lower, upper)
+
+
+class Solver:
+    """
+    `solve` with everything prepared that is the same in every cycle.
+
+    Parameters
+    ----------
+    n : int
+        Number of joints.
+    weights, damping, scaling, singular_region, method, rank_tolerance
+        See `solve`.
+
+    Raises
+    ------
+    SolverError
+        A weight is not positive, or a method or scaling is unknown.
+
+    """
+
+    def __init__(self, n, weights, damping, scaling, singular_region, method, rank_tolerance):
+        if method not in METHODS:
+            raise SolverError(unknown('method', method, METHODS))
+        if scaling not in SCALINGS:
+            raise SolverError(unknown('scaling', scaling, SCALINGS))
+        # ζ = W^{-1/2} u turns the weighted problem into an unweighted one in u, projector
+        # included. Starting the recursion from Z = W^{-1/2} instead of I does exactly that.
+        self._start = identity(n) if weights is None else np.diag(_column_scales(weights, n))
+        self._can_stack = weights is None and method == 'recursive'
+        self._recursion = _sequential if method == 'sequential' else _recursive
+        self._damping, self._singular_region = damping, singular_region
+        self._rank_tolerance = rank_tolerance
+
+    def solve(self, levels, lower=None, upper=None):
+        """
+        Return the `Solution` for levels and bounds whose shapes fit together.
+
+        Parameters
+        ----------
+        levels : list of Level
+            The highest priority first.
+        lower, upper : ndarray (n,), optional
+            Bounds, lower ≤ 0 ≤ upper.
+
+        Raises
+        ------
+        SolverError
+            The levels hold numbers that are not finite.
+
+        """
         velocity, ranks = None, None
-        if weights is None:
-            velocity = solve_stacked(levels, n, damping, singular_region)
+        if self._can_stack:
+            velocity = solve_stacked(levels, len(self._start), self._damping,
+                                     self._singular_region)
         if velocity is None:
-            velocity, ranks = _recursive(levels, start, damping, singular_region, rank_tolerance)
-    else:
-        raise SolverError(unknown('method', method, METHODS))
-    if not math.isfinite(velocity.dot(velocity)):
-        raise SolverError('the levels hold numbers that are not finite')
-    if scaling not in SCALINGS:
-        raise SolverError(unknown('scaling', scaling, SCALINGS))
-    scale, limiting = 1.0, None
-    if lower is not None:
-        velocity, scale, limiting = scale_uniformly(velocity, lower, upper)
+            velocity, ranks = self._recur(levels)
+        if not math.isfinite(velocity.dot(velocity)):
+            raise SolverError('the levels hold numbers that are not finite')
+        scale, limiting = 1.0, None
+        if lower is not None:
+            velocity, scale, limiting = scale_uniformly(velocity, lower, upper)
+        return Solution(velocity, scale, limiting, levels,
+                        ranks or (lambda: self._recur(levels)[1]))
 
-    def rank_of_levels():
-        if ranks is not None:
-            return ranks
-        return _recursive(levels, start, damping, singular_region, rank_tolerance)[1]
-
-    return Solution(velocity, scale, limiting, levels, rank_of_levels)
+    def _recur(self, levels):
+        """Return velocity and ranks by the recursion."""
+        return self._recursion(levels, self._start, self._damping, self._singular_region,
+                               self._rank_tolerance)
 
 
 def _recursive(levels, start, damping, singular_region, rank_tolerance):
@@ -233,10 +276,10 @@ def scale_uniformly(velocity, lower, upper):
         Index of the joint that decided it.
 
     """
+    if not (np.count_nonzero(velocity > upper) or np.count_nonzero(velocity < lower)):
+        return velocity, 1.0, None
     bound = np.where(velocity > 0.0, upper, lower)
     excess = np.abs(velocity) - np.abs(bound)
-    if excess.max(initial=0.0) <= 0.0:
-        return velocity, 1.0, None
     with np.errstate(divide='ignore', invalid='ignore'):
         ratios = np.where(excess > 0.0, bound / velocity, 1.0)
     limiting = int(ratios.argmin())
@@ -264,12 +307,12 @@ def _check_level(level, index):
 
 def _check_width(levels, lower):
     """Return n, the number of joints that all levels agree on."""
-    widths = {level.J.shape[1] for level in levels}
-    if lower is not None:
-        widths.add(np.size(lower))
-    if len(widths) > 1:
-        raise SolverError(f'levels and bounds disagree on the number of joints: {sorted(widths)}')
-    return widths.pop() if widths else 0
+    n = levels[0].J.shape[1] if levels else 0 if lower is None else len(lower)
+    for level in levels:
+        if level.J.shape[1] != n:
+            raise SolverError('levels disagree on the number of joints: '
+                              f'{[level.J.shape[1] for level in levels]}')
+    return n
 
 
 def _check_bounds(lower, upper, n):
@@ -280,7 +323,7 @@ def _check_bounds(lower, upper, n):
     if lower.shape != (n,) or upper.shape != (n,):
         raise SolverError(f'bounds must be {n} numbers each, got shapes {lower.shape} and '
                           f'{upper.shape}')
-    if not lower.max(initial=0.0) <= 0.0 <= upper.min(initial=0.0):
+    if np.count_nonzero(lower <= 0.0) < n or np.count_nonzero(upper >= 0.0) < n:
         raise SolverError('bounds must hold zero, lower ≤ 0 ≤ upper, got '
                           f'{lower.tolist()} and {upper.tolist()}')
     return lower, upper

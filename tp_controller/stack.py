@@ -41,6 +41,8 @@ class Stack:
         The tasks of each level, the highest priority first.
     disabled : set of str
         Names of the tasks that are left out until they are enabled again.
+    active, active_tasks, inactive : tuple
+        Enabled tasks by level, the same in one row, and disabled ones.
 
     """
 
@@ -120,10 +122,12 @@ class Stack:
         return levels
 
     def _arrange(self):
-        """Set `active`: the groups without their disabled tasks."""
+        """Sort the tasks into `active`, by level, and `inactive`."""
         enabled = (tuple(task for task in group if task.name not in self.disabled)
                    for group in self.groups)
         self.active = tuple(group for group in enabled if group)
+        self.active_tasks = tuple(task for group in self.active for task in group)
+        self.inactive = tuple(task for name, task in self.tasks.items() if name in self.disabled)
 
 
 class _Reader:

@@ -23,7 +23,7 @@ a velocity of every joint, J = I, is met as closely as the others allow by start
 """
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 from tp_controller.level import identity
 
 # Below this, relative to ‖J‖, the squared condition number costs digits: the recursion is asked.
@@ -66,18 +66,43 @@ def solve_stacked(levels, n, damping, singular_region):
     if not 0 < len(v) <= n:
         return None
     gram = J.dot(J.T)
-    factor, info = lapack.dpotrf(gram)
+    factor, info = dpotrf(gram)
     if info != 0:
         return None
-    # The diagonal blocks of the factor belong to the projected levels, L_ii L_iiᵀ = J̄_i J̄_iᵀ,
-    # and those of its inverse to their inverses: no singular value of any J̄_i is below
-    # 1 / ‖L⁻¹‖.
-    inverse = lapack.dtrtri(factor)[0].ravel('K')
-    smallest_squared = WELL_CONDITIONED ** 2 * gram.trace()
-    if damping > 0.0:
-        smallest_squared = max(smallest_squared, singular_region ** 2)
-    if not smallest_squared * inverse.dot(inverse) <= 1.0:
+    inverse = dtrtri(factor)[0]
+    squared_norm = _squared_norm(inverse)
+    if not WELL_CONDITIONED ** 2 * _squared_norm(J) * squared_norm <= 1.0:
+        return None
+    if damping > 0.0 and not _undamped(levels, inverse, squared_norm, singular_region ** 2):
         return None
     if zeta is None:
-        return J.T.dot(lapack.dpotrs(factor, v)[0])
-    return zeta + J.T.dot(lapack.dpotrs(factor, v - J.dot(zeta))[0])
+        return J.T.dot(dpotrs(factor, v)[0])
+    return zeta + J.T.dot(dpotrs(factor, v - J.dot(zeta))[0])
+
+
+def _undamped(levels, inverse, squared_norm, squared_region):
+    """
+    Return whether no singular value of any projected level is in the singular region.
+
+    The diagonal blocks of the Cholesky factor belong to the projected levels,
+    L_ii L_iiᵀ = J̄_i J̄_iᵀ, and those of its inverse are their inverses: the smallest singular
+    value s of J̄_i is 1/‖L_ii⁻¹‖. That norm is bounded from above, cheaply by the Frobenius norm
+    of the whole inverse, and more closely by 1/s² ≤ ‖L_ii⁻ᵀ L_ii⁻¹‖, level by level.
+    """
+    if squared_region * squared_norm <= 1.0:
+        return True
+    first = 0
+    for level in levels:
+        rows = slice(first, first + len(level.v))
+        if rows.stop > first:
+            block = inverse[rows, rows]
+            if not squared_region ** 2 * _squared_norm(block.dot(block.T)) <= 1.0:
+                return False
+        first = rows.stop
+    return True
+
+
+def _squared_norm(matrix):
+    """Return the square of the Frobenius norm."""
+    entries = matrix.ravel('K')
+    return entries.dot(entries)

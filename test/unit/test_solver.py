@@ -549,7 +549,7 @@ def test_numbers_that_are_not_finite_are_refused(bad, n, m):
     ([-1.0, -1.0], None, 'together'),
     (None, [1.0, 1.0], 'together'),
     ([-1.0, -1.0], [1.0], 'must be 2 numbers'),
-    ([-1.0] * 3, [1.0] * 3, r'number of joints: \[2, 3\]'),
+    ([-1.0] * 3, [1.0] * 3, 'must be 2 numbers'),
     ([0.1, -1.0], [1.0, 1.0], 'must hold zero'),
     ([-1.0, -1.0], [1.0, -0.1], 'must hold zero'),
     ([-1.0, math.nan], [1.0, 1.0], 'must hold zero'),

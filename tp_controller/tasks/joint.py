@@ -213,5 +213,3 @@ def _joints(robot, joints):
     if len(set(names)) < len(names):
         raise ValueError(f'names a joint twice: {", ".join(names)}')
     return tuple(names)
-
-
