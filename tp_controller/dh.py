@@ -25,6 +25,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from tp_controller.errors import RobotError, unknown
 from tp_controller.resources import read_source
+from tp_controller.urdf import UNLIMITED
 import yaml
 
 CONVENTIONS = ('standard', 'modified')
@@ -32,8 +33,6 @@ JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
 TABLE_KEYS = ('name', 'convention', 'root', 'joints', 'frames')
 JOINT_KEYS = ('name', 'a', 'alpha', 'd', 'theta', 'type', 'lower', 'upper', 'velocity', 'link')
 FRAME_KEYS = ('name', 'parent', 'xyz', 'rpy')
-# A URDF has no word for "unlimited"; values from here on are read back as no limit at all.
-UNLIMITED = 1e9
 LINK_RADIUS = 0.03
 
 

@@ -14,21 +14,26 @@
 
 """The robot: names, limits and kinematics of a URDF tree, evaluated by Pinocchio."""
 
-import copy
 import math
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio
-from tp_controller.dh import UNLIMITED, urdf_from_dh
+from tp_controller.dh import urdf_from_dh
 from tp_controller.errors import RobotError, unknown
 from tp_controller.resources import read_source
+from tp_controller.urdf import (
+    build_model,
+    joint_limits,
+    mimic_rules,
+    moving_joints,
+    parse,
+    resolve_mimic,
+    share_limits,
+)
 
 BASES = ('fixed',)
-MOVING = ('revolute', 'continuous', 'prismatic')
 LIMIT_KEYS = ('lower', 'upper', 'velocity')
-DEFAULT_NAME = 'robot'
 
 
 class Robot:
@@ -62,17 +67,17 @@ class Robot:
 
     def __init__(self, urdf, joints=None, limits=None):
         """Build from URDF text; see `from_urdf`."""
-        tree = _parse(urdf)
-        elements = _moving_joints(tree)
+        tree = parse(urdf)
+        elements = moving_joints(tree)
         self.urdf = urdf
-        self._model = _build_model(tree)
+        self._model = build_model(tree)
         self.name = self._model.name
         self._frame_ids = {frame.name: self._model.getFrameId(frame.name, frame.type)
                            for frame in self._model.frames
                            if frame.type == pinocchio.FrameType.BODY}
         self.frame_names = tuple(self._frame_ids)
         self.root = self.frame_names[0]
-        mimics = _mimic_rules(elements)
+        mimics = mimic_rules(elements)
         self._select_joints(elements, mimics, joints)
         self._read_limits(elements, mimics, limits or {})
         self._map_configuration(mimics)
@@ -208,12 +213,12 @@ class Robot:
                 if isinstance(value, bool) or not isinstance(value, (int, float)):
                     raise RobotError(f'joint {name}: {key} limit must be a number, '
                                      f'not {value!r}')
-        rows = {name: {**_urdf_limits(name, elements[name]), **overrides.get(name, {})}
+        rows = {name: {**joint_limits(name, elements[name]), **overrides.get(name, {})}
                 for name in self.joint_names}
         for follower in mimics:
-            leader, multiplier, offset = _resolve_mimic(follower, mimics)
+            leader, multiplier, offset = resolve_mimic(follower, mimics)
             if leader in rows:
-                _share_limits(rows[leader], _urdf_limits(follower, elements[follower]),
+                share_limits(rows[leader], joint_limits(follower, elements[follower]),
                               multiplier, offset)
         for name, row in rows.items():
             if not row['lower'] < row['upper']:
@@ -222,7 +227,7 @@ class Robot:
             if not row['velocity'] >= 0.0:
                 raise RobotError(f'joint {name}: velocity limit {row["velocity"]} '
                                  'must not be negative')
-        ranges = [_urdf_limits(name, elements[name]) for name in self.passive_names]
+        ranges = [joint_limits(name, elements[name]) for name in self.passive_names]
         self._passive_neutral = np.array([min(max(0.0, row['lower']), row['upper'])
                                           for row in ranges])
         self.lower, self.upper, self.velocity = (
@@ -238,7 +243,7 @@ class Robot:
         self._passive_map = np.zeros((model.nv, len(self.passive_names)))
         self._offset = np.zeros(model.nv)
         for row, name in enumerate(model.names[1:]):
-            leader, multiplier, self._offset[row] = _resolve_mimic(name, mimics)
+            leader, multiplier, self._offset[row] = resolve_mimic(name, mimics)
             if leader in self._joint_indices:
                 expand[row, self._joint_indices[leader]] = multiplier
             else:
@@ -391,106 +396,3 @@ def _positions(values, names, what):
         bad = [name for name, value in zip(names, values) if not abs(value) < 1e150]
         raise RobotError(f'{what} is not finite for {", ".join(bad)}')
     return _read_only(values)
-
-
-def _parse(urdf):
-    """Return the element tree of a URDF text."""
-    try:
-        tree = ElementTree.fromstring(urdf.encode())
-    except ElementTree.ParseError as error:
-        raise RobotError(f'robot description is no XML: {error}') from error
-    if tree.tag != 'robot':
-        raise RobotError(f'robot description: the outermost element is <{tree.tag}>, not <robot>')
-    if any('xacro' in element.tag for element in tree.iter() if isinstance(element.tag, str)):
-        raise RobotError('robot description has xacro macros: run it through xacro first')
-    return tree
-
-
-def _moving_joints(tree):
-    """Return the elements of the joints that move, by name; refuse unsupported types."""
-    elements = {}
-    for joint in tree.findall('joint'):
-        kind = joint.get('type')
-        if kind in MOVING:
-            elements[joint.get('name')] = joint
-        elif kind != 'fixed':
-            raise RobotError(f'joint {joint.get("name")!r} is of type {kind!r}; '
-                             f'valid: fixed, {", ".join(MOVING)}')
-    return elements
-
-
-def _build_model(tree):
-    """Return Pinocchio's model of a URDF, every moving joint with one coordinate."""
-    tree = copy.deepcopy(tree)
-    for joint in tree.findall('joint'):
-        if joint.get('type') == 'continuous':
-            # Pinocchio would hold a continuous joint as cosine and sine and forget its turns.
-            joint.set('type', 'revolute')
-            limit = joint.find('limit')
-            if limit is None:
-                limit = ElementTree.SubElement(joint, 'limit', effort='0', velocity='0')
-            limit.set('lower', repr(-UNLIMITED))
-            limit.set('upper', repr(UNLIMITED))
-    try:
-        return pinocchio.buildModelFromXML(ElementTree.tostring(tree, encoding='unicode'))
-    except (ValueError, RuntimeError) as error:
-        raise RobotError(f'robot description: {error}') from error
-
-
-def _mimic_rules(elements):
-    """Return {follower: (leader, multiplier, offset)}."""
-    rules = {}
-    for name, element in elements.items():
-        mimic = element.find('mimic')
-        if mimic is None:
-            continue
-        leader = mimic.get('joint')
-        if leader not in elements:
-            raise RobotError(f'joint {name!r} mimics {unknown("joint", leader, elements)}')
-        rules[name] = (leader, float(mimic.get('multiplier', 1.0)),
-                       float(mimic.get('offset', 0.0)))
-    for name in rules:
-        _resolve_mimic(name, rules)
-    return rules
-
-
-def _resolve_mimic(name, rules):
-    """Return (leader, multiplier, offset) of a joint; itself where it follows no other."""
-    multiplier, offset = 1.0, 0.0
-    leader, seen = name, set()
-    while leader in rules:
-        if leader in seen:
-            raise RobotError(f'joint {name!r} mimics itself, through {", ".join(sorted(seen))}')
-        seen.add(leader)
-        leader, factor, shift = rules[leader]
-        offset += multiplier * shift
-        multiplier *= factor
-    return leader, multiplier, offset
-
-
-def _urdf_limits(name, element):
-    """Return the limits of one joint of a URDF, infinite where it has none."""
-    limit = element.find('limit')
-    attributes = {} if limit is None else limit.attrib
-    endless = element.get('type') == 'continuous'
-    defaults = {'lower': -math.inf if endless else 0.0, 'upper': math.inf if endless else 0.0,
-                'velocity': math.inf}
-    limits = {}
-    for key, default in defaults.items():
-        given = attributes.get(key) if key == 'velocity' or not endless else None
-        try:
-            value = default if given is None else float(given)
-        except ValueError as error:
-            raise RobotError(f'joint {name}: {key} limit {given!r} is no number') from error
-        limits[key] = math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
-    return limits
-
-
-def _share_limits(row, follower, multiplier, offset):
-    """Narrow the limits of a joint to what a joint that follows it allows."""
-    if multiplier == 0.0:
-        return
-    ends = sorted((follower[key] - offset) / multiplier for key in ('lower', 'upper'))
-    row['lower'] = max(row['lower'], ends[0])
-    row['upper'] = min(row['upper'], ends[1])
-    row['velocity'] = min(row['velocity'], follower['velocity'] / abs(multiplier))

@@ -28,7 +28,7 @@ import tp_controller
 PACKAGE = robots.REPOSITORY / 'tp_controller'
 # Every module of the method may import from those before it only.
 ORDER = [
-    'errors', 'spatial', 'resources', 'dh', 'level', 'robot',
+    'errors', 'spatial', 'resources', 'urdf', 'dh', 'level', 'robot',
     'tasks.base', 'tasks.frame', 'tasks.velocity', 'tasks.joint', 'tasks.position',
     'tasks.orientation', 'tasks.pose', 'tasks.twist', 'tasks',
     'stack', 'limits', 'solution', 'stacked', 'solver', 'settings', 'report', 'controller',

@@ -1,0 +1,132 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Reading a URDF: joints, mimic rules, limits, and the model that Pinocchio makes of it."""
+
+import copy
+import math
+from xml.etree import ElementTree
+
+import pinocchio
+from tp_controller.errors import RobotError, unknown
+
+MOVING = ('revolute', 'continuous', 'prismatic')
+# A URDF has no word for "unlimited"; limits from here on are taken for none at all.
+UNLIMITED = 1e9
+
+
+def parse(urdf):
+    """Return the element tree of a URDF text."""
+    try:
+        tree = ElementTree.fromstring(urdf.encode())
+    except ElementTree.ParseError as error:
+        raise RobotError(f'robot description is no XML: {error}') from error
+    if tree.tag != 'robot':
+        raise RobotError(f'robot description: the outermost element is <{tree.tag}>, not <robot>')
+    if any('xacro' in element.tag for element in tree.iter() if isinstance(element.tag, str)):
+        raise RobotError('robot description has xacro macros: run it through xacro first')
+    return tree
+
+
+def moving_joints(tree):
+    """Return the elements of the joints that move, by name; refuse unsupported types."""
+    elements = {}
+    for joint in tree.findall('joint'):
+        kind = joint.get('type')
+        if kind in MOVING:
+            elements[joint.get('name')] = joint
+        elif kind != 'fixed':
+            raise RobotError(f'joint {joint.get("name")!r} is of type {kind!r}; '
+                             f'valid: fixed, {", ".join(MOVING)}')
+    return elements
+
+
+def build_model(tree):
+    """Return Pinocchio's model of a URDF, every moving joint with one coordinate."""
+    tree = copy.deepcopy(tree)
+    for joint in tree.findall('joint'):
+        if joint.get('type') == 'continuous':
+            # Pinocchio would hold a continuous joint as cosine and sine and forget its turns.
+            joint.set('type', 'revolute')
+            limit = joint.find('limit')
+            if limit is None:
+                limit = ElementTree.SubElement(joint, 'limit', effort='0', velocity='0')
+            limit.set('lower', repr(-UNLIMITED))
+            limit.set('upper', repr(UNLIMITED))
+    try:
+        return pinocchio.buildModelFromXML(ElementTree.tostring(tree, encoding='unicode'))
+    except (ValueError, RuntimeError) as error:
+        raise RobotError(f'robot description: {error}') from error
+
+
+def mimic_rules(elements):
+    """Return {follower: (leader, multiplier, offset)}."""
+    rules = {}
+    for name, element in elements.items():
+        mimic = element.find('mimic')
+        if mimic is None:
+            continue
+        leader = mimic.get('joint')
+        if leader not in elements:
+            raise RobotError(f'joint {name!r} mimics {unknown("joint", leader, elements)}')
+        try:
+            rules[name] = (leader, float(mimic.get('multiplier', 1.0)),
+                           float(mimic.get('offset', 0.0)))
+        except ValueError as error:
+            raise RobotError(f'joint {name!r}, mimic: {error}') from error
+    for name in rules:
+        resolve_mimic(name, rules)
+    return rules
+
+
+def resolve_mimic(name, rules):
+    """Return (leader, multiplier, offset) of a joint; itself where it follows no other."""
+    multiplier, offset = 1.0, 0.0
+    leader, seen = name, set()
+    while leader in rules:
+        if leader in seen:
+            raise RobotError(f'joint {name!r} mimics itself, through {", ".join(sorted(seen))}')
+        seen.add(leader)
+        leader, factor, shift = rules[leader]
+        offset += multiplier * shift
+        multiplier *= factor
+    return leader, multiplier, offset
+
+
+def joint_limits(name, element):
+    """Return the limits of one joint of a URDF, infinite where it has none."""
+    limit = element.find('limit')
+    attributes = {} if limit is None else limit.attrib
+    endless = element.get('type') == 'continuous'
+    defaults = {'lower': -math.inf if endless else 0.0, 'upper': math.inf if endless else 0.0,
+                'velocity': math.inf}
+    limits = {}
+    for key, default in defaults.items():
+        given = attributes.get(key) if key == 'velocity' or not endless else None
+        try:
+            value = default if given is None else float(given)
+        except ValueError as error:
+            raise RobotError(f'joint {name}: {key} limit {given!r} is no number') from error
+        limits[key] = math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
+    return limits
+
+
+def share_limits(row, follower, multiplier, offset):
+    """Narrow the limits of a joint to what a joint that follows it allows."""
+    if multiplier == 0.0:
+        return
+    ends = sorted((follower[key] - offset) / multiplier for key in ('lower', 'upper'))
+    row['lower'] = max(row['lower'], ends[0])
+    row['upper'] = min(row['upper'], ends[1])
+    row['velocity'] = min(row['velocity'], follower['velocity'] / abs(multiplier))
