@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from tp_controller.solver import RANK_TOLERANCE
 from tp_controller.tasks.base import norm
 
 # A part of the wanted velocity below this is rounding, not something that was held back.
@@ -130,9 +131,9 @@ class Report:
         return TaskReport(
             task.name, task.type_name, number, errors,
             all(value <= tolerance for value, _, tolerance in errors),
-            norm(wanted), norm(achieved), self._reason(level, wanted, achieved))
+            norm(wanted), norm(achieved), self._reason(number, level, wanted, achieved))
 
-    def _reason(self, level, wanted, achieved):
+    def _reason(self, number, level, wanted, achieved):
         """Return what holds a task back."""
         reasons = []
         speed = norm(wanted)
@@ -140,12 +141,20 @@ class Report:
             reasons.append(f'slowed to {100.0 * level.scale:.0f} % by {self.limiting}')
         unscaled = achieved / level.scale if level.scale > 0.0 else np.zeros_like(achieved)
         if level.scale > 0.0 and norm(wanted - unscaled) > max(NEGLIGIBLE, NOTABLE * speed):
-            rows = len(level.wanted)
-            if level.rank < rows:
-                reasons.append(f'{level.rank} of {rows} directions left by higher levels')
-            elif level.smallest_singular_value < NEAR_SINGULAR:
-                reasons.append('near a singularity (smallest singular value '
-                               f'{level.smallest_singular_value:.2g})')
-            else:
-                reasons.append('damped')
+            reasons.append(self._missing_directions(number, level))
         return ', '.join(reasons)
+
+    def _missing_directions(self, number, level):
+        """Return why a level cannot move the way it wants, apart from the limits."""
+        rows, smallest = len(level.wanted), level.smallest_singular_value
+        alone = np.linalg.svd(self._solution.jacobian(number - 1), compute_uv=False)
+        possible = int(np.count_nonzero(alone > RANK_TOLERANCE * norm(alone)))
+        if possible < rows:
+            return f'{possible} of {rows} directions possible for the robot here'
+        if level.rank < rows:
+            return f'{level.rank} of {rows} directions left by higher levels'
+        if smallest >= NEAR_SINGULAR:
+            return 'damped'
+        if alone[-1] >= NEAR_SINGULAR:
+            return 'in conflict with higher levels'
+        return f'near a singularity (smallest singular value {smallest:.2g})'

@@ -80,6 +80,10 @@ class Solution:
         # What the fast path did not need to know is found out when it is asked for.
         self._ranks = ranks
 
+    def jacobian(self, index):
+        """Return J (m, n) of a level."""
+        return self._levels[index].J
+
     @cached_property
     def levels(self):
         """Return what was wanted, achieved and possible, level by level."""

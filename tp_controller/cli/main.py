@@ -70,7 +70,7 @@ def make_parser():
                       'motion; lab2: two tasks in both orders')
     demo.add_argument('--output', type=Path, default=Path('tp_demo'), metavar='FOLDER',
                       help='where the figures go (default: ./tp_demo)')
-    demo.add_argument('--seed', type=int, default=1,
+    demo.add_argument('--seed', type=_seed, default=1,
                       help='seed of the random goals of lab2 (default: 1)')
     demo.set_defaults(run=_demo)
     goal = commands.add_parser(
@@ -113,6 +113,13 @@ def main(arguments=None):
     except KeyboardInterrupt:
         print('tp_controller: interrupted', file=sys.stderr)
         return 130
+
+
+def _seed(text):
+    """Return a seed of the command line."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f'{text!r} is no whole number from 0 on')
+    return int(text)
 
 
 def _version():
