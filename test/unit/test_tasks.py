@@ -556,6 +556,38 @@ def test_half_a_turn_does_not_stall_where_measurements_are_noisy(name):
         assert angle(end, goal) < 0.01
 
 
+@pytest.mark.parametrize('name', ['orientation', 'pose'])
+def test_noise_at_half_a_turn_never_turns_the_robot_round(name):
+    rng = np.random.default_rng(4)
+    for goal in random_attitudes(rng, 10):
+        axis = rng.normal(size=3)
+        half = Rotation.from_rotvec(math.pi * axis / np.linalg.norm(axis)).as_matrix() @ goal
+        task = attitude_task(name)
+        set_attitude(task, goal)
+        wishes = [task.error(Body(Rotation.from_rotvec(1e-3 * rng.normal(size=3)).as_matrix()
+                                  @ half))[-3:] for _ in range(50)]
+        assert (np.array(wishes) @ wishes[0] > 0.99 * math.pi ** 2).all()
+
+
+@pytest.mark.parametrize('degrees', [10, 90, 170])
+def test_robot_pushed_past_its_goal_comes_back_the_shorter_way(degrees):
+    task = attitude_task()
+    set_attitude(task, np.eye(3))
+    for sign in (1.0, -1.0, 1.0):
+        vector = sign * math.radians(degrees) * np.array([0.6, 0.0, 0.8])
+        wish = task.error(Body(Rotation.from_rotvec(vector).as_matrix()))
+        np.testing.assert_allclose(wish, -vector, atol=1e-9)
+
+
+def test_longer_way_is_kept_only_close_to_half_a_turn():
+    task = attitude_task()
+    set_attitude(task, np.eye(3))
+    for angle_ in (3.0, math.pi + 0.09, math.pi + 0.11):
+        wish = task.error(Body(Rotation.from_rotvec([0.0, 0.0, angle_]).as_matrix()))
+        expected = -angle_ if angle_ < math.pi + 0.1 else 2.0 * math.pi - angle_
+        np.testing.assert_allclose(wish, [0.0, 0.0, expected], atol=1e-9)
+
+
 def test_new_goal_is_approached_the_shorter_way_whatever_was_followed_before():
     task = attitude_task()
     start = np.eye(3)
