@@ -1,0 +1,66 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What every test of the nodes is given; without ROS there are no tests here."""
+
+from importlib.util import find_spec
+import warnings
+
+import pytest
+
+if find_spec('rclpy') is None:
+    collect_ignore_glob = ['test_*.py']
+else:
+    with warnings.catch_warnings():
+        # The generator of the messages' Python code, loaded with the first of them, has a
+        # dependency that uses a module of the standard library that is on its way out.
+        warnings.filterwarnings('ignore', "module 'sre_", DeprecationWarning)
+        import rosidl_generator_py  # noqa: F401
+    from harness import Harness
+    from rclpy.executors import SingleThreadedExecutor
+    from tp_controller.nodes.runner import make_executor
+
+
+@pytest.fixture(autouse=True)
+def alone(monkeypatch, tmp_path):
+    """Keep the nodes of a test from being heard by any other process."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'log'))
+
+
+@pytest.fixture
+def harness(alone):
+    """Return the harness, with the executor that the nodes use."""
+    harness = Harness(make_executor)
+    yield harness
+    harness.close()
+
+
+@pytest.fixture(params=['events', 'standard'])
+def any_harness(alone, request):
+    """Return a harness, once with each executor."""
+    harness = Harness(make_executor if request.param == 'events' else standard_executor)
+    yield harness
+    harness.close()
+
+
+def standard_executor(context):
+    """Return the executor that every rclpy has."""
+    return SingleThreadedExecutor(context=context)
+
+
+@pytest.fixture
+def log(capfd):
+    """Return a function that returns all that was logged since the last time."""
+    return lambda: capfd.readouterr().err

@@ -1,0 +1,185 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A harness that runs the nodes of one test in one process, on one thread."""
+
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from robots import PLANAR_DH
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+from tp_controller.nodes.controller_node import ControllerNode
+from tp_controller.nodes.simulator_node import SimulatorNode
+
+DEADLINE = 12.0
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+JOINTS = ('joint1', 'joint2', 'joint3')
+COMMANDS = '/velocity_controller/commands'
+# Joints are far from their limits and move from the first cycle on.
+MOVING_STACK = '- swing: {type: joint, joints: [joint1, joint2, joint3], target: [1, 0.5, -0.25]}'
+
+
+class Harness:
+    """
+    The nodes of a test and a node of its own, on one executor that the test spins.
+
+    Nothing runs while the test does not spin, so what it sees between two spins holds still.
+    """
+
+    def __init__(self, make_executor):
+        self.context = Context()
+        rclpy.init(context=self.context, args=[])
+        self.executor = make_executor(self.context)
+        self._nodes = []
+        self.node = self.add(Node('tester', context=self.context))
+
+    def close(self):
+        """End everything."""
+        self.executor.shutdown()
+        for node in self._nodes:
+            node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+    # Nodes --------------------------------------------------------------------------------
+
+    def add(self, node):
+        """Spin a node, too, and return it."""
+        self._nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def remove(self, node):
+        """End a node."""
+        self._nodes.remove(node)
+        self.executor.remove_node(node)
+        node.destroy_node()
+
+    def make(self, kind, *, arguments=(), **parameters):
+        """Return a new node; parameter names have ``__`` for a dot."""
+        overrides = [Parameter(name.replace('__', '.'), value=value)
+                     for name, value in parameters.items()]
+        return self.add(kind(context=self.context, parameter_overrides=overrides,
+                             cli_args=list(arguments) or None))
+
+    def controller(self, **parameters):
+        """Return a controller of the planar arm, unless parameters say otherwise."""
+        if not {'robot', 'robot_description'} & set(parameters):
+            parameters['robot'] = str(PLANAR_DH)
+        parameters.setdefault('stack', MOVING_STACK)
+        parameters.setdefault('status_rate', 50.0)
+        return self.make(ControllerNode, **parameters)
+
+    def simulator(self, **parameters):
+        """Return a simulator of the planar arm, unless parameters say otherwise."""
+        if not {'robot', 'robot_description'} & set(parameters):
+            parameters['robot'] = str(PLANAR_DH)
+        return self.make(SimulatorNode, **parameters)
+
+    # Spinning -----------------------------------------------------------------------------
+
+    def spin_until(self, condition, what='the condition', meanwhile=None):
+        """Spin until a condition holds; `meanwhile` is called every time before."""
+        end = time.monotonic() + DEADLINE
+        while not condition():
+            if time.monotonic() > end:
+                pytest.fail(f'{what} did not come about within {DEADLINE:g} s', pytrace=True)
+            if meanwhile is not None:
+                meanwhile()
+            self.executor.spin_once(timeout_sec=0.01)
+
+    def spin_for_more(self, messages, count=1, meanwhile=None):
+        """Spin until a list has grown by so many messages; return the new ones."""
+        before = len(messages)
+        self.spin_until(lambda: len(messages) >= before + count, f'{count} more messages',
+                        meanwhile)
+        return messages[before:]
+
+    # Topics, services, parameters ---------------------------------------------------------
+
+    def record(self, kind, topic, qos=50):
+        """Return a list that grows by every message of a topic."""
+        messages = []
+        self.node.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def commands(self):
+        """Return a list that grows by the velocities of every command."""
+        commands = []
+        self.node.create_subscription(Float64MultiArray, COMMANDS,
+                                      lambda message: commands.append(list(message.data)), 50)
+        return commands
+
+    def publisher(self, kind, topic, qos=10, connected=True):
+        """Return a publisher, once somebody listens."""
+        publisher = self.node.create_publisher(kind, topic, qos)
+        if connected:
+            self.spin_until(lambda: publisher.get_subscription_count() > 0,
+                            f'a subscriber of {topic}')
+        return publisher
+
+    def call(self, kind, name, **fields):
+        """Call a service and return its response."""
+        client = self.node.create_client(kind, name)
+        self.spin_until(client.service_is_ready, f'service {name}')
+        future = client.call_async(kind.Request(**fields))
+        self.spin_until(future.done, f'the answer of {name}')
+        self.node.destroy_client(client)
+        return future.result()
+
+    def trigger(self, name):
+        """Call a service without arguments of the controller."""
+        return self.call(Trigger, f'/tp_controller/{name}')
+
+    def enable(self, task, enabled):
+        """Enable or disable a task."""
+        return self.call(SetBool, f'/tp_controller/{task}/enable', data=enabled)
+
+
+class Arm:
+    """Joint states of an arm that stands still, as often as the test wants."""
+
+    def __init__(self, harness, q=(0.0, 0.6, 0.3), names=JOINTS):
+        self.names, self.q = list(names), list(q)
+        self._publisher = harness.publisher(JointState, '/joint_states')
+
+    def publish(self):
+        """Publish where the joints are."""
+        self._publisher.publish(JointState(name=self.names, position=self.q))
+
+
+class Status:
+    """The latest status of the controller."""
+
+    def __init__(self, harness, topic='/tp_controller/status'):
+        self.messages = harness.record(DiagnosticArray, topic)
+
+    @property
+    def head(self):
+        """Return what the controller as a whole says."""
+        return self.messages[-1].status[0].message if self.messages else ''
+
+    def task(self, name):
+        """Return {key: value} of a task; empty where there is none."""
+        for status in self.messages[-1].status if self.messages else ():
+            if status.name.endswith(f': {name}'):
+                return {value.key: value.value for value in status.values}
+        return {}

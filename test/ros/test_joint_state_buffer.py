@@ -1,0 +1,100 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Joint states, merged by name."""
+
+import math
+
+import numpy as np
+import pytest
+from tp_controller.nodes.joint_states import JointStateBuffer
+
+
+@pytest.fixture
+def buffer():
+    """Return a buffer of two driven joints and a passive one."""
+    return JointStateBuffer(('a', 'b'), ('hand',))
+
+
+def test_positions_are_sorted_by_name_whatever_the_order(buffer):
+    assert buffer.put(['hand', 'b', 'a'], [3.0, 2.0, 1.0], 0.0) == ''
+    np.testing.assert_array_equal(buffer.q, [1.0, 2.0])
+    np.testing.assert_array_equal(buffer.passive, [3.0])
+
+
+def test_publishers_complement_each_other(buffer):
+    buffer.put(['a'], [1.0], 0.0)
+    assert buffer.missing(0.0, 0.1) == ['b']
+    buffer.put(['b', 'hand'], [2.0, 3.0], 0.05)
+    assert buffer.missing(0.05, 0.1) == []
+    np.testing.assert_array_equal(buffer.q, [1.0, 2.0])
+
+
+def test_joints_that_nobody_asked_for_are_passed_over(buffer):
+    assert buffer.put(['wheel', 'a', 'b'], [math.nan, 1.0, 2.0], 0.0) == ''
+    np.testing.assert_array_equal(buffer.q, [1.0, 2.0])
+
+
+def test_a_message_without_any_joint_changes_nothing(buffer):
+    for names, positions in (([], []), (['wheel'], [1.0])):
+        assert buffer.put(names, positions, 0.0) == ''
+    assert buffer.missing(0.0, 0.1) == ['a', 'b']
+    assert not buffer.take_complete()
+
+
+@pytest.mark.parametrize('positions, fault', [
+    ([1.0], '2 joints with 1 positions'),
+    ([1.0, 2.0, 3.0], '2 joints with 3 positions'),
+    ([], '2 joints with 0 positions'),
+    ([1.0, math.nan], 'position not finite, or beyond 1e+06: a'),
+    ([math.inf, 2.0], 'position not finite, or beyond 1e+06: b'),
+    ([1e200, 1.1e6], 'position not finite, or beyond 1e+06: b, a'),
+])
+def test_a_faulty_message_is_named_and_ignored_as_a_whole(buffer, positions, fault):
+    buffer.put(['a', 'b'], [0.5, 0.6], 0.0)
+    buffer.take_complete()
+    assert buffer.put(['b', 'a'], positions, 1.0) == fault
+    np.testing.assert_array_equal(buffer.q, [0.5, 0.6])
+    assert buffer.missing(1.0, 0.5) == ['a', 'b']
+    assert not buffer.take_complete()
+
+
+def test_every_joint_ages_on_its_own(buffer):
+    buffer.put(['a', 'b'], [1.0, 2.0], 0.0)
+    buffer.put(['b'], [2.0], 1.0)
+    assert buffer.missing(0.1, 0.1) == []
+    assert buffer.missing(1.0, 0.1) == ['a']
+    assert buffer.missing(1.2, 0.1) == ['a', 'b']
+
+
+def test_a_passive_joint_is_not_waited_for(buffer):
+    buffer.put(['a', 'b'], [1.0, 2.0], 0.0)
+    assert buffer.missing(0.0, 0.1) == []
+    assert buffer.take_complete()
+
+
+def test_the_state_is_complete_once_per_round_of_all_joints(buffer):
+    buffer.put(['a'], [1.0], 0.0)
+    buffer.put(['a'], [1.1], 0.01)
+    assert not buffer.take_complete()
+    buffer.put(['b'], [2.0], 0.02)
+    assert buffer.take_complete()
+    assert not buffer.take_complete()
+
+
+def test_names_that_change_all_the_time_neither_confuse_nor_fill_the_memory(buffer):
+    for number in range(1000):
+        assert buffer.put(['a', f'other{number}', 'b'], [number, 7.0, -number], 0.0) == ''
+        np.testing.assert_array_equal(buffer.q, [number, -number])
+    assert len(buffer._plans) <= 100
