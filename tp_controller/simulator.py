@@ -64,6 +64,8 @@ class Imperfections:
                   or not 0.0 <= value < math.inf]
         if not faults and self.drop >= 1.0:
             faults.append(f'drop must be below 1, not {self.drop!r}')
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+            faults.append(f'seed must be a whole number that is not negative, not {self.seed!r}')
         if faults:
             raise SettingsError(faults)
 

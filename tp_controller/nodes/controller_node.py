@@ -135,13 +135,13 @@ class ControllerNode(Node):
         try:
             self._set_robot(self._make_robot(message.data))
         except TpControllerError as error:
-            self.get_logger().error(str(error))
+            self.get_logger().error(f'topic robot_description: {error}')
 
     def _set_robot(self, robot):
         """Make everything that depends on the robot."""
         names = self._values['command_joints'] or list(robot.joint_names)
         if sorted(names) != sorted(robot.joint_names):
-            raise RobotError(f'parameter command_joints must be the driven joints in some order '
+            raise RobotError('parameter command_joints must be the driven joints in some order '
                              f'({", ".join(robot.joint_names)}), not {", ".join(names)}')
         unlimited = [name for name, limit in zip(robot.joint_names, robot.velocity)
                      if not np.isfinite(limit)]

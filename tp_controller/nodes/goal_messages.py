@@ -84,7 +84,10 @@ def _named(names, values, what):
         return list(values)
     if len(names) != len(values):
         raise GoalError(f'{len(names)} joints with {len(values)} {what}')
-    return dict(zip(names, values))
+    given = dict(zip(names, values))
+    if len(given) < len(names):
+        raise GoalError(f'a joint is named twice: {", ".join(names)}')
+    return given
 
 
 def _joint_positions(message):

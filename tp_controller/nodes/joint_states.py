@@ -17,6 +17,7 @@
 import math
 
 import numpy as np
+from tp_controller.tasks.base import LARGEST
 
 
 class JointStateBuffer:
@@ -77,11 +78,10 @@ class JointStateBuffer:
             plan = self._plan(names)
         source, rows, driven = plan
         values = np.asarray(positions, dtype=float)[source]
-        # The same test that a robot state makes, joint by joint only where it fails.
-        if not math.isfinite(values.dot(values)):
-            bad = [self._names[row] for row, value in zip(rows, values)
-                   if not abs(value) < 1e150]
-            return f'position not finite: {", ".join(bad)}'
+        bad = [self._names[row] for row, value in zip(rows, values.tolist())
+               if not abs(value) <= LARGEST]
+        if bad:
+            return f'position not finite, or beyond {LARGEST:g}: {", ".join(bad)}'
         self._positions[rows] = values
         self._received[rows] = now
         self._fresh[driven] = True

@@ -24,13 +24,15 @@ from rclpy.exceptions import (
     ParameterAlreadyDeclaredException,
 )
 from rclpy.parameter import Parameter
-from tp_controller.errors import SettingsError
+from tp_controller.errors import RobotError, SettingsError
 from tp_controller.robot import LIMIT_KEYS, Robot
 from tp_controller.settings import Settings
 
 STRINGS = Parameter.Type.STRING_ARRAY
 DOUBLES = Parameter.Type.DOUBLE_ARRAY
 DOUBLE = Parameter.Type.DOUBLE
+# Start of the names of the joints' limits.
+LIMITS = 'limits.'
 EXAMPLES = {
     'DOUBLE': 'a double, such as 1.0', 'INTEGER': 'an integer, such as 1',
     'STRING': 'a string', 'BOOL': 'true or false',
@@ -106,7 +108,7 @@ def declare(node, specs):
     Returns
     -------
     dict
-        {name: value}, None where a parameter without default is not set.
+        {name: value}; None, where a parameter without default is not set.
 
     Raises
     ------
@@ -120,7 +122,7 @@ def declare(node, specs):
             values[spec.name] = node.declare_parameter(
                 spec.name, spec.default, spec.descriptor()).value
         except ParameterAlreadyDeclaredException:
-            values[spec.name] = node.get_parameter(spec.name).value
+            values[spec.name] = node.get_parameter_or(spec.name).value
         except InvalidParameterTypeException:
             given = node._parameter_overrides[spec.name].value
             kind = spec.default if isinstance(spec.default, Parameter.Type) \
@@ -137,10 +139,11 @@ def declare(node, specs):
 
 def warn_unknown(node):
     """Say which parameters were given a value but do not exist: ROS ignores them silently."""
-    unknown = [name for name in node._parameter_overrides
-               if not node.has_parameter(name) and not name.startswith('qos_overrides.')]
-    if unknown:
-        node.get_logger().warning(f'unknown parameters, ignored: {", ".join(sorted(unknown))}')
+    # Limits are refused where they are unknown, once the robot is there.
+    names = [name for name in node._parameter_overrides if not node.has_parameter(name)
+             and not name.startswith((LIMITS, 'qos_overrides.'))]
+    if names:
+        node.get_logger().warning(f'unknown parameters, ignored: {", ".join(sorted(names))}')
 
 
 def settings_from(values, period):
@@ -176,15 +179,18 @@ def robot_from(node, values, description=None, joints=None):
         What is wrong with the description or a limit.
 
     """
-    if values['robot']:
-        def build(**options):
-            return Robot.from_file(values['robot'], joints=joints, **options)
-    elif values['robot_description'] or description:
-        def build(**options):
-            return Robot.from_urdf(values['robot_description'] or description, joints=joints,
-                                   **options)
-    else:
+    urdf = values['robot_description'] or description
+    if not values['robot'] and urdf is None:
         return None
+
+    def build(**options):
+        if values['robot']:
+            return Robot.from_file(values['robot'], joints=joints, **options)
+        if '<' not in urdf:
+            raise RobotError(f'robot_description must be URDF text, not {urdf[:40]!r}; a file '
+                             'goes into the parameter robot')
+        return Robot.from_urdf(urdf, joints=joints, **options)
+
     robot = build()
     limits = _limits(node, robot)
     return build(limits=limits) if limits else robot
@@ -192,13 +198,19 @@ def robot_from(node, values, description=None, joints=None):
 
 def _limits(node, robot):
     """Return {joint: {key: value}} of the limits that parameters replace."""
-    specs = [Spec(f'limits.{joint}.{key}', DOUBLE,
+    specs = [Spec(f'{LIMITS}{joint}.{key}', DOUBLE,
                   f'{key} limit of the joint, in place of the one in the description',
                   unit + ('/s' if key == 'velocity' else ''), read_only=True)
              for joint, unit in zip(robot.joint_names, robot.joint_units) for key in LIMIT_KEYS]
+    strange = {name for name in node._parameter_overrides
+               if name.startswith(LIMITS)} - {spec.name for spec in specs}
+    if strange:
+        raise SettingsError([f'unknown parameter {", ".join(sorted(strange))}; valid: '
+                             f'{LIMITS}<joint>.{"|".join(LIMIT_KEYS)} with the driven joints '
+                             f'{", ".join(robot.joint_names)}'])
     limits = {}
     for name, value in declare(node, specs).items():
         if value is not None:
-            joint, key = name.removeprefix('limits.').rsplit('.', 1)
+            joint, key = name.removeprefix(LIMITS).rsplit('.', 1)
             limits.setdefault(joint, {})[key] = value
     return limits

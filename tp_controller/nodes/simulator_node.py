@@ -51,7 +51,7 @@ PARAMETERS = (
     Spec('lag', 0.0, 'time constant of the drives, first order', 's', 0.0, 10.0, True),
     Spec('drop', 0.0, 'share of commands and of joint states that get lost', '', 0.0, 0.99,
          True),
-    Spec('seed', 0, 'seed of noise and loss', read_only=True),
+    Spec('seed', 0, 'seed of noise and loss, not negative', read_only=True),
 )
 # How far the simulation may fall behind before it gives up catching up [s].
 LARGEST_GAP = 0.2
@@ -75,7 +75,7 @@ class SimulatorNode(Node):
             values['command_timeout'] * self._speed,
             Imperfections(values['noise'], values['delay'], values['lag'], values['drop'],
                           values['seed']))
-        names = values['command_joints'] or self._robot.joint_names
+        names = self._check_names(values['command_joints'] or self._robot.joint_names)
         self._commanded = np.array([self._robot.joint_index(name) for name in names])
         self._velocity = np.zeros(self._robot.n)
         self._publish_clock = values['publish_clock']
@@ -87,6 +87,13 @@ class SimulatorNode(Node):
 
     def close(self):
         """Do nothing: the robot stops by itself."""
+
+    def _check_names(self, names):
+        """Return the names of the commanded joints if they are ones of the robot, each once."""
+        if not set(names) <= set(self._robot.joint_names) or len(set(names)) < len(names):
+            raise RobotError('parameter command_joints must be some of the joints, each once '
+                             f'({", ".join(self._robot.joint_names)}), not {", ".join(names)}')
+        return names
 
     def _connect(self):
         """Create publishers, the subscription, the service and the timer."""
@@ -132,13 +139,15 @@ class SimulatorNode(Node):
 
     def _on_timer(self):
         """Make all the steps that are due, and publish each."""
-        due = (time.monotonic() - self._start_time) * self._speed / self._dt
+        now = time.monotonic()
+        due = (now - self._start_time) * self._speed / self._dt
         behind = due - self._steps_since_start
         if behind * self._dt / self._speed > LARGEST_GAP:
             self.get_logger().warning('the simulation cannot keep up with its speed',
                                       throttle_duration_sec=5.0)
             self._steps_since_start = math.floor(due) - 1
-        while self._steps_since_start + 1 <= due:
+        # Commands, services and signals wait meanwhile, so this must end.
+        while self._steps_since_start + 1 <= due and time.monotonic() - now < LARGEST_GAP:
             self._steps_since_start += 1
             self._simulator.step(self._dt)
             self._publish()
