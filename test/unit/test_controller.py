@@ -380,6 +380,19 @@ def test_report_tells_every_task_with_its_unit_tolerance_and_speed():
     assert (posture.level, posture.status) == (2, 'reached')
 
 
+@pytest.mark.parametrize('offset, turn, reached', [
+    ([0.9e-3, 0.0, 0.0], [0.0, 4.9e-3, 0.0], True), ([1.1e-3, 0.0, 0.0], [0.0] * 3, False),
+    ([0.0] * 3, [0.0, 5.1e-3, 0.0], False), ([0.8e-3, 0.8e-3, 0.0], [0.0] * 3, False)])
+def test_task_is_reached_when_every_unit_is_within_its_tolerance(offset, turn, reached):
+    controller = control(POSE_AND_POSTURE)
+    controller.update(READY, 0.0)
+    T = controller.robot.state(READY).pose(TOOL)
+    controller.set_goal('tool', shifted(T, offset, turn), 0.0)
+    report = controller.update(READY, 0.0).report
+    assert report.tasks[0].reached is reached
+    assert report.reached is reached
+
+
 def test_report_of_a_velocity_task_is_in_units_per_second():
     controller = control(f'- t: {{type: twist, frame: {TOOL}}}\n')
     controller.update(READY, 0.0)
@@ -590,12 +603,12 @@ def test_settings_that_are_replaced_act_in_the_next_cycle():
     controller = control(f'- tool: {{type: position, frame: {TOOL}}}\n', robot)
     controller.update(READY, 0.0)
     state = robot.state(READY)
-    J, v = state.jacobian(TOOL)[:3], np.array([0.03, 0.0, 0.02])
+    J, v = state.jacobian(TOOL)[:3], np.array([0.03, 0.04, 0.02])
     controller.set_goal('tool', state.position(TOOL) + v, 0.0)
     np.testing.assert_allclose(controller.update(READY, 0.0).velocity, np.linalg.pinv(J) @ v,
                                atol=1e-9)
-    controller.settings = Settings(damping=0.0, weights=(9.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0))
-    W_inverse = np.diag([1.0 / 9.0, 1, 1, 1, 1, 1, 1])
+    controller.settings = Settings(damping=0.0, weights=(9.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0))
+    W_inverse = np.diag([1.0 / 9.0, 1, 0.5, 1, 1, 1, 1])
     np.testing.assert_allclose(controller.update(READY, 0.0).velocity,
                                W_inverse @ J.T @ np.linalg.solve(J @ W_inverse @ J.T, v),
                                atol=1e-9)
