@@ -2,7 +2,7 @@
 
 PYTHON ?= python3
 # Where there are no ROS wheels (they are for x86_64): make EXTRAS=test ...
-EXTRAS ?= ros,test
+EXTRAS ?= ros,plots,test
 PYTEST_FLAGS ?=
 DEMO_FLAGS ?=
 

@@ -21,9 +21,10 @@ from setuptools import find_packages, setup
 package_name = 'tp_controller'
 executables = {
     'tp_controller': 'tp_controller.cli.main:main',
-    'controller_node': 'tp_controller.nodes.controller_node:main',
-    'simulator_node': 'tp_controller.nodes.simulator_node:main',
+    'controller_node': 'tp_controller.cli.main:controller_node',
+    'simulator_node': 'tp_controller.cli.main:simulator_node',
 }
+plots = ['matplotlib', 'Pillow']
 
 
 def shims():
@@ -49,10 +50,11 @@ setup(
         ('share/' + package_name + '/launch', glob('launch/*.launch.py')),
         *shims(),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin', 'matplotlib', 'Pillow'],
+    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-        'test': ['pytest', 'pytest-xdist', 'hypothesis', 'example-robot-data', 'ruff<0.18',
+        'plots': plots,
+        'test': [*plots, 'pytest', 'hypothesis', 'example-robot-data', 'ruff<0.18',
                  'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',

@@ -72,7 +72,7 @@ def residual_norms(levels, x):
 
 
 def projector(levels, n):
-    """Return the orthogonal projector (n, n) on what the levels leave free."""
+    """Return the orthogonal projector on what the levels leave free (n, n)."""
     rows = np.concatenate([np.zeros((0, n)), *(J for J, _ in levels)])
     free = null_of(rows)
     return free @ free.T

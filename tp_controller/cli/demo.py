@@ -31,7 +31,7 @@ import yaml
 TOOL = 'panda_hand_tcp'
 # Discovery mostly takes less than 50 ms, now and then 3 s.
 START_SECONDS = 20.0
-GOAL_SECONDS = 10.0
+GOAL_SECONDS = 20.0
 # A goal is looked at a little longer than it takes to reach it.
 LINGER_SECONDS = 0.5
 PROGRESS_SECONDS = 1.0

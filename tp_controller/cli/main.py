@@ -15,6 +15,7 @@
 """The command ``tp_controller``."""
 
 import argparse
+import importlib
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 import sys
@@ -105,14 +106,42 @@ def main(arguments=None):
         print(f'tp_controller: {error}', file=sys.stderr)
         return 1
     except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition('.')[0] == 'tp_controller':
-            raise
-        print(f'tp_controller: this needs ROS 2 ({error.name} is missing): source its setup '
-              "file, or pip install 'tp_controller[ros]'", file=sys.stderr)
-        return 1
+        return _lacks(error)
     except KeyboardInterrupt:
         print('tp_controller: interrupted', file=sys.stderr)
         return 130
+
+
+def controller_node():
+    """Run the controller node; see `tp_controller.nodes.controller_node`."""
+    return _node('controller_node')
+
+
+def simulator_node():
+    """Run the simulator node; see `tp_controller.nodes.simulator_node`."""
+    return _node('simulator_node')
+
+
+def _node(name):
+    """Run a node, whose module needs ROS already to be imported."""
+    try:
+        module = importlib.import_module(f'tp_controller.nodes.{name}')
+    except ModuleNotFoundError as error:
+        return _lacks(error)
+    return module.main()
+
+
+def _lacks(error):
+    """Say which optional package is missing and how to get it; return the exit status."""
+    package = (error.name or '').partition('.')[0]
+    if package in ('', 'tp_controller'):
+        raise error
+    if package in ('matplotlib', 'mpl_toolkits', 'PIL'):
+        cure = "the figures need it: pip install '.[plots]'"
+    else:
+        cure = "this needs ROS 2: source its setup file, or pip install '.[ros]'"
+    print(f'tp_controller: {package} is missing; {cure}', file=sys.stderr)
+    return 1
 
 
 def _seed(text):
