@@ -1,0 +1,459 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+README.md and docs/ cannot rot: what they show is run, loaded, parsed or looked up.
+
+- ``python`` blocks of a page run in order, in one namespace, from the root of the repository. A
+  ``text`` block that follows directly is what they print.
+- ``yaml`` lists are stacks and load for the Panda; mappings are DH tables or parameter files.
+- Lines of ``bash`` blocks, and of blocks without a language, must be ones the programs accept.
+- A block after ``<!-- file: name -->`` is a file of an example; it is not run by itself.
+
+What is about messages and parameters needs ROS and is skipped without.
+"""
+
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+import importlib
+import importlib.util
+import io
+import os
+from pathlib import Path
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+
+import pytest
+import setuptools
+from tp_controller import Robot, Stack
+from tp_controller.cli.main import make_parser
+from tp_controller.resources import find_file
+from tp_controller.tasks import Task
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / 'docs'
+PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted(DOCS.glob('*.md'))]
+# Messages are made on first use, by packages that import deprecated modules.
+pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
+FENCE = re.compile(r'^(?P<fence>```+|~~~+)(?P<language>\w*)$')
+FILE = re.compile(r'<!-- file: (\S+) -->')
+LINK = re.compile(r'\[[^\]]*\]\(([^)\s]+)\)')
+# Programs that are not ours; what they are told is not looked at.
+FOREIGN = {'cd', 'colcon', 'export', 'git', 'mkdir', 'pip', 'rosdep', 'source', '.'}
+# Parameters that every node has.
+EVERY_NODE = {'use_sim_time': False}
+EXECUTABLES = ('controller_node', 'simulator_node', 'tp_controller')
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page; `file` is its name if it is a file of an example."""
+
+    page: Path
+    line: int
+    language: str
+    text: str
+    file: str
+
+    def __str__(self):
+        """Return where it is."""
+        return f'{self.page.name}:{self.line}'
+
+
+def blocks_of(page):
+    """Return the fenced blocks of a page, and for each the index of the line after it."""
+    found, start, file = [], None, ''
+    lines = page.read_text(encoding='utf-8').splitlines()
+    for number, line in enumerate(lines, 1):
+        fence = FENCE.match(line)
+        if start is None and fence:
+            start, opened = number, fence
+        elif start is not None and line == opened['fence']:
+            found.append((Block(page, start, opened['language'],
+                                '\n'.join(lines[start:number - 1]) + '\n', file), number))
+            start, file = None, ''
+        elif start is None and line.strip():
+            file = (FILE.match(line) or ['', ''])[1]
+    assert start is None, f'{page.name}:{start}: the block is not closed'
+    return found
+
+
+def blocks(*languages):
+    """Return the blocks of all pages in some languages."""
+    return [block for page in PAGES for block, _ in blocks_of(page)
+            if block.language in languages]
+
+
+def output_of(page, block, end):
+    """Return the text block that follows a block directly; None if there is none."""
+    lines = page.read_text(encoding='utf-8').splitlines()
+    for other, _ in blocks_of(page):
+        if other.language == 'text' and other.line > end \
+                and not ''.join(lines[end:other.line - 1]).strip():
+            return other.text
+    return None
+
+
+def commands():
+    """Return (block, words) of every command line, continued lines joined."""
+    found = []
+    for block in blocks('bash', ''):
+        if block.file:
+            continue
+        for line in block.text.replace('\\\n', ' ').splitlines():
+            words = shlex.split(line, comments=True)
+            if words and (block.language or words[0] in ('tp_controller', 'make', 'python')):
+                found.append((block, words))
+    return found
+
+
+def commands_of(*first):
+    """Return the command lines that begin with some words, as parameters of a test."""
+    return [pytest.param(words, id=f'{block} {shlex.join(words)[:60]}')
+            for block, words in commands() if words[:len(first)] == list(first)]
+
+
+def identity(value):
+    """Return the name of a parameter in the names of tests."""
+    return value.name if isinstance(value, Path) else str(value)
+
+
+@pytest.fixture(scope='module')
+def generate():
+    """Return docs/generate.py as a module."""
+    spec = importlib.util.spec_from_file_location('generate', DOCS / 'generate.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope='module')
+def panda():
+    """Return the robot that the stacks are for."""
+    return Robot.from_file(ROOT / 'config' / 'robots' / 'panda.yaml')
+
+
+@pytest.fixture
+def own_task_types(monkeypatch):
+    """Keep task types that an example registers out of all other tests."""
+    monkeypatch.setattr(Task, 'types', dict(Task.types))
+
+
+# Tables ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('page', PAGES, ids=identity)
+def test_generated_tables_are_current(page, generate):
+    assert generate.same(generate.renewed(page, ros=False), page.read_text(encoding='utf-8')), \
+        'run: python docs/generate.py'
+
+
+@pytest.mark.parametrize('page', PAGES, ids=identity)
+def test_generated_tables_about_the_nodes_are_current(page, generate):
+    pytest.importorskip('rclpy')
+    assert generate.same(generate.renewed(page), page.read_text(encoding='utf-8')), \
+        'run: python docs/generate.py'
+
+
+def test_every_table_is_shown(generate):
+    shown = {match['name'] for page in PAGES
+             for match in generate.REGION.finditer(page.read_text(encoding='utf-8'))}
+    assert {*generate.REGIONS, *generate.ROS_REGIONS} == shown
+
+
+def test_generator_notices_a_table_that_is_out_of_date(generate, tmp_path):
+    page = tmp_path / 'page.md'
+    page.write_text('<!-- begin generated: settings -->\nold\n<!-- end generated -->\n',
+                    encoding='utf-8')
+    assert not generate.same(generate.renewed(page), page.read_text(encoding='utf-8'))
+    page.write_text(generate.renewed(page), encoding='utf-8')
+    assert generate.renewed(page) == page.read_text(encoding='utf-8')
+
+
+def test_robot_page_names_every_key_of_a_dh_table():
+    from tp_controller.dh import CONVENTIONS, FRAME_KEYS, JOINT_KEYS, JOINT_TYPES, TABLE_KEYS
+    text = (DOCS / 'robots.md').read_text(encoding='utf-8')
+    for word in {*CONVENTIONS, *FRAME_KEYS, *JOINT_KEYS, *JOINT_TYPES, *TABLE_KEYS}:
+        assert f'`{word}`' in text, word
+
+
+# Python ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('page', [page for page in PAGES if any(
+    block.language == 'python' and not block.file for block, _ in blocks_of(page))], ids=identity)
+def test_python_blocks_run_and_print_what_is_shown(page, monkeypatch, own_task_types):
+    monkeypatch.chdir(ROOT)
+    namespace = {'__name__': 'example'}
+    for block, end in blocks_of(page):
+        if block.language != 'python' or block.file:
+            continue
+        printed = io.StringIO()
+        # Lines before it, so that a traceback shows the line of the page.
+        code = compile('\n' * block.line + block.text, str(page), 'exec')
+        with redirect_stdout(printed):
+            exec(code, namespace)
+        assert printed.getvalue() == (output_of(page, block, end) or ''), block
+
+
+def test_task_type_of_another_package_works_as_documented(tmp_path):
+    files = {block.file: block.text for block in blocks('python', 'yaml')
+             if block.file and block.page == DOCS / 'tasks.md'}
+    for name, text in files.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding='utf-8')
+    arguments = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        patch.setattr(setuptools, 'setup', arguments.update)
+        runpy.run_path('setup.py')
+    # What an installer would write.
+    installed = tmp_path / f'{arguments["name"]}-{arguments["version"]}.dist-info'
+    installed.mkdir()
+    (installed / 'METADATA').write_text(
+        f'Metadata-Version: 2.1\nName: {arguments["name"]}\nVersion: {arguments["version"]}\n')
+    (installed / 'entry_points.txt').write_text(''.join(
+        f'[{group}]\n' + '\n'.join(lines) + '\n'
+        for group, lines in arguments['entry_points'].items()))
+    script, = (name for name in files if name.startswith('try_'))
+    done = subprocess.run(
+        [sys.executable, script], cwd=tmp_path, text=True, capture_output=True, timeout=60,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join((str(tmp_path), str(ROOT)))})
+    assert done.returncode == 0, done.stderr
+    page = DOCS / 'tasks.md'
+    shown, = (output_of(page, block, end) for block, end in blocks_of(page)
+              if block.file == script)
+    assert done.stdout == shown
+
+
+# YAML ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('block', [block for block in blocks('yaml') if not block.file],
+                         ids=identity)
+def test_yaml_blocks_load(block, panda):
+    content = yaml.safe_load(block.text)
+    if isinstance(content, list):
+        assert Stack.from_yaml(block.text, panda).tasks
+    elif 'joints' in content:
+        assert Robot.from_dh(content).n == len(content['joints'])
+    else:
+        assert all('ros__parameters' in values for values in content.values()), \
+            'neither a stack nor a DH table nor a parameter file'
+
+
+@pytest.mark.parametrize('block', [block for block in blocks('yaml') if not block.file],
+                         ids=identity)
+def test_parameter_files_set_what_the_nodes_have(block):
+    pytest.importorskip('rclpy')
+    content = yaml.safe_load(block.text)
+    for node, module in (('tp_controller', 'controller_node'), ('tp_simulator', 'simulator_node')):
+        if isinstance(content, dict) and node in content:
+            for name, value in content[node]['ros__parameters'].items():
+                check_parameter(module, name, value)
+
+
+def check_parameter(module, name, value):
+    """Check that a node has a parameter, and that its type suits a value."""
+    specs = importlib.import_module(f'tp_controller.nodes.{module}').PARAMETERS
+    defaults = {**EVERY_NODE, **{spec.name: spec.default for spec in specs}}
+    if name.startswith('limits'):
+        return
+    assert name in defaults, name
+    if isinstance(defaults[name], (str, bool, int, float)):
+        assert isinstance(value, type(defaults[name])), (name, value)
+    if name in ('robot', 'stack') and isinstance(value, str) and '://tp_controller/' in value:
+        assert find_file(value)
+
+
+# Commands --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('words', commands_of('tp_controller'))
+def test_command_line_accepts(words):
+    try:
+        make_parser().parse_args(words[1:])
+    except SystemExit as ended:
+        assert not ended.code and words[-1] in ('--help', '--version')
+
+
+def make_targets():
+    """Return the targets of the Makefile that have a description."""
+    text = (ROOT / 'Makefile').read_text(encoding='utf-8')
+    return set(re.findall(r'^([a-z]+):.*##', text, re.MULTILINE))
+
+
+@pytest.mark.parametrize('page', PAGES, ids=identity)
+def test_make_targets_exist(page):
+    text = page.read_text(encoding='utf-8')
+    named = [words[1:] for block, words in commands()
+             if block.page == page and words[0] == 'make']
+    named += [shlex.split(line) for line in re.findall(r'`make ([^`]*)`', text)]
+    for words in named:
+        targets = [word for word in words if '=' not in word]
+        assert set(targets) <= make_targets(), words
+
+
+@pytest.mark.parametrize('words', commands_of('python'))
+def test_python_scripts_exist(words):
+    assert (ROOT / words[1]).is_file()
+
+
+def test_every_other_command_is_known():
+    known = {'tp_controller', 'make', 'python', 'ros2', *FOREIGN}
+    assert {words[0] for _, words in commands()} <= known
+
+
+@pytest.mark.parametrize('words', commands_of('ros2', 'run'))
+def test_ros2_run_names_executables_and_parameters(words):
+    assert words[2] == 'tp_controller' and words[3] in EXECUTABLES
+    assignments = [words[index + 1] for index, word in enumerate(words) if word == '-p']
+    if assignments:
+        pytest.importorskip('rclpy')
+    for assignment in assignments:
+        name, _, value = assignment.partition(':=')
+        check_parameter(words[3], name, yaml.safe_load(value))
+
+
+def message_type(name):
+    """Return a message or service type, as ROS tools do."""
+    package, kind, last = name.split('/')
+    return getattr(importlib.import_module(f'{package}.{kind}'), last)
+
+
+def fill(message, values):
+    """Set the fields of a message, as ROS tools do."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            fill(getattr(message, name), value)
+        else:
+            setattr(message, name, value)
+    return message
+
+
+def documented_tasks(panda):
+    """Return the tasks of the stacks on the page about ROS, by name."""
+    texts = [block.text for block in blocks('yaml') if block.page == DOCS / 'ros.md'
+             and isinstance(yaml.safe_load(block.text), list)]
+    texts.append((ROOT / 'config' / 'demo_stack.yaml').read_text(encoding='utf-8'))
+    tasks = {}
+    for text in reversed(texts):
+        tasks.update(Stack.from_yaml(text, panda).tasks)
+    return tasks
+
+
+@pytest.mark.parametrize('words', commands_of('ros2', 'topic', 'pub'))
+def test_ros2_topic_pub_sends_goals_that_tasks_take(words, panda):
+    pytest.importorskip('rclpy')
+    messages_of = importlib.import_module('tp_controller.nodes.goal_messages').messages_of
+    rest = [word for index, word in enumerate(words[3:], 3)
+            if not word.startswith('-') and words[index - 1] not in ('--rate', '-r', '--times')]
+    topic, kind, values = rest
+    name, last = re.fullmatch('/tp_controller/([a-z]+)/(goal|twist)', topic).groups()
+    task = documented_tasks(panda)[name]
+    entry, = (entry for entry in messages_of(type(task)) if entry.topic == last)
+    assert message_type(kind) is entry.type
+    message = fill(entry.type(), yaml.safe_load(values))
+    if entry.framed:
+        assert message.header.frame_id in ('', *panda.frame_names)
+    goal, feed_forward = entry.goal(message), entry.feed_forward(message)
+    assert goal is not None or feed_forward is not None
+    if goal is not None:
+        task.parse_goal(goal)
+    if feed_forward is not None:
+        task.parse_feed_forward(feed_forward)
+
+
+@pytest.mark.parametrize('words', commands_of('ros2', 'service', 'call'))
+def test_ros2_service_call_names_services(words, panda, generate):
+    pytest.importorskip('rclpy')
+    name, kind, *values = words[3:]
+    known = {topic: message for node in ('controller', 'simulator')
+             for direction, topic, message in generate.interfaces(node) if direction == 'service'}
+    node, *task, last = name.strip('/').split('/')
+    assert node in ('tp_controller', 'tp_simulator')
+    assert known['~/' + '/'.join(['<task>'] * len(task) + [last])] == kind
+    assert set(task) <= set(documented_tasks(panda))
+    fill(message_type(kind).Request(), yaml.safe_load(values[0]) if values else {})
+
+
+@pytest.mark.parametrize('words', commands_of('ros2', 'param'))
+def test_ros2_param_names_parameters(words):
+    pytest.importorskip('rclpy')
+    assert words[3] in ('/tp_controller', '/tp_simulator')
+    if words[2] == 'set':
+        check_parameter('controller_node', words[4], yaml.safe_load(words[5]))
+
+
+def test_ros2_commands_are_all_looked_at():
+    verbs = {tuple(words[1:3]) for _, words in commands() if words[0] == 'ros2'}
+    verbs = {verb if verb[0] in ('topic', 'service', 'param') else verb[:1] for verb in verbs}
+    assert verbs <= {('run',), ('topic', 'pub'), ('topic', 'echo'), ('service', 'call'),
+                     ('param', 'set'), ('param', 'describe'), ('param', 'list'), ('control',)}
+
+
+# Links and layout -------------------------------------------------------------------------
+
+
+def anchors(page):
+    """Return the anchors of the headings of a page."""
+    lines, inside = [], False
+    for line in page.read_text(encoding='utf-8').splitlines():
+        inside ^= line.startswith(('```', '~~~'))
+        if not inside and line.startswith('#'):
+            lines.append(line.lstrip('#').strip().lower())
+    return {re.sub(r'[^\w\- ]', '', line).replace(' ', '-') for line in lines}
+
+
+@pytest.mark.parametrize('page', PAGES, ids=identity)
+def test_links_and_images_lead_somewhere(page):
+    text = re.sub(r'```.*?```', '', page.read_text(encoding='utf-8'), flags=re.DOTALL)
+    for link in LINK.findall(re.sub(r'`[^`\n]*`', '', text)):
+        if '://' in link:
+            continue
+        path, _, anchor = link.partition('#')
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists() and ROOT in (target, *target.parents), link
+        if anchor:
+            assert anchor in anchors(target), link
+
+
+def test_every_page_can_be_found_from_the_first():
+    seen, to_read = set(), [ROOT / 'README.md']
+    while to_read:
+        page = to_read.pop()
+        if page in seen:
+            continue
+        seen.add(page)
+        links = LINK.findall(page.read_text(encoding='utf-8'))
+        to_read += [(page.parent / link.partition('#')[0]).resolve() for link in links
+                    if link.partition('#')[0].endswith('.md') and '://' not in link]
+    assert {page for page in PAGES if page.name != 'index.md'} <= seen
+
+
+def test_pictures_are_small():
+    for picture in (DOCS / 'images').iterdir():
+        assert picture.stat().st_size < 1_000_000, picture
+
+
+def test_readme_comes_to_the_point():
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    first, = [block for block in blocks('bash') if block.page == ROOT / 'README.md'][:1]
+    assert first.line <= 20
+    assert text.index('.gif)') < text.index('```')
