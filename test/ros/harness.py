@@ -14,12 +14,14 @@
 
 """A harness that runs the nodes of one test in one process, on one thread."""
 
+from collections import defaultdict
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 import rclpy
 from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -31,6 +33,7 @@ from tp_controller.nodes.controller_node import ControllerNode
 from tp_controller.nodes.simulator_node import SimulatorNode
 
 DEADLINE = 12.0
+PERIOD = 0.005
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 JOINTS = ('joint1', 'joint2', 'joint3')
 COMMANDS = '/velocity_controller/commands'
@@ -97,14 +100,21 @@ class Harness:
     # Spinning -----------------------------------------------------------------------------
 
     def spin_until(self, condition, what='the condition', meanwhile=None):
-        """Spin until a condition holds; `meanwhile` is called every time before."""
-        end = time.monotonic() + DEADLINE
+        """Spin until a condition holds; `meanwhile` is called every `PERIOD` seconds."""
+        now = time.monotonic()
+        end, due = now + DEADLINE, now
         while not condition():
-            if time.monotonic() > end:
+            now = time.monotonic()
+            if now > end:
                 pytest.fail(f'{what} did not come about within {DEADLINE:g} s', pytrace=True)
-            if meanwhile is not None:
+            if meanwhile is not None and now >= due:
                 meanwhile()
-            self.executor.spin_once(timeout_sec=0.01)
+                due = now + PERIOD
+            try:
+                self.executor.spin_once(timeout_sec=PERIOD)
+            except InvalidHandle:
+                # As the runner of the nodes does.
+                continue
 
     def spin_for_more(self, messages, count=1, meanwhile=None):
         """Spin until a list has grown by so many messages; return the new ones."""
@@ -178,8 +188,8 @@ class Status:
         return self.messages[-1].status[0].message if self.messages else ''
 
     def task(self, name):
-        """Return {key: value} of a task; empty where there is none."""
+        """Return {key: value} of a task; every value is empty before the first status."""
         for status in self.messages[-1].status if self.messages else ():
             if status.name.endswith(f': {name}'):
-                return {value.key: value.value for value in status.values}
-        return {}
+                return defaultdict(str, {value.key: value.value for value in status.values})
+        return defaultdict(str)

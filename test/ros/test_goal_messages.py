@@ -48,7 +48,7 @@ def test_the_controller_reads_what_the_client_writes(entry, fields, goal, feed_f
 
 
 @pytest.mark.parametrize('kind, fields, told', [
-    (PointStamped, {'quat_xyzw': QUAT_XYZW}, "task 'task' takes xyz (PointStamped), not quat_xyzw"),
+    (PointStamped, {'quat_xyzw': QUAT_XYZW}, 'takes xyz (PointStamped), not quat_xyzw'),
     (PoseStamped, {'xyz': XYZ}, 'takes xyz and quat_xyzw (PoseStamped), not xyz'),
     (QuaternionStamped, {}, 'takes quat_xyzw (QuaternionStamped), not nothing'),
     (JointState, {'xyz': XYZ}, 'takes joints and velocities (JointState), not xyz'),

@@ -137,7 +137,9 @@ def test_simulated_time_is_published_and_runs_faster_than_the_clock(any_harness)
     elapsed = 1e-9 * (any_harness.node.get_clock().now() - began).nanoseconds
     assert elapsed < seconds(clocks[-1].clock)
     times = [seconds(message.clock) for message in clocks]
-    np.testing.assert_allclose(np.diff(times), 0.01, atol=1e-8)
+    # A slow listener may miss some.
+    steps = np.diff(times) / 0.01
+    np.testing.assert_allclose(steps, np.maximum(np.round(steps), 1.0), atol=1e-6)
     # States bear simulated time, too.
     assert {round(seconds(message.header.stamp), 6) for message in states} <= {
         round(number * 0.01, 6) for number in range(round(100 * times[-1]) + 100)}

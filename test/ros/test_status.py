@@ -1,0 +1,185 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the controller says: status, diagnostics and markers."""
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PointStamped
+from harness import Arm, Status
+import numpy as np
+import pytest
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from tp_controller.nodes.client import make_message
+from visualization_msgs.msg import Marker, MarkerArray
+
+STACK = """
+- tip: {type: position, frame: link3, axes: xy, gain: 2.0}
+- [turn: {type: orientation, frame: link3, axes: z}, slow: {type: joint, joints: joint1}]
+- rest: {type: posture, target: [0.0, 0.0, 0.0]}
+"""
+Q = (0.0, 0.6, 0.3)
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+
+
+class Rig:
+    """A controller of the planar arm at rest."""
+
+    def __init__(self, harness, stack=STACK, **parameters):
+        self.harness = harness
+        self.controller = harness.controller(stack=stack, **parameters)
+        self.status, self.arm = Status(harness), Arm(harness, Q)
+
+    def spin_until(self, condition):
+        """Spin, while the arm says where it is."""
+        self.harness.spin_until(condition, meanwhile=self.arm.publish)
+
+
+def test_the_status_has_the_node_first_and_then_every_task_by_priority(harness):
+    rig = Rig(harness)
+    rig.spin_until(lambda: rig.status.head == 'running')
+    message = rig.status.messages[-1]
+    assert [status.name for status in message.status] == [
+        'tp_controller', 'tp_controller: tip', 'tp_controller: turn', 'tp_controller: slow',
+        'tp_controller: rest']
+    assert [rig.status.task(name)['level'] for name in ('tip', 'turn', 'slow', 'rest')] == [
+        '1', '2', '2', '3']
+    assert [value.key for value in message.status[0].values] == ['scale', 'limiting']
+    assert message.status[0].level == OK
+    assert message.header.stamp.sec > 0
+
+
+def test_a_task_reports_its_error_with_unit_and_what_holds_it_back(harness):
+    rig = Rig(harness)
+    publisher = harness.publisher(PointStamped, '/tp_controller/tip/goal')
+    rig.spin_until(lambda: rig.status.head == 'running')
+    tip = rig.controller._controller.stack.tasks['tip']
+    goal = tip.goal + (0.03, -0.04, 0.0)
+    publisher.publish(make_message('tip', PointStamped, {'xyz': goal}))
+    rig.spin_until(lambda: rig.status.task('tip')['goals accepted'] == '1')
+    task = rig.status.task('tip')
+    assert float(task['error [m]']) == pytest.approx(0.05, abs=1e-6)
+    assert float(task['tolerance [m]']) == 1e-3
+    # The gain is 2/s.
+    assert float(task['wanted speed']) == pytest.approx(0.1, abs=1e-6)
+    assert task['type'] == 'position' and task['status'] in ('moving', 'held back')
+    rest = rig.status.task('rest')
+    assert rest['status'] == 'held back'
+    assert rest['reason'] == '0 of 3 directions left by higher levels'
+    levels = {status.name: status.level for status in rig.status.messages[-1].status}
+    assert levels['tp_controller: rest'] == WARN
+    texts = {status.name: status.message for status in rig.status.messages[-1].status}
+    assert texts['tp_controller: rest'] == 'held back: 0 of 3 directions left by higher levels'
+
+
+def test_the_limit_that_slows_the_robot_is_named(harness):
+    rig = Rig(harness, '- rest: {type: posture, target: [2.0, 0.6, 0.3]}')
+    rig.spin_until(lambda: rig.status.task('rest')['reason'])
+    assert rig.status.task('rest')['reason'] == 'slowed to 50 % by joint1 at its velocity limit'
+    values = {value.key: value.value for value in rig.status.messages[-1].status[0].values}
+    assert values == {'scale': '0.5000', 'limiting': 'joint1 at its velocity limit'}
+
+
+def test_diagnostics_say_the_same(harness):
+    rig = Rig(harness)
+    diagnostics = harness.record(DiagnosticArray, '/diagnostics')
+    rig.spin_until(lambda: diagnostics and rig.status.messages
+                   and diagnostics[-1] == rig.status.messages[-1])
+    assert diagnostics[-1].status[0].hardware_id == 'tp_controller'
+
+
+def test_while_on_hold_the_reason_stands_in_place_of_old_errors(harness):
+    rig = Rig(harness)
+    rig.spin_until(lambda: rig.status.head == 'running')
+    harness.spin_until(lambda: rig.status.head == 'no joint states of joint1, joint2, joint3')
+    message = rig.status.messages[-1]
+    assert [status.level for status in message.status] == [WARN] * 5
+    assert rig.status.task('tip') == {
+        'status': 'on hold', 'goals accepted': '0', 'goals refused': '0', 'last refusal': ''}
+
+
+def test_every_node_speaks_under_its_own_full_name(harness):
+    rig = Rig.__new__(Rig)
+    rig.controller = harness.controller(arguments=[
+        '--ros-args', '-r', '__ns:=/left', '-r', '__node:=arm'])
+    rig.status = Status(harness, '/left/arm/status')
+    harness.spin_until(lambda: rig.status.messages)
+    assert [status.name for status in rig.status.messages[-1].status] == [
+        'left/arm', 'left/arm: swing']
+    # The names of the topics are relative, so that they move, too.
+    for topic in ('/left/joint_states', '/left/arm/swing/goal'):
+        assert harness.node.count_subscribers(topic) == 1
+    assert harness.node.count_publishers('/left/velocity_controller/commands') == 1
+
+
+def test_stamps_are_simulated_time_where_it_is_used(harness):
+    rig = Rig(harness, use_sim_time=True)
+    clock = harness.publisher(Clock, '/clock')
+    time = Clock()
+    time.clock.sec = 1234
+    harness.spin_until(lambda: rig.status.messages
+                       and rig.status.messages[-1].header.stamp.sec == 1234,
+                       meanwhile=lambda: clock.publish(time))
+
+
+# Markers --------------------------------------------------------------------------------------
+
+def test_markers_show_the_goals_of_the_tasks_that_have_a_place(harness):
+    rig = Rig(harness)
+    markers = harness.record(MarkerArray, '/tp_controller/markers')
+    rig.spin_until(lambda: markers)
+    array = markers[-1].markers
+    assert {marker.ns for marker in array} == {'tip', 'turn'}
+    assert len({(marker.ns, marker.id) for marker in array}) == len(array) == 8
+    for marker in array:
+        assert marker.header.frame_id == 'base_link' and marker.action == Marker.ADD
+        assert marker.lifetime.sec == 1 and marker.color.a == 1.0
+        assert marker.pose.orientation.w == 1.0
+
+
+def test_the_line_of_a_marker_leads_from_the_frame_to_the_goal(harness):
+    rig = Rig(harness)
+    markers = harness.record(MarkerArray, '/tp_controller/markers')
+    publisher = harness.publisher(PointStamped, '/tp_controller/tip/goal')
+    goal = (0.5, 1.0, 0.25)
+    publisher.publish(make_message('tip', PointStamped, {'xyz': goal}))
+    rig.spin_until(lambda: rig.status.task('tip')['goals accepted'] == '1')
+    del markers[:]
+    rig.spin_until(lambda: markers)
+    line, = (marker for marker in markers[-1].markers if (marker.ns, marker.id) == ('tip', 0))
+    start, end = ((point.x, point.y, point.z) for point in line.points)
+    state = rig.controller._controller.robot.state(Q)
+    np.testing.assert_allclose(start, state.position('link3'), atol=1e-12)
+    np.testing.assert_allclose(end, goal, atol=1e-12)
+
+
+def test_markers_cost_nothing_where_nobody_looks(harness, monkeypatch):
+    rig = Rig(harness)
+    monkeypatch.setattr('tp_controller.nodes.controller_node.markers',
+                        lambda *_: pytest.fail('made without need'))
+    rig.spin_until(lambda: rig.status.head == 'running')
+    harness.spin_for_more(rig.status.messages, 3, rig.arm.publish)
+
+
+def test_markers_of_a_stack_that_has_not_run_yet_are_no_garbage(harness):
+    rig = Rig(harness)
+    rig.spin_until(lambda: rig.status.head == 'running')
+    harness.trigger('stop')
+    stack = STACK.replace('tip', 'end').replace('turn', 'twist')
+    assert rig.controller.set_parameters_atomically([Parameter('stack', value=stack)]).successful
+    markers = harness.record(MarkerArray, '/tp_controller/markers')
+    harness.spin_for_more(markers, 3)
+    points = [(point.x, point.y, point.z) for array in markers for marker in array.markers
+              for point in marker.points]
+    assert np.isfinite(points).all()
