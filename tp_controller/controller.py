@@ -215,7 +215,8 @@ class Controller:
         found = []
         for group in self.stack.active:
             for task in group:
-                T_reference_goal = task.goal_pose(self._state)
+                # A task that has not started yet may have no goal.
+                T_reference_goal = None if task.goal is None else task.goal_pose(self._state)
                 if T_reference_goal is not None:
                     found.append((task.name,
                                   self._state.pose(task.reference).dot(T_reference_goal),

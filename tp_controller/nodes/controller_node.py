@@ -80,10 +80,11 @@ class ControllerNode(Node):
         # Safety times are measured between receipt and use, on a clock nobody can set.
         self._now = time.monotonic
         self._values = declare(self, PARAMETERS)
-        self._settings = settings_from(self._values, self._period())
+        self._settings = self._settings_of(self._values)
         self._controller = self._topics = self._report = self._buffer = None
+        self._checked_stack = None
         self._stack_fault = ''
-        self._stopped = False
+        self._stopped = self._status_due = False
         self._hold = 'no robot description yet'
         self._last_cycle = self._now()
         robot = self._make_robot()
@@ -114,6 +115,11 @@ class ControllerNode(Node):
         rate = self._values['rate']
         return 1.0 / rate if rate > 0.0 else self._values['state_timeout']
 
+    def _settings_of(self, values):
+        """Return the settings that parameter values make."""
+        return settings_from(values, self._period(), '1/rate' if self._values['rate'] > 0.0
+                             else 'state_timeout, because rate is 0')
+
     def _start_timers(self):
         """Start the cycle, and what watches over it on the steady clock."""
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -122,7 +128,8 @@ class ControllerNode(Node):
         # Neither a joint state nor simulated time may come any more: then nothing else would
         # command zeros.
         self.create_timer(self._values['state_timeout'] / 2.0, self._watch, clock=steady)
-        self.create_timer(1.0 / self._values['status_rate'], self._publish_status, clock=steady)
+        self.create_timer(1.0 / self._values['status_rate'], self._on_status_timer,
+                          clock=steady)
 
     def _make_robot(self, description=None):
         """Return the robot, None without a description."""
@@ -191,11 +198,12 @@ class ControllerNode(Node):
         values = {**self._values, **{parameter.name: parameter.value
                                      for parameter in parameters}}
         try:
-            settings = settings_from(values, self._period())
+            settings = self._settings_of(values)
             if self._controller is not None:
                 self._controller.check_settings(settings)
-                if values['stack'] != self._values['stack']:
-                    self._read_stack(values['stack'])
+                if any(parameter.name == 'stack' for parameter in parameters):
+                    # Kept, since a file may be another one the next time it is read.
+                    self._checked_stack = self._read_stack(values['stack'])
         except TpControllerError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -204,11 +212,11 @@ class ControllerNode(Node):
         """Act on parameters that were accepted."""
         changed = {parameter.name: parameter.value for parameter in parameters}
         self._values.update(changed)
-        self._settings = settings_from(self._values, self._period())
+        self._settings = self._settings_of(self._values)
         if self._controller is not None:
             self._controller.settings = self._settings
             if 'stack' in changed:
-                self._load_stack()
+                self._use_stack(self._checked_stack)
 
     # The cycle ----------------------------------------------------------------------------
 
@@ -231,17 +239,21 @@ class ControllerNode(Node):
             try:
                 command = self._controller.update(self._buffer.q, now, self._buffer.passive)
                 self._report = command.report
+                self._topics.changed = False
                 self._command_view[:] = command.velocity[self._order]
                 self._commands.publish(self._command)
             except TpControllerError as error:
                 hold = str(error)
         if hold:
             self._publish_zeros()
-        if hold != self._hold:
-            self._say_hold(hold)
+        self._say_hold(hold)
+        if self._status_due:
+            self._publish_status()
 
     def _say_hold(self, hold):
-        """Log why the robot is held, or that it is no more."""
+        """Log why the robot is held, or that it is no more, where that has changed."""
+        if hold == self._hold:
+            return
         self._hold = hold
         if hold:
             self.get_logger().warning(f'commanding zeros: {hold}')
@@ -259,14 +271,17 @@ class ControllerNode(Node):
 
     def _watch(self):
         """Command zeros if the cycle has not done anything for too long."""
-        if self._now() - self._last_cycle <= self._values['state_timeout']:
+        now = self._now()
+        silence = now - self._last_cycle
+        if self._buffer is None or silence <= self._values['state_timeout']:
             return
-        if self._buffer is not None:
-            missing = self._buffer.missing(self._now(), self._values['state_timeout'])
-            hold = f'no joint states of {", ".join(missing)}' if missing else 'time stands still'
+        hold = self._reason_to_hold(now)
+        # A cycle may well be longer than the joint states may be old.
+        if not hold and silence > 2.0 * self._period():
+            hold = 'time stands still'
+        if hold:
             self._publish_zeros()
-            if hold != self._hold:
-                self._say_hold(hold)
+            self._say_hold(hold)
 
     def _publish_zeros(self):
         """Command no motion."""
@@ -302,11 +317,18 @@ class ControllerNode(Node):
             response.success, response.message = False, str(error)
         return response
 
+    def _on_status_timer(self):
+        """Publish the status; with a new goal after the next cycle, which reports about it."""
+        self._status_due = True
+        if self._hold or not self._topics.changed:
+            self._publish_status()
+
     def _publish_status(self):
         """Publish the status, and markers where somebody looks at them."""
+        self._status_due = False
         stamp = self.get_clock().now().to_msg()
-        message = diagnostics(stamp, self.get_name(), self._hold, self._report,
-                              self._topics.records if self._topics else {})
+        message = diagnostics(stamp, self.get_fully_qualified_name().strip('/'), self._hold,
+                              self._report, self._topics.records if self._topics else {})
         self._status.publish(message)
         self._diagnostics.publish(message)
         if self._controller is not None and self._markers.get_subscription_count():

@@ -17,6 +17,7 @@
 import numpy as np
 from tp_controller.errors import GoalError
 from tp_controller.spatial import pose, rotation_from_quaternion
+from tp_controller.tasks.base import finite_vector
 
 
 class ForeignFrames:
@@ -50,16 +51,19 @@ class ForeignFrames:
         except ImportError as error:
             raise GoalError(f'frame {frame!r} is not on the robot, and tf2_ros is not installed: '
                             f'use a frame of the robot or its root {self._root!r}') from error
+        hint = ''
         if self._buffer is None:
             self._buffer = tf2_ros.Buffer(node=self._node)
             self._listener = tf2_ros.TransformListener(self._buffer, self._node)
+            hint = ' (listening to tf only from now on: send the goal again)'
         try:
             transform = self._buffer.lookup_transform(self._root, frame, _latest()).transform
-        except tf2_ros.TransformException as error:
-            raise GoalError(f'frame {frame!r}: {error}') from error
-        turn, shift = transform.rotation, transform.translation
-        return pose(rotation_from_quaternion(np.array([turn.x, turn.y, turn.z, turn.w])),
-                    (shift.x, shift.y, shift.z))
+            turn, shift = transform.rotation, transform.translation
+            R = rotation_from_quaternion(np.array([turn.x, turn.y, turn.z, turn.w]))
+            origin = finite_vector((shift.x, shift.y, shift.z), 3, 'its origin')
+        except (tf2_ros.TransformException, ValueError, GoalError) as error:
+            raise GoalError(f'frame {frame!r}: {error}{hint}') from error
+        return pose(R, origin)
 
 
 def _latest():

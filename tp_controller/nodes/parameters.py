@@ -146,11 +146,32 @@ def warn_unknown(node):
         node.get_logger().warning(f'unknown parameters, ignored: {", ".join(sorted(names))}')
 
 
-def settings_from(values, period):
-    """Return `Settings` from parameter values; raise `SettingsError` where they are refused."""
+def settings_from(values, period, origin):
+    """
+    Return `Settings` from parameter values.
+
+    Parameters
+    ----------
+    values : dict
+        Values of `SETTINGS`.
+    period : float
+        [s]
+    origin : str
+        Where the period comes from, as no parameter bears its name.
+
+    Raises
+    ------
+    SettingsError
+        Values that are refused.
+
+    """
     given = {spec.name: values[spec.name] for spec in SETTINGS}
     given['weights'] = tuple(given['weights']) if given['weights'] else None
-    return Settings(period=period, **given)
+    try:
+        return Settings(period=period, **given)
+    except SettingsError as error:
+        raise SettingsError([f'{fault} (period is {origin})' if 'period' in fault else fault
+                             for fault in error.faults]) from error
 
 
 def robot_from(node, values, description=None, joints=None):

@@ -20,7 +20,7 @@ import threading
 
 from rclpy import init, try_shutdown
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import InvalidHandle, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
@@ -100,7 +100,7 @@ def _catch_signals():
 
 def _spin(node, arrived):
     """Spin until a signal arrives or somebody shuts the context down."""
-    executor = make_executor()
+    executor = make_executor(node.context)
     executor.add_node(node)
     ended = Future(executor=executor)
 
@@ -110,7 +110,13 @@ def _spin(node, arrived):
 
     threading.Thread(target=wait_for_signal, daemon=True).start()
     try:
-        executor.spin_until_future_complete(ended, LONG)
+        while not ended.done():
+            try:
+                executor.spin_until_future_complete(ended, LONG)
+            except InvalidHandle:
+                # A call that was on its way to a service when a new stack closed that service:
+                # it cannot be answered any more, and is no reason to end.
+                continue
     except ExternalShutdownException:
         pass
     finally:

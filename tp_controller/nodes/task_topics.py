@@ -49,6 +49,8 @@ class TaskTopics:
     ----------
     records : dict
         {task: GoalRecord}, in order of priority.
+    changed : bool
+        Something came in; whoever has acted on it sets this to False.
 
     """
 
@@ -57,6 +59,7 @@ class TaskTopics:
         self._frames = ForeignFrames(node, controller.robot.root)
         self._open = {}
         self.records = {}
+        self.changed = False
 
     def follow_stack(self):
         """Open what the tasks of the stack need, and close what no task needs any more."""
@@ -87,19 +90,28 @@ class TaskTopics:
 
     def _on_enable(self, name, request, response):
         """Take a task into the stack or leave it out."""
-        self._controller.enable(name, request.data)
+        try:
+            self._controller.enable(name, request.data)
+        except GoalError as error:
+            response.success, response.message = False, str(error)
+            return response
+        self.changed = True
         response.success = True
         response.message = f'task {name} is {"enabled" if request.data else "disabled"}'
         return response
 
     def _on_message(self, name, topic, message):
         """Take a goal or a feed-forward velocity, or say why not."""
+        if (name, topic) not in self._open:
+            # It was on its way when the stack changed.
+            return
         task = self._controller.stack.tasks[name]
         entry, = (entry for entry in messages_of(type(task)) if entry.topic == topic)
         record = self.records[name]
         try:
             self._take(name, entry, message)
             record.accepted += 1
+            self.changed = True
         except GoalError as error:
             record.refused += 1
             record.refusal = str(error)
@@ -112,6 +124,9 @@ class TaskTopics:
             raise GoalError('the message holds nothing that this task takes')
         frame = self._frame(message.header.frame_id) if entry.framed else None
         now = self._clock()
+        if goal is not None and feed_forward is not None:
+            # A message is taken as a whole or not at all.
+            self._controller.stack.tasks[name].parse_feed_forward(feed_forward)
         if goal is not None:
             self._controller.set_goal(name, goal, now, frame)
         if feed_forward is not None:
