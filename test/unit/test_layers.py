@@ -157,6 +157,15 @@ def test_all_errors_share_one_base():
             assert issubclass(member, tp_controller.TpControllerError)
 
 
+def test_page_about_tests_names_tests_that_exist():
+    page = (robots.REPOSITORY / 'docs' / 'testing.md').read_text(encoding='utf-8')
+    named = set(re.findall(r'`(test_\w+)`', page))
+    assert len(named) > 40
+    assert named <= {node.name for path in Path(__file__).parent.glob('test_*.py')
+                     for node in ast.parse(path.read_text(encoding='utf-8')).body
+                     if isinstance(node, ast.FunctionDef)}
+
+
 def test_tests_here_need_no_ros():
     for path in sorted(Path(__file__).parent.glob('*.py')):
         for module in imported(path):
