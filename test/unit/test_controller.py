@@ -448,6 +448,27 @@ def test_report_says_that_higher_levels_left_no_room():
     assert task.achieved_speed < task.wanted_speed
 
 
+def test_report_says_that_the_robot_cannot_move_that_way():
+    # A planar arm has no way out of its plane, whatever else is asked of it.
+    controller = control('- tool: {type: position, frame: link3}\n', robots.planar())
+    controller.update(robots.PLANAR_START, 0.0)
+    goal = controller.robot.state(robots.PLANAR_START).position('link3') + [0.0, 0.0, 0.1]
+    controller.set_goal('tool', goal, 0.0)
+    task = controller.update(robots.PLANAR_START, 0.0).report.tasks[0]
+    assert task.reason == '2 of 3 directions possible for the robot here'
+    assert task.achieved_speed == pytest.approx(0.0, abs=1e-12)
+
+
+def test_report_says_that_higher_levels_are_nearly_in_the_way():
+    # Links 2 and 3 lie along x, nearly: only joint 1 moves the tool that way, and has no say
+    # left in anything else. Alone each of the tasks is far from singular.
+    controller = control(
+        '- tool: {type: position, frame: link3, axes: x}\n'
+        '- base: {type: joint, joints: joint1, target: [1.5]}\n', robots.planar(), Settings())
+    task = controller.update([1.2, -1.18, 0.0], 0.0).report.tasks[1]
+    assert task.reason == 'in conflict with higher levels'
+
+
 def test_report_says_that_a_singularity_is_near():
     controller = control('- tool: {type: position, frame: link3, axes: xy}\n', robots.planar(),
                          Settings(damping=0.1, singular_region=0.1))
