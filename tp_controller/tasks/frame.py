@@ -163,11 +163,12 @@ def _axes(axes, valid):
     """Return the axes named by a string or list; None for all."""
     if axes is None:
         return None
+    names = axes
     if isinstance(axes, str):
         words = axes.replace(',', ' ').split()
-        axes = [letter for word in words for letter in ([word] if word in valid else word)]
-    if not isinstance(axes, list) or not axes or any(axis not in valid for axis in axes):
+        names = [letter for word in words for letter in ([word] if word in valid else word)]
+    if not isinstance(names, list) or not names or any(name not in valid for name in names):
         raise ValueError(f'needs some of {", ".join(valid)}, got {axes!r}')
-    if len(set(axes)) < len(axes):
+    if len(set(names)) < len(names):
         raise ValueError(f'names an axis twice: {axes!r}')
-    return tuple(axis for axis in valid if axis in axes)
+    return tuple(axis for axis in valid if axis in names)
