@@ -334,3 +334,11 @@ SLIDES = """
     <axis xyz="0 1 0"/><limit lower="-1e9" upper="1e9" velocity="1" effort="1"/></joint>
 </robot>
 """
+
+
+def test_closing_when_the_context_is_gone_already_raises_nothing(harness):
+    controller = harness.controller()
+    commands, arm = harness.commands(), Arm(harness, Q)
+    spin_until_moving(harness, commands, arm)
+    harness.context.try_shutdown()
+    controller.close()

@@ -1,0 +1,114 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Controller and simulator together: the loop is closed, on simulated time."""
+
+from geometry_msgs.msg import PoseStamped
+from harness import Status
+import numpy as np
+import pytest
+from robots import CONFIG, panda, PANDA_DH, PANDA_READY, PANDA_TOOL
+from sensor_msgs.msg import JointState
+from tp_controller.nodes.client import make_message
+from tp_controller.spatial import quaternion_from_rotation, rotation_from_rpy
+
+START = str(dict(zip(panda().joint_names, PANDA_READY)))
+STACK = (CONFIG / 'demo_stack.yaml').read_text()
+GOAL = {'xyz': (0.45, 0.25, 0.45),
+        'quat_xyzw': quaternion_from_rotation(rotation_from_rpy(3.1416, 0.0, 0.4)).tolist()}
+
+
+class Loop:
+    """A Panda with the stack of the demo, faster than real time."""
+
+    def __init__(self, harness, speed, **parameters):
+        self.harness = harness
+        harness.controller(robot=str(PANDA_DH), stack=STACK, use_sim_time=True,
+                           status_rate=200.0, **parameters)
+        harness.simulator(robot=str(PANDA_DH), speed=speed, publish_clock=True,
+                          initial_positions=START)
+        self.commands, self.status = harness.commands(), Status(harness)
+        self.states = harness.record(JointState, '/joint_states', 500)
+        self._goal = harness.publisher(PoseStamped, '/tp_controller/tool/goal')
+        harness.spin_until(lambda: self.status.head == 'running')
+
+    def send(self, **goal):
+        """Send a goal for the tool, and wait for the answer."""
+        before = self.status.task('tool')['goals accepted']
+        self._goal.publish(make_message('tool', PoseStamped, goal))
+        self.harness.spin_until(
+            lambda: self.status.task('tool')['goals accepted'] not in ('', before))
+
+    def position(self):
+        """Return where the tool is."""
+        return panda().state(self.states[-1].position).position(PANDA_TOOL)
+
+    def spin_until_reached(self):
+        """Spin until the tool is where it was sent."""
+        self.harness.spin_until(lambda: self.status.task('tool')['status'] == 'reached')
+
+
+@pytest.mark.parametrize('rate', [100.0, 0.0])
+def test_a_pose_goal_is_reached_without_exceeding_any_limit(any_harness, rate):
+    loop = Loop(any_harness, 5.0, rate=rate)
+    loop.send(**GOAL)
+    loop.spin_until_reached()
+    # Joint states may still be on their way to this listener.
+    any_harness.spin_until(lambda: np.allclose(loop.position(), GOAL['xyz'], atol=2e-3))
+    state = panda().state(loop.states[-1].position)
+    np.testing.assert_allclose(state.rotation(PANDA_TOOL), rotation_from_rpy(3.1416, 0.0, 0.4),
+                               atol=1e-2)
+    assert (np.abs(loop.commands) <= panda().velocity).all()
+    q = np.array([message.position for message in loop.states])
+    assert (q > panda().lower).all() and (q < panda().upper).all()
+
+
+def test_the_error_of_the_tool_decays_with_its_gain(harness):
+    loop = Loop(harness, 5.0)
+    loop.send(xyz=(0.35, 0.02, 0.55), quat_xyzw=GOAL['quat_xyzw'])
+    del loop.status.messages[:]
+    loop.spin_until_reached()
+    entries = [{value.key: value.value for value in message.status[1].values}
+               for message in loop.status.messages]
+    errors = np.array([float(entry['error [m]']) for entry in entries])
+    assert errors[-1] < 1e-3 < errors[0]
+    assert (np.diff(errors) <= 1e-4).all()
+    # What the law wants is what comes about, except where a limit slows it.
+    for entry in entries:
+        if not entry['reason']:
+            assert float(entry['achieved speed']) == pytest.approx(
+                float(entry['wanted speed']), rel=0.02, abs=1e-3)
+
+
+def test_goals_that_change_all_the_time_never_make_a_command_beyond_a_limit(harness):
+    loop = Loop(harness, 5.0)
+    random = np.random.default_rng(5)
+
+    def send():
+        quat_xyzw = random.standard_normal(4)
+        loop._goal.publish(make_message('tool', PoseStamped, {
+            'xyz': random.uniform(-1.5, 1.5, 3),
+            'quat_xyzw': quat_xyzw / np.linalg.norm(quat_xyzw)}))
+
+    harness.spin_for_more(loop.commands, 300, meanwhile=send)
+    assert np.isfinite(loop.commands).all()
+    assert (np.abs(loop.commands) <= panda().velocity).all()
+    assert np.abs(loop.commands).max() > 1.0
+
+
+def test_a_goal_out_of_reach_is_approached_and_said_so(harness):
+    loop = Loop(harness, 10.0)
+    loop.send(xyz=(2.0, 0.0, 0.5), quat_xyzw=GOAL['quat_xyzw'])
+    harness.spin_until(lambda: loop.status.task('tool')['status'] == 'held back')
+    harness.spin_until(lambda: loop.position()[0] > 0.6)

@@ -1,0 +1,98 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What spins a node until its end."""
+
+import os
+import threading
+
+from harness import DEADLINE
+import pytest
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from tp_controller.nodes.runner import _spin, make_executor
+
+
+@pytest.fixture
+def pipe():
+    """Return the two ends of a pipe."""
+    reader, writer = os.pipe()
+    yield reader, writer
+    os.close(writer)
+    os.close(reader)
+
+
+def node_with_a_timer(harness, callback):
+    """Return a node that calls `callback` again and again."""
+    node = Node('spun', context=harness.context)
+    node.create_timer(0.001, callback)
+    return node
+
+
+def test_a_byte_on_the_pipe_ends_the_spinning(harness, pipe):
+    calls = []
+
+    def tick():
+        calls.append(1)
+        if len(calls) == 10:
+            os.write(pipe[1], b'!')
+
+    node = node_with_a_timer(harness, tick)
+    _spin(node, pipe[0])
+    assert len(calls) >= 10
+    node.destroy_node()
+
+
+def test_a_call_to_a_service_that_is_gone_does_not_end_the_node(harness, pipe):
+    calls = []
+
+    def tick():
+        calls.append(1)
+        if len(calls) == 3:
+            raise InvalidHandle('the service is gone')
+        if len(calls) == 6:
+            os.write(pipe[1], b'!')
+
+    node = node_with_a_timer(harness, tick)
+    _spin(node, pipe[0])
+    assert len(calls) >= 6
+    node.destroy_node()
+
+
+def test_a_fault_of_our_own_is_not_hidden(harness, pipe):
+    def tick():
+        raise ZeroDivisionError
+
+    node = node_with_a_timer(harness, tick)
+    with pytest.raises(ZeroDivisionError):
+        _spin(node, pipe[0])
+    node.destroy_node()
+    os.write(pipe[1], b'!')
+
+
+def test_the_end_of_the_context_ends_the_spinning(harness, pipe):
+    node = node_with_a_timer(harness, lambda: None)
+    spinning = threading.Thread(target=_spin, args=(node, pipe[0]))
+    spinning.start()
+    harness.executor.spin_once(timeout_sec=0.05)
+    harness.context.try_shutdown()
+    spinning.join(DEADLINE)
+    assert not spinning.is_alive()
+    os.write(pipe[1], b'!')
+
+
+def test_the_executor_is_the_one_of_its_context(harness):
+    executor = make_executor(harness.context)
+    assert executor.context is harness.context
+    executor.shutdown()
