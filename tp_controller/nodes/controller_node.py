@@ -104,8 +104,8 @@ class ControllerNode(Node):
         warn_unknown(self)
 
     def close(self):
-        """Command zeros for the last time."""
-        if self._buffer is not None:
+        """Command zeros for the last time, unless somebody has ended ROS already."""
+        if self._buffer is not None and self.context.ok():
             self._publish_zeros()
 
     # Setting up ---------------------------------------------------------------------------
