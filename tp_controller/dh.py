@@ -175,7 +175,10 @@ def _number(value, what):
     """Return `value` as a float that is not NaN."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
         raise RobotError(f'{what} must be a number, not {value!r}')
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise RobotError(f'{what} is too large') from error
 
 
 def _transforms(joint, convention):

@@ -213,17 +213,20 @@ class Robot:
                 if isinstance(value, bool) or not isinstance(value, (int, float)):
                     raise RobotError(f'joint {name}: {key} limit must be a number, '
                                      f'not {value!r}')
-        rows = {name: {**joint_limits(name, elements[name]), **overrides.get(name, {})}
-                for name in self.joint_names}
+        rows = {name: joint_limits(name, elements[name]) for name in self.joint_names}
         for follower in mimics:
             leader, multiplier, offset = resolve_mimic(follower, mimics)
             if leader in rows:
                 share_limits(rows[leader], joint_limits(follower, elements[follower]),
                               multiplier, offset)
         for name, row in rows.items():
+            row.update(overrides.get(name, {}))
             if not row['lower'] < row['upper']:
-                raise RobotError(f'joint {name}: lower limit {row["lower"]} must be below '
-                                 f'upper limit {row["upper"]}')
+                followers = [follower for follower in mimics
+                             if resolve_mimic(follower, mimics)[0] == name]
+                shared = f' (those of {", ".join(followers)} included)' if followers else ''
+                raise RobotError(f'joint {name}: lower limit {row["lower"]:g} must be below '
+                                 f'upper limit {row["upper"]:g}{shared}')
             if not row['velocity'] >= 0.0:
                 raise RobotError(f'joint {name}: velocity limit {row["velocity"]} '
                                  'must not be negative')

@@ -317,6 +317,16 @@ def test_joint_that_others_mimic_keeps_their_limits_too():
     assert robot.velocity == pytest.approx([0.5])
 
 
+def test_limits_that_exclude_those_of_a_follower_can_be_replaced():
+    source = urdf(('a', 'revolute', '<limit lower="0" upper="0.5" velocity="1" effort="0"/>'),
+                  ('b', 'revolute', '<limit lower="0" upper="0.5" velocity="1" effort="0"/>'
+                   '<mimic joint="a" multiplier="-1"/>'))
+    with pytest.raises(RobotError, match=r'joint a: .*those of b included'):
+        Robot.from_urdf(source)
+    robot = Robot.from_urdf(source, limits={'a': {'upper': 0.3}})
+    assert (robot.lower[0], robot.upper[0]) == (0.0, 0.3)
+
+
 def test_panda_gripper_opens_with_both_fingers():
     robot = robots.urdf_robot('panda')
     q = np.zeros(robot.n)

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 import robots
-from tp_controller import Stack, StackError, tasks
+from tp_controller import Stack, StackError, tasks, TpControllerError
 from tp_controller.tasks import Task, task_types
 import yaml
 
@@ -299,6 +299,13 @@ class Hover(Position):
     assert described['height'] == 'height above the goal [m]'
     assert set(described) == {'height', 'frame', 'reference', 'axes', 'gain', 'tolerance',
                               'timeout'}
+
+
+def test_package_whose_type_cannot_be_loaded_is_named(registry, monkeypatch):
+    monkeypatch.setattr(tasks, 'entry_points', lambda group: [
+        EntryPoint('hover', 'no_such_package:Hover', group)])
+    with pytest.raises(TpControllerError, match='no_such_package:Hover.*No module'):
+        task_types()
 
 
 # One stack after another

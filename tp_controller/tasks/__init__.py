@@ -23,6 +23,7 @@ registers itself. Other packages add theirs through the entry point group
 from functools import lru_cache
 from importlib.metadata import entry_points
 
+from tp_controller.errors import TpControllerError
 from tp_controller.tasks.base import Keys, Task
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.joint import Joint, JointTask, JointVelocity, Posture
@@ -42,7 +43,10 @@ __all__ = [
 def _load_entry_points():
     """Load the types that other packages add."""
     for entry in entry_points(group=ENTRY_POINTS):
-        entry.load()
+        try:
+            entry.load()
+        except (ImportError, AttributeError) as error:
+            raise TpControllerError(f'task types of {entry.value!r}: {error}') from error
 
 
 def task_types():
