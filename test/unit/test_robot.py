@@ -173,7 +173,7 @@ def test_limits_of_a_dh_table_arrive_and_missing_ones_are_none():
     ([{'name': 'a', 'link': 5}], 'a: link must be a name'),
     ([{'name': 'a'}, {'name': 'a'}], 'joint names used twice: a'),
     ([{'name': 'a', 'link': 'base_link'}], 'frame names used twice: base_link'),
-    ([{'name': 'a', 'lower': 1.0, 'upper': 0.0}], 'joint a: lower limit 1.0'),
+    ([{'name': 'a', 'lower': 1.0, 'upper': 0.0}], 'joint a: lower limit 1 must'),
     ([{'name': 'a', 'velocity': -1.0}], 'a: velocity must not be negative'),
     ({'joints': [{'name': 'a'}], 'base': 'b'}, "unknown key of a DH table 'base'"),
     ({'joints': [{'name': 'a'}], 'root': 5}, 'root must be a name'),
