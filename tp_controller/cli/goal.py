@@ -122,8 +122,9 @@ def _reach(client, options):
         return False
     errors = ', '.join(f'{float(value):.3g} {key[7:-1]}' for key, value in status.items()
                        if key.startswith('error ['))
+    reason = status.get('reason', f'the stack has no task {options.task} any more')
     print(f'{"reached" if reached else "not reached"}: error {errors}'
-          + (f' ({status["reason"]})' if status['reason'] and not reached else ''))
+          + (f' ({reason})' if reason and not reached else ''))
     return reached
 
 
@@ -134,7 +135,7 @@ def _finite(text):
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f'{text!r} is no finite number')
+        raise argparse.ArgumentTypeError(f'{text.strip()!r} is no finite number')
     return value
 
 
@@ -142,7 +143,7 @@ def _seconds(text):
     """Return a positive time of the command line."""
     value = _finite(text)
     if value <= 0.0:
-        raise argparse.ArgumentTypeError(f'{text!r} must be positive')
+        raise argparse.ArgumentTypeError(f'{text.strip()!r} must be positive')
     return value
 
 

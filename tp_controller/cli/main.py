@@ -99,7 +99,8 @@ def main(arguments=None):
         0 if what was asked for came about; 1 if not; 2 for a command that makes no sense.
 
     """
-    options = make_parser().parse_args(arguments)
+    options = make_parser().parse_args(
+        _mark_numbers(sys.argv[1:] if arguments is None else arguments))
     try:
         return options.run(options)
     except TpControllerError as error:
@@ -149,6 +150,21 @@ def _seed(text):
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f'{text!r} is no whole number from 0 on')
     return int(text)
+
+
+def _mark_numbers(arguments):
+    """Return arguments, negative numbers with a space: argparse takes -1e-3 for an option."""
+    return [f' {text}' if text.startswith('-') and _is_number(text) else text
+            for text in arguments]
+
+
+def _is_number(text):
+    """Say whether a text is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _version():

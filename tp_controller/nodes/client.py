@@ -22,11 +22,12 @@ from geometry_msgs.msg import PointStamped, PoseStamped, QuaternionStamped, Twis
 from rclpy import init, try_shutdown
 from rclpy.context import Context
 from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from tp_controller.errors import GoalError, unknown
+from tp_controller.errors import GoalError, TpControllerError, unknown
 from tp_controller.nodes.joint_states import JointStateBuffer
 
 # How long to wait, on leaving, for goals to arrive [s].
@@ -54,13 +55,21 @@ class Client:
     context : rclpy.context.Context, optional
         Context that is initialised already; one of its own by default.
 
+    Raises
+    ------
+    TpControllerError
+        ROS cannot start here, or `controller` cannot be the name of a node.
+
     """
 
     def __init__(self, controller='tp_controller', context=None):
         self._own = context is None
         self._context = context or Context()
         if self._own:
-            init(context=self._context, args=[])
+            try:
+                init(context=self._context, args=[])
+            except (RuntimeError, ValueError) as error:
+                raise TpControllerError(f'ROS 2 cannot start: {error}') from error
         self.controller = controller.strip('/')
         self.node = Node('tp_client', context=self._context, use_global_arguments=False)
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -68,8 +77,12 @@ class Client:
         self._publishers = {}
         self._last = None
         self.status = None
-        self.node.create_subscription(DiagnosticArray, f'/{self.controller}/status',
-                                      self._on_status, 10)
+        try:
+            self.node.create_subscription(DiagnosticArray, f'/{self.controller}/status',
+                                          self._on_status, 10)
+        except NameValidationException as error:
+            self.close()
+            raise TpControllerError(f'{controller!r} is no name of a node') from error
 
     def close(self):
         """Leave, once everything that was sent has arrived."""

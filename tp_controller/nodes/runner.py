@@ -19,7 +19,6 @@ import signal
 import threading
 
 from rclpy import init, try_shutdown
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import InvalidHandle, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
@@ -65,7 +64,8 @@ def run(make_node, name, args=None):
     arrived = _catch_signals()
     try:
         init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except (RCLError, ValueError) as error:
+    except (RuntimeError, ValueError) as error:
+        # Bad ROS arguments, which have several types of errors.
         get_logger(name).fatal(str(error).splitlines()[0])
         return 1
     node = None
