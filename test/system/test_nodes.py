@@ -1,0 +1,155 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The nodes as processes: how they start, how they end, and what happens when one is gone."""
+
+import signal
+
+import pytest
+from robots import PANDA_DH
+
+ALL_MISSING = 'no joint states of joint1, joint2, joint3'
+
+
+def lines_of(node, word):
+    """Return the lines of a node's output that contain a word."""
+    return [line for line in node.output().splitlines() if word in line]
+
+
+# Ends -----------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_the_nodes_with_a_last_zero_and_status_0(cell, listener, number):
+    controller, simulator = cell
+    controller.process.send_signal(number)
+    assert controller.process.wait(15.0) == 0
+    listener.wait(lambda: not listener.moving(), 'a last zero')
+    assert not lines_of(controller, 'Traceback')
+    simulator.process.send_signal(number)
+    assert simulator.process.wait(15.0) == 0
+    assert not lines_of(simulator, 'Traceback')
+
+
+def test_two_signals_at_once_end_the_controller_just_as_well(cell, listener):
+    controller, _ = cell
+    # A launch file's shell sends both.
+    controller.process.send_signal(signal.SIGINT)
+    controller.process.send_signal(signal.SIGINT)
+    controller.process.send_signal(signal.SIGTERM)
+    assert controller.process.wait(15.0) == 0
+    listener.wait(lambda: not listener.moving(), 'a last zero')
+    assert not lines_of(controller, 'Traceback')
+
+
+def test_a_killed_controller_leaves_a_robot_that_stops_by_itself(cell, listener):
+    controller, simulator = cell
+    listener.wait(lambda: listener.states and listener.states[-1][1].any(), 'motion', [simulator])
+    controller.process.kill()
+    listener.wait(lambda: not listener.states[-1][1].any(), 'standstill', [simulator])
+    stopped = listener.states[-1][0]
+    listener.wait_for_more(listener.states)
+    assert (listener.states[-1][0] == stopped).all()
+    assert (stopped < 1.0).all()
+
+
+def test_a_killed_simulator_leaves_a_controller_that_commands_zeros(cell, listener, start):
+    controller, simulator = cell
+    simulator.process.kill()
+    listener.wait(lambda: listener.client.hold() == ALL_MISSING, 'the reason', [controller])
+    listener.wait(lambda: not listener.moving(), 'zeros', [controller])
+    listener.wait_for_more(listener.commands, 5)
+    assert not any(command.any() for command in listener.commands[-5:])
+    # It goes on by itself with a new one.
+    simulator = start('simulator_node')
+    listener.wait(listener.moving, 'motion', [controller, simulator])
+
+
+def test_a_signal_ends_a_node_that_still_waits_for_its_robot(start, listener):
+    controller = start('controller_node', robot=None)
+    listener.wait(lambda: listener.client.hold() == 'no robot description yet', 'status',
+                  [controller])
+    controller.process.send_signal(signal.SIGTERM)
+    assert controller.process.wait(15.0) == 0
+    assert listener.commands == []
+
+
+# Faults at the start --------------------------------------------------------------------------
+
+FAULTS = [
+    ('controller_node', ['-p', 'rate:=100'],
+     'parameter rate must be a double, such as 1.0, not 100'),
+    ('controller_node', ['-p', 'rate:=-1.0', '-p', 'state_timeout:=1'],
+     'parameter rate must be from 0 to 2000, not -1.0; parameter state_timeout must be a double'),
+    ('controller_node', ['-p', 'limits.joint9.velocity:=1.0'],
+     'unknown parameter limits.joint9.velocity'),
+    ('controller_node', ['-p', 'command_joints:=[joint1, joint9]'], 'parameter command_joints'),
+    ('controller_node', ['-p', 'joints:=[joint1, joint9]'], "unknown joint 'joint9'"),
+    ('controller_node', ['-p', 'use_sim_time:=5'], 'use_sim_time'),
+    ('controller_node', ['-p', 'robot:=/nowhere/arm.urdf'], 'no file /nowhere/arm.urdf'),
+    ('controller_node', ['--params-file', '/nowhere/parameters.yaml'],
+     '/nowhere/parameters.yaml'),
+    ('controller_node', ['--params-file', '{folder}/list.yaml'], '{folder}/list.yaml'),
+    ('controller_node', ['--nonsense'], '--nonsense'),
+    ('controller_node', ['-r', '__node:=bad-name'], '__node:=bad-name'),
+    ('simulator_node', ['-p', 'robot:={folder}/broken.urdf'], 'robot description is no XML'),
+    ('simulator_node', ['-p', 'robot:={folder}/broken.yaml'], 'joints, row 1'),
+    ('simulator_node', ['-p', 'robot:=""'], 'parameter robot (a file) or robot_description'),
+    ('simulator_node', ['-p', 'speed:=0.0'], 'parameter speed must be from 0.01 to 1000'),
+]
+
+
+@pytest.mark.parametrize('executable, arguments, told', FAULTS)
+def test_a_fault_at_the_start_ends_a_node_with_one_plain_line(start, tmp_path, executable,
+                                                              arguments, told):
+    (tmp_path / 'list.yaml').write_text('tp_controller: [1, 2\n')
+    (tmp_path / 'broken.urdf').write_text('<robot name="arm">')
+    (tmp_path / 'broken.yaml').write_text('joints: [{a: one}]')
+    told = told.replace('{folder}', str(tmp_path))
+    node = start(executable, *(text.replace('{folder}', str(tmp_path)) for text in arguments))
+    assert node.process.wait(30.0) == 1
+    line, = lines_of(node, 'FATAL')
+    assert told in line
+    assert not lines_of(node, 'Traceback')
+
+
+def test_a_faulty_stack_leaves_the_node_alive_with_zeros_and_every_fault_said(
+        start, listener, tmp_path):
+    path = tmp_path / 'stack.yaml'
+    path.write_text('- swing: {type: joint, joints: joint9}\n- tip: {type: pose}\n- a b: {}\n')
+    nodes = start('controller_node', '-p', f'stack:={path}'), start('simulator_node')
+    listener.wait(lambda: listener.client.hold().startswith('no valid stack'), 'status', nodes)
+    for fault in ("line 1: swing, joints: unknown driven joint 'joint9'",
+                  "line 2: tip: needs the key 'frame'", 'line 3: '):
+        assert fault in listener.client.hold()
+        assert fault in nodes[0].output()
+    listener.wait_for_more(listener.commands, 10)
+    assert not any(command.any() for command in listener.commands)
+
+
+def test_the_description_can_come_from_the_simulator(start, listener):
+    stack = '"[{rest: {type: posture}}]"'
+    nodes = (start('controller_node', '-p', f'stack:={stack}', robot=None),
+             start('simulator_node', robot=PANDA_DH))
+    listener.wait(lambda: listener.client.task_status('rest').get('status') == 'reached',
+                  'the posture', nodes)
+    assert len(listener.commands[-1]) == 7
+
+
+def test_two_domains_of_their_own_are_never_the_same(domain):
+    from tp_controller.cli.processes import own_domain
+    with own_domain() as first, own_domain() as second:
+        assert len({environment['ROS_DOMAIN_ID'] for environment in (domain, first, second)}) == 3
+        assert first['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+    with own_domain() as third:
+        assert third['ROS_DOMAIN_ID'] == first['ROS_DOMAIN_ID']
