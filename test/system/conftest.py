@@ -25,9 +25,28 @@ from robots import PLANAR_DH, REPOSITORY
 STACK = '[{swing: {type: joint, joints: [joint1, joint2, joint3], target: [1, 1, 1]}}]'
 
 
+# By default a participant that was missed at first is heard of again after 3 s only.
+DISCOVERY = """<?xml version="1.0" encoding="UTF-8"?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <participant profile_name="often" is_default_profile="true">
+    <rtps><builtin><discovery_config>
+      <leaseAnnouncement><sec>0</sec><nanosec>100000000</nanosec></leaseAnnouncement>
+    </discovery_config></builtin></rtps>
+  </participant>
+</profiles>
+"""
+
+
+@pytest.fixture(scope='session')
+def environment():
+    """Return the environment of a user's shell in which the package can be imported."""
+    paths = [str(REPOSITORY), *filter(None, [os.environ.get('PYTHONPATH')])]
+    return {**os.environ, 'PYTHONPATH': os.pathsep.join(paths)}
+
+
 @pytest.fixture(scope='module')
-def domain():
-    """Return the environment of processes that hear each other and nobody else."""
+def domain(environment, tmp_path_factory):
+    """Return the environment of processes that hear each other, soon, and nobody else."""
     if find_spec('rclpy') is None:
         pytest.skip('needs ROS 2')
     with warnings.catch_warnings():
@@ -35,11 +54,14 @@ def domain():
         warnings.filterwarnings('ignore', "module 'sre_", DeprecationWarning)
         import rosidl_generator_py  # noqa: F401
     from tp_controller.cli.processes import own_domain
-    with own_domain() as environment, pytest.MonkeyPatch.context() as patch:
-        for name in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'):
-            patch.setenv(name, environment[name])
-        yield {**environment, 'PYTHONPATH': os.pathsep.join(
-            [str(REPOSITORY), *filter(None, [environment.get('PYTHONPATH')])])}
+    profiles = tmp_path_factory.mktemp('discovery') / 'profiles.xml'
+    profiles.write_text(DISCOVERY)
+    with own_domain() as given, pytest.MonkeyPatch.context() as patch:
+        own = {name: given[name] for name in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')}
+        own['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profiles)
+        for name, value in own.items():
+            patch.setenv(name, value)
+        yield {**environment, **own}
 
 
 @pytest.fixture

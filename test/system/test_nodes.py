@@ -94,17 +94,13 @@ FAULTS = [
     ('controller_node', ['-p', 'limits.joint9.velocity:=1.0'],
      'unknown parameter limits.joint9.velocity'),
     ('controller_node', ['-p', 'command_joints:=[joint1, joint9]'], 'parameter command_joints'),
-    ('controller_node', ['-p', 'joints:=[joint1, joint9]'], "unknown joint 'joint9'"),
-    ('controller_node', ['-p', 'use_sim_time:=5'], 'use_sim_time'),
     ('controller_node', ['-p', 'robot:=/nowhere/arm.urdf'], 'no file /nowhere/arm.urdf'),
     ('controller_node', ['--params-file', '/nowhere/parameters.yaml'],
      '/nowhere/parameters.yaml'),
     ('controller_node', ['--params-file', '{folder}/list.yaml'], '{folder}/list.yaml'),
     ('controller_node', ['--nonsense'], '--nonsense'),
-    ('controller_node', ['-r', '__node:=bad-name'], '__node:=bad-name'),
     ('simulator_node', ['-p', 'robot:={folder}/broken.urdf'], 'robot description is no XML'),
     ('simulator_node', ['-p', 'robot:={folder}/broken.yaml'], 'joints, row 1'),
-    ('simulator_node', ['-p', 'robot:=""'], 'parameter robot (a file) or robot_description'),
     ('simulator_node', ['-p', 'speed:=0.0'], 'parameter speed must be from 0.01 to 1000'),
 ]
 

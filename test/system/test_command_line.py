@@ -1,0 +1,256 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The command line against running nodes, and every example that it shows."""
+
+from importlib.util import find_spec
+from pathlib import Path
+import re
+import shlex
+import subprocess
+import sys
+
+import numpy as np
+from PIL import Image
+from processes_harness import command_line, DEADLINE, Listener
+import pytest
+from robots import CONFIG, panda, PANDA_TOOL
+from tp_controller.cli.main import DEMO_EXAMPLES, EXAMPLES, GOAL_EXAMPLES, main, make_parser
+import yaml
+
+DOWN = ('--rpy', '3.1416', '0', '0')
+# Beside the tasks of the demo one that only takes velocities.
+STACK = (CONFIG / 'demo_stack.yaml').read_text().replace(
+    '- elbow', '- swing: {type: joint_velocity, joints: panda_joint7}\n- elbow')
+
+
+@pytest.fixture(scope='module')
+def robot(domain, tmp_path_factory):
+    """Return a listener to the robot of the demo, which runs for all tests of this file."""
+    from tp_controller.cli.processes import NodeProcess
+    folder = tmp_path_factory.mktemp('robot')
+    (folder / 'stack.yaml').write_text(STACK)
+    arguments = ['--params-file', str(CONFIG / 'demo.yaml')]
+    with NodeProcess('simulator_node', arguments, domain, folder / 'simulator.log') as simulator, \
+            NodeProcess('controller_node', [*arguments, '-p', f'stack:={folder / "stack.yaml"}'],
+                        domain, folder / 'controller.log') as controller:
+        listener = Listener()
+        listener.wait(lambda: listener.client.status and not listener.client.hold(), 'motion',
+                      [simulator, controller])
+        yield listener
+        listener.client.close()
+
+
+@pytest.fixture
+def goal(robot, domain):
+    """Return what runs ``tp_controller goal``."""
+    return lambda *arguments: command_line(domain, 'goal', *arguments)
+
+
+def tool(listener):
+    """Return where the tool is by now."""
+    listener.wait_for_more(listener.states, 100)
+    return panda().state(listener.states[-1][0]).position(PANDA_TOOL)
+
+
+# Goals ----------------------------------------------------------------------------------------
+
+def test_a_pose_goal_moves_the_robot_there(robot, goal):
+    status, said, _ = goal('tool', '--xyz', '0.45', '0.2', '0.5', *DOWN, '--reach', '15')
+    assert status == 0
+    assert said.startswith('goal sent to task tool\nreached: error ')
+    np.testing.assert_allclose(tool(robot), (0.45, 0.2, 0.5), atol=2e-3)
+
+
+def test_a_goal_in_the_frame_of_the_tool_is_meant_from_there(robot, goal):
+    before = tool(robot)
+    status, _, _ = goal('tool', '--xyz', '0', '0', '-5e-2', '--quat', '0', '0', '0', '1',
+                        '--frame', PANDA_TOOL, '--reach', '15')
+    assert status == 0
+    # The tool looks down.
+    np.testing.assert_allclose(tool(robot), before + (0.0, 0.0, 0.05), atol=5e-3)
+
+
+def test_a_goal_without_reach_is_only_sent(robot, goal):
+    assert goal('posture', '--joint', 'panda_joint4=-2.0', '--joint', 'panda_joint6=1.8') == (
+        0, 'goal sent to task posture\n', '')
+
+
+def test_a_velocity_is_repeated_for_as_long_as_asked(robot, goal):
+    before = len(robot.commands)
+    status, _, _ = goal('swing', '--velocity', 'panda_joint7=-0.1', '--for', '0.5')
+    assert status == 0
+    # All that was commanded meanwhile is still on its way to this process.
+    robot.wait(lambda: len(robot.commands) > before + 20, 'commands')
+    robot.wait(lambda: int(robot.client.task_status('swing')['goals accepted']) >= 5, 'repetition')
+
+
+def test_a_goal_out_of_reach_returns_1_and_says_why(goal):
+    status, said, _ = goal('elbow', '--xyz', '0', '2', '0', '--reach', '1.5')
+    assert status == 1
+    assert re.search(r'^not reached: error [\d.]+ m \(.+ higher levels\)$', said, re.MULTILINE)
+    assert goal('elbow', '--xyz', '0', '0', '0')[0] == 0
+
+
+@pytest.mark.parametrize('arguments, told', [
+    (('posture', '--joint', 'panda_joint4=1.0'),
+     'refused: .*panda_joint4 = 1 is outside its limits'),
+    (('posture', '--joint', 'joint4=1.0'), "refused: .*unknown joint 'joint4'"),
+    (('tool', '--xyz', '0.4', '0', '0.5', '--quat', '0', '0', '0', '0'),
+     'refused: .*has norm 1, this one has 0'),
+    (('tool', '--xyz', '0.4', '0', '0.5', *DOWN, '--frame', 'camera'),
+     "refused: frame 'camera' is not on the robot"),
+    (('tool', '--xyz', '0.4', '0', '0.5'),
+     r"task 'tool' takes xyz and quat_xyzw \(PoseStamped\), not xyz"),
+    (('tol', '--xyz', '0.4', '0', '0.5'),
+     r"unknown task 'tol' \(did you mean 'tool'\?\); valid: tool, swing, elbow, posture"),
+    (('posture', '--linear', '0.1', '0', '0', '--wait', '2'),
+     "task 'posture' takes no twist; valid: goal"),
+    (('tool', '--xyz', '0.4', '0', '0.5', '--node', 'arm', '--wait', '0.5'),
+     'no node /arm with tasks is running'),
+    (('tool', '--xyz', '0.4', '0', '0.5', '--node', 'my arm'), "'my arm' is no name of a node"),
+])
+def test_a_goal_that_cannot_be_sent_or_is_refused_returns_1_with_the_reason(
+        robot, capsys, arguments, told):
+    # In this process, which saves the time to start another one.
+    assert main(['goal', *arguments]) == 1
+    said, complaint = capsys.readouterr()
+    assert said == ''
+    assert re.fullmatch(f'tp_controller: {told}.*\n', complaint), complaint
+
+
+# Without nodes --------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('arguments, told', [
+    (['goal', 'tool'], 'nothing to send; give --xyz, --rpy'),
+    (['goal', 'tool', '--xyz', '1', '2'], 'argument --xyz: expected 3 arguments'),
+    (['goal', 'tool', '--xyz', '1', '2', '-inf'], "'-inf' is no finite number"),
+    (['goal', 'tool', '--xyz', '1', '2', 'x'], "'x' is no finite number"),
+    (['goal', 'tool', '--reach', '-1'], "'-1' must be positive"),
+    (['goal', 'tool', '--joint', '=1'], "'=1' is not of the form NAME=VALUE"),
+    (['goal', 'tool', '--joint', 'a=nan'], "'nan' is no finite number"),
+    (['goal', 'tool', '--rpy', '0', '0', '0', '--quat', '0', '0', '0', '1'], 'not allowed with'),
+    (['demo', 'lab3'], "invalid choice: 'lab3'"),
+    (['demo', '--output', '/dev/null/figures'], '--output: '),
+    ([], 'required: command'),
+])
+def test_a_command_that_makes_no_sense_returns_2_and_says_what_is_wrong(capsys, arguments, told):
+    try:
+        status = main(arguments)
+    except SystemExit as leave:
+        status = leave.code
+    assert status == 2
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('numbers', [('-1', '-2.5', '-.5'), ('-1e-3', '-2E+1', '-0.5e2')])
+def test_negative_numbers_are_numbers_however_they_are_written(monkeypatch, numbers):
+    taken = []
+    monkeypatch.setattr('tp_controller.cli.main.send_goal',
+                        lambda options: taken.append(options.xyz) or 0)
+    assert main(['goal', 'tool', '--xyz', *numbers, '--frame', 'base']) == 0
+    assert taken == [[float(number) for number in numbers]]
+
+
+@pytest.mark.parametrize('command', [(), ('demo',), ('goal',)])
+def test_help_is_shown(capsys, command):
+    with pytest.raises(SystemExit) as leave:
+        main([*command, '--help'])
+    assert leave.value.code == 0
+    said = capsys.readouterr().out
+    assert said.startswith(' '.join(('usage: tp_controller', *command)))
+    assert 'examples:\n' in said
+
+
+def examples():
+    """Return every example line of the help texts."""
+    lines = [line.strip() for text in (EXAMPLES, DEMO_EXAMPLES, GOAL_EXAMPLES)
+             for line in text.splitlines()]
+    # What stands after two spaces tells what the command is for.
+    return [re.split(r'\s{2,}', line)[0] for line in lines if line.startswith('tp_controller ')]
+
+
+@pytest.mark.parametrize('line', examples())
+def test_every_example_of_the_help_is_a_valid_command(capsys, line):
+    arguments = shlex.split(line)[1:]
+    if arguments[-1] == '--help':
+        with pytest.raises(SystemExit):
+            make_parser().parse_args(arguments)
+    else:
+        assert callable(make_parser().parse_args(arguments).run)
+
+
+def test_the_ros2_example_of_the_help_names_a_message_and_its_fields(domain):
+    from geometry_msgs.msg import PointStamped
+    text = re.search(r'PointStamped \\\n\s*"(.*)"', GOAL_EXAMPLES)[1]
+    (field, values), = yaml.safe_load(text).items()
+    point = getattr(PointStamped(), field)
+    for axis, value in values.items():
+        setattr(point, axis, value)
+    assert (point.x, point.y, point.z) == (0.0, 0.0, 0.6)
+
+
+# Demos ----------------------------------------------------------------------------------------
+
+def check_images(folder, names):
+    """Check that images can be read and show something."""
+    for name in names:
+        with Image.open(folder / name) as image:
+            assert min(image.size) >= 200
+            assert np.ptp(np.asarray(image.convert('L'))) > 100
+
+
+def test_the_lab_demo_runs_from_the_command_line(environment, tmp_path):
+    folder = tmp_path / 'figures'
+    status, said, _ = command_line(environment, 'demo', 'lab1', '--output', str(folder))
+    assert status == 0
+    written = [path.name for path in folder.iterdir()]
+    assert written and all(name in said for name in written)
+    check_images(folder, written)
+
+
+@pytest.mark.skipif(find_spec('rclpy') is None, reason='needs ROS 2')
+def test_the_demo_of_the_arm_reaches_its_goals_within_the_limits(environment, tmp_path):
+    status, said, complaint = command_line(environment, 'demo', '--output', str(tmp_path),
+                                           seconds=60.0)
+    assert status == 0, said + complaint
+    outcomes = re.findall(r'> (tool|elbow) .*?(\S.*)$', said, re.MULTILINE)
+    assert [task for task, _ in outcomes] == ['tool', 'tool', 'elbow', 'elbow', 'tool']
+    assert all(text.endswith('reached') and 'not reached' not in text for _, text in outcomes)
+    check_images(tmp_path, ['errors.png', 'velocities.png', 'tool_path.png', 'arm.gif'])
+    for name in ('controller_node.log', 'simulator_node.log'):
+        assert 'ERROR' not in (tmp_path / name).read_text()
+
+
+def test_a_demo_that_is_ended_takes_its_nodes_with_it(domain, tmp_path):
+    demo = subprocess.Popen([sys.executable, '-m', 'tp_controller.cli.main', 'demo', '--output',
+                             str(tmp_path)], env=domain, stdout=subprocess.DEVNULL,
+                            stderr=subprocess.PIPE)
+    listed = Path(f'/proc/{demo.pid}/task/{demo.pid}/children')
+    waiting = Listener()
+
+    def children():
+        return [int(number) for number in listed.read_text().split()]
+
+    try:
+        waiting.wait(lambda: len(children()) == 2, 'the nodes')
+        nodes = children()
+        demo.terminate()
+        assert demo.wait(2.0 * DEADLINE) == 143
+        assert b'Traceback' not in demo.stderr.read()
+        assert not [number for number in nodes if Path(f'/proc/{number}').exists()]
+    finally:
+        demo.kill()
+        demo.stderr.close()
+        waiting.client.close()
