@@ -21,7 +21,7 @@ import time
 
 import numpy as np
 from tp_controller.cli.plots import animate_arm, plot_errors, plot_tool_path, plot_velocities
-from tp_controller.cli.processes import NodeProcess, own_domain
+from tp_controller.cli.processes import ended_by_sigterm, NodeProcess, own_domain
 from tp_controller.errors import TpControllerError
 from tp_controller.resources import package_share
 from tp_controller.robot import Robot
@@ -77,6 +77,7 @@ def panda(folder):
     goals = yaml.safe_load((config / 'demo_goals.yaml').read_text())
     arguments = ['--params-file', str(config / 'demo.yaml')]
     with ExitStack() as stack:
+        stack.enter_context(ended_by_sigterm())
         environment = stack.enter_context(own_domain())
         # The client lives in this process, which has to be in the same domain.
         os.environ.update(environment)
@@ -142,12 +143,7 @@ def _carry_out(client, nodes, goal, title):
     client.wait(reached, GOAL_SECONDS)
     client.wait(lambda: False, LINGER_SECONDS)
     return [_row(client, '' if index else title, task, task == goal['task'])
-            for index, task in enumerate(_in_order(client))]
-
-
-def _in_order(client):
-    """Return the names of the tasks, in order of priority."""
-    return [status.name.partition(': ')[2] for status in client.status.status[1:]]
+            for index, task in enumerate(client.task_names())]
 
 
 def _row(client, title, task, asked):

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 import fcntl
 import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 import tempfile
@@ -50,6 +51,16 @@ def own_domain():
                    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
             return
     raise RuntimeError(f'all ROS domains are taken; see {folder}')
+
+
+@contextmanager
+def ended_by_sigterm():
+    """Let SIGTERM leave by an exception, so that processes started here are ended, too."""
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 class NodeProcess:

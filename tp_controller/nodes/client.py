@@ -141,6 +141,11 @@ class Client:
                 found.setdefault(name, {})[last] = TYPES[types[0]]
         return found
 
+    def task_names(self):
+        """Return the names of all tasks by priority, as the status has them."""
+        return [status.name.partition(': ')[2] for status in self.status.status[1:]] \
+            if self.status else []
+
     def send(self, task, frame='', wait=10.0, **fields):
         """
         Publish a goal, or a velocity, for a task.
@@ -165,7 +170,12 @@ class Client:
 
         """
         topic = 'twist' if {'linear', 'angular'} & set(fields) else 'goal'
-        if not self.wait(lambda: topic in self.tasks().get(task, {}), wait):
+
+        def found():
+            return topic in self.tasks().get(task, {})
+
+        self.wait(lambda: found() or task not in (self.task_names() or [task]), wait)
+        if not found():
             raise GoalError(self._absence(task, topic))
         message = make_message(task, self.tasks()[task][topic], fields)
         message.header.frame_id = frame
@@ -213,12 +223,14 @@ class Client:
     def _absence(self, task, topic):
         """Return what is missing where a topic of a task was not found."""
         tasks = self.tasks()
-        if not tasks:
+        names = self.task_names() or sorted(tasks)
+        if not names:
             return (f'no node /{self.controller} with tasks is running (ROS_DOMAIN_ID and '
                     "ROS_AUTOMATIC_DISCOVERY_RANGE must be the same as the controller's)")
-        if task not in tasks:
-            return unknown('task', task, sorted(tasks))
-        return f'task {task!r} takes no {topic}; valid: {", ".join(sorted(tasks[task]))}'
+        if task not in names:
+            return unknown('task', task, names)
+        return (f'task {task!r} takes no {topic}; valid: '
+                f'{", ".join(sorted(tasks.get(task, []))) or "none"}')
 
     def _on_status(self, message):
         """Keep the latest status."""
