@@ -335,10 +335,7 @@ class RobotState:
 
     def pose(self, frame):
         """Return T_root_frame (4, 4)."""
-        T = np.eye(4)
-        T[:3, :3] = self.rotation(frame)
-        T[:3, 3] = self.position(frame)
-        return _read_only(T)
+        return (self._placements.get(frame) or self._place(frame))[2]
 
     def jacobian(self, frame):
         """
@@ -368,13 +365,14 @@ class RobotState:
         return J
 
     def _place(self, frame):
-        """Evaluate the placement of a frame and return R_root_frame and its origin."""
+        """Evaluate the placement of a frame: R_root_frame, its origin, and both as a pose."""
         robot = self.robot
         index = robot._frame_ids[robot.check_frame(frame)]
         placement = pinocchio.updateFramePlacement(robot._model, self._data, index)
-        # The arrays of a placement are windows into Pinocchio's data, hence the copies.
-        placed = _read_only(placement.rotation.copy()), _read_only(placement.translation.copy())
-        self._placements[frame] = placed
+        # The rotation and translation of a placement are windows into Pinocchio's data, which
+        # the next update changes; this matrix is a copy.
+        T = _read_only(placement.homogeneous)
+        self._placements[frame] = placed = T[:3, :3], T[:3, 3], T
         return placed
 
 
