@@ -16,6 +16,7 @@
 
 from array import array
 
+from geometry_msgs.msg import PointStamped, PoseStamped, QuaternionStamped
 from harness import Arm, JOINTS, MOVING_STACK, Status
 import numpy as np
 import pytest
@@ -225,6 +226,20 @@ def test_a_task_that_becomes_another_type_gets_the_messages_of_that_type(any_har
     assert rig.controller.set_parameters_atomically([parameter]).successful
     message = JointState(name=['joint1'], velocity=[0.25])
     rig.spin_until(lambda: publisher.publish(message) or rig.commands[-1] == [0.25, 0.0, 0.0])
+
+
+def test_a_topic_whose_type_changes_is_opened_anew(any_harness):
+    rig = Rig(any_harness)
+    kinds = {'pose': PoseStamped, 'position': PointStamped, 'orientation': QuaternionStamped}
+    node = any_harness.node
+    for kind in [*kinds] * 5:
+        assert rig.set(stack=f'- tip: {{type: {kind}, frame: link3}}') == ''
+    rig.spin_until(lambda: ('/tp_controller/tip/goal', ['geometry_msgs/msg/QuaternionStamped'])
+                   in node.get_topic_names_and_types())
+    publisher = any_harness.publisher(QuaternionStamped, '/tp_controller/tip/goal')
+    rig.spin_until(lambda: rig.status.head == 'running')
+    publisher.publish(QuaternionStamped())
+    rig.spin_until(lambda: rig.status.task('tip')['goals accepted'] == '1')
 
 
 def test_a_task_can_be_disabled_and_enabled_again(any_harness):
