@@ -17,10 +17,16 @@
 from dataclasses import dataclass
 from functools import partial
 
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.clock import Clock, ClockType
 from std_srvs.srv import SetBool
 from tp_controller.errors import GoalError
 from tp_controller.nodes.foreign_frames import ForeignFrames
 from tp_controller.nodes.goal_messages import messages_of
+
+# Time to the next try where a topic could not be opened [s], and how many tries are strange.
+REOPEN_PERIOD = 0.02
+WORRYING = 100
 
 
 @dataclass
@@ -57,7 +63,10 @@ class TaskTopics:
     def __init__(self, node, controller, clock):
         self._node, self._controller, self._clock = node, controller, clock
         self._frames = ForeignFrames(node, controller.robot.root)
-        self._open = {}
+        self._open, self._wanted = {}, {}
+        self._again = node.create_timer(REOPEN_PERIOD, self._open_missing,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._again.cancel()
         self.records = {}
         self.changed = False
 
@@ -65,28 +74,44 @@ class TaskTopics:
         """Open what the tasks of the stack need, and close what no task needs any more."""
         self.records = {name: self.records.get(name, GoalRecord())
                         for name in self._controller.stack.tasks}
-        wanted = {}
+        self._wanted = {}
         for name, task in self._controller.stack.tasks.items():
-            wanted[name, 'enable'] = SetBool, None
+            self._wanted[name, 'enable'] = SetBool
             for entry in messages_of(type(task)):
-                wanted[name, entry.topic] = entry.type, entry
-        for key, (kind, _, close) in list(self._open.items()):
-            if key not in wanted or wanted[key][0] is not kind:
-                close()
-                del self._open[key]
-        for key, (kind, entry) in wanted.items():
-            if key not in self._open:
-                self._open[key] = self._make(*key, kind, entry)
+                self._wanted[name, entry.topic] = entry.type
+        closed = [key for key, (kind, _) in self._open.items()
+                  if self._wanted.get(key) is not kind]
+        for key in closed:
+            _, close = self._open.pop(key)
+            close()
+        self._refusals = 0
+        # A topic cannot have another type before the executor has let go of what was closed.
+        self._open_missing(later=closed)
 
-    def _make(self, name, topic, kind, entry):
-        """Open one topic or service; return its type, itself and what closes it."""
-        if entry is None:
+    def _open_missing(self, later=()):
+        """Open what is wanted and not open yet; what cannot be opened is tried again soon."""
+        for key, kind in self._wanted.items():
+            if key not in self._open and key not in later:
+                try:
+                    self._open[key] = kind, self._make(*key, kind)
+                except RCLError as error:
+                    self._refusals += 1
+                    if self._refusals == WORRYING:
+                        self._node.get_logger().error(f'cannot open ~/{"/".join(key)}: {error}')
+        if len(self._open) < len(self._wanted):
+            self._again.reset()
+        else:
+            self._again.cancel()
+
+    def _make(self, name, topic, kind):
+        """Open one topic or service; return what closes it."""
+        if kind is SetBool:
             made = self._node.create_service(kind, f'~/{name}/{topic}',
                                              partial(self._on_enable, name))
-            return kind, made, partial(self._node.destroy_service, made)
+            return partial(self._node.destroy_service, made)
         made = self._node.create_subscription(kind, f'~/{name}/{topic}',
                                               partial(self._on_message, name, topic), 10)
-        return kind, made, partial(self._node.destroy_subscription, made)
+        return partial(self._node.destroy_subscription, made)
 
     def _on_enable(self, name, request, response):
         """Take a task into the stack or leave it out."""
@@ -102,7 +127,7 @@ class TaskTopics:
 
     def _on_message(self, name, topic, message):
         """Take a goal or a feed-forward velocity, or say why not."""
-        if (name, topic) not in self._open:
+        if self._open.get((name, topic), (None,))[0] is not type(message):
             # It was on its way when the stack changed.
             return
         task = self._controller.stack.tasks[name]
