@@ -231,15 +231,22 @@ def test_a_task_that_becomes_another_type_gets_the_messages_of_that_type(any_har
 def test_a_topic_whose_type_changes_is_opened_anew(any_harness):
     rig = Rig(any_harness)
     kinds = {'pose': PoseStamped, 'position': PointStamped, 'orientation': QuaternionStamped}
-    node = any_harness.node
-    for kind in [*kinds] * 5:
+
+    def change_to(kind):
         assert rig.set(stack=f'- tip: {{type: {kind}, frame: link3}}') == ''
-    rig.spin_until(lambda: ('/tp_controller/tip/goal', ['geometry_msgs/msg/QuaternionStamped'])
-                   in node.get_topic_names_and_types())
-    publisher = any_harness.publisher(QuaternionStamped, '/tp_controller/tip/goal')
-    rig.spin_until(lambda: rig.status.head == 'running')
-    publisher.publish(QuaternionStamped())
-    rig.spin_until(lambda: rig.status.task('tip')['goals accepted'] == '1')
+
+    # Faster than the old topic goes.
+    for kind in [*kinds] * 5:
+        change_to(kind)
+    for count, (kind, message) in enumerate(kinds.items(), 1):
+        change_to(kind)
+        rig.spin_until(lambda message=message: (
+            '/tp_controller/tip/goal', [f'geometry_msgs/msg/{message.__name__}'])
+            in any_harness.node.get_topic_names_and_types())
+        publisher = any_harness.publisher(message, '/tp_controller/tip/goal')
+        publisher.publish(message())
+        rig.spin_until(lambda count=count: rig.status.task('tip')['goals accepted'] == str(count))
+        any_harness.node.destroy_publisher(publisher)
 
 
 def test_a_task_can_be_disabled_and_enabled_again(any_harness):
