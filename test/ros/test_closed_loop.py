@@ -32,11 +32,12 @@ GOAL = {'xyz': (0.45, 0.25, 0.45),
 class Loop:
     """A Panda with the stack of the demo, faster than real time."""
 
-    def __init__(self, harness, speed, **parameters):
+    def __init__(self, harness, speed, rate=50.0):
         self.harness = harness
-        harness.controller(robot=str(PANDA_DH), stack=STACK, use_sim_time=True,
-                           status_rate=200.0, **parameters)
-        harness.simulator(robot=str(PANDA_DH), speed=speed, publish_clock=True,
+        harness.controller(robot=str(PANDA_DH), stack=STACK, use_sim_time=True, rate=rate,
+                           status_rate=100.0)
+        # Slow enough for a machine that has other things to do.
+        harness.simulator(robot=str(PANDA_DH), speed=speed, publish_clock=True, rate=50.0,
                           initial_positions=START)
         self.commands, self.status = harness.commands(), Status(harness)
         self.states = harness.record(JointState, '/joint_states', 500)
@@ -59,7 +60,7 @@ class Loop:
         self.harness.spin_until(lambda: self.status.task('tool')['status'] == 'reached')
 
 
-@pytest.mark.parametrize('rate', [100.0, 0.0])
+@pytest.mark.parametrize('rate', [50.0, 0.0])
 def test_a_pose_goal_is_reached_without_exceeding_any_limit(any_harness, rate):
     loop = Loop(any_harness, 5.0, rate=rate)
     loop.send(**GOAL)
