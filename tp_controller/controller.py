@@ -23,6 +23,7 @@ from tp_controller.report import Report
 from tp_controller.settings import Settings
 from tp_controller.solver import Solver
 from tp_controller.spatial import inverse_pose
+from tp_controller.tasks.pose import parse_pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +156,22 @@ class Controller:
         task.set_feed_forward(velocity, now)
 
     def enable(self, name, enabled):
-        """Take a task into the stack, or leave it out; raise `GoalError` if it is unknown."""
-        self.stack.enable(self._task(name).name, enabled)
+        """
+        Take a task into the stack, or leave it out.
+
+        A task that comes back without a goal holds what it finds then.
+
+        Raises
+        ------
+        GoalError
+            There is no such task.
+
+        """
+        task = self._task(name)
+        if enabled and name in self.stack.disabled:
+            task.release()
+            self._started = False
+        self.stack.enable(name, enabled)
 
     def update(self, q, now, passive=None):
         """
@@ -234,5 +249,6 @@ class Controller:
         if self._state is None:
             raise GoalError('a goal in another frame needs joint positions, '
                             'and there were none yet')
-        T_root_frame = self._state.pose(frame) if isinstance(frame, str) else frame
+        T_root_frame = self._state.pose(frame) if isinstance(frame, str) else parse_pose(
+            frame, f'the frame of a goal for task {task.name!r}')
         return inverse_pose(self._state.pose(task.reference)).dot(T_root_frame)

@@ -24,9 +24,8 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from tp_controller.errors import RobotError, unknown
-from tp_controller.resources import read_source
+from tp_controller.resources import load_yaml, read_source
 from tp_controller.urdf import UNLIMITED
-import yaml
 
 CONVENTIONS = ('standard', 'modified')
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
@@ -105,8 +104,8 @@ def _load(table):
     if not isinstance(table, (list, tuple, dict)):
         try:
             text = read_source(table, lambda text: '\n' in text or '{' in text)
-            table = yaml.safe_load(text)
-        except (OSError, ValueError, yaml.YAMLError) as error:
+            table = load_yaml(text)
+        except (OSError, ValueError) as error:
             raise RobotError(f'DH table: {error}') from error
     if isinstance(table, (list, tuple)):
         table = {'joints': list(table)}
@@ -213,7 +212,8 @@ def _origin(transform):
 def _moving_joint(joint, parent, child, before):
     """Return the URDF element of a joint that moves about or along z."""
     unlimited = math.isinf(joint['lower']) and math.isinf(joint['upper'])
-    kind = 'continuous' if joint['type'] == 'revolute' and unlimited else joint['type']
+    turning = 'continuous' if unlimited else 'revolute'
+    kind = 'prismatic' if joint['type'] == 'prismatic' else turning
     limits = f'effort="0" velocity="{min(joint["velocity"], UNLIMITED)!r}"'
     if kind != 'continuous':
         limits += (f' lower="{max(joint["lower"], -UNLIMITED)!r}"'

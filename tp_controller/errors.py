@@ -31,6 +31,8 @@ Every message names the thing that is wrong and says what is valid.
 from dataclasses import dataclass
 import difflib
 
+LONGEST = 2000
+
 
 class TpControllerError(Exception):
     """Base of all errors raised by this package."""
@@ -88,7 +90,9 @@ class Fault:
     def __str__(self):
         """Return the fault as one line."""
         where = f'{self.where}: ' if self.where else ''
-        return f'line {self.line}: {where}{self.message}'
+        text = f'line {self.line}: {where}{self.message}'
+        # A message that quotes what was written may quote a whole file.
+        return text if len(text) <= LONGEST else f'{text[:LONGEST]} …'
 
 
 class StackError(TpControllerError):

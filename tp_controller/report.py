@@ -116,7 +116,8 @@ class Report:
             return ''
         robot = self._robot
         velocity = self._solution.velocity[index]
-        at_speed_limit = abs(velocity) >= robot.velocity[index] > 0.0
+        # A joint whose speed limit is zero is at that limit, wherever it stands.
+        at_speed_limit = abs(velocity) >= robot.velocity[index]
         # At the limit itself the velocity is zero and does not tell its side.
         upper = robot.upper[index] - self._q[index] < self._q[index] - robot.lower[index]
         limit = ('velocity limit' if at_speed_limit else
@@ -147,7 +148,7 @@ class Report:
     def _missing_directions(self, number, level):
         """Return why a level cannot move the way it wants, apart from the limits."""
         rows, smallest = len(level.wanted), level.smallest_singular_value
-        alone = np.linalg.svd(self._solution.jacobian(number - 1), compute_uv=False)
+        alone = self._solution.singular_values_alone(number - 1)
         possible = int(np.count_nonzero(alone > RANK_TOLERANCE * norm(alone)))
         if possible < rows:
             return f'{possible} of {rows} directions possible for the robot here'

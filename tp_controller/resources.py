@@ -15,6 +15,9 @@
 """Files by name: paths, ``package://`` names, and text given in place of a file."""
 
 from pathlib import Path
+import re
+
+import yaml
 
 PACKAGE = 'tp_controller'
 SCHEME = 'package://'
@@ -54,6 +57,42 @@ def package_share(package=PACKAGE):
                     return share
     raise FileNotFoundError(f'package {package!r} is not in the ament index '
                             '(AMENT_PREFIX_PATH): source its workspace')
+
+
+class YamlLoader(yaml.SafeLoader):
+    """Safe YAML that reads 1e-3 as a number, as YAML 1.2 does, and not as text."""
+
+
+YamlLoader.add_implicit_resolver('tag:yaml.org,2002:float',
+                                 re.compile(r'[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$'),
+                                 list('-+0123456789'))
+
+
+def load_yaml(text):
+    """
+    Return what a YAML text says.
+
+    Parameters
+    ----------
+    text : str
+        One document.
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    ValueError
+        The text is no YAML, or a value in it cannot be read.
+
+    """
+    try:
+        return yaml.load(text, YamlLoader)
+    except RecursionError as error:
+        raise ValueError('YAML that is nested too deeply') from error
+    except (yaml.YAMLError, LookupError, AttributeError, TypeError) as error:
+        raise ValueError(str(error)) from error
 
 
 def find_file(name):

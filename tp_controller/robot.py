@@ -24,6 +24,7 @@ from tp_controller.errors import RobotError, unknown
 from tp_controller.resources import read_source
 from tp_controller.urdf import (
     build_model,
+    check_tree,
     joint_limits,
     mimic_rules,
     moving_joints,
@@ -60,6 +61,8 @@ class Robot:
         Limits of the absolute velocity [rad/s or m/s].
     continuous : ndarray (n,) of bool
         Joints that turn without end.
+    passive_neutral : ndarray (p,)
+        Where passive joints are taken to be until something is heard of them [rad or m].
     frame_names : tuple of str
         All links; `root` is the first, every pose and Jacobian is expressed in it by default.
 
@@ -68,6 +71,7 @@ class Robot:
     def __init__(self, urdf, joints=None, limits=None):
         """Build from URDF text; see `from_urdf`."""
         tree = parse(urdf)
+        check_tree(tree)
         elements = moving_joints(tree)
         self.urdf = urdf
         self._model = build_model(tree)
@@ -197,8 +201,6 @@ class Robot:
         self.n = len(driven)
         self.joint_units = tuple('m' if elements[name].get('type') == 'prismatic' else 'rad'
                                  for name in driven)
-        self.continuous = _read_only(
-            np.array([elements[name].get('type') == 'continuous' for name in driven]))
 
     def _read_limits(self, elements, mimics, overrides):
         """Take the limits of the driven joints from the URDF, replaced where overridden."""
@@ -231,11 +233,15 @@ class Robot:
                 raise RobotError(f'joint {name}: velocity limit {row["velocity"]} '
                                  'must not be negative')
         ranges = [joint_limits(name, elements[name]) for name in self.passive_names]
-        self._passive_neutral = np.array([min(max(0.0, row['lower']), row['upper'])
+        self.passive_neutral = np.array([min(max(0.0, row['lower']), row['upper'])
                                           for row in ranges])
         self.lower, self.upper, self.velocity = (
             _read_only(np.array([float(row[key]) for row in rows.values()]))
             for key in LIMIT_KEYS)
+        # A joint that was given limits turns within them, whatever its type says.
+        self.continuous = _read_only(np.array(
+            [elements[name].get('type') == 'continuous' for name in self.joint_names])
+            & np.isinf(self.lower) & np.isinf(self.upper))
 
     def _map_configuration(self, mimics):
         """Prepare the way from driven and passive positions to Pinocchio's configuration."""
@@ -294,7 +300,7 @@ class RobotState:
         self._offset = robot._offset
         self._placements, self._jacobians = {}, {}
         if passive is None and robot.passive_names:
-            passive = robot._passive_neutral
+            passive = robot.passive_neutral
         self.update(q, passive)
 
     def update(self, q, passive=None):
@@ -359,6 +365,8 @@ class RobotState:
             robot = self.robot
             J = pinocchio.getFrameJacobian(robot._model, self._data, robot._frame_ids[frame],
                                            pinocchio.LOCAL_WORLD_ALIGNED)
+            if J.ndim == 1:  # of a robot with one joint
+                J = J.reshape(6, 1)
             if robot._expand is not None:
                 J = J.dot(robot._expand)
             self._jacobians[frame] = _read_only(J)

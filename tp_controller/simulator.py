@@ -20,8 +20,7 @@ import math
 
 import numpy as np
 from tp_controller.errors import RobotError, SettingsError, unknown
-from tp_controller.resources import read_source
-import yaml
+from tp_controller.resources import load_yaml, read_source
 
 
 @dataclass(frozen=True)
@@ -236,8 +235,8 @@ def initial_positions(source, robot):
     try:
         text = read_source(source, lambda text: text.lstrip().startswith('{') or (
             ':' in text and '://' not in text and not text.endswith(('.yaml', '.yml'))))
-        positions = yaml.safe_load(text) or {}
-    except (OSError, ValueError, yaml.YAMLError) as error:
+        positions = load_yaml(text) or {}
+    except (OSError, ValueError) as error:
         raise RobotError(f'initial positions: {error}') from error
     if not isinstance(positions, dict):
         raise RobotError('initial positions: needs a mapping {joint: position}')

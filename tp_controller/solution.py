@@ -72,17 +72,18 @@ class Solution:
 
     """
 
-    def __init__(self, velocity, scale, limiting, levels, ranks):
+    def __init__(self, velocity, scale, limiting, levels, ranks, start):
         self.velocity = velocity
         self.scale = scale
         self.limiting = limiting
         self._levels = levels
+        self._start = start
         # What the fast path did not need to know is found out when it is asked for.
         self._ranks = ranks
 
-    def jacobian(self, index):
-        """Return J (m, n) of a level."""
-        return self._levels[index].J
+    def singular_values_alone(self, index):
+        """Return the singular values of a level as if there were no other, weights included."""
+        return np.linalg.svd(self._levels[index].J.dot(self._start), compute_uv=False)
 
     @cached_property
     def levels(self):

@@ -46,6 +46,10 @@ SCALINGS = ('uniform',)
 # itself: of a level that repeats the one above, J P is rounding errors only, and their inverse
 # would be a velocity of 1e16.
 RANK_TOLERANCE = 1e-9
+# What a velocity exceeds its bound by, relative to the fastest joint, counts as rounding below
+# this and is cut off. A joint that stands at its limit has the bound zero, and a residue of 1e-17
+# towards the limit would stop the whole robot.
+ROUNDING = 1e-9
 
 
 def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='uniform', *,
@@ -97,7 +101,7 @@ def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='un
 
     """
     levels = [_check_level(level, index) for index, level in enumerate(levels)]
-    n = _check_width(levels, lower)
+    n = _check_width(levels, weights if lower is None else lower)
     if lower is not None or upper is not None:
         lower, upper = _check_bounds(lower, upper, n)
     solver = Solver(n, weights, damping, scaling, singular_region, method, rank_tolerance)
@@ -118,11 +122,16 @@ class Solver:
     Raises
     ------
     SolverError
-        A weight is not positive, or a method or scaling is unknown.
+        A weight is not positive, a number is negative, or a method or scaling is unknown.
 
     """
 
     def __init__(self, n, weights, damping, scaling, singular_region, method, rank_tolerance):
+        for name, value in (('damping', damping), ('singular_region', singular_region),
+                            ('rank_tolerance', rank_tolerance)):
+            if isinstance(value, bool) or not isinstance(value, (int, float)) \
+                    or not value >= 0.0 or (name != 'singular_region' and math.isinf(value)):
+                raise SolverError(f'{name} must be a number that is not negative, not {value!r}')
         if method not in METHODS:
             raise SolverError(unknown('method', method, METHODS))
         if scaling not in SCALINGS:
@@ -164,7 +173,7 @@ class Solver:
         if lower is not None:
             velocity, scale, limiting = scale_uniformly(velocity, lower, upper)
         return Solution(velocity, scale, limiting, levels,
-                        ranks or (lambda: self._recur(levels)[1]))
+                        ranks or (lambda: self._recur(levels)[1]), self._start)
 
     def _recur(self, levels):
         """Return velocity and ranks by the recursion."""
@@ -279,9 +288,12 @@ def scale_uniformly(velocity, lower, upper):
     if not (np.count_nonzero(velocity > upper) or np.count_nonzero(velocity < lower)):
         return velocity, 1.0, None
     bound = np.where(velocity > 0.0, upper, lower)
-    excess = np.abs(velocity) - np.abs(bound)
-    with np.errstate(divide='ignore', invalid='ignore'):
-        ratios = np.where(excess > 0.0, bound / velocity, 1.0)
+    size = np.abs(velocity)
+    too_fast = size - np.abs(bound) > ROUNDING * size.max()
+    if not too_fast.any():
+        return np.clip(velocity, lower, upper), 1.0, None
+    ratios = np.ones(len(velocity))
+    np.divide(bound, velocity, out=ratios, where=too_fast)
     limiting = int(ratios.argmin())
     scale = float(ratios[limiting])
     # The products may miss their bounds by one rounding; these two lines take that away and no
@@ -293,21 +305,24 @@ def scale_uniformly(velocity, lower, upper):
 
 def _check_level(level, index):
     """Return a level as `Level`, its shapes checked."""
-    if not isinstance(level, Level):
+    if not (isinstance(level, Level) and isinstance(level.J, np.ndarray)
+            and isinstance(level.v, np.ndarray)):
         try:
-            J, v = level
+            J, v = (level.J, level.v) if isinstance(level, Level) else level
             level = Level(np.asarray(J, dtype=float), np.asarray(v, dtype=float))
         except (TypeError, ValueError) as error:
             raise SolverError(f'level {index + 1}: needs J (m, n) and v (m,): {error}') from error
     if level.J.ndim != 2 or level.v.shape != (level.J.shape[0],):
         raise SolverError(f'level {index + 1}: J must be (m, n) and v (m,), '
                           f'got {level.J.shape} and {level.v.shape}')
+    if not (np.isfinite(level.J).all() and np.isfinite(level.v).all()):
+        raise SolverError(f'level {index + 1}: the levels hold numbers that are not finite')
     return level
 
 
-def _check_width(levels, lower):
+def _check_width(levels, others):
     """Return n, the number of joints that all levels agree on."""
-    n = levels[0].J.shape[1] if levels else 0 if lower is None else len(lower)
+    n = levels[0].J.shape[1] if levels else 0 if others is None else len(others)
     for level in levels:
         if level.J.shape[1] != n:
             raise SolverError('levels disagree on the number of joints: '

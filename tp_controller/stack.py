@@ -20,12 +20,12 @@ import re
 import numpy as np
 from tp_controller.errors import Fault, StackError, TaskError, unknown
 from tp_controller.level import Level
-from tp_controller.resources import read_source
+from tp_controller.resources import read_source, YamlLoader
 from tp_controller.tasks import task_types
 import yaml
 
 # Names become parts of topic names.
-NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
+NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}\Z')
 LIST_FORM = 'a stack is a list of "- name: {type: …}", the highest priority first'
 
 
@@ -142,7 +142,9 @@ class _Reader:
     def read(self, text):
         """Return the groups of tasks."""
         try:
-            root = yaml.compose(text, Loader=yaml.SafeLoader)
+            root = yaml.compose(text, Loader=YamlLoader)
+        except RecursionError as error:
+            raise StackError([Fault(1, '', 'nested too deeply')]) from error
         except yaml.YAMLError as error:
             mark = getattr(error, 'problem_mark', None)
             line = mark.line + 1 if mark else 1
@@ -188,7 +190,9 @@ class _Reader:
     def _check_name(self, key, name):
         """Check the name of a task."""
         if not isinstance(name, str) or not NAME.match(name):
-            self._fault(key, '', f'a task is named by letters, digits and _, not {name!r}')
+            shown = repr(name[:80]) if isinstance(name, str) else 'a list or mapping'
+            self._fault(key, '', 'a task is named by a letter, then letters, digits and _, at '
+                                 f'most 64, not {shown}')
         elif name in self._lines_of_names:
             self._fault(key, name, 'the name is used already, in line '
                                    f'{self._lines_of_names[name]}')
@@ -200,8 +204,8 @@ class _Reader:
         values, lines = {}, {}
         constructor = yaml.constructor.SafeConstructor()
         for key, value in body.value:
-            if not isinstance(key, yaml.ScalarNode):
-                self._fault(key, str(name), 'a key must be a word')
+            if not isinstance(key, yaml.ScalarNode) or key.value == '<<':
+                self._fault(key, str(name), 'a key must be a word; merging (<<) is not supported')
                 continue
             if key.value in lines:
                 self._fault(key, f'{name}, {key.value}', 'the key is given twice')

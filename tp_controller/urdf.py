@@ -45,6 +45,7 @@ def moving_joints(tree):
     for joint in tree.findall('joint'):
         kind = joint.get('type')
         if kind in MOVING:
+            _check_limit(joint)
             elements[joint.get('name')] = joint
         elif kind != 'fixed':
             raise RobotError(f'joint {joint.get("name")!r} is of type {kind!r}; '
@@ -52,9 +53,49 @@ def moving_joints(tree):
     return elements
 
 
+def check_tree(tree):
+    """
+    Raise `RobotError` where links and joints make no tree, naming what is wrong.
+
+    The URDF parser itself only says that the text is not valid.
+    """
+    links = [link.get('name') for link in tree.findall('link')]
+    joints = [joint.get('name') for joint in tree.findall('joint')]
+    for what, names in (('link', links), ('joint', joints)):
+        for name in names:
+            if not name or names.count(name) > 1:
+                raise RobotError(f'robot description: a {what} has no name of its own: {name!r}')
+    children = set()
+    for joint in tree.findall('joint'):
+        for end in ('parent', 'child'):
+            element = joint.find(end)
+            link = None if element is None else element.get('link')
+            if link not in links:
+                raise RobotError(f'joint {joint.get("name")!r}, {end}: '
+                                 f'{unknown("link", link, links)}')
+        if link in children:
+            raise RobotError(f'link {link!r} is the child of two joints')
+        children.add(link)
+    roots = [link for link in links if link not in children]
+    if len(roots) != 1:
+        raise RobotError('robot description: the links must make one tree, with one root; '
+                         f'without a parent are: {", ".join(roots) or "none"}')
+
+
+def _check_limit(joint):
+    """Raise `RobotError` where a joint lacks the limits that its type needs."""
+    limit = joint.find('limit')
+    if joint.get('type') == 'continuous' and limit is None:
+        return
+    for key in ('effort', 'velocity'):
+        if limit is None or limit.get(key) is None:
+            raise RobotError(f'joint {joint.get("name")!r} needs <limit> with effort and velocity')
+
+
 def build_model(tree):
     """Return Pinocchio's model of a URDF, every moving joint with one coordinate."""
     tree = copy.deepcopy(tree)
+    tree.set('name', tree.get('name') or 'robot')
     for joint in tree.findall('joint'):
         if joint.get('type') == 'continuous':
             # Pinocchio would hold a continuous joint as cosine and sine and forget its turns.

@@ -24,7 +24,7 @@ from tp_controller.nodes.joint_states import JointStateBuffer
 @pytest.fixture
 def buffer():
     """Return a buffer of two driven joints and a passive one."""
-    return JointStateBuffer(('a', 'b'), ('hand',))
+    return JointStateBuffer(('a', 'b'), ('hand',), (0.2,))
 
 
 def test_positions_are_sorted_by_name_whatever_the_order(buffer):

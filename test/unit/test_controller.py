@@ -654,3 +654,106 @@ def test_method_of_the_settings_is_the_one_in_force():
     sequential = controller.update(READY, 0.0)
     assert sequential.velocity[0] == pytest.approx(0.0, abs=1e-12)
     assert np.abs(sequential.velocity - recursive.velocity).max() > 1e-4
+
+
+# Found by trying to break it
+
+
+def test_rounding_towards_a_limit_does_not_stop_the_robot():
+    robot = robots.panda()
+    # The tool lies on the axis of joint 7, which the task therefore moves by rounding only; the
+    # joint stands at its limit, or is measured a little beyond it.
+    for beyond in (0.0, 1e-5):
+        controller = control(f'- tool: {{type: position, frame: {TOOL}, gain: 2}}\n', robot)
+        q = READY.copy()
+        q[6] = robot.upper[6] + beyond
+        for seed in range(10):
+            start = q + np.r_[np.random.default_rng(seed).uniform(-0.3, 0.3, 6), 0.0]
+            place = robot.state(start).position(TOOL)
+            controller.set_goal('tool', place + [0.02, -0.03, 0.01], 0.0)
+            assert controller.update(start, 0.0).report.scale > 0.5
+
+
+@pytest.mark.parametrize('kind', ['position', 'orientation', 'pose', 'joint', 'posture'])
+def test_robot_with_one_joint_is_controlled_like_any_other(kind):
+    robot = Robot.from_dh([{'name': 'only', 'a': 0.5, 'velocity': 1.0}])
+    where = {'joint': ', joints: only', 'posture': ''}.get(kind, ', frame: link1')
+    controller = control(f'- task: {{type: {kind}{where}}}\n', robot)
+    controller.update([0.3], 0.0)
+    state = robot.state([0.5])
+    goal = {'position': state.position('link1'), 'orientation': state.rotation('link1'),
+            'pose': state.pose('link1')}.get(kind, [0.5])
+    controller.set_goal('task', goal, 0.0)
+    assert controller.update([0.3], 0.0).velocity[0] > 0.15
+    q = run(controller, [0.3], 800)[-1]
+    assert q == pytest.approx([0.5], abs=1e-3)
+
+
+def test_held_value_is_not_handed_to_a_task_about_another_frame():
+    robot = robots.panda()
+    controller = control(f'- tool: {{type: position, frame: {TOOL}}}\n', robot)
+    controller.update(READY, 0.0)
+    controller.replace_stack(Stack.from_yaml('- tool: {type: position, frame: panda_link4}\n',
+                                             robot))
+    assert controller.update(READY, 0.1).velocity == pytest.approx(np.zeros(7), abs=1e-12)
+
+
+def test_posture_that_was_only_held_is_still_only_held_in_the_next_stack():
+    robot = robots.panda()
+    controller = control('- posture: {type: posture}\n', robot)
+    controller.update(READY, 0.0)
+    controller.replace_stack(Stack.from_yaml('- posture: {type: posture, gain: 2}\n', robot))
+    assert controller.update(READY + 0.1, 0.1).velocity == pytest.approx(np.full(7, -0.2))
+    controller.restart()
+    assert controller.update(READY + 0.1, 0.2).velocity == pytest.approx(np.zeros(7), abs=1e-12)
+
+
+def test_task_that_is_enabled_again_holds_what_it_finds_unless_it_has_a_goal():
+    controller = control('- a: {type: joint, joints: panda_joint1}\n'
+                         '- b: {type: joint, joints: panda_joint2, target: [-0.7]}\n')
+    controller.update(READY, 0.0)
+    for name in 'ab':
+        controller.enable(name, False)
+    for name in 'ab':
+        controller.enable(name, True)
+    velocity = controller.update(READY + 0.1, 0.1).velocity
+    assert velocity[0] == pytest.approx(0.0, abs=1e-12)
+    assert velocity[1] == pytest.approx(-0.7 - READY[1] - 0.1)
+
+
+def test_reason_of_a_task_alone_never_speaks_of_higher_levels():
+    weights = (1.0,) * 6 + (1e4,)
+    controller = control('- j: {type: joint, joints: panda_joint7}\n',
+                         options=Settings(weights=weights))
+    controller.update(READY, 0.0)
+    controller.set_goal('j', [READY[6] + 1.0], 0.0)
+    task, = controller.update(READY, 0.0).report.tasks
+    assert task.achieved_speed < 0.1 * task.wanted_speed
+    assert 'near a singularity' in task.reason
+
+
+def test_speed_limit_of_zero_is_named_as_what_holds_the_robot():
+    robot = Robot.from_file(robots.PANDA_DH, limits={'panda_joint3': {'velocity': 0.0}})
+    controller = control('- j: {type: joint, joints: [panda_joint1, panda_joint3]}\n', robot)
+    controller.update(READY, 0.0)
+    controller.set_goal('j', [0.5, 0.5], 0.0)
+    command = controller.update(READY, 0.0)
+    assert not command.velocity.any()
+    assert command.report.limiting == 'panda_joint3 at its velocity limit'
+
+
+def test_continuous_joint_that_is_given_limits_stays_within_them_on_the_long_way():
+    robot = Robot.from_dh([{'name': 'turn', 'type': 'continuous', 'a': 0.3, 'velocity': 2.0}],
+                          limits={'turn': {'lower': -3.0, 'upper': 3.0}})
+    controller = control('- j: {type: joint, joints: turn, target: [2.9]}\n', robot)
+    assert run(controller, [-2.9], 1200)[-1] == pytest.approx([2.9], abs=1e-2)
+
+
+@pytest.mark.parametrize('frame', [np.eye(3), np.full((4, 4), math.nan), 5, np.diag([1, 1, 1, 5]),
+                                   np.diag([1.0, 1.0, -1.0, 1.0])])
+def test_frame_that_is_no_pose_is_refused_and_the_goal_stays(frame):
+    controller = control(f'- tool: {{type: pose, frame: {TOOL}}}\n')
+    before = controller.update(READY, 0.0).velocity
+    with pytest.raises(GoalError, match='frame of a goal'):
+        controller.set_goal('tool', np.eye(4), 0.0, frame=frame)
+    assert controller.update(READY, 0.1).velocity == pytest.approx(before)

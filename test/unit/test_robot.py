@@ -15,6 +15,7 @@
 """The robot model: DH tables, URDFs, driven and passive joints, limits and faults."""
 
 import math
+import re
 from xml.etree import ElementTree
 
 from hypothesis import given
@@ -501,3 +502,25 @@ def test_urdf_of_a_dh_table_gives_the_same_robot_again():
     np.testing.assert_array_equal(again.state(q).pose(robots.PANDA_TOOL),
                                   robot.state(q).pose(robots.PANDA_TOOL))
     assert again.lower.tolist() == robot.lower.tolist()
+
+
+@pytest.mark.parametrize('text, named', [
+    (urdf(('a', 'revolute', '')), "joint 'a' needs <limit>"),
+    (urdf(('a', 'revolute', '<limit lower="0" upper="1" effort="0"/>')), "joint 'a' needs"),
+    (urdf(('a', 'revolute', LIMIT)).replace('child link="l1"', 'child link="nowhere"'),
+     "joint 'a', child: unknown link 'nowhere'"),
+    (urdf(('a', 'revolute', LIMIT), ('a', 'revolute', LIMIT)), "joint .*'a'"),
+    (urdf(('a', 'revolute', LIMIT)).replace('</robot>', '<link name="l1"/></robot>'),
+     "link .*'l1'"),
+    (urdf(('a', 'revolute', LIMIT)).replace('</robot>', '<link name="lost"/></robot>'),
+     'without a parent are: .*lost'),
+])
+def test_what_makes_a_description_no_tree_is_named(text, named):
+    with pytest.raises(RobotError, match=named) as caught:
+        Robot.from_urdf(text)
+    assert '\n' not in str(caught.value)
+
+
+def test_robot_without_a_name_is_called_robot():
+    text = re.sub('<robot name="[^"]*">', '<robot>', urdf(('a', 'revolute', LIMIT)))
+    assert Robot.from_urdf(text).name == 'robot'

@@ -341,13 +341,17 @@ def bounded(velocity, lower, upper):
                 min_size=1, max_size=8))
 @example([(49.0, 1.0, 1.0)])
 @example([(-49.0, 1.0, 1.0), (0.1, 1.0, 1.0)])
+@example([(1.0, 2.0, 2.0), (1e-17, 1.0, 0.0)])
 def test_scaled_velocities_keep_their_bounds_exactly_and_their_ratios(joints):
     velocity, lower, upper = (np.array(column) for column in zip(*joints))
     solution = bounded(velocity, -lower, upper)
     assert (solution.velocity >= -lower).all() and (solution.velocity <= upper).all()
+    # What exceeds a bound by no more than rounding, relative to the fastest joint, is cut off
+    # and slows nobody.
+    rounding = 1e-9 * np.abs(velocity).max()
     np.testing.assert_allclose(solution.velocity, solution.scale * velocity, rtol=1e-14,
-                               atol=1e-300)
-    within = ((velocity >= -lower) & (velocity <= upper)).all()
+                               atol=rounding + 1e-300)
+    within = ((velocity >= -lower - rounding) & (velocity <= upper + rounding)).all()
     assert within == (solution.limiting is None)
     if within:
         assert solution.scale == 1.0
@@ -572,3 +576,20 @@ def test_unknown_method_and_scaling_are_refused_with_the_valid_ones():
         solve([(np.eye(2), np.ones(2))], method='recursiv')
     with pytest.raises(SolverError, match='valid: uniform'):
         solve([(np.eye(2), np.ones(2))], scaling='clip')
+
+
+@pytest.mark.parametrize('options', [
+    {'damping': math.nan}, {'damping': -1.0}, {'damping': math.inf}, {'damping': 'x'},
+    {'singular_region': math.nan}, {'singular_region': -0.1}, {'rank_tolerance': -1.0},
+])
+def test_options_that_make_no_sense_are_named(options):
+    with pytest.raises(SolverError, match=next(iter(options))):
+        solve([(np.eye(2), np.ones(2))], **options)
+
+
+def test_level_may_hold_lists():
+    assert solve([Level([[1.0, 1.0]], [1.0])]).velocity == pytest.approx([0.5, 0.5])
+
+
+def test_empty_stack_with_weights_gives_no_motion():
+    assert solve([], weights=[1.0, 2.0, 3.0]).velocity.tolist() == [0.0, 0.0, 0.0]

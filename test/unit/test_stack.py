@@ -162,7 +162,7 @@ def test_all_faults_are_told_at_once_in_order_of_their_lines():
             'must be positive, got -1',
             'needs a type; valid: joint, ',
             "needs the key 'frame': frame of the robot",
-            'named by letters, digits and _',
+            'letters, digits and _',
             'a stack is a list of',
             "needs a number.*'fast'",
             "unknown type 'nothing'"), messages):
@@ -331,3 +331,27 @@ def test_stack_that_takes_over_keeps_the_goals_of_tasks_that_mean_the_same():
     np.testing.assert_allclose(new.tasks['limits'].error(later), 0.0, atol=1e-12)
     np.testing.assert_allclose(new.tasks['fresh'].error(later), 0.0, atol=1e-12)
     assert new.disabled == {'left'}
+
+
+# Found by trying to break it
+
+
+def test_numbers_with_an_exponent_are_numbers():
+    task = read('- j: {type: joint, joints: joint1, gain: 1e1, tolerance: 2e-3, timeout: 1.5E0}\n'
+                ).tasks['j']
+    assert (task.gain, task.timeout) == (10.0, 1.5)
+    assert task.groups[0][2] == 2e-3
+
+
+def test_yaml_that_is_nested_without_end_is_a_fault():
+    assert 'nested too deeply' in fault('- j: {type: joint, gain: ' + 3000 * '[')[2]
+
+
+def test_name_that_is_too_long_for_a_topic_is_a_fault():
+    assert 'at most 64' in fault(f'- {"x" * 65}: {{type: posture}}\n')[2]
+    assert read(f'- {"x" * 64}: {{type: posture}}\n').tasks
+
+
+def test_merge_keys_are_named_as_not_supported():
+    found = faults('- a: &a {type: joint, joints: joint1}\n- b: {<<: *a, gain: 2}\n')
+    assert any('<<' in message for _, _, message in found)

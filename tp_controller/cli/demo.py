@@ -23,10 +23,9 @@ import numpy as np
 from tp_controller.cli.plots import animate_arm, plot_errors, plot_tool_path, plot_velocities
 from tp_controller.cli.processes import ended_by_sigterm, NodeProcess, own_domain
 from tp_controller.errors import TpControllerError
-from tp_controller.resources import package_share
+from tp_controller.resources import load_yaml, package_share
 from tp_controller.robot import Robot
 from tp_controller.spatial import quaternion_from_rotation, rotation_from_rpy
-import yaml
 
 TOOL = 'panda_hand_tcp'
 # Discovery mostly takes less than 50 ms, now and then 3 s.
@@ -74,7 +73,7 @@ def panda(folder):
     """
     config = package_share() / 'config'
     robot = Robot.from_file(config / 'robots' / 'panda.yaml')
-    goals = yaml.safe_load((config / 'demo_goals.yaml').read_text())
+    goals = load_yaml((config / 'demo_goals.yaml').read_text())
     arguments = ['--params-file', str(config / 'demo.yaml')]
     with ExitStack() as stack:
         stack.enter_context(ended_by_sigterm())

@@ -23,8 +23,9 @@ import subprocess
 import sys
 import tempfile
 
-# All ids that are safe on every platform (ROS 2 documentation, "The ROS_DOMAIN_ID").
-DOMAINS = range(1, 102)
+# Ids that are safe on every platform (ROS 2 documentation, "The ROS_DOMAIN_ID"), from the last
+# one down: people number their robots from 0 up.
+DOMAINS = range(101, 49, -1)
 NODES = {'controller_node', 'simulator_node'}
 
 

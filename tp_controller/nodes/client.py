@@ -178,6 +178,8 @@ class Client:
         if not found():
             raise GoalError(self._absence(task, topic))
         message = make_message(task, self.tasks()[task][topic], fields)
+        if frame and isinstance(message, JointState):
+            raise GoalError(f'a goal of task {task!r} is in no frame')
         message.header.frame_id = frame
         publisher = self._publisher(task, topic, type(message))
         if not self.wait(lambda: publisher.get_subscription_count() > 0, wait):
@@ -252,7 +254,7 @@ class Recorder:
 
     def __init__(self, client, joints):
         self._client = client
-        self._buffer = JointStateBuffer(joints, ())
+        self._buffer = JointStateBuffer(joints, (), ())
         self._start = time.monotonic()
         self.states, self.commands, self.errors = [], [], []
         node = client.node

@@ -150,10 +150,12 @@ class ControllerNode(Node):
         if sorted(names) != sorted(robot.joint_names):
             raise RobotError('parameter command_joints must be the driven joints in some order '
                              f'({", ".join(robot.joint_names)}), not {", ".join(names)}')
-        unlimited = [name for name, limit in zip(robot.joint_names, robot.velocity)
-                     if not np.isfinite(limit)]
-        if unlimited:
-            self.get_logger().warning(f'no velocity limit for {", ".join(unlimited)}')
+        for limit, what in ((np.inf, 'no velocity limit for'),
+                            (0.0, 'a velocity limit of zero, so no motion at all, for')):
+            names_of = [name for name, given in zip(robot.joint_names, robot.velocity)
+                        if given == limit]
+            if names_of:
+                self.get_logger().warning(f'{what} {", ".join(names_of)}')
         self._controller = Controller(robot, Stack([]), self._settings)
         self._topics = TaskTopics(self, self._controller, self._now)
         self._order = np.array([robot.joint_index(name) for name in names])
@@ -161,7 +163,8 @@ class ControllerNode(Node):
         self._command_view = np.frombuffer(self._command.data)
         self._commands = self.create_publisher(Float64MultiArray,
                                                'velocity_controller/commands', 10)
-        self._buffer = JointStateBuffer(robot.joint_names, robot.passive_names)
+        self._buffer = JointStateBuffer(robot.joint_names, robot.passive_names,
+                                        robot.passive_neutral)
         self._load_stack()
         self.create_subscription(JointState, 'joint_states', self._on_joint_state, STATE_QOS)
         self.get_logger().info(f'controlling {robot.name}, joints {", ".join(names)}')
@@ -259,6 +262,10 @@ class ControllerNode(Node):
             self.get_logger().warning(f'commanding zeros: {hold}')
         else:
             self.get_logger().info('running')
+            unheard = self._buffer.unheard()
+            if unheard:
+                self.get_logger().warning('no joint states of passive joints, taken as near to '
+                                          f'zero as their limits allow: {", ".join(unheard)}')
 
     def _reason_to_hold(self, now):
         """Return why zeros are commanded; empty if nothing speaks against motion."""
@@ -278,6 +285,10 @@ class ControllerNode(Node):
         hold = self._reason_to_hold(now)
         # A cycle may well be longer than the joint states may be old.
         if not hold and silence > 2.0 * self._period():
+            if not self.get_parameter('use_sim_time').value:
+                # The timer is only late, as on a machine that has too much to do.
+                self._cycle()
+                return
             hold = 'time stands still'
         if hold:
             self._publish_zeros()

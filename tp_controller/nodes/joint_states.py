@@ -30,21 +30,23 @@ class JointStateBuffer:
     ----------
     driven, passive : sequence of str
         Names of the joints.
+    passive_start : sequence of float
+        Where the passive joints are before anything is heard of them [rad or m].
 
     Attributes
     ----------
     q : ndarray (n,)
         Positions of the driven joints, NaN before the first [rad or m].
     passive : ndarray (p,)
-        Positions of the passive joints, 0 before the first [rad or m].
+        Positions of the passive joints, `passive_start` before the first [rad or m].
 
     """
 
-    def __init__(self, driven, passive):
+    def __init__(self, driven, passive, passive_start):
         self._names = (*driven, *passive)
         self._rows = {name: row for row, name in enumerate(self._names)}
         self._n = len(driven)
-        self._positions = np.array([math.nan] * len(driven) + [0.0] * len(passive))
+        self._positions = np.array([math.nan] * len(driven) + list(passive_start), dtype=float)
         self._received = np.full(len(self._names), -math.inf)
         self.q = self._positions[:self._n]
         self.passive = self._positions[self._n:]
@@ -93,6 +95,11 @@ class JointStateBuffer:
         if age.max() <= timeout:
             return []
         return [self._names[row] for row in np.flatnonzero(age > timeout)]
+
+    def unheard(self):
+        """Return the passive joints that nothing was ever heard of."""
+        return [name for name, received in zip(self._names[self._n:], self._received[self._n:])
+                if received == -math.inf]
 
     def take_complete(self):
         """Return True once after every driven joint got a new position."""

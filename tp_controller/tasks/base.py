@@ -160,8 +160,12 @@ class Task(ABC):
 
     def take_over(self, other):
         """Go on with the goal of a task that this one replaces, where it means the same."""
-        if self.goal is None and type(self) is type(other) and self.reference == other.reference:
+        if self.goal is None and self.means_the_same(other):
             self.goal, self.held = other.goal, other.held
+
+    def means_the_same(self, other):
+        """Say whether a goal of `other` is one of this task, too."""
+        return type(self) is type(other) and self.reference == other.reference
 
     def parse_feed_forward(self, velocity):
         """Return a velocity in the form used inside; raise `GoalError` if it cannot be one."""

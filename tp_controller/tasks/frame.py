@@ -86,6 +86,10 @@ class FrameTask(Task):
         names = TWIST_AXES[cls.twist_rows]
         return tuple(name[-1] for name in names) if len(names) == 3 else names
 
+    def means_the_same(self, other):
+        """Say whether a goal of `other` is one of this task, too."""
+        return super().means_the_same(other) and self.frame == other.frame
+
     def position(self, state):
         """Return the origin of the frame (3,) [m], in the reference frame."""
         if self._in_root:

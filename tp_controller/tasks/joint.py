@@ -119,9 +119,10 @@ class Joint(JointTask):
         """Hold the positions of joints that have no goal."""
         if self.goal is None:
             self.goal = np.full(self.rows, math.nan)
-        self._held_rows = np.isnan(self.goal)
+        waiting = np.isnan(self.goal)
+        self.goal = np.where(waiting, self.value(state), self.goal)
+        self._held_rows = self._held_rows | waiting
         self.held = bool(self._held_rows.any())
-        self.goal = np.where(self._held_rows, self.value(state), self.goal)
 
     def set_goal(self, goal, now):
         """Take a goal; joints whose position it changes are held no more."""
@@ -137,9 +138,16 @@ class Joint(JointTask):
 
     def take_over(self, other):
         """Go on with the positions of a task that this one replaces, where it gives none."""
-        if type(self) is type(other) and self.joints == other.joints and other.goal is not None:
+        if self.means_the_same(other) and other.goal is not None:
             mine = np.full(self.rows, math.nan) if self.goal is None else self.goal
-            self.goal = np.where(np.isnan(mine), other.goal, mine)
+            taken = np.isnan(mine)
+            self.goal = np.where(taken, other.goal, mine)
+            self._held_rows = taken & other._held_rows
+            self.held = bool(self._held_rows.any())
+
+    def means_the_same(self, other):
+        """Say whether a goal of `other` is one of this task, too."""
+        return super().means_the_same(other) and self.joints == other.joints
 
     def error(self, state):
         """Return the way to the goal (rows,), joints without end by the shorter way."""

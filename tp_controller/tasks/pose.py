@@ -15,6 +15,7 @@
 """The end-effector configuration task (lecture 3.4)."""
 
 import numpy as np
+from tp_controller.errors import GoalError
 from tp_controller.spatial import pose
 from tp_controller.tasks.base import finite_vector, has_shape
 from tp_controller.tasks.frame import FrameTask
@@ -54,12 +55,7 @@ class Pose(FrameTask):
 
     def parse_goal(self, goal):
         """Return a pose (4, 4); raise `GoalError` if it cannot be one."""
-        what = f'the goal of task {self.name!r}'
-        if has_shape(goal, (4, 4)):
-            T = finite_vector(np.ravel(goal), 16, what).reshape(4, 4)
-            return pose(parse_rotation(T[:3, :3], what), T[:3, 3])
-        goal = finite_vector(goal, 7, f'{what} (a pose x, y, z, qx, qy, qz, qw)')
-        return pose(parse_rotation(goal[3:], what), goal[:3])
+        return parse_pose(goal, f'the goal of task {self.name!r}')
 
     def goal_in_reference(self, goal, T_reference_frame):
         """Return a pose given in another frame."""
@@ -68,3 +64,14 @@ class Pose(FrameTask):
     def goal_pose(self, state):
         """Return the goal (4, 4)."""
         return self.goal
+
+
+def parse_pose(goal, what):
+    """Return a pose (4, 4) of one, or of x, y, z and a quaternion ``xyzw``; else `GoalError`."""
+    if has_shape(goal, (4, 4)):
+        T = finite_vector(np.ravel(goal), 16, what).reshape(4, 4)
+        if T[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+            raise GoalError(f'{what}: the last row of a pose is 0, 0, 0, 1, not {T[3].tolist()}')
+        return pose(parse_rotation(T[:3, :3], what), T[:3, 3])
+    goal = finite_vector(goal, 7, f'{what} (a pose x, y, z, qx, qy, qz, qw)')
+    return pose(parse_rotation(goal[3:], what), goal[:3])
