@@ -32,7 +32,7 @@ from std_srvs.srv import SetBool, Trigger
 from tp_controller.nodes.controller_node import ControllerNode
 from tp_controller.nodes.simulator_node import SimulatorNode
 
-DEADLINE = 12.0
+DEADLINE = 15.0
 PERIOD = 0.005
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 JOINTS = ('joint1', 'joint2', 'joint3')

@@ -138,7 +138,7 @@ def test_stamps_are_simulated_time_where_it_is_used(harness):
 def test_markers_show_the_goals_of_the_tasks_that_have_a_place(harness):
     rig = Rig(harness)
     markers = harness.record(MarkerArray, '/tp_controller/markers')
-    rig.spin_until(lambda: markers)
+    rig.spin_until(lambda: markers and markers[-1].markers)
     array = markers[-1].markers
     assert {marker.ns for marker in array} == {'tip', 'turn'}
     assert len({(marker.ns, marker.id) for marker in array}) == len(array) == 8
@@ -155,8 +155,9 @@ def test_the_line_of_a_marker_leads_from_the_frame_to_the_goal(harness):
     goal = (0.5, 1.0, 0.25)
     publisher.publish(make_message('tip', PointStamped, {'xyz': goal}))
     rig.spin_until(lambda: rig.status.task('tip')['goals accepted'] == '1')
+    rig.spin_until(lambda: rig.status.head == 'running')
     del markers[:]
-    rig.spin_until(lambda: markers)
+    rig.spin_until(lambda: markers and markers[-1].markers)
     line, = (marker for marker in markers[-1].markers if (marker.ns, marker.id) == ('tip', 0))
     start, end = ((point.x, point.y, point.z) for point in line.points)
     state = rig.controller._controller.robot.state(Q)
