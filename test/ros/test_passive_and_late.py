@@ -1,0 +1,65 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Passive joints that nothing is heard of, and cycles that come late."""
+
+from harness import Arm, Status
+import numpy as np
+import pytest
+import robots
+
+PANDA = {'robot': str(robots.PANDA_DH), 'joints': ['panda_joint1', 'panda_joint2'],
+         'stack': '- j: {type: joint, joints: panda_joint1, target: [0.5]}'}
+
+
+def last(commands):
+    """Return the latest command, empty before the first."""
+    return commands[-1] if commands else []
+
+
+def test_passive_joints_that_are_not_heard_of_are_within_their_limits_and_named(harness, log):
+    node = harness.controller(**PANDA)
+    commands = harness.commands()
+    arm = Arm(harness, (0.0, 0.1), ('panda_joint1', 'panda_joint2'))
+    harness.spin_until(lambda: any(last(commands)), meanwhile=arm.publish)
+    # The fourth joint cannot be at zero; the other passive ones can.
+    assert node._buffer.passive == pytest.approx([0.0, -0.0698, 0.0, 0.0, 0.0])
+    text = log()
+    assert 'no joint states of passive joints' in text
+    assert 'panda_joint3, panda_joint4, panda_joint5, panda_joint6, panda_joint7' in text
+
+
+def test_passive_joints_are_where_joint_states_say_from_the_first_message_on(harness):
+    node = harness.controller(**PANDA)
+    commands = harness.commands()
+    names = [f'panda_joint{number}' for number in range(1, 8)]
+    arm = Arm(harness, robots.PANDA_READY, names)
+    harness.spin_until(lambda: any(last(commands)), meanwhile=arm.publish)
+    np.testing.assert_array_equal(node._buffer.passive, robots.PANDA_READY[2:])
+    assert not node._buffer.unheard()
+
+
+def test_cycle_that_is_only_late_is_made_up_for_and_no_zero_is_put_in(harness):
+    node = harness.controller(rate=50.0)
+    commands, status = harness.commands(), Status(harness)
+    arm = Arm(harness)
+    harness.spin_until(lambda: any(last(commands)), meanwhile=arm.publish)
+    harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
+    # As if the machine had not let the timer run for ten seconds.
+    before = len(commands)
+    node._last_cycle -= 10.0
+    node._watch()
+    harness.spin_for_more(commands, 5, meanwhile=arm.publish)
+    assert all(any(command) for command in commands[before:])
+    assert status.head == 'running'
