@@ -15,9 +15,11 @@
 """The command line against running nodes, and every example that it shows."""
 
 from importlib.util import find_spec
+import os
 from pathlib import Path
 import re
 import shlex
+import signal
 import subprocess
 import sys
 
@@ -239,18 +241,24 @@ def test_a_demo_that_is_ended_takes_its_nodes_with_it(domain, tmp_path):
                             stderr=subprocess.PIPE)
     listed = Path(f'/proc/{demo.pid}/task/{demo.pid}/children')
     waiting = Listener()
+    nodes = set()
 
-    def children():
-        return [int(number) for number in listed.read_text().split()]
+    def started():
+        nodes.update(int(number) for number in listed.read_text().split())
+        return len(nodes) == 2
+
+    def alive():
+        return [number for number in nodes if Path(f'/proc/{number}').exists()]
 
     try:
-        waiting.wait(lambda: len(children()) == 2, 'the nodes')
-        nodes = children()
+        waiting.wait(started, 'the nodes')
         demo.terminate()
         assert demo.wait(2.0 * DEADLINE) == 143
         assert b'Traceback' not in demo.stderr.read()
-        assert not [number for number in nodes if Path(f'/proc/{number}').exists()]
+        assert not alive()
     finally:
         demo.kill()
+        for number in alive():
+            os.kill(number, signal.SIGKILL)
         demo.stderr.close()
         waiting.client.close()

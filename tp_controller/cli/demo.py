@@ -76,13 +76,14 @@ def panda(folder):
     goals = load_yaml((config / 'demo_goals.yaml').read_text())
     arguments = ['--params-file', str(config / 'demo.yaml')]
     with ExitStack() as stack:
-        stack.enter_context(ended_by_sigterm())
+        all_started = stack.enter_context(ended_by_sigterm())
         environment = stack.enter_context(own_domain())
         # The client lives in this process, which has to be in the same domain.
         os.environ.update(environment)
         nodes = [stack.enter_context(NodeProcess(name, arguments, environment,
                                                  folder / f'{name}.log'))
                  for name in ('simulator_node', 'controller_node')]
+        all_started()
         from tp_controller.nodes.client import Client, Recorder
         client = stack.enter_context(Client())
         recorder = Recorder(client, robot.joint_names)

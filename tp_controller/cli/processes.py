@@ -56,10 +56,35 @@ def own_domain():
 
 @contextmanager
 def ended_by_sigterm():
-    """Let SIGTERM leave by an exception, so that processes started here are ended, too."""
-    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    """
+    Let SIGTERM leave by an exception, so that processes started here are ended, too.
+
+    Yields
+    ------
+    callable
+        To be called once they are started: a signal that comes while one is being started waits
+        until then, or nobody would know of that one.
+
+    """
+    arrived = started = False
+
+    def leave_if_due():
+        if arrived and started:
+            sys.exit(128 + signal.SIGTERM)
+
+    def on_signal(*_):
+        nonlocal arrived
+        arrived = True
+        leave_if_due()
+
+    def all_started():
+        nonlocal started
+        started = True
+        leave_if_due()
+
+    before = signal.signal(signal.SIGTERM, on_signal)
     try:
-        yield
+        yield all_started
     finally:
         signal.signal(signal.SIGTERM, before)
 
