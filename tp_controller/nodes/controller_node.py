@@ -23,6 +23,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -65,6 +66,8 @@ PARAMETERS = (
 )
 # Joint states need no repetition, and there may be several publishers in one cycle.
 STATE_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
+# How long the last zero may take to arrive when the node ends [s].
+LAST_ZERO_SECONDS = 0.5
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -107,6 +110,8 @@ class ControllerNode(Node):
         """Command zeros for the last time, unless somebody has ended ROS already."""
         if self._buffer is not None and self.context.ok():
             self._publish_zeros()
+            # What is still on its way when the process ends may never arrive.
+            self._commands.wait_for_all_acked(Duration(seconds=LAST_ZERO_SECONDS))
 
     # Setting up ---------------------------------------------------------------------------
 
