@@ -27,6 +27,8 @@ import tempfile
 # one down: people number their robots from 0 up.
 DOMAINS = range(101, 49, -1)
 NODES = {'controller_node', 'simulator_node'}
+# Descriptor of the lock of each domain that this process has reserved, by its id.
+_LOCKS = {}
 
 
 @contextmanager
@@ -48,8 +50,12 @@ def own_domain():
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 continue
-            yield {**os.environ, 'ROS_DOMAIN_ID': str(domain),
-                   'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+            _LOCKS[str(domain)] = lock.fileno()
+            try:
+                yield {**os.environ, 'ROS_DOMAIN_ID': str(domain),
+                       'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+            finally:
+                del _LOCKS[str(domain)]
             return
     raise RuntimeError(f'all ROS domains are taken; see {folder}')
 
@@ -110,11 +116,13 @@ class NodeProcess:
         if executable not in NODES:
             raise ValueError(f'{executable!r} is none of {", ".join(sorted(NODES))}')
         self.log = Path(log)
+        # A node that outlives this process, which was killed perhaps, keeps its domain reserved.
+        lock = _LOCKS.get(environment.get('ROS_DOMAIN_ID'))
         with open(self.log, 'w') as output:
             self.process = subprocess.Popen(
                 [sys.executable, '-m', f'tp_controller.nodes.{executable}', '--ros-args',
                  *arguments], env=environment, stdin=subprocess.DEVNULL, stdout=output,
-                stderr=subprocess.STDOUT)
+                stderr=subprocess.STDOUT, pass_fds=() if lock is None else (lock,))
 
     def __enter__(self):
         """Return the running process."""

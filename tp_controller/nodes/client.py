@@ -189,7 +189,7 @@ class Client:
         before = self._answers(task)
         self._last = publisher, message
         publisher.publish(message)
-        if not self.wait(lambda: self._answers(task) != before, wait):
+        if not self.wait(lambda: self._answers(task) not in (None, before), wait):
             raise GoalError(f'the controller did not answer to the goal for task {task!r}')
         if self._answers(task)[1] != before[1]:
             raise GoalError(f'refused: {self.task_status(task)["last refusal"]}')
@@ -206,9 +206,9 @@ class Client:
         return {}
 
     def _answers(self, task):
-        """Return how many goals of a task were accepted, and how many refused."""
+        """Return how many goals of a task were accepted and refused; None if it is not there."""
         status = self.task_status(task)
-        return status['goals accepted'], status['goals refused']
+        return (status['goals accepted'], status['goals refused']) if status else None
 
     def hold(self):
         """Return why the controller commands zeros; empty while it runs."""
