@@ -47,7 +47,6 @@ setup(
         ('share/' + package_name, ['package.xml']),
         ('share/' + package_name + '/config', glob('config/*.yaml')),
         ('share/' + package_name + '/config/robots', glob('config/robots/*.yaml')),
-        ('share/' + package_name + '/launch', glob('launch/*.launch.py')),
         *shims(),
     ],
     install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin'],

@@ -38,7 +38,7 @@ import setuptools
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'tp_controller'
 EXECUTABLES = {'tp_controller', 'controller_node', 'simulator_node'}
-SHIPPED = ('LICENSE', 'README.md', 'config', 'launch', 'package.xml', 'pyproject.toml', 'resource',
+SHIPPED = ('LICENSE', 'README.md', 'config', 'package.xml', 'pyproject.toml', 'resource',
            'scripts', 'setup.cfg', 'setup.py', PACKAGE)
 
 # Module: (requirement in setup.py, key in package.xml; None where rosdep has none).
@@ -131,7 +131,7 @@ def test_package_xml_is_valid():
     assert warnings == []
 
 
-@pytest.mark.parametrize('folder', [PACKAGE, 'launch', 'test', 'benchmarks'])
+@pytest.mark.parametrize('folder', [PACKAGE, 'test', 'benchmarks'])
 def test_every_import_is_a_dependency(folder, metadata, package_xml):
     wanted, keys = requirements(metadata), dependencies(package_xml)
     for module in imported_modules(folder):
@@ -250,8 +250,7 @@ def test_wheel_holds_every_file(wheel):
     with zipfile.ZipFile(wheel) as archive:
         modes = {entry.filename.partition('.data/data/')[2] or entry.filename:
                  entry.external_attr >> 16 for entry in archive.infolist()}
-    data = [path.relative_to(ROOT) for folder in ('config', 'launch')
-            for path in (ROOT / folder).rglob('*.*') if path.suffix != '.pyc']
+    data = [path.relative_to(ROOT) for path in (ROOT / 'config').rglob('*.*')]
     assert len(data) > 1
     assert {f'share/{PACKAGE}/{path}' for path in data} <= set(modes)
     assert {f'share/{PACKAGE}/package.xml',
