@@ -162,11 +162,6 @@ def rotation_from_rpy(roll, pitch, yaw):
     return pinocchio.rpy.rpyToMatrix(float(roll), float(pitch), float(yaw))
 
 
-def rpy_from_rotation(R):
-    """Return roll, pitch and yaw [rad] of a rotation matrix (3, 3), as URDF defines them."""
-    return pinocchio.rpy.matrixToRpy(np.ascontiguousarray(R))
-
-
 def pose(R, p):
     """Return the 4×4 homogeneous matrix of a rotation (3, 3) and a position (3,) [m]."""
     T = np.eye(4)

@@ -253,7 +253,6 @@ class Recorder:
     """
 
     def __init__(self, client, joints):
-        self._client = client
         self._buffer = JointStateBuffer(joints, (), ())
         self._start = time.monotonic()
         self.states, self.commands, self.errors = [], [], []
