@@ -49,7 +49,7 @@ setup(
         ('share/' + package_name + '/config/robots', glob('config/robots/*.yaml')),
         *shims(),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin'],
+    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin', 'daqp'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'plots': plots,

@@ -15,40 +15,36 @@
 """
 Time one control cycle, in microseconds, beside a textbook recursion.
 
-Run as ``python benchmarks/solver.py`` (or ``make bench``). Everything is measured in turns in one
-process, so that a machine whose speed drifts disturbs all figures alike; ratios are what to
-quote. Time is that of the processor, without what other programs took from it; each figure is
-the median over the rounds, with the fastest and the slowest round.
+Run as ``python benchmarks/solver.py`` (or ``make bench``). Every stack is timed in states in
+which no limit is active, and in states that ask for two to three times the speed that the joints
+have, so that limits are active in every cycle; then also with mode ``scale`` on the first level.
+
+Everything is measured in turns in one process, so that a machine whose speed drifts disturbs all
+figures alike; ratios are what to quote. Time is that of the processor, without what other
+programs took from it; each figure is the median over the rounds, with the fastest and the
+slowest round.
 """
 
 import argparse
-from importlib.metadata import distribution
-from pathlib import Path
 import time
 
+from _robots import load_robot, PANDA_READY, TALOS_READY
 import numpy as np
-from tp_controller import Controller, Robot, Settings, Stack
-from tp_controller.limits import velocity_bounds
+from tp_controller import Controller, Settings, Stack
+from tp_controller.limits import VelocityLimits
 from tp_controller.solver import Solver
 
-PANDA_JOINTS = [f'panda_joint{number}' for number in range(1, 8)]
-PANDA_READY = [0.3, -0.5, 0.2, -2.0, 0.1, 1.6, 0.8]
-TALOS_JOINTS = [f'torso_{number}_joint' for number in (1, 2)] + \
-    [f'head_{number}_joint' for number in (1, 2)] + \
-    [f'arm_{side}_{number}_joint' for side in ('left', 'right') for number in range(1, 8)]
-ARM_READY = [0.3, 0.5, -0.4, -1.4, 0.2, 0.1, 0.1]
-TALOS_READY = [0.1, 0.2, 0.05, 0.1] + ARM_READY + [-value for value in ARM_READY[:3]] \
-    + ARM_READY[3:]
+# {name: (robot, working posture, stack)}
 CASES = {
-    'Panda, pose > posture': ('panda', """
+    'Panda, pose > posture': ('Panda', PANDA_READY, """
 - tool: {type: pose, frame: panda_hand_tcp}
 - posture: {type: posture, gain: 0.5}
 """),
-    'Panda, pose > elbow position': ('panda', """
+    'Panda, pose > elbow position': ('Panda', PANDA_READY, """
 - tool: {type: pose, frame: panda_hand_tcp}
 - elbow: {type: position, frame: panda_link4}
 """),
-    'Talos upper body, 18 joints, 4 levels': ('talos', """
+    'Talos upper body, 18 joints, 4 levels': ('Talos', TALOS_READY, """
 - left: {type: pose, frame: arm_left_7_link}
 - right: {type: pose, frame: arm_right_7_link}
 - head: {type: orientation, frame: head_2_link, axes: yz}
@@ -57,29 +53,40 @@ CASES = {
 }
 STATES = 64
 CYCLES = 200
+# How many times too fast the states with active limits are, in the median.
+TOO_FAST = 2.5
+# States that are drawn; those in the middle, by how fast they ask the joints to be, are kept.
+DRAWN = 4 * STATES
 
 
 class Case:
     """A robot, a stack and the states it is in; every method runs one cycle of state `k`."""
 
-    def __init__(self, robot, ready, stack_text):
-        random = np.random.default_rng(1)
-        self.robot = robot
-        self.states = [np.clip(ready + 0.2 * random.standard_normal(robot.n),
-                               robot.lower, robot.upper) for _ in range(STATES)]
+    def __init__(self, robot, ready, states, stack_text, scaled=False):
+        self.robot, self.states = robot, states
         self.stack = Stack.from_yaml(stack_text, robot)
-        settings = Settings()
+        if scaled:
+            next(iter(self.stack.tasks.values())).mode = 'scale'
+        self.settings = settings = Settings()
         self.controller = Controller(robot, self.stack, settings)
-        self.solver = Solver(robot.n, None, settings.damping, settings.scaling,
-                             settings.singular_region, settings.method, settings.rank_tolerance)
-        self.controller.update(np.asarray(ready, float), 0.0)
+        # Tasks hold what they find in the first cycle.
+        self.controller.update(ready, 0.0)
+        self.solver = solver_of(robot, settings)
+        self.cap = (1.0 - settings.reserve) * robot.velocity
         self.state = robot.state(ready)
         self.frames = [task.frame for task in self.stack.tasks.values() if hasattr(task, 'frame')]
-        self.levels = []
-        for q in self.states:
+        limits = VelocityLimits(robot, settings.period, settings.braking_gain)
+        self.prepared = []
+        for q in states:
             self.state.update(q)
-            self.levels.append((self.stack.levels(self.state, 0.0),
-                                *velocity_bounds(robot, self.state.q, settings.braking_gain)))
+            bounds = limits.at(self.state.q, np.zeros(robot.n), settings.period)
+            self.prepared.append((self.stack.levels(self.state, 0.0), bounds.lower, bounds.upper,
+                                  self.cap))
+
+    def limited(self):
+        """Return in how many states a limit is active, to the solver and to the controller."""
+        return (sum(self.solver.solve(*given).scale < 1.0 for given in self.prepared),
+                sum(self.controller.update(q, 0.0).report.scale < 1.0 for q in self.states))
 
     def update(self, k):
         """Run the whole `Controller.update`."""
@@ -99,10 +106,10 @@ class Case:
 
     def solve(self, k):
         """Solve levels that were prepared before."""
-        self.solver.solve(*self.levels[k])
+        self.solver.solve(*self.prepared[k])
 
     def textbook(self, k):
-        """Run kinematics, levels, the recursion with `np.linalg.pinv`, and the scaling."""
+        """Run kinematics, levels, the recursion with `np.linalg.pinv`, and uniform scaling."""
         robot, state = self.robot, self.state
         state.update(self.states[k])
         levels = self.stack.levels(state, 0.0)
@@ -116,54 +123,123 @@ class Case:
         return zeta / scale if scale > 1.0 else zeta
 
 
-METHODS = {'Controller.update': Case.update, 'kinematics + solve': Case.kinematics_and_solve,
-           'kinematics': Case.kinematics, 'solve': Case.solve, 'textbook pinv': Case.textbook}
+# (shown, which of the cases of `load_case`, what is run)
+ROWS = (
+    ('Controller.update', 'free', Case.update),
+    ('kinematics + solve', 'free', Case.kinematics_and_solve),
+    ('kinematics', 'free', Case.kinematics),
+    ('solve', 'free', Case.solve),
+    ('limits active: Controller.update', 'limited', Case.update),
+    ('limits active: solve', 'limited', Case.solve),
+    ('the same, scale: Controller.update', 'scaled', Case.update),
+    ('the same, scale: solve', 'scaled', Case.solve),
+    ('textbook pinv', 'free', Case.textbook),
+)
+REFERENCE = 'textbook pinv'
+
+
+def solver_of(robot, settings):
+    """Return the solver that a controller with these settings has."""
+    return Solver(robot.n, None, damping=settings.damping, scaling=settings.scaling,
+                  singular_region=settings.singular_region,
+                  release_region=settings.release_region,
+                  regularisation=settings.regularisation, method=settings.method,
+                  rank_tolerance=settings.rank_tolerance)
+
+
+def load_case(robot_name, ready, stack_text):
+    """Return {'free', 'limited', 'scaled': Case} in the same states; only the limits differ."""
+    random = np.random.default_rng(1)
+    robot, ready = load_robot(robot_name), np.array(ready)
+    drawn = [np.clip(ready + 0.2 * random.standard_normal(robot.n), robot.lower, robot.upper)
+             for _ in range(DRAWN)]
+    case = Case(robot, ready, drawn, stack_text)
+    free = [index for index, given in enumerate(case.prepared)
+            if case.solver.solve(*given).scale == 1.0]
+    # Share of its speed limit that the fastest joint has.
+    shares = {index: np.max(np.abs(case.solver.solve(case.prepared[index][0]).velocity)
+                            / robot.velocity) for index in free}
+    middle = sorted(free, key=shares.get)[(len(free) - STATES) // 2:][:STATES]
+    states = [drawn[index] for index in sorted(middle)]
+    factor = np.median([shares[index] for index in middle]) / TOO_FAST
+    slow = load_robot(robot_name, limits={
+        joint: {'velocity': factor * velocity}
+        for joint, velocity in zip(robot.joint_names, robot.velocity)})
+    cases = {'free': Case(robot, ready, states, stack_text),
+             'limited': Case(slow, ready, states, stack_text),
+             'scaled': Case(slow, ready, states, stack_text, scaled=True)}
+    for kind, expected in (('free', 0), ('limited', STATES), ('scaled', STATES)):
+        assert cases[kind].limited() == (expected, expected), (kind, cases[kind].limited())
+    return cases
 
 
 def measure(cases, rounds, pause):
     """
-    Return microseconds per cycle, {(case, method): array (rounds,)}.
+    Return microseconds per cycle, {(case, row): array (rounds,)}.
 
     Parameters
     ----------
     cases : dict
-        {name: Case}
+        {name: what `load_case` returns}
     rounds : int
         How often everything is measured.
     pause : float
         Time asleep before each cycle [s]; 0 measures a tight loop.
 
     """
-    times = {(case, method): [] for case in cases for method in METHODS}
-    cycles = CYCLES if pause == 0.0 else CYCLES // 4
+    times = {(case, shown): [] for case in cases for shown, _, _ in ROWS}
     for _ in range(rounds):
-        for (case, method), row in times.items():
-            cycle = METHODS[method]
-            if pause == 0.0:
-                began = time.thread_time_ns()
-                for k in range(cycles):
-                    cycle(cases[case], k % STATES)
-                row.append((time.thread_time_ns() - began) / cycles / 1e3)
-            else:
-                spent = 0
-                for k in range(cycles):
-                    time.sleep(pause)
-                    began = time.thread_time_ns()
-                    cycle(cases[case], k % STATES)
-                    spent += time.thread_time_ns() - began
-                row.append(spent / cycles / 1e3)
+        for name, kinds in cases.items():
+            for shown, kind, cycle in ROWS:
+                times[name, shown].append(_measure(kinds[kind], cycle, pause))
     return {key: np.array(row) for key, row in times.items()}
 
 
-def load_cases():
-    """Return the cases by name; Talos comes from the example-robot-data package."""
-    config = Path(__file__).resolve().parent.parent / 'config'
-    talos = next(distribution('example-robot-data').locate_file(file)
-                 for file in distribution('example-robot-data').files
-                 if file.name == 'talos_reduced.urdf')
-    robots = {'panda': (Robot.from_file(config / 'robots' / 'panda.yaml'), PANDA_READY),
-              'talos': (Robot.from_urdf(str(talos), joints=TALOS_JOINTS), TALOS_READY)}
-    return {name: Case(*robots[robot], stack) for name, (robot, stack) in CASES.items()}
+def _measure(case, cycle, pause):
+    """Return microseconds per cycle."""
+    cycles = CYCLES if pause == 0.0 else CYCLES // 4
+    if pause == 0.0:
+        began = time.thread_time_ns()
+        for k in range(cycles):
+            cycle(case, k % STATES)
+        return (time.thread_time_ns() - began) / cycles / 1e3
+    spent = 0
+    for k in range(cycles):
+        time.sleep(pause)
+        began = time.thread_time_ns()
+        cycle(case, k % STATES)
+        spent += time.thread_time_ns() - began
+    return spent / cycles / 1e3
+
+
+def print_text(times, pace, rounds):
+    """Print figures of one pace, aligned."""
+    print(f'µs per cycle, {pace}: median (fastest to slowest of {rounds} rounds), '
+          'and share of the textbook recursion\n')
+    for case in CASES:
+        print(case)
+        for shown, _, _ in ROWS:
+            row = times[case, shown]
+            share = np.median(row) / np.median(times[case, REFERENCE])
+            print(f'  {shown:<34} {np.median(row):7.1f}  ({row.min():6.1f} to {row.max():6.1f})  '
+                  f'{share:5.2f}')
+
+
+def print_table(tight, cold):
+    """Print the table of docs/performance.md."""
+    print('| stack | what | tight loop | share | one cycle per millisecond | share |')
+    print('| --- | --- | --- | --- | --- | --- |')
+    for case in CASES:
+        name = case
+        for shown, _, _ in ROWS:
+            cells = []
+            for times in (tight, cold):
+                row = times[case, shown]
+                share = np.median(row) / np.median(times[case, REFERENCE])
+                cells += [f'{np.median(row):.0f} ({row.min():.0f} to {row.max():.0f})',
+                          f'{share:.2f}']
+            print(f'| {name} | {shown} | {" | ".join(cells)} |')
+            name = ''
 
 
 def main():
@@ -172,19 +248,17 @@ def main():
     parser.add_argument('--rounds', type=int, default=21)
     parser.add_argument('--cold', action='store_true',
                         help='one cycle per millisecond, as in a running node')
+    parser.add_argument('--markdown', action='store_true',
+                        help='both paces, as the table of docs/performance.md')
     options = parser.parse_args()
-    times = measure(load_cases(), options.rounds, 1e-3 if options.cold else 0.0)
-    pace = 'one cycle per millisecond' if options.cold else 'tight loop'
-    print(f'µs per cycle, {pace}: median (fastest to slowest of {options.rounds} rounds), '
-          'and share of the textbook recursion\n')
-    for case in CASES:
-        print(case)
-        reference = np.median(times[case, 'textbook pinv'])
-        for method in METHODS:
-            row = times[case, method]
-            median = np.median(row)
-            print(f'  {method:<20} {median:7.1f}  ({row.min():6.1f} to {row.max():6.1f})  '
-                  f'{median / reference:5.2f}')
+    cases = {name: load_case(*given) for name, given in CASES.items()}
+    if options.markdown:
+        print_table(measure(cases, options.rounds, 0.0), measure(cases, options.rounds, 1e-3))
+    elif options.cold:
+        print_text(measure(cases, options.rounds, 1e-3), 'one cycle per millisecond',
+                   options.rounds)
+    else:
+        print_text(measure(cases, options.rounds, 0.0), 'tight loop', options.rounds)
 
 
 if __name__ == '__main__':

@@ -18,12 +18,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from tp_controller.errors import GoalError, SettingsError, unknown
-from tp_controller.limits import velocity_bounds
+from tp_controller.limits import VelocityLimits
 from tp_controller.report import Report
 from tp_controller.settings import Settings
 from tp_controller.solver import Solver
 from tp_controller.spatial import inverse_pose
 from tp_controller.tasks.pose import parse_pose
+from tp_controller.transition import shared_levels, Transition
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +66,17 @@ class Controller:
     def __init__(self, robot, stack, settings=None):
         self.robot = robot
         self.stack = stack
-        self.settings = settings or Settings()
         self._state = None
         self._started = False
+        # What was commanded last, and when; at rest before the first command.
+        self._velocity = np.zeros(robot.n)
+        self._last_update = None
+        self._transition = Transition(0.0)
+        self.settings = settings or Settings()
 
     def replace_stack(self, stack):
         """Carry out another stack from the next cycle on; goals of tasks it keeps go on."""
+        self._transition.announce_stack(self.stack.active)
         stack.take_over(self.stack)
         self.stack = stack
         self._started = False
@@ -81,6 +87,12 @@ class Controller:
             task.release()
         self._started = False
 
+    def halt(self, now):
+        """Say that no motion is commanded now, whatever the last update returned."""
+        self._velocity = np.zeros(self.robot.n)
+        self._last_update = now
+        self._transition.announce(0)
+
     @property
     def settings(self):
         """Return the settings; they can be replaced between two cycles."""
@@ -90,9 +102,18 @@ class Controller:
     def settings(self, settings):
         self.check_settings(settings)
         self._settings = settings
+        self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain)
+        # Only a joint that needs time to get faster has to be kept ready.
+        slow = np.isfinite(self.robot.acceleration)
+        self._speed_cap = None if not slow.any() else np.where(
+            slow, (1.0 - settings.reserve) * self.robot.velocity, self.robot.velocity)
         self._solver = Solver(
-            self.robot.n, settings.weights or None, settings.damping, settings.scaling,
-            settings.singular_region, settings.method, settings.rank_tolerance)
+            self.robot.n, settings.weights or None, damping=settings.damping,
+            scaling=settings.scaling, singular_region=settings.singular_region,
+            release_region=settings.release_region, regularisation=settings.regularisation,
+            method=settings.method, rank_tolerance=settings.rank_tolerance)
+        self._transition.duration = settings.blend
+        self._transition.announce(0)
 
     def check_settings(self, settings):
         """Raise `SettingsError` where settings do not fit the robot."""
@@ -129,6 +150,7 @@ class Controller:
         goal = task.parse_goal(goal)
         if frame is not None:
             goal = task.goal_in_reference(goal, self._pose_in(task, frame))
+        self._announce_goal(task, now)
         task.set_goal(goal, now)
 
     def set_feed_forward(self, name, velocity, now, frame=None):
@@ -153,6 +175,7 @@ class Controller:
         if frame is not None:
             velocity = task.feed_forward_in_reference(velocity,
                                                       self._pose_in(task, frame)[:3, :3])
+        self._announce_goal(task, now)
         task.set_feed_forward(velocity, now)
 
     def enable(self, name, enabled):
@@ -168,12 +191,15 @@ class Controller:
 
         """
         task = self._task(name)
-        if enabled and name in self.stack.disabled:
+        if enabled == (name not in self.stack.disabled):
+            return
+        self._transition.announce_stack(self.stack.active)
+        if enabled:
             task.release()
             self._started = False
         self.stack.enable(name, enabled)
 
-    def update(self, q, now, passive=None):
+    def update(self, q, now, passive=None, elapsed=None):
         """
         Return the command at positions `q`.
 
@@ -185,6 +211,9 @@ class Controller:
             [s]
         passive : array_like (p,), optional
             Positions of the passive joints [rad or m]; unchanged where left out.
+        elapsed : float, optional
+            Time since the last command, which acceleration limits count with, where another
+            clock than that of `now` is the robot's, as in a simulation [s].
 
         Returns
         -------
@@ -205,9 +234,35 @@ class Controller:
             self.stack.start(state)
             self._started = True
         levels = self.stack.levels(state, now)
-        lower, upper = velocity_bounds(self.robot, state.q, self._settings.braking_gain)
-        solution = self._solver.solve(levels, lower, upper)
-        return Command(solution.velocity, Report(self.robot, self.stack, state.q, solution))
+        if self._last_update is None:
+            elapsed = self._settings.period
+        elif elapsed is None:
+            elapsed = now - self._last_update
+        bounds = self._limits.at(state.q, self._velocity, elapsed)
+        lower, upper = bounds.lower, bounds.upper
+        solution = self._solver.solve(levels, lower, upper, self._speed_cap)
+        eased = self._ease(state, now, levels, solution.velocity)
+        if eased is not None:
+            solution = solution.moved_to(
+                self._solver.solve(eased, lower, upper, self._speed_cap).velocity)
+        self._velocity, self._last_update = solution.velocity, now
+        return Command(solution.velocity, Report(self.robot, self.stack, bounds, solution,
+                                                 eased is not None))
+
+    def _ease(self, state, now, levels, velocity):
+        """Return the levels that lead over from what was commanded before, None if need not."""
+        transition = self._transition
+        shared = transition.pending(state, now, levels)
+        if shared is not None and self._last_update is not None:
+            transition.begin(self._velocity - velocity,
+                             max(self._last_update, now - self._settings.period), shared)
+        return transition.levels(levels, velocity, now)
+
+    def _announce_goal(self, task, now):
+        """Tell the transition that a task gets a goal."""
+        for index, group in enumerate(self.stack.active):
+            if task in group:
+                self._transition.announce_goal(task.name, index, now)
 
     def _task(self, name):
         """Return a task by name."""

@@ -30,7 +30,8 @@ from tp_controller.urdf import UNLIMITED
 CONVENTIONS = ('standard', 'modified')
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
 TABLE_KEYS = ('name', 'convention', 'root', 'joints', 'frames')
-JOINT_KEYS = ('name', 'a', 'alpha', 'd', 'theta', 'type', 'lower', 'upper', 'velocity', 'link')
+JOINT_KEYS = ('name', 'a', 'alpha', 'd', 'theta', 'type', 'lower', 'upper', 'velocity',
+              'acceleration', 'link')
 FRAME_KEYS = ('name', 'parent', 'xyz', 'rpy')
 LINK_RADIUS = 0.03
 
@@ -46,7 +47,7 @@ def urdf_from_dh(table, convention=None):
     Parameters
     ----------
     table : list, dict, str or pathlib.Path
-        Rows ``{name, a, alpha, d, theta, type, lower, upper, velocity, link}`` with lengths in
+        Rows ``{name, a, alpha, d, theta, type, lower, upper, velocity, acceleration, link}`` with lengths in
         metres, angles in radians and speeds in rad/s or m/s; only `name` is needed, `link` names
         the frame after the joint (default ``link1``, ``link2`` …). Or a mapping ``{name,
         convention, root, joints: rows, frames: [{name, parent, xyz, rpy}]}``; or one of these as
@@ -137,17 +138,19 @@ def _joint_row(row, number):
     """Return a row with defaults filled in and numbers checked."""
     joint = {'a': 0.0, 'alpha': 0.0, 'd': 0.0, 'theta': 0.0, 'type': 'revolute',
              'lower': -math.inf, 'upper': math.inf, 'velocity': math.inf,
-             'link': f'link{number}', **row}
+             'acceleration': math.inf, 'link': f'link{number}', **row}
     if joint['type'] not in JOINT_TYPES:
         raise RobotError(
             f'DH table, {joint["name"]}: {unknown("joint type", joint["type"], JOINT_TYPES)}')
     _check_word(joint['link'], f'DH table, {joint["name"]}: link')
-    for key in ('a', 'alpha', 'd', 'theta', 'lower', 'upper', 'velocity'):
+    for key in ('a', 'alpha', 'd', 'theta', 'lower', 'upper', 'velocity', 'acceleration'):
         joint[key] = _number(joint[key], f'DH table, {joint["name"]}: {key}')
         if key in ('a', 'alpha', 'd', 'theta') and not math.isfinite(joint[key]):
             raise RobotError(f'DH table, {joint["name"]}: {key} must be finite')
     if joint['velocity'] < 0.0:
         raise RobotError(f'DH table, {joint["name"]}: velocity must not be negative')
+    if not joint['acceleration'] > 0.0:
+        raise RobotError(f'DH table, {joint["name"]}: acceleration must be positive')
     return joint
 
 
@@ -214,7 +217,8 @@ def _moving_joint(joint, parent, child, before):
     unlimited = math.isinf(joint['lower']) and math.isinf(joint['upper'])
     turning = 'continuous' if unlimited else 'revolute'
     kind = 'prismatic' if joint['type'] == 'prismatic' else turning
-    limits = f'effort="0" velocity="{min(joint["velocity"], UNLIMITED)!r}"'
+    limits = (f'effort="0" velocity="{min(joint["velocity"], UNLIMITED)!r}"'
+              f' acceleration="{min(joint["acceleration"], UNLIMITED)!r}"')
     if kind != 'continuous':
         limits += (f' lower="{max(joint["lower"], -UNLIMITED)!r}"'
                    f' upper="{min(joint["upper"], UNLIMITED)!r}"')

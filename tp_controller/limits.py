@@ -12,36 +12,151 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bounds on the joint velocities, from velocity and position limits."""
+"""Bounds on the joint velocities, from velocity, position and acceleration limits."""
 
 import numpy as np
 
+# A joint outside its range is led back at no more than this share of its speed limit, and no
+# faster than RETURN_SPEED. Demanding (q_min − q) / period would be 10 rad/s for 10 mrad at 1 kHz.
+RETURN_SHARE = 0.2
+RETURN_SPEED = 1.0
+# Farther away than this no limit is felt [rad or m].
+FAR = 1e6
+# Stands in for the acceleration limit of a joint that has none, beside joints that have one.
+UNLIMITED = 1e12
+# A clock that stands still is taken to have moved by this, or nothing could move [s].
+SHORTEST = 1e-9
+# Velocities closer than this are the same where the limit that was met is to be named.
+SAME = 1e-9
 
-def velocity_bounds(robot, q, braking_gain):
+
+class VelocityBounds:
     """
-    Return the velocities that every joint may have at `q`.
+    The velocities that the joints may have in one cycle.
 
-    The speed towards a position limit is at most `braking_gain` times the distance to it. With
-    commands that act at once for at most 1/braking_gain seconds a limit is never crossed; with
-    commands that act d periods late that holds for braking_gain · period ≤ d^d / (d+1)^(d+1),
-    which is 0.25, 0.148 and 0.105 for d = 1, 2, 3. Outside its range a joint may only move
-    inwards. Zero is always allowed.
+    Attributes
+    ----------
+    lower, upper : ndarray (n,)
+        [rad/s or m/s], lower ≤ upper.
+
+    """
+
+    __slots__ = ('lower', 'upper', '_braking', '_velocity', '_window')
+
+    def __init__(self, lower, upper, braking, velocity):
+        self.lower, self.upper = lower, upper
+        self._braking, self._velocity = braking, velocity
+        self._window = None
+
+    def narrow(self, least, most):
+        """Keep to the velocities that can be reached now, even where they are all too fast."""
+        self.upper = np.minimum(np.maximum(self.upper, least), most)
+        self.lower = np.minimum(np.maximum(self.lower, least), most)
+        self._window = least, most
+
+    def name(self, joint, velocity, up):
+        """
+        Return the name of the limit that a joint is at.
+
+        Parameters
+        ----------
+        joint : int
+        velocity : float
+            [rad/s or m/s]
+        up : bool
+            Whether it is an upper bound of the velocity.
+
+        """
+        speed = (velocity if up else -velocity) + SAME
+        if self._velocity[joint] <= speed:
+            return 'velocity limit'
+        if self._braking[0 if up else 1, joint] <= speed:
+            return f'{"upper" if up else "lower"} position limit'
+        if self._window is not None:
+            least, most = self._window
+            if (most[joint] if up else -least[joint]) <= speed:
+                return 'acceleration limit'
+        return 'speed reserve for the first level'
+
+
+class VelocityLimits:
+    """
+    The velocities that the joints of a robot may have, one box for all of their limits.
+
+    Speed towards a position limit falls with the distance d to it: along v = g d close to the
+    limit, and farther away as fast as the acceleration limit a allows. With commands that are
+    held for at most a period T the distance a joint needs to stop from the speed v is::
+
+        D(v) = v / g                          for v ≤ a / g
+        D(v) = v T + D(v − a T)               above
+
+    which is convex and piecewise linear, and the speed allowed at d is its inverse. With
+    g = 1/T that is the exact discrete stopping distance; a smaller g leaves room for commands
+    that take effect late. From a state within these bounds there is always a next one.
 
     Parameters
     ----------
     robot : Robot
         Whose limits hold.
-    q : ndarray (n,)
-        Positions [rad or m].
+    period : float
+        T, the longest time between two commands [s].
     braking_gain : float
-        [1/s]
-
-    Returns
-    -------
-    lower, upper : ndarray (n,)
-        Bounds [rad/s or m/s], lower ≤ 0 ≤ upper.
+        g [1/s], at most 1/T.
 
     """
-    upper = np.minimum(robot.velocity, np.maximum(braking_gain * (robot.upper - q), 0.0))
-    lower = np.maximum(-robot.velocity, np.minimum(braking_gain * (robot.lower - q), 0.0))
-    return lower, upper
+
+    def __init__(self, robot, period, braking_gain):
+        self._lower, self._upper, self._velocity = robot.lower, robot.upper, robot.velocity
+        self._period, self._gain = period, braking_gain
+        self._return = np.minimum(RETURN_SHARE * robot.velocity, RETURN_SPEED)
+        self._acceleration = None
+        if np.isfinite(robot.acceleration).any():
+            self._acceleration = np.minimum(robot.acceleration, UNLIMITED)
+            # D(v) = v/g up to `slow`; above, one more piece for each step of `change`.
+            self._change = self._acceleration * period
+            self._slow = self._acceleration / braking_gain ** 2
+            self._pieces = 1.0 + 2.0 / (braking_gain * period)
+
+    def at(self, q, previous, elapsed):
+        """
+        Return the velocities that every joint may have at `q`, as `VelocityBounds`.
+
+        Where limits contradict each other, as after a disturbance, the acceleration limit is
+        kept and the others are approached as fast as it allows. Outside its range a joint has
+        to move inwards, at a bounded speed.
+
+        Parameters
+        ----------
+        q : ndarray (n,)
+            Positions [rad or m].
+        previous : ndarray (n,)
+            Velocities commanded before.
+        elapsed : float
+            How long ago that was [s].
+
+        """
+        room = np.minimum(np.array((self._upper - q, q - self._lower)), FAR)
+        braking = np.maximum(self._braking_speed(room), -self._return)
+        speed = np.minimum(braking, self._velocity)
+        upper, lower = speed[0], -speed[1]
+        if np.count_nonzero(upper < lower):
+            # Coming back from outside must not be faster than it can stop at the other end.
+            upper = np.maximum(upper, np.minimum(lower, 0.0))
+            lower = np.minimum(lower, np.maximum(upper, 0.0))
+        bounds = VelocityBounds(lower, upper, braking, self._velocity)
+        if self._acceleration is not None:
+            change = self._acceleration * min(max(elapsed, SHORTEST), self._period)
+            bounds.narrow(previous - change, previous + change)
+        return bounds
+
+    def _braking_speed(self, room):
+        """Return the speed from which a joint can still stop within `room` (2, n)."""
+        gain = self._gain
+        if self._acceleration is None:
+            return gain * room
+        change = self._change
+        beyond = np.maximum(room - self._slow, 0.0) / (change * self._period)
+        pieces = self._pieces
+        steps = np.ceil(0.5 * (np.sqrt(pieces * pieces + 8.0 * beyond) - pieces))
+        return (room + steps * change * (0.5 * (steps - 1.0) * self._period + 1.0 / gain)) \
+            / (steps * self._period + 1.0 / gain)

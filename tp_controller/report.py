@@ -26,6 +26,8 @@ NEGLIGIBLE = 1e-6
 # A task is called slowed or held back when it misses more than this share of what it wants.
 NOTABLE = 0.01
 NEAR_SINGULAR = 0.1
+# How many joints are named that stand in the way of one task.
+NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -82,11 +84,11 @@ class Report:
 
     """
 
-    def __init__(self, robot, stack, q, solution):
-        self._robot, self._q, self._solution = robot, q, solution
+    def __init__(self, robot, stack, bounds, solution, eased):
+        self._robot, self._bounds, self._solution = robot, bounds, solution
+        self._eased = eased
         self._groups, self._disabled = stack.active, stack.inactive
         self._errors = [task.last_error for task in stack.active_tasks]
-        self.scale = solution.scale
 
     @cached_property
     def tasks(self):
@@ -104,6 +106,11 @@ class Report:
         return tuple(reports)
 
     @property
+    def scale(self):
+        """Return the smallest factor that the limits put on a level."""
+        return self._solution.scale
+
+    @property
     def reached(self):
         """Return whether every enabled task is at its goal."""
         return all(task.reached for task in self.tasks if task.level is not None)
@@ -114,15 +121,14 @@ class Report:
         index = self._solution.limiting
         if index is None:
             return ''
-        robot = self._robot
-        velocity = self._solution.velocity[index]
-        # A joint whose speed limit is zero is at that limit, wherever it stands.
-        at_speed_limit = abs(velocity) >= robot.velocity[index]
-        # At the limit itself the velocity is zero and does not tell its side.
-        upper = robot.upper[index] - self._q[index] < self._q[index] - robot.lower[index]
-        limit = ('velocity limit' if at_speed_limit else
-                 f'{"upper" if upper else "lower"} position limit')
-        return f'{robot.joint_names[index]} at its {limit}'
+        level = next(level for level in self._solution.levels if level.limited_by)
+        return self._limit(index, level)
+
+    def _limit(self, joint, level):
+        """Return which limit of a joint stands in the way of a level, as text."""
+        up = level.multipliers[joint] > 0.0
+        name = self._bounds.name(joint, level.limited_velocity[joint], up)
+        return f'{self._robot.joint_names[joint]} at its {name}'
 
     def _task(self, task, number, level, rows, error):
         """Return the report of a task that is rows `rows` of a level."""
@@ -136,13 +142,21 @@ class Report:
 
     def _reason(self, number, level, wanted, achieved):
         """Return what holds a task back."""
-        reasons = []
         speed = norm(wanted)
-        if level.scale < 1.0 - NOTABLE and speed > NEGLIGIBLE:
-            reasons.append(f'slowed to {100.0 * level.scale:.0f} % by {self.limiting}')
-        unscaled = achieved / level.scale if level.scale > 0.0 else np.zeros_like(achieved)
-        if level.scale > 0.0 and norm(wanted - unscaled) > max(NEGLIGIBLE, NOTABLE * speed):
+        enough = max(NEGLIGIBLE, NOTABLE * speed)
+        if norm(wanted - achieved) <= enough:
+            return ''
+        reasons = []
+        if level.limited_by:
+            limits = ', '.join(self._limit(joint, level)
+                               for joint in level.limited_by[:NAMED])
+            share = (f'slowed to {100.0 * level.scale:.0f} %' if level.scale < 1.0 - NOTABLE
+                     else 'turned aside')
+            reasons.append(f'{share} by {limits}')
+        if norm(level.unreachable) > enough:
             reasons.append(self._missing_directions(number, level))
+        if self._eased:
+            reasons.append('taking over from what was before a change')
         return ', '.join(reasons)
 
     def _missing_directions(self, number, level):

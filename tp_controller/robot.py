@@ -34,7 +34,7 @@ from tp_controller.urdf import (
 )
 
 BASES = ('fixed',)
-LIMIT_KEYS = ('lower', 'upper', 'velocity')
+LIMIT_KEYS = ('lower', 'upper', 'velocity', 'acceleration')
 
 
 class Robot:
@@ -59,6 +59,8 @@ class Robot:
         Position limits [rad or m], infinite where there are none.
     velocity : ndarray (n,)
         Limits of the absolute velocity [rad/s or m/s].
+    acceleration : ndarray (n,)
+        Limits of the absolute acceleration [rad/s² or m/s²], infinite where there are none.
     continuous : ndarray (n,) of bool
         Joints that turn without end.
     passive_neutral : ndarray (p,)
@@ -100,7 +102,7 @@ class Robot:
         joints : sequence of str, optional
             The driven joints, in the order wanted; all that can be driven by default.
         limits : dict, optional
-            ``{joint: {lower, upper, velocity}}``; replaces single limits of the URDF.
+            ``{joint: {lower, upper, velocity, acceleration}}``; replaces single limits of the URDF.
 
         Raises
         ------
@@ -232,10 +234,13 @@ class Robot:
             if not row['velocity'] >= 0.0:
                 raise RobotError(f'joint {name}: velocity limit {row["velocity"]} '
                                  'must not be negative')
+            if not row['acceleration'] > 0.0:
+                raise RobotError(f'joint {name}: acceleration limit {row["acceleration"]} '
+                                 'must be positive')
         ranges = [joint_limits(name, elements[name]) for name in self.passive_names]
         self.passive_neutral = np.array([min(max(0.0, row['lower']), row['upper'])
                                           for row in ranges])
-        self.lower, self.upper, self.velocity = (
+        self.lower, self.upper, self.velocity, self.acceleration = (
             _read_only(np.array([float(row[key]) for row in rows.values()]))
             for key in LIMIT_KEYS)
         # A joint that was given limits turns within them, whatever its type says.

@@ -57,8 +57,21 @@ class Settings:
     braking_gain: float = _number(
         10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; '
         'at most 1/period')
+    release_region: float = _number(
+        0.01, 0.0, 10.0, '', 'singular value below which a direction is given up to the lower '
+        'tasks, smoothly, and wholly below a tenth of it (0: never)')
     scaling: str = _choice(
-        'uniform', SCALINGS, 'how a command that exceeds a limit is brought within it')
+        'redistribute', SCALINGS, 'what is done where a velocity exceeds a limit: other joints '
+        'take over and lower tasks give way first, or all joints are slowed alike')
+    regularisation: float = _number(
+        0.05, 0.0, 10.0, '', 'scaling redistribute: what keeps the command from jumping between '
+        'equally good ones, in the units of the Jacobian (0: exact)')
+    reserve: float = _number(
+        0.4, 0.0, 1.0, '', 'scaling redistribute: share of its speed limit that the tasks below '
+        'the first level leave to it, of every joint with an acceleration limit')
+    blend: float = _number(
+        0.4, 0.0, 60.0, 's', 'time in which a change of the stack, a goal or a setting takes '
+        'over from what was before (0: at once)')
     method: str = _choice(
         'recursive', METHODS, 'sequential is for comparison only: lower tasks suffer')
     rank_tolerance: float = _number(
@@ -74,6 +87,8 @@ class Settings:
         if not faults and self.braking_gain * self.period > 1.0 + 1e-12:
             faults.append(f'braking_gain {self.braking_gain:g} must be at most 1/period = '
                           f'{1.0 / self.period:g}, or position limits would be crossed')
+        if self.method == 'sequential' and self.scaling != 'uniform':
+            faults.append('method sequential goes with scaling uniform only')
         if faults:
             raise SettingsError(faults)
 

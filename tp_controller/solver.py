@@ -29,31 +29,35 @@ level::
     J̄ = J_i Z
     ζ ← ζ + Z J̄^# (v_i − J_i ζ)
     Z ← Z N,  N an orthonormal basis of the null space of J̄
+
+Where the result is within the bounds on the velocities it is the answer. Where not, either all
+velocities are divided by one factor (lecture 4), or the levels are solved again within the
+bounds (`tp_controller.redistribution`).
 """
 
+from functools import partial
 import math
 
 import numpy as np
-from scipy.linalg import lapack
 from tp_controller.errors import SolverError, unknown
-from tp_controller.level import identity, Level
-from tp_controller.solution import Solution
+from tp_controller.level import check_bounds, check_levels, identity
+from tp_controller.projection import frobenius, Projection
+from tp_controller.redistribution import meets, redistribute, within
+from tp_controller.solution import Solution, Stage
 from tp_controller.stacked import solve_stacked
+from tp_controller.uniform import scale_uniformly
 
 METHODS = ('recursive', 'sequential')
-SCALINGS = ('uniform',)
+SCALINGS = ('redistribute', 'uniform')
 # A singular value of J P below this times ‖J‖ counts as zero. It must not be measured by J P
 # itself: of a level that repeats the one above, J P is rounding errors only, and their inverse
 # would be a velocity of 1e16.
 RANK_TOLERANCE = 1e-9
-# What a velocity exceeds its bound by, relative to the fastest joint, counts as rounding below
-# this and is cut off. A joint that stands at its limit has the bound zero, and a residue of 1e-17
-# towards the limit would stop the whole robot.
-ROUNDING = 1e-9
 
 
 def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='uniform', *,
-          singular_region=math.inf, method='recursive', rank_tolerance=RANK_TOLERANCE):
+          singular_region=math.inf, release_region=0.0, regularisation=0.0, speed_cap=None,
+          method='recursive', rank_tolerance=RANK_TOLERANCE):
     """
     Return the joint velocities that carry out prioritized tasks.
 
@@ -66,19 +70,29 @@ def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='un
         The highest priority first; J (m, n), v (m,). The arrays are kept, not copied, for
         `Solution.levels`.
     lower, upper : array_like (n,), optional
-        Bounds on the velocity, with lower ≤ 0 ≤ upper; together or not at all.
+        Bounds on the velocity, lower ≤ upper. They may exclude zero.
     weights : array_like (n,), optional
         Cost of moving each joint, all positive: the higher, the less the joint is used
         (lecture 4). Only their ratios matter. The solution minimises Σ w_j q_dot_j².
     damping : float
         λ of the damped inverse s / (s² + λ²), in the units of J; 0 is exact and undamped.
     scaling : str
-        ``uniform``: all velocities are divided by the same factor until the bounds hold
+        What is done where a velocity exceeds its bounds. ``redistribute``: every level is solved
+        within them, so that other joints take over, and lower levels give way before higher
+        ones. ``uniform``: all velocities are divided by the same factor until the bounds hold
         (lecture 4), which keeps the direction of every task.
     singular_region : float
         Only directions whose singular value s is below this are damped, by
         λ² (1 − (s / singular_region)²), which grows from nothing where they enter it. Infinite:
         all directions are damped by λ², the damped least squares of the lecture.
+    release_region : float
+        Directions whose singular value is below this are given up to the levels below, smoothly,
+        and wholly below a tenth of it. 0: never.
+    regularisation : float
+        With ``redistribute``: what keeps the answer from jumping from one corner of the bounds
+        to another, in the units of J; 0 is exact.
+    speed_cap : array_like (n,), optional
+        With ``redistribute``: speed up to which the levels below the first may use a joint.
     method : str
         ``recursive``, or ``sequential``: the slides' form (50), (51), for comparison. It keeps
         the first priority, but lower levels are not met even where they could be.
@@ -92,20 +106,25 @@ def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='un
     Raises
     ------
     SolverError
-        Shapes do not fit together, numbers are not finite, bounds exclude zero, a weight is
-        not positive, or a method is unknown.
+        Shapes do not fit together, numbers are not finite, bounds contradict themselves, a
+        weight is not positive, or options are unknown or do not go together.
 
     References
     ----------
     lecture 2.2 (recursion), 4 (scaling, weights); notes (incremental form); slides (50), (51).
 
     """
-    levels = [_check_level(level, index) for index, level in enumerate(levels)]
-    n = _check_width(levels, weights if lower is None else lower)
+    levels = check_levels(levels)
+    others = next((given for given in (weights, lower, upper) if given is not None), ())
+    n = levels[0].J.shape[1] if levels else len(others)
     if lower is not None or upper is not None:
-        lower, upper = _check_bounds(lower, upper, n)
-    solver = Solver(n, weights, damping, scaling, singular_region, method, rank_tolerance)
-    return solver.solve(levels, lower, upper)
+        lower, upper = check_bounds(lower, upper, n, 'lower and upper')
+    if speed_cap is not None:
+        speed_cap = check_bounds(None, speed_cap, n, 'speed_cap')[1]
+    solver = Solver(n, weights, damping=damping, scaling=scaling, singular_region=singular_region,
+                    release_region=release_region, regularisation=regularisation, method=method,
+                    rank_tolerance=rank_tolerance)
+    return solver.solve(levels, lower, upper, speed_cap)
 
 
 class Solver:
@@ -116,7 +135,8 @@ class Solver:
     ----------
     n : int
         Number of joints.
-    weights, damping, scaling, singular_region, method, rank_tolerance
+    weights, damping, scaling, singular_region, release_region, regularisation, method, \
+rank_tolerance
         See `solve`.
 
     Raises
@@ -126,25 +146,30 @@ class Solver:
 
     """
 
-    def __init__(self, n, weights, damping, scaling, singular_region, method, rank_tolerance):
-        for name, value in (('damping', damping), ('singular_region', singular_region),
-                            ('rank_tolerance', rank_tolerance)):
-            if isinstance(value, bool) or not isinstance(value, (int, float)) \
-                    or not value >= 0.0 or (name != 'singular_region' and math.isinf(value)):
-                raise SolverError(f'{name} must be a number that is not negative, not {value!r}')
+    def __init__(self, n, weights=None, *, damping, scaling, singular_region, release_region,
+                 regularisation, method, rank_tolerance):
+        _check_numbers(damping=damping, singular_region=singular_region,
+                       release_region=release_region, regularisation=regularisation,
+                       rank_tolerance=rank_tolerance)
         if method not in METHODS:
             raise SolverError(unknown('method', method, METHODS))
         if scaling not in SCALINGS:
             raise SolverError(unknown('scaling', scaling, SCALINGS))
+        if method == 'sequential' and scaling != 'uniform':
+            raise SolverError('method sequential goes with scaling uniform only')
         # ζ = W^{-1/2} u turns the weighted problem into an unweighted one in u, projector
         # included. Starting the recursion from Z = W^{-1/2} instead of I does exactly that.
         self._start = identity(n) if weights is None else np.diag(_column_scales(weights, n))
-        self._can_stack = weights is None and method == 'recursive'
+        self._unweighted = weights is None
+        self._can_stack = self._unweighted and method == 'recursive'
         self._recursion = _sequential if method == 'sequential' else _recursive
+        self._uniform = scaling == 'uniform'
         self._damping, self._singular_region = damping, singular_region
+        self._release_region, self._regularisation = release_region, regularisation
         self._rank_tolerance = rank_tolerance
+        self._no_bounds = np.full(n, -np.inf), np.full(n, np.inf)
 
-    def solve(self, levels, lower=None, upper=None):
+    def solve(self, levels, lower=None, upper=None, speed_cap=None):
         """
         Return the `Solution` for levels and bounds whose shapes fit together.
 
@@ -153,7 +178,9 @@ class Solver:
         levels : list of Level
             The highest priority first.
         lower, upper : ndarray (n,), optional
-            Bounds, lower ≤ 0 ≤ upper.
+            Bounds, lower ≤ upper.
+        speed_cap : ndarray (n,), optional
+            See `solve`.
 
         Raises
         ------
@@ -161,187 +188,96 @@ class Solver:
             The levels hold numbers that are not finite.
 
         """
-        velocity, ranks = None, None
+        asking = [level for level in levels if level.v is not None]
+        rows = () if len(asking) == len(levels) else [
+            level for level in levels if level.v is None]
+        if rows and self._uniform:
+            raise SolverError('levels with bounds need scaling redistribute')
+        velocity = None
         if self._can_stack:
-            velocity = solve_stacked(levels, len(self._start), self._damping,
+            velocity = solve_stacked(asking, len(self._start), self._damping,
                                      self._singular_region)
+            unbounded = partial(self._recur, levels)
         if velocity is None:
-            velocity, ranks = self._recur(levels)
+            unbounded = self._recur(levels)
+            velocity = unbounded[-1].velocity if unbounded else np.zeros(len(self._start))
         if not math.isfinite(velocity.dot(velocity)):
             raise SolverError('the levels hold numbers that are not finite')
-        scale, limiting = 1.0, None
-        if lower is not None:
-            velocity, scale, limiting = scale_uniformly(velocity, lower, upper)
-        return Solution(velocity, scale, limiting, levels,
-                        ranks or (lambda: self._recur(levels)[1]), self._start)
+        if lower is None and not rows and speed_cap is None:
+            return Solution(velocity, levels, self._start, unbounded)
+        if self._uniform:
+            return self._scaled(levels, velocity, unbounded, lower, upper)
+        bounds = (lower, upper) if lower is not None else self._no_bounds
+        shared = bounds if speed_cap is None or len(asking) < 2 else (
+            np.maximum(bounds[0], -speed_cap), np.minimum(bounds[1], speed_cap))
+        fitting = within(velocity, *shared)
+        if fitting is not None and all(meets(level, fitting) for level in rows):
+            return Solution(fitting, levels, self._start, unbounded)
+        if callable(unbounded):
+            unbounded = unbounded()
+        velocity, stages = redistribute(levels, unbounded, self._start, bounds, shared,
+                                        self._regularisation)
+        return Solution(velocity, levels, self._start, unbounded, stages)
+
+    def _scaled(self, levels, velocity, unbounded, lower, upper):
+        """Return the solution with all joints slowed alike."""
+        scaled, scale, limiting = scale_uniformly(velocity, lower, upper)
+        if limiting is None:
+            return Solution(scaled, levels, self._start, unbounded)
+        multipliers = np.zeros(len(velocity))
+        multipliers[limiting] = 1.0 if scaled[limiting] == upper[limiting] else -1.0
+        unbounded = unbounded() if callable(unbounded) else unbounded
+        stages = [Stage(stage.velocity, stage.projection, multipliers)
+                  for stage in unbounded]
+        return Solution(scaled, levels, self._start, unbounded, stages, velocity, scale)
 
     def _recur(self, levels):
-        """Return velocity and ranks by the recursion."""
-        return self._recursion(levels, self._start, self._damping, self._singular_region,
-                               self._rank_tolerance)
+        """Return a `Stage` for each level by the recursion, without bounds."""
+        return self._recursion(levels, self._start, self._project)
+
+    def _project(self, level, Z, orthonormal):
+        """Return the `Projection` of a level on what Z spans."""
+        weighted = level.J if self._unweighted else level.J.dot(self._start)
+        return Projection(level, Z, orthonormal and self._unweighted,
+                          self._rank_tolerance * frobenius(weighted), self._damping,
+                          self._singular_region, self._release_region)
 
 
-def _recursive(levels, start, damping, singular_region, rank_tolerance):
-    """Return the velocity (n,), and rank and smallest singular value of each level."""
+def _recursive(levels, start, project):
+    """Return a `Stage` for each level; the last one has the velocity that is wanted."""
     zeta = np.zeros(len(start))
-    Z = start
-    ranks = []
+    Z, orthonormal = start, True
+    stages = []
     for level in levels:
-        J_bar = level.J.dot(Z)
-        inverse = _Inverse(J_bar, rank_tolerance * _frobenius(level.J.dot(start)))
-        zeta = zeta + Z.dot(inverse.damped(level.v - level.J.dot(zeta), damping,
-                                           singular_region))
-        Z = Z.dot(inverse.null_space)
-        ranks.append((inverse.rank, inverse.smallest))
-    return zeta, ranks
+        projection = None
+        if level.v is not None:
+            projection = project(level, Z, orthonormal)
+            zeta = zeta + projection.step(level.v - level.J.dot(zeta))
+            Z, orthonormal = projection.remaining, projection.orthonormal
+        stages.append(Stage(zeta, projection))
+    return stages
 
 
-def _sequential(levels, start, damping, singular_region, rank_tolerance):
+def _sequential(levels, start, project):
     """Return what `_recursive` does, by successive projection (slides (50), (51))."""
     zeta = np.zeros(len(start))
     P = identity(len(start))
-    ranks = []
+    cost = np.diagonal(start) ** 2
+    stages = []
     for level in levels:
-        J = level.J.dot(start)
-        inverse = _Inverse(J, rank_tolerance * _frobenius(J))
-        zeta = zeta + P.dot(inverse.damped(level.v, damping, singular_region))
-        P = P.dot(inverse.null_space.dot(inverse.null_space.T))
-        ranks.append((inverse.rank, inverse.smallest))
-    return start.dot(zeta), ranks
+        projection = project(level, start, True)
+        zeta = zeta + P.dot(projection.step(level.v))
+        P = P.dot(projection.remaining.dot(projection.remaining.T / cost))
+        stages.append(Stage(zeta, projection))
+    return stages
 
 
-class _Inverse:
-    """The singular value decomposition J̄ = U diag(s) Vᵀ, used as an inverse."""
-
-    def __init__(self, J_bar, tolerance):
-        rows, columns = J_bar.shape
-        if rows == 0 or columns == 0:
-            self.rank, self.smallest = 0, 0.0
-            self.null_space = identity(columns)
-            return
-        U, s, V_T, info = lapack.dgesdd(J_bar)
-        if info != 0:
-            raise SolverError('a level holds numbers that are not finite')
-        self.rank = int((s > tolerance).sum())
-        self.smallest = float(s[rows - 1]) if rows <= columns else 0.0
-        self._s = s[:self.rank]
-        self._U = U[:, :self.rank]
-        self._V_T = V_T[:self.rank]
-        self.null_space = V_T[self.rank:].T
-
-    def damped(self, v, damping, singular_region):
-        """Return J̄^# v."""
-        if self.rank == 0:
-            if not np.isfinite(v).all():
-                raise SolverError('a level holds numbers that are not finite')
-            return np.zeros(len(self.null_space))
-        gains = damped_inverse(self._s, damping, singular_region)
-        return self._V_T.T.dot(gains * self._U.T.dot(v))
-
-
-def damped_inverse(s, damping, singular_region):
-    """
-    Return the damped inverse of singular values, s / (s² + λ²) with λ only where it is needed.
-
-    Parameters
-    ----------
-    s : ndarray (k,)
-        Positive singular values.
-    damping, singular_region : float
-        See `solve`.
-
-    Returns
-    -------
-    ndarray (k,)
-
-    """
-    if damping == 0.0 or singular_region == 0.0:
-        return 1.0 / s
-    needed = np.maximum(1.0 - (s / singular_region) ** 2, 0.0)
-    return s / (s * s + damping * damping * needed)
-
-
-def scale_uniformly(velocity, lower, upper):
-    """
-    Divide all velocities by the same factor until each is within its bounds (lecture 4).
-
-    The lecture's bounds are symmetric, s = max |ζ_i| / ζ_i,max; here each velocity is compared
-    with the bound on its own side.
-
-    Parameters
-    ----------
-    velocity : ndarray (n,)
-        Velocity that may be too fast.
-    lower, upper : ndarray (n,)
-        Bounds, lower ≤ 0 ≤ upper.
-
-    Returns
-    -------
-    velocity : ndarray (n,)
-        Within the bounds, exactly.
-    scale : float
-        1/s, in [0, 1].
-    limiting : int or None
-        Index of the joint that decided it.
-
-    """
-    if not (np.count_nonzero(velocity > upper) or np.count_nonzero(velocity < lower)):
-        return velocity, 1.0, None
-    bound = np.where(velocity > 0.0, upper, lower)
-    size = np.abs(velocity)
-    too_fast = size - np.abs(bound) > ROUNDING * size.max()
-    if not too_fast.any():
-        return np.clip(velocity, lower, upper), 1.0, None
-    ratios = np.ones(len(velocity))
-    np.divide(bound, velocity, out=ratios, where=too_fast)
-    limiting = int(ratios.argmin())
-    scale = float(ratios[limiting])
-    # The products may miss their bounds by one rounding; these two lines take that away and no
-    # more.
-    scaled = np.clip(scale * velocity, lower, upper)
-    scaled[limiting] = bound[limiting]
-    return scaled, scale, limiting
-
-
-def _check_level(level, index):
-    """Return a level as `Level`, its shapes checked."""
-    if not (isinstance(level, Level) and isinstance(level.J, np.ndarray)
-            and isinstance(level.v, np.ndarray)):
-        try:
-            J, v = (level.J, level.v) if isinstance(level, Level) else level
-            level = Level(np.asarray(J, dtype=float), np.asarray(v, dtype=float))
-        except (TypeError, ValueError) as error:
-            raise SolverError(f'level {index + 1}: needs J (m, n) and v (m,): {error}') from error
-    if level.J.ndim != 2 or level.v.shape != (level.J.shape[0],):
-        raise SolverError(f'level {index + 1}: J must be (m, n) and v (m,), '
-                          f'got {level.J.shape} and {level.v.shape}')
-    if not (np.isfinite(level.J).all() and np.isfinite(level.v).all()):
-        raise SolverError(f'level {index + 1}: the levels hold numbers that are not finite')
-    return level
-
-
-def _check_width(levels, others):
-    """Return n, the number of joints that all levels agree on."""
-    n = levels[0].J.shape[1] if levels else 0 if others is None else len(others)
-    for level in levels:
-        if level.J.shape[1] != n:
-            raise SolverError('levels disagree on the number of joints: '
-                              f'{[level.J.shape[1] for level in levels]}')
-    return n
-
-
-def _check_bounds(lower, upper, n):
-    """Return the bounds as arrays (n,) with lower ≤ 0 ≤ upper."""
-    if lower is None or upper is None:
-        raise SolverError('bounds need lower and upper together')
-    lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
-    if lower.shape != (n,) or upper.shape != (n,):
-        raise SolverError(f'bounds must be {n} numbers each, got shapes {lower.shape} and '
-                          f'{upper.shape}')
-    if np.count_nonzero(lower <= 0.0) < n or np.count_nonzero(upper >= 0.0) < n:
-        raise SolverError('bounds must hold zero, lower ≤ 0 ≤ upper, got '
-                          f'{lower.tolist()} and {upper.tolist()}')
-    return lower, upper
+def _check_numbers(**numbers):
+    """Raise `SolverError` unless all are finite and not negative; one region may be infinite."""
+    for name, value in numbers.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)) \
+                or not value >= 0.0 or (name != 'singular_region' and math.isinf(value)):
+            raise SolverError(f'{name} must be a number that is not negative, not {value!r}')
 
 
 def _column_scales(weights, n):
@@ -350,9 +286,3 @@ def _column_scales(weights, n):
     if weights.shape != (n,) or not (weights > 0.0).all() or not np.isfinite(weights).all():
         raise SolverError(f'weights must be {n} positive numbers, got {weights.tolist()}')
     return np.sqrt(weights.min() / weights)
-
-
-def _frobenius(J):
-    """Return the Frobenius norm."""
-    entries = J.ravel('K')
-    return math.sqrt(entries.dot(entries))

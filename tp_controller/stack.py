@@ -111,15 +111,7 @@ class Stack:
             For each group of `active`.
 
         """
-        levels = []
-        for group in self.active:
-            if len(group) == 1:
-                levels.append(Level(*group[0].evaluate(state, now)))
-            else:
-                parts = [task.evaluate(state, now) for task in group]
-                levels.append(Level(np.concatenate([J for J, _ in parts]),
-                                    np.concatenate([v for _, v in parts])))
-        return levels
+        return levels_of(self.active, state, now)
 
     def _arrange(self):
         """Sort the tasks into `active`, by level, and `inactive`."""
@@ -128,6 +120,19 @@ class Stack:
         self.active = tuple(group for group in enabled if group)
         self.active_tasks = tuple(task for group in self.active for task in group)
         self.inactive = tuple(task for name, task in self.tasks.items() if name in self.disabled)
+
+
+def levels_of(groups, state, now):
+    """Return a level for each group of tasks; see `Stack.levels`."""
+    levels = []
+    for group in groups:
+        if len(group) == 1:
+            levels.append(Level(*group[0].evaluate(state, now), group[0].mode))
+        else:
+            parts = [task.evaluate(state, now) for task in group]
+            levels.append(Level(np.concatenate([J for J, _ in parts]),
+                                np.concatenate([v for _, v in parts]), group[0].mode))
+    return levels
 
 
 class _Reader:

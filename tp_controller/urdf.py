@@ -151,10 +151,10 @@ def joint_limits(name, element):
     attributes = {} if limit is None else limit.attrib
     endless = element.get('type') == 'continuous'
     defaults = {'lower': -math.inf if endless else 0.0, 'upper': math.inf if endless else 0.0,
-                'velocity': math.inf}
+                'velocity': math.inf, 'acceleration': math.inf}
     limits = {}
     for key, default in defaults.items():
-        given = attributes.get(key) if key == 'velocity' or not endless else None
+        given = None if endless and key in ('lower', 'upper') else attributes.get(key)
         try:
             value = default if given is None else float(given)
         except ValueError as error:
@@ -170,4 +170,5 @@ def share_limits(row, follower, multiplier, offset):
     ends = sorted((follower[key] - offset) / multiplier for key in ('lower', 'upper'))
     row['lower'] = max(row['lower'], ends[0])
     row['upper'] = min(row['upper'], ends[1])
-    row['velocity'] = min(row['velocity'], follower['velocity'] / abs(multiplier))
+    for key in ('velocity', 'acceleration'):
+        row[key] = min(row[key], follower[key] / abs(multiplier))

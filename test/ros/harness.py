@@ -89,6 +89,8 @@ class Harness:
             parameters['robot'] = str(PLANAR_DH)
         parameters.setdefault('stack', MOVING_STACK)
         parameters.setdefault('status_rate', 50.0)
+        # Every command shows what was asked for, not what it takes over from.
+        parameters.setdefault('blend', 0.0)
         return self.make(ControllerNode, **parameters)
 
     def simulator(self, **parameters):

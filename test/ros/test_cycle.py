@@ -186,12 +186,13 @@ def test_without_a_rate_a_part_of_the_joints_makes_no_command(harness):
     assert len(commands) == 1
 
 
-def test_the_velocity_limit_of_the_parameter_is_respected(harness):
-    harness.controller(limits__joint1__velocity=0.25)
+@pytest.mark.parametrize('scaling, share', [('uniform', 0.25), ('redistribute', 1.0)])
+def test_the_velocity_limit_of_the_parameter_is_respected(harness, scaling, share):
+    harness.controller(limits__joint1__velocity=0.25, scaling=scaling)
     commands, arm = harness.commands(), Arm(harness, Q)
     spin_until_moving(harness, commands, arm)
-    # The whole command is scaled, so that its direction stays.
-    np.testing.assert_allclose(last(commands), 0.25 * np.array(VELOCITY), atol=1e-12)
+    expected = [0.25, *(share * np.array(VELOCITY[1:]))]
+    np.testing.assert_allclose(last(commands), expected, atol=1e-12)
 
 
 # Zeros ----------------------------------------------------------------------------------------

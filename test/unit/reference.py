@@ -81,3 +81,100 @@ def projector(levels, n):
 def random_levels(rng, n, rows):
     """Return levels with Gaussian entries, one for each number of rows."""
     return [(rng.standard_normal((m, n)), rng.standard_normal(m)) for m in rows]
+
+
+def bounded_lexicographic(levels, n, lower=None, upper=None, weights=None):
+    """
+    Return the exact solution (n,) of a hierarchy within bounds.
+
+    Every level in turn is minimised over what the levels above it leave: ‖J x − v‖, or for a
+    level with bounds the norm of what J x exceeds them by. What J x came to is then kept: as an
+    equation, or as bounds widened to contain it. At last Σ w_j x_j² is minimised.
+
+    Parameters
+    ----------
+    levels : list of (J, v) or (J, lower, upper)
+        The highest priority first.
+    n : int
+        Number of joints.
+    lower, upper : array_like (n,), optional
+        Bounds on x, which no level can move.
+    weights : array_like (n,), optional
+        The norm minimised at the end is Σ w_j x_j².
+
+    """
+    lower = np.full(n, -np.inf) if lower is None else np.asarray(lower, float)
+    upper = np.full(n, np.inf) if upper is None else np.asarray(upper, float)
+    x = np.clip(np.zeros(n), lower, upper)
+    G, least, most = np.eye(n), lower, upper
+    equations = np.zeros((0, n))
+    for J, *wanted in levels:
+        if len(wanted) == 1:
+            x = constrained_lstsq(J, wanted[0], G, least, most, equations, x)
+            equations = np.concatenate([equations, J])
+            continue
+        m = len(J)
+        # Slacks w make the rows meet their bounds: lower ≤ J x + w ≤ upper, ‖w‖ least.
+        slack = np.clip(J @ x, *wanted) - J @ x
+        whole = constrained_lstsq(
+            np.hstack([np.zeros((m, n)), np.eye(m)]), np.zeros(m),
+            np.block([[G, np.zeros((len(G), m))], [J, np.eye(m)]]),
+            np.concatenate([least, wanted[0]]), np.concatenate([most, wanted[1]]),
+            np.hstack([equations, np.zeros((len(equations), m))]), np.concatenate([x, slack]))
+        x = whole[:n]
+        violation = -whole[n:]
+        G = np.concatenate([G, J])
+        least = np.concatenate([least, wanted[0] + np.minimum(violation, 0.0)])
+        most = np.concatenate([most, wanted[1] + np.maximum(violation, 0.0)])
+    root = np.diag(np.ones(n) if weights is None else np.sqrt(weights))
+    return constrained_lstsq(root, np.zeros(n), G, least, most, equations, x)
+
+
+def constrained_lstsq(A, b, G, least, most, equations, x):
+    """
+    Return an x that minimises ‖A x − b‖ with least ≤ G x ≤ most, and `equations` x unchanged.
+
+    The active-set method from a feasible x on. Each step solves the KKT system of the active rows
+    by null space and least squares; the answer is returned only with multipliers that prove it.
+    """
+    rows = np.concatenate([G, -G])
+    bounds = np.concatenate([most, -least])
+    rows, bounds = rows[np.isfinite(bounds)], bounds[np.isfinite(bounds)]
+    size = np.linalg.norm(A) + 1e-300
+    free = null_of(equations)
+    active, steps = [], 0
+    # Rows of length one in the coordinates that are free; those that cannot change are left out.
+    projected = rows @ free
+    lengths = np.linalg.norm(projected, axis=1)
+    usable = lengths > 1e-10
+    while True:
+        steps += 1
+        assert steps < 5000, 'the reference found no active set'
+        left = free
+        if active:
+            left = free @ null_of(projected[active])
+        step = left @ bounded_lstsq(A @ left, b - A @ x, size)
+        moved = rows @ step
+        share, blocking = 1.0, None
+        for row in np.flatnonzero(usable & (moved > 1e-13 * lengths * np.linalg.norm(step))):
+            if row not in active:
+                reach = max(0.0, (bounds[row] - rows[row] @ x) / moved[row])
+                if reach < share - 1e-14:
+                    share, blocking = reach, row
+        x = x + share * step
+        if blocking is not None:
+            active.append(int(blocking))
+            continue
+        gradient = free.T @ (A.T @ (A @ x - b))
+        if not active:
+            break
+        multipliers = np.linalg.lstsq(-projected[active].T, gradient, rcond=None)[0]
+        wrong = np.flatnonzero(multipliers < -1e-11 * (1.0 + np.linalg.norm(gradient)))
+        if not len(wrong):
+            break
+        # By the smallest index, not the worst: it cannot cycle.
+        active.remove(min(active[index] for index in wrong))
+    remaining = gradient if not active else gradient + projected[active].T @ multipliers
+    assert np.linalg.norm(remaining) < 1e-8 * size * (1.0 + np.linalg.norm(A @ x - b))
+    assert (rows @ x <= bounds + 1e-9).all()
+    return x

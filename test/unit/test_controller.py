@@ -15,6 +15,7 @@
 """The controller in closed loops, with the limits, goals and reports around it."""
 
 from collections import deque
+from dataclasses import replace
 import math
 
 from hypothesis import example, given, settings
@@ -34,12 +35,12 @@ from tp_controller import (
     SettingsError,
     Stack,
 )
-from tp_controller.limits import velocity_bounds
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
 TOOL = robots.PANDA_TOOL
 READY = np.array(robots.PANDA_READY)
-EXACT = Settings(damping=0.0)
+# Nothing fades, so that each update shows what was asked for.
+EXACT = Settings(damping=0.0, blend=0.0)
 POSE_AND_POSTURE = ('- tool: {type: pose, frame: panda_hand_tcp, gain: 2.0}\n'
                     '- posture: {type: posture, gain: 0.5}\n')
 
@@ -91,7 +92,7 @@ def report_of(controller, name):
 def test_error_decays_exponentially_at_the_gain(gain):
     robot = robots.panda()
     controller = control(f'- tool: {{type: pose, frame: {TOOL}, gain: {gain}}}\n', robot,
-                         Settings(damping=0.0, period=0.001))
+                         Settings(blend=0.0, damping=0.0, period=0.001))
     goal = shifted(robot.state(READY).pose(TOOL), [0.02, -0.03, 0.02], [0.05, 0.1, -0.05])
     controller.set_goal('tool', goal, 0.0)
     norms = []
@@ -268,17 +269,6 @@ def test_positions_that_are_none_are_refused_and_the_controller_goes_on(q):
 
 # Limits
 
-@given(st.lists(st.tuples(st.floats(-6.0, 6.0), st.floats(0.1, 1e3)), min_size=1, max_size=1),
-       st.floats(0.1, 100.0))
-def test_allowed_speed_is_gain_times_distance_and_zero_is_always_allowed(places, gain):
-    (position, speed), = places
-    robot = Robot.from_dh([{'name': 'a', 'lower': -2.0, 'upper': 3.0, 'velocity': speed}])
-    lower, upper = velocity_bounds(robot, np.array([position]), gain)
-    assert upper[0] == pytest.approx(min(speed, max(0.0, gain * (3.0 - position))))
-    assert lower[0] == pytest.approx(-min(speed, max(0.0, gain * (position + 2.0))))
-    assert lower[0] <= 0.0 <= upper[0]
-
-
 @st.composite
 def hard_runs(draw):
     """Return (robot, stack, start, goals): nothing about them is kind to the limits."""
@@ -304,7 +294,7 @@ def hard_runs(draw):
 @given(hard_runs(), st.integers(0, 3))
 def test_no_limit_is_ever_exceeded_whatever_the_goals_start_and_delay(case, delay):
     robot, text, start, goals, rest = case
-    controller = control(text, robot, Settings(period=0.01, braking_gain=10.0))
+    controller = control(text, robot, Settings(blend=0.0, period=0.01, braking_gain=10.0))
     part = {'position': slice(0, 3), 'orientation': slice(3, 7), 'pose': slice(0, 7)}[
         controller.stack.tasks['tool'].type_name]
     controller.update(start, 0.0)
@@ -344,7 +334,7 @@ def test_braking_gain_of_the_settings_is_the_one_in_force():
     robot = robots.mixed()
     for gain in (2.0, 5.0, 10.0):
         controller = control('- m: {type: joint_velocity, joints: turn}\n', robot,
-                             Settings(braking_gain=gain))
+                             Settings(blend=0.0, braking_gain=gain))
         controller.update([2.4, 0.0, 0.0, 0.0], 0.0)
         controller.set_goal('m', [5.0], 0.0)
         velocity = controller.update([2.4, 0.0, 0.0, 0.0], 0.0).velocity
@@ -358,7 +348,10 @@ def test_joint_outside_its_range_comes_back_in_and_goes_no_further_out():
     controller = control('- m: {type: joint_velocity, joints: turn}\n', robot)
     controller.update([2.8, 0.0, 0.0, 0.0], 0.0)
     controller.set_goal('m', [1.0], 0.0)
-    assert controller.update([2.8, 0.0, 0.0, 0.0], 0.0).velocity.tolist() == [0.0] * 4
+    # It is led back whatever is wished: 10 /s times 0.3 rad, but no faster than a fifth of its
+    # speed limit.
+    assert controller.update([2.8, 0.0, 0.0, 0.0], 0.0).velocity.tolist() == pytest.approx(
+        [-0.2 * robot.velocity[0], 0.0, 0.0, 0.0])
 
 
 # Reports
@@ -403,15 +396,18 @@ def test_report_of_a_velocity_task_is_in_units_per_second():
     assert task.wanted_speed == pytest.approx(math.hypot(0.05, 0.1))
 
 
-def test_report_says_how_much_a_velocity_limit_slows_a_task_and_which():
-    controller = control('- m: {type: joint_velocity}\n')
+@pytest.mark.parametrize('scaling', ['uniform', 'redistribute'])
+def test_report_says_how_much_a_velocity_limit_slows_a_task_and_which(scaling):
+    share = {'uniform': 0.5, 'redistribute': (4.35 * 2.175 + 1.0) / (4.35 ** 2 + 1.0)}[scaling]
+    controller = control('- m: {type: joint_velocity}\n',
+                         options=replace(EXACT, scaling=scaling))
     controller.update(READY, 0.0)
     controller.set_goal('m', [0.0, 0.0, -4.35, 0.0, 1.0, 0.0, 0.0], 0.0)
     task = report_of(controller, 'm')
-    assert task.reason == 'slowed to 50 % by panda_joint3 at its velocity limit'
+    assert task.reason == f'slowed to {100 * share:.0f} % by panda_joint3 at its velocity limit'
     assert task.status == 'held back'
     report = controller.update(READY, 0.0).report
-    assert report.scale == pytest.approx(0.5)
+    assert report.scale == pytest.approx(share)
     assert report.limiting == 'panda_joint3 at its velocity limit'
 
 
@@ -464,14 +460,14 @@ def test_report_says_that_higher_levels_are_nearly_in_the_way():
     # left in anything else. Alone each of the tasks is far from singular.
     controller = control(
         '- tool: {type: position, frame: link3, axes: x}\n'
-        '- base: {type: joint, joints: joint1, target: [1.5]}\n', robots.planar(), Settings())
+        '- base: {type: joint, joints: joint1, target: [1.5]}\n', robots.planar(), Settings(reserve=0.0))
     task = controller.update([1.2, -1.18, 0.0], 0.0).report.tasks[1]
     assert task.reason == 'in conflict with higher levels'
 
 
 def test_report_says_that_a_singularity_is_near():
     controller = control('- tool: {type: position, frame: link3, axes: xy}\n', robots.planar(),
-                         Settings(damping=0.1, singular_region=0.1))
+                         Settings(blend=0.0, damping=0.1, singular_region=0.1))
     q = [0.3, 0.02, 0.02]
     controller.update(q, 0.0)
     controller.set_goal('tool', [0.2, 0.1, 0.0], 0.0)
@@ -481,7 +477,7 @@ def test_report_says_that_a_singularity_is_near():
 
 def test_report_says_that_damping_costs_speed_elsewhere():
     controller = control('- tool: {type: position, frame: link3, axes: xy}\n', robots.planar(),
-                         Settings(damping=0.3, singular_region=math.inf))
+                         Settings(blend=0.0, damping=0.3, singular_region=math.inf))
     q = [0.0, 1.2, 0.8]
     controller.update(q, 0.0)
     state = controller.robot.state(q)
@@ -579,20 +575,20 @@ def test_goal_poses_are_those_of_the_tasks_about_a_frame_in_the_root():
 
 def test_all_settings_out_of_range_are_told_at_once():
     with pytest.raises(SettingsError) as caught:
-        Settings(period=0.0, damping=-1.0, singular_region=math.nan, braking_gain='x',
+        Settings(blend=0.0, period=0.0, damping=-1.0, singular_region=math.nan, braking_gain='x',
                  scaling='clip', method='magic', rank_tolerance=True, weights=[1.0, -1.0])
     faults = caught.value.faults
     assert [fault.split()[0] for fault in faults] == [
         'period', 'damping', 'singular_region', 'braking_gain', 'scaling', 'method',
         'rank_tolerance', 'weights']
     assert 'must be a number from 1e-05 to 1, not 0.0' in faults[0]
-    assert 'must be one of uniform, not' in faults[4]
+    assert 'must be one of redistribute, uniform, not' in faults[4]
 
 
 def test_braking_that_the_period_cannot_keep_up_with_is_refused():
-    Settings(period=0.05, braking_gain=20.0)
+    Settings(blend=0.0, period=0.05, braking_gain=20.0)
     with pytest.raises(SettingsError, match='braking_gain 21 must be at most 1/period = 20'):
-        Settings(period=0.05, braking_gain=21.0)
+        Settings(blend=0.0, period=0.05, braking_gain=21.0)
 
 
 def test_defaults_are_in_range_and_every_setting_is_described():
@@ -605,18 +601,18 @@ def test_defaults_are_in_range_and_every_setting_is_described():
 @pytest.mark.parametrize('weights', ['heavy', [1.0, 0.0], [1.0, math.inf], [1.0, 'x'], 5.0])
 def test_weights_that_are_not_positive_are_refused(weights):
     with pytest.raises(SettingsError, match='weights must be positive numbers'):
-        Settings(weights=weights)
+        Settings(blend=0.0, weights=weights)
 
 
 def test_weights_must_fit_the_robot_and_the_settings_before_stay():
     controller = control(POSE_AND_POSTURE)
     before = controller.settings
     with pytest.raises(SettingsError, match='weights needs 7 numbers.*panda_joint1.*got 2'):
-        controller.settings = Settings(weights=(1.0, 2.0))
+        controller.settings = Settings(blend=0.0, weights=(1.0, 2.0))
     assert controller.settings is before
     controller.update(READY, 0.0)
     with pytest.raises(SettingsError, match='weights needs 7'):
-        control(POSE_AND_POSTURE, options=Settings(weights=(1.0,)))
+        control(POSE_AND_POSTURE, options=Settings(blend=0.0, weights=(1.0,)))
 
 
 def test_settings_that_are_replaced_act_in_the_next_cycle():
@@ -628,15 +624,15 @@ def test_settings_that_are_replaced_act_in_the_next_cycle():
     controller.set_goal('tool', state.position(TOOL) + v, 0.0)
     np.testing.assert_allclose(controller.update(READY, 0.0).velocity, np.linalg.pinv(J) @ v,
                                atol=1e-9)
-    controller.settings = Settings(damping=0.0, weights=(9.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0))
+    controller.settings = Settings(blend=0.0, damping=0.0, weights=(9.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0))
     W_inverse = np.diag([1.0 / 9.0, 1, 0.5, 1, 1, 1, 1])
     np.testing.assert_allclose(controller.update(READY, 0.0).velocity,
                                W_inverse @ J.T @ np.linalg.solve(J @ W_inverse @ J.T, v),
                                atol=1e-9)
-    controller.settings = Settings(damping=0.5, singular_region=math.inf)
+    controller.settings = Settings(blend=0.0, damping=0.5, singular_region=math.inf)
     np.testing.assert_allclose(controller.update(READY, 0.0).velocity,
                                J.T @ np.linalg.solve(J @ J.T + 0.25 * np.eye(3), v), atol=1e-9)
-    controller.settings = Settings(damping=0.0, weights=())
+    controller.settings = Settings(blend=0.0, damping=0.0, weights=())
     np.testing.assert_allclose(controller.update(READY, 0.0).velocity, np.linalg.pinv(J) @ v,
                                atol=1e-9)
 
@@ -650,7 +646,7 @@ def test_method_of_the_settings_is_the_one_in_force():
     recursive = controller.update(READY, 0.0)
     assert np.linalg.norm(recursive.report.tasks[1].wanted_speed
                           - recursive.report.tasks[1].achieved_speed) < 1e-9
-    controller.settings = Settings(damping=0.0, method='sequential')
+    controller.settings = Settings(blend=0.0, damping=0.0, method='sequential', scaling='uniform')
     sequential = controller.update(READY, 0.0)
     assert sequential.velocity[0] == pytest.approx(0.0, abs=1e-12)
     assert np.abs(sequential.velocity - recursive.velocity).max() > 1e-4
@@ -724,7 +720,7 @@ def test_task_that_is_enabled_again_holds_what_it_finds_unless_it_has_a_goal():
 def test_reason_of_a_task_alone_never_speaks_of_higher_levels():
     weights = (1.0,) * 6 + (1e4,)
     controller = control('- j: {type: joint, joints: panda_joint7}\n',
-                         options=Settings(weights=weights))
+                         options=Settings(blend=0.0, weights=weights))
     controller.update(READY, 0.0)
     controller.set_goal('j', [READY[6] + 1.0], 0.0)
     task, = controller.update(READY, 0.0).report.tasks
@@ -738,8 +734,11 @@ def test_speed_limit_of_zero_is_named_as_what_holds_the_robot():
     controller.update(READY, 0.0)
     controller.set_goal('j', [0.5, 0.5], 0.0)
     command = controller.update(READY, 0.0)
-    assert not command.velocity.any()
+    # The other joint does its part.
+    assert command.velocity.tolist() == pytest.approx([0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert command.report.limiting == 'panda_joint3 at its velocity limit'
+    assert command.report.tasks[0].reason == \
+        'slowed to 50 % by panda_joint3 at its velocity limit'
 
 
 def test_continuous_joint_that_is_given_limits_stays_within_them_on_the_long_way():

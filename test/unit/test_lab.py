@@ -33,7 +33,8 @@ def exercise_1(damping):
     unlimited = {name: {'velocity': math.inf} for name in robots.planar().joint_names}
     robot = Robot.from_file(robots.PLANAR_DH, limits=unlimited)
     controller = Controller(robot, Stack.from_yaml(TOOL + MOTION, robot),
-                            Settings(period=DT, damping=damping, singular_region=math.inf))
+                            Settings(period=DT, damping=damping, singular_region=math.inf, scaling='uniform',
+                                     release_region=0.0, blend=0.0))
     q, errors = np.array(robots.PLANAR_START), []
     start = robot.state(q).position('link3').copy()
     for cycle in range(CYCLES):
@@ -64,7 +65,8 @@ def exercise_2(order, goal):
     """Return the error of the end-effector [m] and q after 10 s."""
     robot = robots.planar()
     controller = Controller(robot, Stack.from_yaml(order, robot),
-                            Settings(period=DT, damping=0.1, singular_region=math.inf))
+                            Settings(period=DT, damping=0.1, singular_region=math.inf, scaling='uniform',
+                                     release_region=0.0, blend=0.0))
     controller.set_goal('tool', [*goal, 0.0], 0.0)
     q = np.array(robots.PLANAR_START)
     for cycle in range(CYCLES):

@@ -31,7 +31,8 @@ ORDER = [
     'errors', 'spatial', 'resources', 'urdf', 'dh', 'level', 'robot',
     'tasks.base', 'tasks.frame', 'tasks.velocity', 'tasks.joint', 'tasks.position',
     'tasks.orientation', 'tasks.pose', 'tasks.twist', 'tasks',
-    'stack', 'limits', 'solution', 'stacked', 'solver', 'settings', 'report', 'controller',
+    'stack', 'transition', 'limits', 'solution', 'projection', 'uniform', 'redistribution',
+    'stacked', 'solver', 'settings', 'report', 'controller',
     'simulator', '']
 # What the method may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'yaml', 'daqp', 'tp_controller'}

@@ -23,6 +23,7 @@ import pytest
 from reference import lexicographic, null_of, projector, random_levels, residual_norms
 from tp_controller import Level, solve, SolverError
 from tp_controller.level import identity
+from tp_controller.solver import SCALINGS
 from tp_controller.stacked import solve_stacked
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
@@ -389,6 +390,55 @@ def test_side_without_a_bound_is_free():
     assert bounded([1.0, 100.0], lower, upper).velocity == pytest.approx([0.5, 50.0])
 
 
+@given(st.lists(st.tuples(st.floats(-1e3, 1e3), st.floats(-10, 10), st.floats(0, 10)),
+                min_size=1, max_size=8))
+@example([(1.0, 0.2, 0.6), (0.0, -1.0, 2.0)])
+@example([(-1.0, 0.2, 0.6)])
+@example([(3.0, -2.0, 0.5)])
+def test_bounds_that_exclude_zero_scale_the_way_from_the_slowest_motion_they_allow(joints):
+    velocity, lower, width = (np.array(column) for column in zip(*joints))
+    upper = lower + width
+    solution = bounded(velocity, lower, upper)
+    assert (solution.velocity >= lower).all() and (solution.velocity <= upper).all()
+    slowest = np.sign(lower + upper) * np.minimum(abs(lower), abs(upper))
+    slowest[(lower <= 0.0) & (upper >= 0.0)] = 0.0
+    way = velocity - slowest
+    assert 0.0 <= solution.scale <= 1.0
+    np.testing.assert_allclose(solution.velocity - slowest, solution.scale * way, rtol=1e-9,
+                               atol=3e-9 * np.abs(way).max() + 1e-300)
+    # No larger factor would do.
+    if solution.scale < 1.0:
+        beyond = slowest + min(1.0, solution.scale + 1e-6) * way
+        assert (beyond > upper).any() or (beyond < lower).any()
+    else:
+        assert ((velocity >= lower - 1e-8 * np.abs(way).max())
+                & (velocity <= upper + 1e-8 * np.abs(way).max())).all()
+
+
+def test_braking_joint_is_where_uniform_scaling_begins():
+    # Joint 1 must move at least 0.2; from (0.2, 0) to (1, 2) the second bound is met half way.
+    solution = bounded([1.0, 2.0], [0.2, -1.0], [2.0, 1.0])
+    assert solution.velocity == pytest.approx([0.6, 1.0])
+    assert (solution.scale, solution.limiting) == (0.5, 1)
+
+
+def test_one_sided_bounds_leave_the_other_side_free():
+    assert bounded([1.0, -50.0], None, np.array([0.5, 1.0])).velocity == pytest.approx(
+        [0.5, -25.0])
+    assert bounded([1.0, -50.0], np.array([-1.0, -1.0]), None).velocity == pytest.approx(
+        [0.02, -1.0])
+
+
+def test_uniform_scaling_names_the_joint_that_decided_and_its_side():
+    for sign in (1.0, -1.0):
+        solution = bounded([0.5, sign * 4.0], [-1.0, -1.0], [1.0, 1.0])
+        level = solution.levels[0]
+        assert level.multipliers.tolist() == [0.0, sign]
+        assert level.limited_by == [1]
+        assert level.limited_velocity.tolist() == solution.velocity.tolist()
+        assert level.velocity == pytest.approx([0.5, sign * 4.0])
+
+
 def test_scaling_keeps_the_direction_of_every_task():
     levels = random_levels(np.random.default_rng(11), 6, [2, 2])
     free = solve(levels)
@@ -528,8 +578,22 @@ def test_closing_level_settles_exactly_what_the_others_leave_free():
     ([(np.eye(2), np.ones((2, 1)))], 'level 1: J must be'),
     ([(np.eye(2), np.ones(2)), (np.eye(3), np.ones(3))], r'number of joints: \[2, 3\]'),
     ([(np.eye(2), np.ones(2)), 5], 'level 2: needs J'),
-    ([([[1.0, 2.0], [3.0]], [1.0, 2.0])], 'level 1: needs J'),
-    ([(np.eye(2), ['a', 'b'])], 'level 1: needs J'),
+    ([([[1.0, 2.0], [3.0]], [1.0, 2.0])], 'level 1: J must be'),
+    ([(np.eye(2), ['a', 'b'])], 'level 1: J must be'),
+    ([Level(np.eye(2))], 'level 1: needs v, or a bound'),
+    ([Level(np.eye(2), np.ones(2)), Level(np.eye(2), np.ones(2), lower=np.zeros(2))],
+     'level 2: has a wanted velocity v and bounds'),
+    ([Level(np.eye(2), lower=np.zeros(3))], 'level 1: bounds must be 2 numbers'),
+    ([Level(np.eye(2), lower=np.zeros((2, 1)))], 'level 1: lower'),
+    ([Level(np.eye(2), upper=['a', 'b'])], 'level 1: upper'),
+    ([Level(np.eye(2), lower=[0.0, 1.0], upper=[0.0, 0.5])], 'level 1: bounds need lower ≤ upper'),
+    ([Level(np.eye(2), lower=[0.0, math.nan])], 'level 1: bounds need lower ≤ upper'),
+    ([Level(np.eye(2), lower=[0.0, math.inf])], 'level 1: bounds need lower ≤ upper'),
+    ([Level(np.eye(2), upper=[0.0, -math.inf])], 'level 1: bounds need lower ≤ upper'),
+    ([Level(np.eye(2), np.ones(2), mode='scaled')], "level 1: unknown mode.*mean 'scale'"),
+    ([Level(np.eye(2), lower=np.zeros(2), mode='scale')], 'level 1: bounds have no direction'),
+    ([Level(np.eye(2), lower=np.zeros(2)), (np.eye(2), np.ones(2)),
+      Level(np.eye(2), np.ones(2), 'scale')], 'level 3: mode scale .* bounds of level 1 above'),
 ])
 def test_levels_that_do_not_fit_together_are_refused(levels, message):
     with pytest.raises(SolverError, match=message):
@@ -550,18 +614,39 @@ def test_numbers_that_are_not_finite_are_refused(bad, n, m):
 
 
 @pytest.mark.parametrize('lower, upper, message', [
-    ([-1.0, -1.0], None, 'together'),
-    (None, [1.0, 1.0], 'together'),
-    ([-1.0, -1.0], [1.0], 'must be 2 numbers'),
-    ([-1.0] * 3, [1.0] * 3, 'must be 2 numbers'),
-    ([0.1, -1.0], [1.0, 1.0], 'must hold zero'),
-    ([-1.0, -1.0], [1.0, -0.1], 'must hold zero'),
-    ([-1.0, math.nan], [1.0, 1.0], 'must hold zero'),
-    ([-1.0, -1.0], [math.nan, 1.0], 'must hold zero'),
+    ([-1.0, -1.0], [1.0], 'lower and upper: bounds must be 2 numbers'),
+    ([-1.0] * 3, [1.0] * 3, 'lower and upper: bounds must be 2 numbers'),
+    ([-1.0], None, 'bounds must be 2 numbers'),
+    (-1.0, 1.0, 'lower and upper: lower'),
+    (None, [[1.0, 1.0]], 'lower and upper: upper'),
+    ([0.1, -1.0], [0.0, 1.0], 'lower ≤ upper'),
+    ([-1.0, math.nan], [1.0, 1.0], 'lower ≤ upper'),
+    ([-1.0, -1.0], [math.nan, 1.0], 'lower ≤ upper'),
+    ([-1.0, math.inf], None, 'lower ≤ upper'),
+    (None, [1.0, -math.inf], 'lower ≤ upper'),
 ])
-def test_bounds_that_do_not_fit_are_refused(lower, upper, message):
+@pytest.mark.parametrize('scaling', SCALINGS)
+def test_bounds_that_do_not_fit_are_refused(lower, upper, message, scaling):
     with pytest.raises(SolverError, match=message):
-        solve([(np.eye(2), np.ones(2))], lower, upper)
+        solve([(np.eye(2), np.ones(2))], lower, upper, scaling=scaling)
+
+
+@pytest.mark.parametrize('cap', [1.0, [1.0], [1.0, math.nan], [[1.0, 1.0]], ['a', 'b']])
+def test_speed_cap_that_does_not_fit_is_refused(cap):
+    with pytest.raises(SolverError, match='speed_cap'):
+        solve([(np.eye(2), np.ones(2))], -np.ones(2), np.ones(2), scaling='redistribute',
+              speed_cap=cap)
+
+
+def test_uniform_scaling_and_the_sequential_form_refuse_what_they_cannot_do():
+    rows = Level(np.eye(2), upper=np.ones(2))
+    for bounds in ((None, None), (-np.ones(2), np.ones(2))):
+        with pytest.raises(SolverError, match='bounds need scaling redistribute'):
+            solve([rows, (np.eye(2), np.ones(2))], *bounds, scaling='uniform')
+    with pytest.raises(SolverError, match='sequential goes with scaling uniform'):
+        solve([(np.eye(2), np.ones(2))], method='sequential', scaling='redistribute')
+    with pytest.raises(SolverError, match='bounds need scaling redistribute'):
+        solve([rows, (np.eye(2), np.ones(2))], method='sequential', scaling='uniform')
 
 
 @pytest.mark.parametrize('weights', [[1.0], [1.0, 0.0], [1.0, -1.0], [1.0, math.nan],
@@ -574,13 +659,15 @@ def test_weights_that_are_not_positive_numbers_are_refused(weights):
 def test_unknown_method_and_scaling_are_refused_with_the_valid_ones():
     with pytest.raises(SolverError, match='did you mean.*recursive'):
         solve([(np.eye(2), np.ones(2))], method='recursiv')
-    with pytest.raises(SolverError, match='valid: uniform'):
+    with pytest.raises(SolverError, match='valid: redistribute, uniform'):
         solve([(np.eye(2), np.ones(2))], scaling='clip')
 
 
 @pytest.mark.parametrize('options', [
     {'damping': math.nan}, {'damping': -1.0}, {'damping': math.inf}, {'damping': 'x'},
     {'singular_region': math.nan}, {'singular_region': -0.1}, {'rank_tolerance': -1.0},
+    {'release_region': math.inf}, {'release_region': -0.1}, {'regularisation': math.nan},
+    {'regularisation': -0.1}, {'regularisation': True}, {'damping': [0.1]},
 ])
 def test_options_that_make_no_sense_are_named(options):
     with pytest.raises(SolverError, match=next(iter(options))):

@@ -298,7 +298,7 @@ class Hover(Position):
     described = task_types()['hover'].described_keys()
     assert described['height'] == 'height above the goal [m]'
     assert set(described) == {'height', 'frame', 'reference', 'axes', 'gain', 'tolerance',
-                              'timeout'}
+                              'timeout', 'mode'}
 
 
 def test_package_whose_type_cannot_be_loaded_is_named(registry, monkeypatch):

@@ -37,8 +37,10 @@ GOALS = 6
 # End-effector goals [m]: the first cannot be reached with joint 1 at zero, the second can.
 CONFLICT, COMPATIBLE = (0.5, 1.2), (0.75, 0.9)
 ORDERS = {'end-effector first': 'lab2_end_effector_first', 'joint 1 first': 'lab2_joint_first'}
-LECTURE_DAMPING = Settings(period=PERIOD, damping=0.1, singular_region=math.inf)
-UNDAMPED = Settings(period=PERIOD, damping=0.0)
+# The lecture scales uniformly, gives nothing up near singularities, and its commands jump.
+LECTURE = {'scaling': 'uniform', 'release_region': 0.0, 'blend': 0.0}
+LECTURE_DAMPING = Settings(period=PERIOD, damping=0.1, singular_region=math.inf, **LECTURE)
+UNDAMPED = Settings(period=PERIOD, damping=0.0, **LECTURE)
 # Of exercise 1 after 10 s at 60 Hz, from a program that was written apart from this one. The
 # motion is a property of the step length: at 1 kHz the end-effector error is 0.1 mm.
 REFERENCE_ERROR = 1.733e-3

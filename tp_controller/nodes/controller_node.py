@@ -90,6 +90,7 @@ class ControllerNode(Node):
         self._stopped = self._status_due = False
         self._hold = 'no robot description yet'
         self._last_cycle = self._now()
+        self._last_robot_time = self._robot_time()
         robot = self._make_robot()
         if robot is not None:
             self._set_robot(robot)
@@ -119,6 +120,11 @@ class ControllerNode(Node):
         """Return the longest time between two commands [s]."""
         rate = self._values['rate']
         return 1.0 / rate if rate > 0.0 else self._values['state_timeout']
+
+    def _robot_time(self):
+        """Return the time that passes for the robot [s]: a simulation may have its own."""
+        clock = self.get_clock()
+        return clock.now().nanoseconds * 1e-9 if clock.ros_time_is_active else self._now()
 
     def _settings_of(self, values):
         """Return the settings that parameter values make."""
@@ -238,14 +244,16 @@ class ControllerNode(Node):
 
     def _cycle(self):
         """Command velocities, or zeros where something is missing."""
-        now = self._now()
-        self._last_cycle = now
+        now, robot_time = self._now(), self._robot_time()
+        elapsed = robot_time - self._last_robot_time
+        self._last_cycle, self._last_robot_time = now, robot_time
         if self._buffer is None:
             return
         hold = self._reason_to_hold(now)
         if not hold:
             try:
-                command = self._controller.update(self._buffer.q, now, self._buffer.passive)
+                command = self._controller.update(self._buffer.q, now, self._buffer.passive,
+                                                  elapsed)
                 self._report = command.report
                 self._topics.changed = False
                 self._command_view[:] = command.velocity[self._order]
@@ -301,6 +309,7 @@ class ControllerNode(Node):
 
     def _publish_zeros(self):
         """Command no motion."""
+        self._controller.halt(self._now())
         self._command_view[:] = 0.0
         self._commands.publish(self._command)
 

@@ -19,10 +19,12 @@ import inspect
 import math
 
 import numpy as np
-from tp_controller.errors import GoalError, RobotError, TaskError
+from tp_controller.errors import GoalError, RobotError, TaskError, unknown
+from tp_controller.level import MODES
 
 DEFAULT_GAIN = 1.0
 DEFAULT_TIMEOUT = 0.5
+DEFAULT_MODE = 'least_squares'
 DEFAULT_TOLERANCE = {'m': 1e-3, 'rad': 5e-3}
 # Numbers beyond this are taken for a mistake; they would only overflow further on.
 LARGEST = 1e6
@@ -52,6 +54,8 @@ class Task(ABC):
         Goal in force, as `parse_goal` returns it; None before the task has started.
     held : bool
         The goal is only the value that the task had when it started.
+    mode : str
+        See `tp_controller.level.Level`.
     last_error : ndarray (rows,)
         Error at the last `evaluate`.
     reference : str or None
@@ -72,6 +76,8 @@ class Task(ABC):
         'tolerance': 'error below which the goal counts as reached: a number, or one for each '
                      'unit as {m: …, rad: …} [m, rad]',
         'timeout': 'how long a feed-forward velocity stays in force [s]',
+        'mode': 'what happens where a limit is in the way: least_squares comes as near to the '
+                'wanted velocity as possible, scale keeps its direction and slows down',
     }
 
     def __init_subclass__(cls, **options):
@@ -81,7 +87,7 @@ class Task(ABC):
             Task.types[cls.type_name] = cls
 
     def __init__(self, robot, name, units, keys, *, gain=DEFAULT_GAIN, tolerance=None,
-                 timeout=DEFAULT_TIMEOUT):
+                 timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
         self.robot = robot
         self.name = name
         self.units = tuple(units)
@@ -89,6 +95,7 @@ class Task(ABC):
         self.gain = keys.check('gain', _gain, gain, None if keys.faults else self.rows)
         self.groups = keys.check('tolerance', _groups, self.units, tolerance)
         self.timeout = keys.check('timeout', positive, timeout)
+        self.mode = keys.check('mode', _mode, mode)
         self.goal = None
         self.held = False
         self.last_error = np.zeros(self.rows)
@@ -299,6 +306,13 @@ def finite_vector(values, size, what):
     if not (np.abs(vector) <= LARGEST).all():
         raise GoalError(f'{what} must be finite and at most {LARGEST:g}, got {vector.tolist()}')
     return vector
+
+
+def _mode(mode):
+    """Return a mode of `Level`, or raise ValueError."""
+    if mode not in MODES:
+        raise ValueError(unknown('mode', mode, MODES))
+    return mode
 
 
 def _gain(gain, rows):

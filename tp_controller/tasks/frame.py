@@ -17,6 +17,7 @@
 import numpy as np
 from tp_controller.tasks.base import (
     DEFAULT_GAIN,
+    DEFAULT_MODE,
     DEFAULT_TIMEOUT,
     finite_vector,
     has_shape,
@@ -63,7 +64,7 @@ class FrameTask(Task):
     twist_rows = slice(0, 6)
 
     def __init__(self, robot, name, *, frame, reference=None, axes=None, gain=DEFAULT_GAIN,
-                 tolerance=None, timeout=DEFAULT_TIMEOUT):
+                 tolerance=None, timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
         keys = Keys()
         self.frame = keys.check('frame', robot.check_frame, frame)
         self.reference = keys.check('reference', robot.check_frame,
@@ -77,7 +78,7 @@ class FrameTask(Task):
         self._mask = slice(mask[0], mask[-1] + 1) if _contiguous(mask) else mask
         self._in_root = self.reference == robot.root
         super().__init__(robot, name, units, keys, gain=gain, tolerance=tolerance,
-                         timeout=timeout)
+                         timeout=timeout, mode=mode)
         keys.raise_faults(name)
 
     @classmethod

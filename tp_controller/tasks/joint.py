@@ -20,7 +20,14 @@ import numpy as np
 from tp_controller.errors import GoalError, unknown
 from tp_controller.level import identity
 from tp_controller.spatial import wrap_angle
-from tp_controller.tasks.base import DEFAULT_GAIN, DEFAULT_TIMEOUT, finite_vector, Keys, Task
+from tp_controller.tasks.base import (
+    DEFAULT_GAIN,
+    DEFAULT_MODE,
+    DEFAULT_TIMEOUT,
+    finite_vector,
+    Keys,
+    Task,
+)
 from tp_controller.tasks.velocity import VelocityTask
 
 
@@ -100,10 +107,10 @@ class Joint(JointTask):
     keys = {'target': 'goal at the start, {joint: position} or a list [rad or m]'}
 
     def __init__(self, robot, name, *, joints, target=None, gain=DEFAULT_GAIN, tolerance=None,
-                 timeout=DEFAULT_TIMEOUT):
+                 timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
         keys = Keys()
         super().__init__(robot, name, keys, joints, gain=gain, tolerance=tolerance,
-                         timeout=timeout)
+                         timeout=timeout, mode=mode)
         self._wrapped = robot.continuous[self._indices]
         self._wraps = bool(self._wrapped.any())
         self._held_rows = np.zeros(self.rows, dtype=bool)
@@ -186,9 +193,9 @@ class Posture(Joint):
     type_name = 'posture'
 
     def __init__(self, robot, name, *, joints=None, target=None, gain=DEFAULT_GAIN,
-                 tolerance=None, timeout=DEFAULT_TIMEOUT):
+                 tolerance=None, timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
         super().__init__(robot, name, joints=joints, target=target, gain=gain,
-                         tolerance=tolerance, timeout=timeout)
+                         tolerance=tolerance, timeout=timeout, mode=mode)
 
 
 class JointVelocity(VelocityTask, JointTask):
@@ -203,9 +210,9 @@ class JointVelocity(VelocityTask, JointTask):
     goal_type = 'joint_velocities'
     feed_forward_type = None
 
-    def __init__(self, robot, name, *, joints=None, timeout=DEFAULT_TIMEOUT):
+    def __init__(self, robot, name, *, joints=None, timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
         keys = Keys()
-        super().__init__(robot, name, keys, joints, timeout=timeout)
+        super().__init__(robot, name, keys, joints, timeout=timeout, mode=mode)
         keys.raise_faults(name)
 
 

@@ -14,7 +14,7 @@
 
 """A wanted velocity of a frame (slides (1)-(5): linear and angular velocity of a link)."""
 
-from tp_controller.tasks.base import DEFAULT_TIMEOUT
+from tp_controller.tasks.base import DEFAULT_MODE, DEFAULT_TIMEOUT
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.velocity import VelocityTask
 
@@ -30,6 +30,6 @@ class Twist(VelocityTask, FrameTask):
     type_name = 'twist'
 
     def __init__(self, robot, name, *, frame, reference=None, axes=None,
-                 timeout=DEFAULT_TIMEOUT):
+                 timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
         super().__init__(robot, name, frame=frame, reference=reference, axes=axes,
-                         timeout=timeout)
+                         timeout=timeout, mode=mode)

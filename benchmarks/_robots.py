@@ -1,0 +1,75 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Robots that the benchmarks share: those of this repository and of example-robot-data."""
+
+from importlib.metadata import distribution
+from pathlib import Path
+
+from tp_controller import Robot
+
+CONFIG = Path(__file__).resolve().parent.parent / 'config'
+PANDA_READY = (0.3, -0.5, 0.2, -2.0, 0.1, 1.6, 0.8)
+BAXTER_JOINTS = [f'{side}_{joint}' for side in ('left', 'right')
+                 for joint in ('s0', 's1', 'e0', 'e1', 'w0', 'w1', 'w2')]
+TALOS_JOINTS = [f'torso_{number}_joint' for number in (1, 2)] + \
+    [f'head_{number}_joint' for number in (1, 2)] + \
+    [f'arm_{side}_{number}_joint' for side in ('left', 'right') for number in range(1, 8)]
+ARM_READY = (0.3, 0.5, -0.4, -1.4, 0.2, 0.1, 0.1)
+TALOS_READY = (0.1, 0.2, 0.05, 0.1, *ARM_READY, *(-value for value in ARM_READY[:3]),
+               *ARM_READY[3:])
+# An arm of ten equal links in a plane, 2 m long.
+PLANAR = [{'name': f'joint{number}', 'a': 0.2, 'lower': -2.0, 'upper': 2.0, 'velocity': 2.0}
+          for number in range(1, 11)]
+# {name: (file name in example-robot-data, joints)}
+URDFS = {'UR5': ('ur5_robot.urdf', None), 'Baxter': ('baxter.urdf', BAXTER_JOINTS),
+         'Talos': ('talos_reduced.urdf', TALOS_JOINTS)}
+
+
+def load_robot(name, acceleration=None, limits=None):
+    """
+    Return a robot.
+
+    Parameters
+    ----------
+    name : str
+        ``Panda``, ``planar 10R``, or one of `URDFS`.
+    acceleration : float, optional
+        Limit of every joint [rad/s²]; none by default.
+    limits : dict, optional
+        Single limits, {joint: {limit: value}}; instead of `acceleration`.
+
+    Returns
+    -------
+    Robot
+
+    """
+    if acceleration is None:
+        return _load(name, limits)
+    joints = _load(name, None).joint_names
+    return _load(name, {joint: {'acceleration': acceleration} for joint in joints})
+
+
+def _load(name, limits):
+    """Return a robot with some limits replaced."""
+    if name == 'Panda':
+        return Robot.from_file(CONFIG / 'robots' / 'panda.yaml', limits=limits)
+    if name == 'planar 10R':
+        table = [{**row, **(limits or {}).get(row['name'], {})} for row in PLANAR]
+        return Robot.from_dh(table)
+    file_name, joints = URDFS[name]
+    installed = distribution('example-robot-data')
+    path = next(installed.locate_file(file) for file in installed.files
+                if file.name == file_name)
+    return Robot.from_urdf(str(path), joints=joints, limits=limits)

@@ -1,0 +1,174 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Compare what to do where joints are too fast, on the same random states (see docs/limits.md).
+
+Run as ``python benchmarks/limits.py``. Positions are drawn evenly from the ranges of the joints;
+every level wants a random direction, the first at 0.3 to 2 (metres, or metres and radians, per
+second), the others at 0.3 to 2 rad/s, or, the posture, at up to half the speed limits.
+"""
+
+import argparse
+
+from _robots import load_robot
+import numpy as np
+from tp_controller import Settings, Stack
+from tp_controller.level import Level
+from tp_controller.limits import VelocityLimits
+from tp_controller.solver import Solver
+
+SEED = 0
+STATES = 1000
+SPEEDS = 0.3, 2.0
+# The first level counts as carried out in full up to this share of its speed.
+FULL = 0.01
+# Directions of slower motions are rounding [m/s].
+SLOWEST = 1e-6
+TWO_LEVELS = """
+- position: {type: position, frame: panda_hand_tcp}
+- orientation: {type: orientation, frame: panda_hand_tcp}
+"""
+THREE_LEVELS = """
+- position: {type: position, frame: panda_hand_tcp}
+- direction: {type: orientation, frame: panda_hand_tcp, axes: xy}
+- posture: {type: posture}
+"""
+ARMS = """
+- grip: {type: pose, frame: left_gripper, reference: right_gripper}
+- left: {type: position, frame: left_gripper}
+- posture: {type: posture}
+"""
+# {name: (robot, stack, whether position limits count, too)}
+CASES = {
+    'Panda, position > orientation': ('Panda', TWO_LEVELS, False),
+    'Panda, position > two axes of orientation > posture': ('Panda', THREE_LEVELS, False),
+    'the same with position limits': ('Panda', THREE_LEVELS, True),
+    'Baxter, relative pose > left position > posture': ('Baxter', ARMS, False),
+}
+
+
+def solver(robot, scaling):
+    """Return a solver with the default settings, but for the scaling."""
+    settings = Settings()
+    return Solver(robot.n, None, damping=settings.damping, scaling=scaling,
+                  singular_region=settings.singular_region,
+                  release_region=settings.release_region,
+                  regularisation=settings.regularisation, method=settings.method,
+                  rank_tolerance=settings.rank_tolerance)
+
+
+def methods(robot):
+    """Return {name: function (levels, lower, upper) -> velocity (n,)}."""
+    uniform, redistribute = solver(robot, 'uniform'), solver(robot, 'redistribute')
+    cap = (1.0 - Settings().reserve) * robot.velocity
+
+    def scaled_first(levels, lower, upper):
+        first = Level(levels[0].J, levels[0].v, 'scale')
+        return redistribute.solve([first, *levels[1:]], lower, upper, cap).velocity
+
+    return {
+        'uniform': lambda *given: uniform.solve(*given).velocity,
+        'clip': lambda levels, *bounds: np.clip(uniform.solve(levels).velocity, *bounds),
+        'redistribute, least_squares': lambda *given: redistribute.solve(*given, cap).velocity,
+        'redistribute, first level scale': scaled_first,
+    }
+
+
+def states(robot, stack, positions_count, count):
+    """Yield random levels, and bounds on the velocities."""
+    random = np.random.default_rng(SEED)
+    limits = VelocityLimits(robot, Settings().period, Settings().braking_gain)
+    state = robot.state(robot.neutral())
+    for _ in range(count):
+        state.update(random.uniform(robot.lower, robot.upper))
+        levels = []
+        for task in stack.tasks.values():
+            if task.type_name == 'posture':
+                v = 0.5 * robot.velocity * random.uniform(-1.0, 1.0, robot.n)
+            else:
+                v = random.standard_normal(task.rows)
+                v *= random.uniform(*SPEEDS) / np.linalg.norm(v)
+            levels.append(Level(task.jacobian(state), v))
+        if positions_count:
+            bounds = limits.at(state.q, np.zeros(robot.n), Settings().period)
+            yield levels, bounds.lower, bounds.upper
+        else:
+            yield levels, -robot.velocity, robot.velocity
+
+
+def qualities(levels, velocity, unlimited):
+    """
+    Return how well levels are carried out, the first beside what it is without limits.
+
+    Returns
+    -------
+    full : bool
+        Whether the first is carried out in full.
+    scale : float
+        Its speed in its direction without limits, over its speed there.
+    angle : float
+        Between its directions with and without limits [degrees]; NaN at rest.
+    errors : list of float
+        Of the levels below, relative.
+
+    """
+    relative = [np.linalg.norm(level.v - level.J.dot(velocity)) / np.linalg.norm(level.v)
+                for level in levels[1:]]
+    wanted, achieved = levels[0].J.dot(unlimited), levels[0].J.dot(velocity)
+    along = wanted.dot(achieved)
+    size, speed = np.linalg.norm(wanted), np.linalg.norm(achieved)
+    angle = np.degrees(np.arccos(np.clip(along / (size * speed), -1.0, 1.0))) \
+        if speed > SLOWEST else np.nan
+    full = np.linalg.norm(wanted - achieved) <= FULL * size
+    return full, along / size ** 2, angle, relative
+
+
+def compare(name, count=STATES):
+    """Return {method: (full, scales, angles, errors)}, arrays over the states of a case."""
+    robot_name, stack_text, positions_count = CASES[name]
+    robot = load_robot(robot_name)
+    stack = Stack.from_yaml(stack_text, robot)
+    functions, free = methods(robot), solver(robot, 'uniform')
+    found = {method: [] for method in functions}
+    for levels, lower, upper in states(robot, stack, positions_count, count):
+        unlimited = free.solve(levels).velocity
+        for method, function in functions.items():
+            found[method].append(qualities(levels, function(levels, lower, upper),
+                                           unlimited))
+    return {method: tuple(np.array(column) for column in zip(*rows))
+            for method, rows in found.items()}
+
+
+def main():
+    """Compare and print."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--states', type=int, default=STATES)
+    options = parser.parse_args()
+    print('| stack | method | first task in full | its speed, mean / 5th percentile '
+          '| its direction is off, mean / 95th percentile | relative error of the levels below |')
+    print('| --- | --- | --- | --- | --- | --- |')
+    for name in CASES:
+        shown = name
+        for method, (full, scales, angles, errors) in compare(name, options.states).items():
+            below = ', '.join(f'{value:.2f}' for value in errors.mean(axis=0))
+            print(f'| {shown} | {method} | {100.0 * full.mean():.1f} % '
+                  f'| {scales.mean():.2f} / {np.percentile(scales, 5):.2f} '
+                  f'| {np.nanmean(angles):.1f}° / {np.nanpercentile(angles, 95):.1f}° '
+                  f'| {below} |')
+            shown = ''
+
+
+if __name__ == '__main__':
+    main()

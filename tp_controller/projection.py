@@ -1,0 +1,140 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A level, seen by what the levels above left free."""
+
+import math
+
+import numpy as np
+from scipy.linalg import lapack
+from tp_controller.errors import SolverError
+from tp_controller.level import identity
+
+# Fully released below this share of the release region.
+RELEASED = 0.1
+
+
+class Projection:
+    """
+    The singular value decomposition of a projected level, J Z = U diag(s) Vᵀ.
+
+    Attributes
+    ----------
+    level : Level
+    tolerance : float
+        Singular values up to this count as zero.
+    rank : int
+        Singular values that are not zero.
+    smallest : float
+        m-th singular value, 0 where there are fewer.
+    U : ndarray (m, rank)
+        Directions of the task that can move.
+    s : ndarray (rank,)
+        Their singular values, the largest first.
+    gains : ndarray (rank,)
+        Their damped inverses.
+    directions : ndarray (n, k)
+        Z V: the motions of the joints that belong to `U`, then those that do not move the task.
+    remaining : ndarray (n, k')
+        What is left free for the levels below: the motions that do not move the task, and, as
+        far as they are released, those along nearly singular directions.
+    orthonormal : bool
+        Whether the columns of `remaining` are.
+    released : float
+        Largest singular value that is at least partly released, 0 where none is.
+
+    """
+
+    __slots__ = ('level', 'tolerance', 'rank', 'smallest', 'U', 's', 'gains', 'directions',
+                 'remaining', 'orthonormal', '_given_orthonormal', 'released')
+
+    def __init__(self, level, Z, orthonormal, tolerance, damping, singular_region,
+                 release_region):
+        self.level, self.tolerance = level, tolerance
+        self._given_orthonormal = self.orthonormal = orthonormal
+        self.released = 0.0
+        whole = level.J is identity(len(Z))
+        J_bar = Z if whole else level.J.dot(Z)
+        rows, columns = J_bar.shape
+        if rows == 0 or columns == 0:
+            self._nothing(Z, rows)
+            return
+        if whole and orthonormal:
+            U, s, V_T = Z, np.ones(columns), identity(columns)
+        else:
+            U, s, V_T, info = lapack.dgesdd(J_bar)
+            if info != 0:
+                raise SolverError('the levels hold numbers that are not finite')
+        self.rank = rank = int(np.count_nonzero(s > tolerance))
+        self.smallest = float(s[rows - 1]) if rows <= columns else 0.0
+        self.s = s = s[:rank]
+        self.U = U[:, :rank]
+        self.directions = Z if whole and orthonormal else Z.dot(V_T.T)
+        self.gains = damped_inverse(s, damping, singular_region)
+        self.remaining = self.directions[:, rank:]
+        if rank and s[-1] < release_region:
+            self._release(release_region)
+
+    def _nothing(self, Z, rows):
+        """Describe a level without rows, or one that was left nothing."""
+        self.rank, self.smallest = 0, 0.0
+        self.U, self.s, self.gains = np.zeros((rows, 0)), np.zeros(0), np.zeros(0)
+        self.directions = self.remaining = Z
+
+    def _release(self, region):
+        """Give weak directions up to the levels below, smoothly from `region` on downwards."""
+        weak = int(np.count_nonzero(self.s >= region))
+        share = (self.s[weak:] / region - RELEASED) / (1.0 - RELEASED)
+        kept = np.clip(share, 0.0, 1.0)
+        given = 1.0 - kept * kept * (3.0 - 2.0 * kept)
+        self.orthonormal, self.released = False, float(self.s[weak])
+        self.remaining = np.hstack([self.directions[:, weak:self.rank] * given, self.remaining])
+
+    def coordinates(self, motion):
+        """Return the a (k,) whose `directions`·a is nearest to a motion of the joints (n,)."""
+        if self._given_orthonormal:
+            return self.directions.T.dot(motion)
+        return np.linalg.lstsq(self.directions, motion, rcond=None)[0]
+
+    def step(self, residual):
+        """Return the motion (n,) that takes a residual (m,) away, J̄^# residual."""
+        return self.directions[:, :self.rank].dot(self.gains * self.U.T.dot(residual))
+
+
+def damped_inverse(s, damping, singular_region):
+    """
+    Return the damped inverse of singular values, s / (s² + λ²) with λ only where it is needed.
+
+    Parameters
+    ----------
+    s : ndarray (k,)
+        Positive singular values, the smallest last.
+    damping, singular_region : float
+        See `tp_controller.solver.solve`.
+
+    Returns
+    -------
+    ndarray (k,)
+
+    """
+    if damping == 0.0 or not len(s) or s[-1] >= singular_region:
+        return 1.0 / s
+    needed = np.maximum(1.0 - (s / singular_region) ** 2, 0.0)
+    return s / (s * s + damping * damping * needed)
+
+
+def frobenius(J):
+    """Return the Frobenius norm."""
+    entries = J.ravel('K')
+    return math.sqrt(entries.dot(entries))

@@ -1,0 +1,351 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Velocity limits met level by level: what one joint cannot do, the others take over.
+
+Let ζ_k be the velocities that the recursion of `tp_controller.solver` has found, without bounds,
+after level k, and ζ the last of them. Within the bounds x is looked for that comes as near to
+them as possible, first as level 1 sees it, then, among those, as level 2 sees it, and so on:
+level k minimises ‖J_k (x − ζ_k)‖. Where nothing is bounded the answer is ζ; where something is,
+the levels give way from the last one on.
+
+Each level moves x in the coordinates a of its own singular directions Q = Z V, which do not move
+the levels above. With a° for the motion that takes J_k (ζ_k − x) away it solves ::
+
+    minimise    Σ s_i² (a_i − a°_i)² + μ² ‖a − c‖²
+    subject to  lower ≤ x + Q a ≤ upper,  and the rows of the levels with bounds above,
+
+first with c = a°, then with c at that answer. The regularisation μ decides among equally good
+answers; it keeps them from jumping from one corner of the bounds to another. If a° fits, it is
+the answer of both: so there is no jump either where the bounds begin to matter. The first level
+moves no joint without need, so that it is seen how much room it leaves; in the others a° also
+holds what the levels below will want, as far as it is within the bounds. All programs are
+strictly convex and small, and x itself is always feasible.
+"""
+
+from functools import lru_cache
+
+import daqp
+import numpy as np
+from tp_controller.level import identity
+from tp_controller.solution import Stage
+
+# What a velocity may exceed a bound by and be cut off, relative to its size.
+ROUNDING = 1e-12
+# What a row may be off its bound.
+FEASIBLE = 1e-11
+# How exactly a program keeps its bounds; the second where rounding at a corner defeats the first.
+TOLERANCES = (1e-11, 1e-8)
+# For an exact answer the regularisation begins at this share of the largest singular value, and
+# its square shrinks by this factor until nothing changes or rounding would take over.
+EXACT_REGULARISATION = 3e-2
+EXACT_DECREASE = 0.1
+EXACT_REPETITIONS = 8
+CONVERGED = 1e-12
+# Cost of moving the joints in mode scale, against the cost of being slow.
+SCALE_REGULARISATION = 1e-3
+
+
+def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation):
+    """
+    Carry out levels within bounds.
+
+    Parameters
+    ----------
+    levels : list of Level
+        The highest priority first.
+    unbounded : list of Stage
+        What the recursion made of them.
+    start : ndarray (n, n)
+        W^{-1/2}, the diagonal matrix that turns weights into a change of variables.
+    bounds : (ndarray (n,), ndarray (n,))
+        Lower and upper bounds on the velocities.
+    shared_bounds : (ndarray (n,), ndarray (n,))
+        The same for what comes after the first level that wants a velocity.
+    regularisation : float
+        μ, in the units of J; 0: exact.
+
+    Returns
+    -------
+    velocity : ndarray (n,)
+        Within the bounds, exactly.
+    stages : list of Stage
+        For each level.
+
+    """
+    wanted = unbounded[-1].velocity if unbounded else np.zeros(len(start))
+    nearest = next((stage.velocity for stage in unbounded if stage.projection is not None),
+                   wanted)
+    cascade = _Cascade(nearest, wanted, bounds, start, regularisation)
+    stages, first = [], True
+    for level, stage in zip(levels, unbounded):
+        if level.v is None:
+            stages.append(cascade.keep(level))
+            continue
+        carry_out = cascade.scale if level.mode == 'scale' else cascade.carry_out
+        stages.append(carry_out(level, stage))
+        if first:
+            cascade.narrow(shared_bounds)
+            first = False
+    cascade.finish(unbounded)
+    return cascade.x, stages
+
+
+def within(x, lower, upper):
+    """Return x (n,) without what rounding put beyond its bounds; None if it is farther off."""
+    if not (np.count_nonzero(x > upper) or np.count_nonzero(x < lower)):
+        return x
+    clipped = clip(x, lower, upper)
+    excess = clipped - x
+    return clipped if excess.dot(excess) <= ROUNDING ** 2 * x.dot(x) else None
+
+
+def meets(level, x):
+    """Say whether velocities x (n,) are within the bounds of a level."""
+    values = level.J.dot(x)
+    return not (np.count_nonzero(values > level.upper + FEASIBLE)
+                or np.count_nonzero(values < level.lower - FEASIBLE))
+
+
+def clip(x, lower, upper):
+    """Return x (n,) within bounds."""
+    return np.minimum(np.maximum(x, lower), upper)
+
+
+class _Cascade:
+    """The velocity x that the levels so far agree on, what they left free, and what bounds it."""
+
+    def __init__(self, first, wanted, bounds, start, regularisation):
+        self._wanted = wanted
+        self.x = clip(first, *bounds)
+        self._lower, self._upper = bounds
+        # Where levels move to what they have no wish for: the first one stays where it is.
+        self._centre = None
+        self._start = start
+        self._Z = start
+        self._rows = np.zeros((0, len(start)))
+        self._row_lower = self._row_upper = np.zeros(0)
+        self._regularisation = regularisation
+
+    def narrow(self, bounds):
+        """Give the levels from here on less room; where x uses more already, just that."""
+        lower, upper = bounds
+        self._lower = np.minimum(np.maximum(self._lower, lower), self.x)
+        self._upper = np.maximum(np.minimum(self._upper, upper), self.x)
+        # From here on, what a level leaves open goes where the levels below will want it.
+        self._centre = clip(self._wanted, self._lower, self._upper)
+
+    def carry_out(self, level, stage):
+        """Come as near to what a level wants as the bounds allow; return its `Stage`."""
+        projection = stage.projection
+        aim = projection.U.T.dot(level.J.dot(stage.velocity - self.x)) / projection.s
+        self._Z = projection.remaining
+        multipliers = self._approach(projection, aim)
+        return Stage(self.x, projection, *multipliers)
+
+    def _take(self, x):
+        """Take a velocity if it is within all bounds; say whether it is."""
+        x = within(x, self._lower, self._upper)
+        if x is None:
+            return False
+        if len(self._rows):
+            values = self._rows.dot(x)
+            if np.count_nonzero(values > self._row_upper + FEASIBLE) \
+                    or np.count_nonzero(values < self._row_lower - FEASIBLE):
+                return False
+        self.x = x
+        return True
+
+    def _approach(self, projection, aim):
+        """Move x along its directions as near to an aim (rank,) as bounds allow."""
+        s, directions = projection.s, projection.directions
+        if not len(s):
+            return None, None
+        target = np.zeros(directions.shape[1]) if self._centre is None \
+            else projection.coordinates(self._centre - self.x)
+        target[:len(s)] = aim
+        if self._take(self.x + directions.dot(target)):
+            return None, None
+        stiffness = np.zeros(len(target))
+        stiffness[:len(s)] = s * s
+        a, *multipliers = self._repeat(directions, stiffness, target, self._regularisation)
+        self._move(directions.dot(a), multipliers[0])
+        return multipliers
+
+    def scale(self, level, stage):
+        """Keep the direction of a level and slow it as little as the bounds allow."""
+        projection = stage.projection
+        U_T, s, rank = projection.U.T, projection.s, projection.rank
+        self._Z = projection.remaining
+        # The way to the wanted velocity begins at rest, or as near to it as the bounds allow.
+        if self._centre is None:
+            self.x = clip(np.zeros(len(self.x)), self._lower, self._upper)
+        self._approach(projection, -U_T.dot(level.J.dot(self.x)) / s)
+        wanted = U_T.dot(level.J.dot(stage.velocity - self.x))
+        way = wanted / s
+        directions = np.column_stack([projection.directions[:, :rank].dot(way),
+                                      projection.directions[:, rank:]])
+        if self._take(self.x + directions[:, 0]):
+            return Stage(self.x, projection)
+        stiffness, target = np.zeros((2, directions.shape[1]))
+        stiffness[0] = target[0] = 1.0
+        a, *multipliers = self._repeat(directions, stiffness, target, SCALE_REGULARISATION)
+        self._move(directions.dot(a), multipliers[0])
+        # The program counts in shares of the wanted velocity.
+        size = wanted.dot(wanted)
+        return Stage(self.x, projection, *(size * found for found in multipliers))
+
+    def keep(self, level):
+        """Meet the bounds of a level, as far as they can be, and hold on to that below it."""
+        values = level.J.dot(self.x)
+        lower, upper = level.lower, level.upper
+        multipliers = (None, None)
+        if np.count_nonzero(values > upper) or np.count_nonzero(values < lower):
+            multipliers = self._meet(level.J, lower - values, upper - values)
+            values = level.J.dot(self.x)
+            lower, upper = np.minimum(lower, values), np.maximum(upper, values)
+        self._rows = np.concatenate([self._rows, level.J])
+        self._row_lower = np.concatenate([self._row_lower, lower])
+        self._row_upper = np.concatenate([self._row_upper, upper])
+        return Stage(self.x, None, *multipliers)
+
+    def _meet(self, rows, lower, upper):
+        """Move x to where rows violate their bounds least; return the multipliers."""
+        count, width = len(rows), self._Z.shape[1]
+        # One more variable for each row: what is missing to its bound.
+        directions = np.hstack([self._Z, np.zeros((len(self._Z), count))])
+        slack_rows = np.hstack([rows.dot(self._Z), np.eye(count)])
+        stiffness = np.repeat([0.0, 1.0], [width, count])
+        a, *multipliers = self._repeat(directions, stiffness, np.zeros(width + count),
+                                       self._regularisation, (slack_rows, lower, upper))
+        self._move(directions.dot(a), multipliers[0])
+        return multipliers
+
+    def finish(self, unbounded):
+        """Among what is left take the smallest velocity."""
+        projections = [stage.projection for stage in unbounded if stage.projection is not None]
+        if projections and projections[-1].level.J is identity(len(self.x)):
+            return
+        Z = self._Z
+        if any(projection.released for projection in projections):
+            Z = self._unreleased(projections)
+        if not Z.shape[1]:
+            return
+        cost = np.diagonal(self._start)
+        aim = -Z.T.dot(self.x / (cost * cost))
+        if not aim.any() or self._take(self.x + Z.dot(aim)):
+            return
+        answer = self._nearest(Z, np.ones(len(aim)), aim)
+        if answer is not None:
+            self._move(Z.dot(answer[0]), answer[1])
+
+    def _unreleased(self, projections):
+        """Return a basis of what moves no level at all, not even a weak direction of it."""
+        Z = self._start
+        for projection in projections:
+            J_bar = projection.level.J.dot(Z)
+            if min(J_bar.shape):
+                _, s, V_T = np.linalg.svd(J_bar)
+                Z = Z.dot(V_T[int(np.count_nonzero(s > projection.tolerance)):].T)
+        return Z
+
+    def _repeat(self, directions, stiffness, target, regularisation, extra=None):
+        """Solve a regularised program, then again around its own answer."""
+        exact = regularisation == 0.0
+        if exact:
+            regularisation = EXACT_REGULARISATION * np.sqrt(stiffness.max())
+        squared = regularisation * regularisation
+        answer = self._nearest(directions, stiffness + squared, target, extra)
+        if answer is None:
+            return self._shortened(directions, target)
+        pull = stiffness * target
+        for _ in range(EXACT_REPETITIONS if exact else 1):
+            if exact:
+                squared *= EXACT_DECREASE
+            before, total = answer, stiffness + squared
+            answer = self._nearest(directions, total, (pull + squared * before[0]) / total, extra)
+            if answer is None:
+                return before
+            change = answer[0] - before[0]
+            if change.dot(change) <= CONVERGED ** 2 * (1.0 + answer[0].dot(answer[0])):
+                break
+        return answer
+
+    def _nearest(self, directions, stiffness, centre, extra=None):
+        """
+        Return the a nearest to a centre that the bounds allow; None if that cannot be computed.
+
+        Parameters
+        ----------
+        directions : ndarray (n, k)
+            x moves by directions·a.
+        stiffness, centre : ndarray (k,)
+            Σ stiffness_i (a_i − centre_i)² is minimised.
+        extra : (ndarray (r, k), ndarray (r,), ndarray (r,)), optional
+            More rows, and their bounds on rows·a.
+
+        Returns
+        -------
+        a : ndarray (k,)
+        multipliers : ndarray (n,)
+            Of the bounds on the joints.
+        row_multipliers : ndarray
+            Of all rows.
+
+        """
+        scales = 1.0 / np.sqrt(stiffness)
+        A = directions * scales
+        lower, upper = self._lower - self.x, self._upper - self.x
+        if len(self._rows):
+            values = self._rows.dot(self.x)
+            A = np.concatenate([A, self._rows.dot(A)])
+            # x is feasible; rounding must not make it infeasible.
+            lower = np.concatenate([lower, np.minimum(self._row_lower - values, 0.0)])
+            upper = np.concatenate([upper, np.maximum(self._row_upper - values, 0.0)])
+        if extra is not None:
+            rows, row_lower, row_upper = extra
+            A = np.concatenate([A, rows * scales])
+            lower, upper = np.concatenate([lower, row_lower]), np.concatenate([upper, row_upper])
+        for tolerance in TOLERANCES:
+            z, _, flag, information = daqp.solve(_hessian(len(scales)), -centre / scales, A,
+                                                 upper, lower, primal_tol=tolerance)
+            if flag == 1:
+                n = len(self.x)
+                return z * scales, information['lam'][:n], information['lam'][n:]
+        return None
+
+    def _shortened(self, directions, target):
+        """Return as much of a target as the bounds allow, in the form of `_nearest`."""
+        step = directions.dot(target)
+        row_step, values = self._rows.dot(step), self._rows.dot(self.x)
+        steps = np.concatenate([step, row_step])
+        room = np.concatenate([np.where(step > 0.0, self._upper, self._lower) - self.x,
+                               np.where(row_step > 0.0, self._row_upper, self._row_lower)
+                               - values])
+        moving = steps != 0.0
+        share = max(0.0, (room[moving] / steps[moving]).min(initial=1.0))
+        return share * target, np.zeros(len(self.x)), np.zeros(len(self._rows))
+
+    def _move(self, step, multipliers):
+        """Move x, exactly onto the bounds that have a multiplier and never beyond one."""
+        x = clip(self.x + step, self._lower, self._upper)
+        x = np.where(multipliers > 0.0, self._upper, x)
+        self.x = np.where(multipliers < 0.0, self._lower, x)
+
+
+@lru_cache(maxsize=None)
+def _hessian(n):
+    """Return the identity as daqp wants it, in memory that may be written to."""
+    return np.eye(n)

@@ -1,0 +1,68 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Uniform velocity scaling: all joints are slowed by the same factor (lecture 4)."""
+
+import numpy as np
+
+# What a velocity exceeds its bound by, relative to the fastest joint, counts as rounding below
+# this and is cut off. A joint that stands at its limit has the bound zero, and a residue of 1e-17
+# towards the limit would stop the whole robot.
+ROUNDING = 1e-9
+
+
+def scale_uniformly(velocity, lower, upper):
+    """
+    Slow all joints by the same factor until each is within its bounds (lecture 4).
+
+    The lecture's bounds are symmetric, s = max |ζ_i| / ζ_i,max; here each velocity is compared
+    with the bound on its own side. Where the bounds of a joint exclude zero, as while it brakes,
+    the way to `velocity` begins at the slowest motion they allow instead of at rest.
+
+    Parameters
+    ----------
+    velocity : ndarray (n,)
+        Velocity that may be too fast.
+    lower, upper : ndarray (n,)
+        Bounds, lower ≤ upper.
+
+    Returns
+    -------
+    velocity : ndarray (n,)
+        Within the bounds, exactly.
+    scale : float
+        1/s, in [0, 1].
+    limiting : int or None
+        Index of the joint that decided it.
+
+    """
+    if not (np.count_nonzero(velocity > upper) or np.count_nonzero(velocity < lower)):
+        return velocity, 1.0, None
+    slowest = np.minimum(np.maximum(lower, 0.0), upper)
+    way = velocity - slowest
+    bound = np.where(way > 0.0, upper, lower)
+    room = bound - slowest
+    size = np.abs(way)
+    too_fast = size - np.abs(room) > ROUNDING * size.max()
+    if not too_fast.any():
+        return np.clip(velocity, lower, upper), 1.0, None
+    ratios = np.ones(len(velocity))
+    np.divide(room, way, out=ratios, where=too_fast)
+    limiting = int(ratios.argmin())
+    scale = float(ratios[limiting])
+    # The products may miss their bounds by one rounding; these two lines take that away and no
+    # more.
+    scaled = np.clip(slowest + scale * way, lower, upper)
+    scaled[limiting] = bound[limiting]
+    return scaled, scale, limiting
