@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from tp_controller.errors import GoalError, SettingsError, unknown
+from tp_controller.escape import Escape
 from tp_controller.limits import VelocityLimits
 from tp_controller.report import Report
 from tp_controller.settings import Settings
@@ -72,6 +73,7 @@ class Controller:
         self._velocity = np.zeros(robot.n)
         self._last_update = None
         self._transition = Transition(0.0)
+        self._escape = Escape(robot.n)
         self.settings = settings or Settings()
 
     def replace_stack(self, stack):
@@ -111,7 +113,7 @@ class Controller:
             self.robot.n, settings.weights or None, damping=settings.damping,
             scaling=settings.scaling, singular_region=settings.singular_region,
             release_region=settings.release_region, regularisation=settings.regularisation,
-            method=settings.method, rank_tolerance=settings.rank_tolerance)
+            period=settings.period, method=settings.method, rank_tolerance=settings.rank_tolerance)
         self._transition.duration = settings.blend
         self._transition.announce(0)
 
@@ -241,22 +243,31 @@ class Controller:
         bounds = self._limits.at(state.q, self._velocity, elapsed)
         lower, upper = bounds.lower, bounds.upper
         solution = self._solver.solve(levels, lower, upper, self._speed_cap)
-        eased = self._ease(state, now, levels, solution.velocity)
+
+        def solve(levels):
+            return self._solver.solve(levels, lower, upper, self._speed_cap).velocity
+
+        eased, why = self._ease(state, now, levels, solution, solve)
         if eased is not None:
-            solution = solution.moved_to(
-                self._solver.solve(eased, lower, upper, self._speed_cap).velocity)
+            solution = solution.moved_to(solve(eased))
         self._velocity, self._last_update = solution.velocity, now
         return Command(solution.velocity, Report(self.robot, self.stack, bounds, solution,
-                                                 eased is not None))
+                                                 why))
 
-    def _ease(self, state, now, levels, velocity):
-        """Return the levels that lead over from what was commanded before, None if need not."""
-        transition = self._transition
+    def _ease(self, state, now, levels, solution, solve):
+        """Return levels that lead over from before a change or out of a singularity, and why."""
+        transition, velocity = self._transition, solution.velocity
         shared = transition.pending(state, now, levels)
-        if shared is not None and self._last_update is not None:
-            transition.begin(self._velocity - velocity,
-                             max(self._last_update, now - self._settings.period), shared)
-        return transition.levels(levels, velocity, now)
+        if shared is not None:
+            self._escape.reset()
+            if self._last_update is not None:
+                transition.begin(self._velocity - velocity,
+                                 max(self._last_update, now - self._settings.period), shared)
+        eased = transition.levels(levels, velocity, now)
+        if eased is not None:
+            return eased, 'taking over from what was before a change'
+        eased = self._escape.levels(solution, now, solve)
+        return eased, '' if eased is None else 'leaving a singularity'
 
     def _announce_goal(self, task, now):
         """Tell the transition that a task gets a goal."""

@@ -23,6 +23,10 @@ from tp_controller.level import identity
 
 # Fully released below this share of the release region.
 RELEASED = 0.1
+# κ: how many periods a wish may take at least to lead out of a singularity, per unit of s.
+REACTION = 4.0
+# The most that λ² and ε² are raised by.
+LARGEST_GROWTH = 9.0
 
 
 class Projection:
@@ -43,7 +47,7 @@ class Projection:
     s : ndarray (rank,)
         Their singular values, the largest first.
     gains : ndarray (rank,)
-        Their damped inverses.
+        Their damped inverses, as the last `step` used them.
     directions : ndarray (n, k)
         Z V: the motions of the joints that belong to `U`, then those that do not move the task.
     remaining : ndarray (n, k')
@@ -57,12 +61,13 @@ class Projection:
     """
 
     __slots__ = ('level', 'tolerance', 'rank', 'smallest', 'U', 's', 'gains', 'directions',
-                 'remaining', 'orthonormal', '_given_orthonormal', 'released')
+                 'remaining', 'orthonormal', '_given_orthonormal', '_damping',
+                 'released')
 
-    def __init__(self, level, Z, orthonormal, tolerance, damping, singular_region,
-                 release_region):
+    def __init__(self, level, Z, orthonormal, tolerance, damping, release_region):
         self.level, self.tolerance = level, tolerance
         self._given_orthonormal = self.orthonormal = orthonormal
+        self._damping = damping
         self.released = 0.0
         whole = level.J is identity(len(Z))
         J_bar = Z if whole else level.J.dot(Z)
@@ -81,7 +86,6 @@ class Projection:
         self.s = s = s[:rank]
         self.U = U[:, :rank]
         self.directions = Z if whole and orthonormal else Z.dot(V_T.T)
-        self.gains = damped_inverse(s, damping, singular_region)
         self.remaining = self.directions[:, rank:]
         if rank and s[-1] < release_region:
             self._release(release_region)
@@ -109,29 +113,68 @@ class Projection:
 
     def step(self, residual):
         """Return the motion (n,) that takes a residual (m,) away, J̄^# residual."""
-        return self.directions[:, :self.rank].dot(self.gains * self.U.T.dot(residual))
+        wish = self.U.T.dot(residual)
+        self.gains = self._damping.inverse(self.s, wish)
+        return self.directions[:, :self.rank].dot(self.gains * wish)
 
 
-def damped_inverse(s, damping, singular_region):
+class Damping:
     """
-    Return the damped inverse of singular values, s / (s² + λ²) with λ only where it is needed.
+    The damped inverse s / (s² + λ²) of singular values, with λ only where it is needed.
+
+    Only directions with s < ε are damped, by λ² (1 − (s / ε)²), which grows from nothing where
+    they enter the region. On its way out of a singularity s grows at the rate |v| / λ² for the
+    wanted velocity v of the direction. A velocity that is held for a period T would overshoot
+    where that is too fast, and swing from one side of the singularity to the other: there λ² is
+    raised to κ T |v|, and ε with it.
 
     Parameters
     ----------
-    s : ndarray (k,)
-        Positive singular values, the smallest last.
-    damping, singular_region : float
-        See `tp_controller.solver.solve`.
-
-    Returns
-    -------
-    ndarray (k,)
+    damping, singular_region, period : float
+        λ, ε and T; see `tp_controller.solver.solve`.
 
     """
-    if damping == 0.0 or not len(s) or s[-1] >= singular_region:
-        return 1.0 / s
-    needed = np.maximum(1.0 - (s / singular_region) ** 2, 0.0)
-    return s / (s * s + damping * damping * needed)
+
+    def __init__(self, damping, singular_region, period):
+        self._none = damping == 0.0 or singular_region == 0.0
+        self._squared, self._region = damping * damping, singular_region
+        # Without a region this is the damped least squares of the lecture, and stays it.
+        plain = self._none or singular_region == math.inf
+        self._pace = 0.0 if plain else REACTION * period / self._squared
+        # From here on no direction is damped, whatever is wanted of it.
+        self._safe = singular_region * (1.0 if self._pace == 0.0 else LARGEST_GROWTH ** 0.5)
+
+    def growth(self, wish):
+        """Return the factor that λ² and ε² are raised by for wanted velocities."""
+        return np.minimum(np.maximum(self._pace * np.abs(wish), 1.0), LARGEST_GROWTH)
+
+    def spares(self, s, wish):
+        """Say whether singular values of at least `s` are undamped for wishes up to `wish`."""
+        if self._none or s >= self._safe:
+            return True
+        return s >= self._region and s * s >= self._region ** 2 * float(self.growth(wish))
+
+    def inverse(self, s, wish):
+        """
+        Return the damped inverses.
+
+        Parameters
+        ----------
+        s, wish : ndarray (k,)
+            Positive singular values, the smallest last, and the velocities that are wanted of
+            their directions.
+
+        Returns
+        -------
+        ndarray (k,)
+
+        """
+        if self._none or not len(s) or s[-1] >= self._safe:
+            return 1.0 / s
+        growth = self.growth(wish)
+        squares = s * s
+        needed = np.maximum(growth - squares / self._region ** 2, 0.0)
+        return s / (squares + self._squared * needed)
 
 
 def frobenius(J):

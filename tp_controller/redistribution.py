@@ -29,36 +29,40 @@ the levels above. With a° for the motion that takes J_k (ζ_k − x) away it so
 
 first with c = a°, then with c at that answer. The regularisation μ decides among equally good
 answers; it keeps them from jumping from one corner of the bounds to another. If a° fits, it is
-the answer of both: so there is no jump either where the bounds begin to matter. The first level
-moves no joint without need, so that it is seen how much room it leaves; in the others a° also
+the answer of both: so there is no jump either where the bounds begin to matter. Where a level
+misses its wish by r, the joints that can still move may be close to a singularity that J does
+not show; as for any singularity (`tp_controller.projection.Damping`), a velocity that is held
+for a period T then needs μ² of κ T r, about c = a°, or it would swing from side to side.
+
+The first level moves no joint without need, so that it is seen how much room it leaves; in the others a° also
 holds what the levels below will want, as far as it is within the bounds. All programs are
 strictly convex and small, and x itself is always feasible.
 """
 
 from functools import lru_cache
+import math
 
 import daqp
 import numpy as np
 from tp_controller.level import identity
+from tp_controller.projection import REACTION
 from tp_controller.solution import Stage
 
 # What a velocity may exceed a bound by and be cut off, relative to its size.
 ROUNDING = 1e-12
 # What a row may be off its bound.
 FEASIBLE = 1e-11
-# How exactly a program keeps its bounds; the second where rounding at a corner defeats the first.
-TOLERANCES = (1e-11, 1e-8)
+# How exactly a program keeps its bounds; the next one where rounding at a corner defeats the last.
+TOLERANCES = (1e-11, 1e-10, 1e-9, 1e-8)
 # For an exact answer the regularisation begins at this share of the largest singular value, and
 # its square shrinks by this factor until nothing changes or rounding would take over.
 EXACT_REGULARISATION = 3e-2
 EXACT_DECREASE = 0.1
 EXACT_REPETITIONS = 8
 CONVERGED = 1e-12
-# Cost of moving the joints in mode scale, against the cost of being slow.
-SCALE_REGULARISATION = 1e-3
 
 
-def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation):
+def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation, period):
     """
     Carry out levels within bounds.
 
@@ -76,6 +80,8 @@ def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation
         The same for what comes after the first level that wants a velocity.
     regularisation : float
         μ, in the units of J; 0: exact.
+    period : float
+        How long the velocity will be held [s].
 
     Returns
     -------
@@ -88,7 +94,7 @@ def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation
     wanted = unbounded[-1].velocity if unbounded else np.zeros(len(start))
     nearest = next((stage.velocity for stage in unbounded if stage.projection is not None),
                    wanted)
-    cascade = _Cascade(nearest, wanted, bounds, start, regularisation)
+    cascade = _Cascade(nearest, wanted, bounds, start, regularisation, REACTION * period)
     stages, first = [], True
     for level, stage in zip(levels, unbounded):
         if level.v is None:
@@ -127,7 +133,7 @@ def clip(x, lower, upper):
 class _Cascade:
     """The velocity x that the levels so far agree on, what they left free, and what bounds it."""
 
-    def __init__(self, first, wanted, bounds, start, regularisation):
+    def __init__(self, first, wanted, bounds, start, regularisation, reaction):
         self._wanted = wanted
         self.x = clip(first, *bounds)
         self._lower, self._upper = bounds
@@ -137,7 +143,7 @@ class _Cascade:
         self._Z = start
         self._rows = np.zeros((0, len(start)))
         self._row_lower = self._row_upper = np.zeros(0)
-        self._regularisation = regularisation
+        self._regularisation, self._reaction = regularisation, reaction
 
     def narrow(self, bounds):
         """Give the levels from here on less room; where x uses more already, just that."""
@@ -180,7 +186,7 @@ class _Cascade:
             return None, None
         stiffness = np.zeros(len(target))
         stiffness[:len(s)] = s * s
-        a, *multipliers = self._repeat(directions, stiffness, target, self._regularisation)
+        a, *multipliers = self._repeat(directions, stiffness, target)
         self._move(directions.dot(a), multipliers[0])
         return multipliers
 
@@ -200,12 +206,10 @@ class _Cascade:
         if self._take(self.x + directions[:, 0]):
             return Stage(self.x, projection)
         stiffness, target = np.zeros((2, directions.shape[1]))
-        stiffness[0] = target[0] = 1.0
-        a, *multipliers = self._repeat(directions, stiffness, target, SCALE_REGULARISATION)
+        stiffness[0], target[0] = wanted.dot(wanted), 1.0
+        a, *multipliers = self._repeat(directions, stiffness, target)
         self._move(directions.dot(a), multipliers[0])
-        # The program counts in shares of the wanted velocity.
-        size = wanted.dot(wanted)
-        return Stage(self.x, projection, *(size * found for found in multipliers))
+        return Stage(self.x, projection, *multipliers)
 
     def keep(self, level):
         """Meet the bounds of a level, as far as they can be, and hold on to that below it."""
@@ -229,7 +233,7 @@ class _Cascade:
         slack_rows = np.hstack([rows.dot(self._Z), np.eye(count)])
         stiffness = np.repeat([0.0, 1.0], [width, count])
         a, *multipliers = self._repeat(directions, stiffness, np.zeros(width + count),
-                                       self._regularisation, (slack_rows, lower, upper))
+                                       (slack_rows, lower, upper))
         self._move(directions.dot(a), multipliers[0])
         return multipliers
 
@@ -261,21 +265,25 @@ class _Cascade:
                 Z = Z.dot(V_T[int(np.count_nonzero(s > projection.tolerance)):].T)
         return Z
 
-    def _repeat(self, directions, stiffness, target, regularisation, extra=None):
+    def _repeat(self, directions, stiffness, target, extra=None):
         """Solve a regularised program, then again around its own answer."""
-        exact = regularisation == 0.0
-        if exact:
-            regularisation = EXACT_REGULARISATION * np.sqrt(stiffness.max())
-        squared = regularisation * regularisation
+        exact = self._regularisation == 0.0
+        squared = EXACT_REGULARISATION ** 2 * stiffness.max() if exact \
+            else self._regularisation ** 2
         answer = self._nearest(directions, stiffness + squared, target, extra)
         if answer is None:
             return self._shortened(directions, target)
-        pull = stiffness * target
         for _ in range(EXACT_REPETITIONS if exact else 1):
+            before, way = answer, answer[0] - target
             if exact:
+                centre = squared * way
                 squared *= EXACT_DECREASE
-            before, total = answer, stiffness + squared
-            answer = self._nearest(directions, total, (pull + squared * before[0]) / total, extra)
+                centre *= EXACT_DECREASE
+            else:
+                centre = squared * way
+                squared += self._reaction * math.sqrt(stiffness.dot(way * way))
+            total = stiffness + squared
+            answer = self._nearest(directions, total, target + centre / total, extra)
             if answer is None:
                 return before
             change = answer[0] - before[0]

@@ -156,7 +156,7 @@ class Report:
         if norm(level.unreachable) > enough:
             reasons.append(self._missing_directions(number, level))
         if self._eased:
-            reasons.append('taking over from what was before a change')
+            reasons.append(self._eased)
         return ', '.join(reasons)
 
     def _missing_directions(self, number, level):

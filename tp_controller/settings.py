@@ -58,7 +58,7 @@ class Settings:
         10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; '
         'at most 1/period')
     release_region: float = _number(
-        0.01, 0.0, 10.0, '', 'singular value below which a direction is given up to the lower '
+        0.02, 0.0, 10.0, '', 'singular value below which a direction is given up to the lower '
         'tasks, smoothly, and wholly below a tenth of it (0: never)')
     scaling: str = _choice(
         'redistribute', SCALINGS, 'what is done where a velocity exceeds a limit: other joints '

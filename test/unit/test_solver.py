@@ -23,9 +23,11 @@ import pytest
 from reference import lexicographic, null_of, projector, random_levels, residual_norms
 from tp_controller import Level, solve, SolverError
 from tp_controller.level import identity
+from tp_controller.projection import Damping
 from tp_controller.solver import SCALINGS
 from tp_controller.stacked import solve_stacked
 
+UNDAMPED = Damping(0.0, math.inf, 0.0)
 SEEDS = st.integers(0, 2 ** 32 - 1)
 EXACT = {'rtol': 1e-9, 'atol': 1e-9}
 
@@ -204,7 +206,7 @@ def test_short_way_agrees_with_the_recursion_wherever_it_answers(stack, closed, 
     levels = [Level(J, v) for J, v in levels]
     if closed:
         levels.append(Level(identity(n), closing))
-    short = solve_stacked(levels, n, damping, region)
+    short = solve_stacked(levels, n, Damping(damping, region, 0.0))
     assume(short is not None)
     # With weights, even equal ones, the recursion is taken.
     long = solve(levels, weights=np.ones(n), damping=damping, singular_region=region).velocity
@@ -214,18 +216,20 @@ def test_short_way_agrees_with_the_recursion_wherever_it_answers(stack, closed, 
 def test_short_way_answers_where_rows_are_independent():
     rng = np.random.default_rng(5)
     levels = [Level(J, v) for J, v in random_levels(rng, 7, [3, 2])]
-    assert solve_stacked(levels, 7, 0.0, math.inf) is not None
-    assert solve_stacked([*levels, Level(identity(7), np.ones(7))], 7, 0.0, math.inf) is not None
+    assert solve_stacked(levels, 7, UNDAMPED) is not None
+    assert solve_stacked([*levels, Level(identity(7), np.ones(7))], 7, UNDAMPED) is not None
 
 
 def test_short_way_leaves_singular_and_damped_levels_to_the_recursion():
     J = np.array([[1.0, 0.0, 0.0], [1.0, 1e-3, 0.0]])
     level = Level(J, np.ones(2))
-    assert solve_stacked([level], 3, 0.0, math.inf) is None
-    assert solve_stacked([Level(J[:1], np.ones(1))] * 2, 3, 0.0, math.inf) is None
-    assert solve_stacked([Level(np.eye(3)[:2], np.ones(2))], 3, 0.1, math.inf) is None
-    assert solve_stacked([Level(np.eye(3)[:2] * 0.1, np.ones(2))], 3, 0.1, 0.2) is None
-    assert solve_stacked([Level(np.ones((4, 3)), np.ones(4))], 3, 0.0, math.inf) is None
+    assert solve_stacked([level], 3, UNDAMPED) is None
+    assert solve_stacked([Level(J[:1], np.ones(1))] * 2, 3, UNDAMPED) is None
+    assert solve_stacked([Level(np.eye(3)[:2], np.ones(2))], 3,
+                         Damping(0.1, math.inf, 0.0)) is None
+    assert solve_stacked([Level(0.1 * np.eye(3)[:2], np.ones(2))], 3,
+                         Damping(0.1, 0.2, 0.0)) is None
+    assert solve_stacked([Level(np.ones((4, 3)), np.ones(4))], 3, UNDAMPED) is None
 
 
 @pytest.mark.parametrize('damping, region', [

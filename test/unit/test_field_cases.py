@@ -1,0 +1,265 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Situations that made other controllers stop, shake or break a limit.
+
+Each names where it was reported, and runs in a closed loop with a robot that does as it is told.
+"""
+
+import numpy as np
+import pytest
+import robots
+from tp_controller import Controller, Robot, Settings, Stack
+
+PERIOD = 0.01
+TOOL = robots.PANDA_TOOL
+READY = np.array(robots.PANDA_READY)
+POSE_AND_POSTURE = ('- tool: {type: pose, frame: panda_hand_tcp, gain: 2.0}\n'
+                    '- posture: {type: posture, gain: 0.5}\n')
+POSITION_AND_POSTURE = ('- tool: {type: position, frame: panda_hand_tcp, gain: 2.0}\n'
+                        '- posture: {type: posture, gain: 0.5}\n')
+
+
+class Loop:
+    """A controller and a robot that does exactly what it is told."""
+
+    def __init__(self, robot, text, q, settings=None):
+        self.robot = robot
+        self.settings = settings or Settings(period=PERIOD)
+        self.controller = Controller(robot, Stack.from_yaml(text, robot), self.settings)
+        self.q, self.now = np.array(q, float), 0.0
+        self.positions, self.velocities = [self.q], []
+        self.step()
+
+    def step(self):
+        """Run one cycle."""
+        self.command = self.controller.update(self.q, self.now)
+        self.q = self.q + self.settings.period * self.command.velocity
+        self.now += self.settings.period
+        self.positions.append(self.q)
+        self.velocities.append(self.command.velocity)
+
+    def run(self, seconds, each=None):
+        """Run for a time; `each` is called after every cycle."""
+        for _ in range(round(seconds / self.settings.period)):
+            self.step()
+            if each is not None:
+                each()
+
+    def task(self, name):
+        """Return the report of a task."""
+        return next(task for task in self.command.report.tasks if task.name == name)
+
+    def seconds_until_reached(self, name, most):
+        """Return how long it takes until a task is at its goal."""
+        began = self.now
+        while self.now < began + most:
+            self.step()
+            if self.task(name).reached:
+                return self.now - began
+        return np.inf
+
+    def check_limits(self, acceleration=np.inf):
+        """Check everything that was commanded."""
+        v, q = np.array(self.velocities), np.array(self.positions)
+        assert (np.abs(v) <= self.robot.velocity).all()
+        assert (q >= np.minimum(self.robot.lower, q[0]) - 1e-12).all()
+        assert (q <= np.maximum(self.robot.upper, q[0]) + 1e-12).all()
+        changes = np.abs(np.diff(v, axis=0)) / self.settings.period
+        assert changes.max() <= acceleration * (1.0 + 1e-9)
+
+
+def limited_panda(acceleration):
+    """Return a Panda with the same acceleration limit for all joints, or without one."""
+    limits = None if acceleration is None else {
+        name: {'acceleration': acceleration} for name in robots.panda().joint_names}
+    return Robot.from_file(robots.PANDA_DH, limits=limits)
+
+
+# pink, issue 206: a robot that starts outside its position limits
+
+@pytest.mark.parametrize('acceleration', [None, 10.0])
+@pytest.mark.parametrize('outside', [1e-4, 0.02, 0.3])
+def test_a_start_outside_the_position_limits_leads_back_inside_while_the_task_goes_on(
+        outside, acceleration):
+    robot = limited_panda(acceleration)
+    q = READY.copy()
+    q[0] = robot.upper[0] + outside
+    q[4] = robot.lower[4] - outside
+    loop = Loop(robot, POSITION_AND_POSTURE, q)
+    goal = robot.state(0.8 * np.clip(q, robot.lower, robot.upper)).position(TOOL)
+    loop.controller.set_goal('tool', goal, loop.now)
+    loop.run(8.0)
+    loop.check_limits(acceleration or np.inf)
+    assert (loop.q >= robot.lower - 1e-9).all() and (loop.q <= robot.upper + 1e-9).all()
+    assert loop.task('tool').reached
+    # On the way back it is never faster than that.
+    q, v = np.array(loop.positions[:-1]), np.array(loop.velocities)
+    back = np.where(q > robot.upper, -v, np.where(q < robot.lower, v, 0.0))
+    assert back.min() >= -1e-12
+
+
+def test_a_start_outside_the_limits_comes_back_without_any_task():
+    robot = robots.panda()
+    q = READY.copy()
+    q[1] = robot.upper[1] + 0.2
+    loop = Loop(robot, '[]', q)
+    loop.run(3.0)
+    assert loop.q[1] <= robot.upper[1] + 1e-9
+    assert np.abs(np.array(loop.velocities)).max() <= 0.2 * robot.velocity[1] + 1e-12
+
+
+# mink, issue 109: position and velocity limits that meet
+
+@pytest.mark.parametrize('period', [0.001, 0.01, 0.05])
+def test_a_joint_that_runs_at_full_speed_into_its_position_limit_stops_there(period):
+    robot = limited_panda(10.0)
+    settings = Settings(period=period, braking_gain=min(20.0, 1.0 / period))
+    loop = Loop(robot, '- push: {type: joint_velocity, timeout: 100}\n', READY, settings)
+    loop.controller.set_goal('push', np.where(np.arange(7) % 2, -9.0, 9.0), loop.now)
+    loop.run(8.0)
+    loop.check_limits(10.0)
+    at_limit = np.minimum(loop.q - robot.lower, robot.upper - loop.q)
+    assert at_limit.max() < 1e-3
+    v = np.abs(np.array(loop.velocities))
+    assert (v.max(axis=0) > 0.95 * robot.velocity).any()
+
+
+# moveit2, issues 3411 and 3573: out of reach, and back
+
+@pytest.mark.parametrize('text', [POSE_AND_POSTURE, POSITION_AND_POSTURE],
+                         ids=['pose', 'position'])
+@pytest.mark.parametrize('acceleration', [None, 15.0])
+def test_a_goal_out_of_reach_stretches_the_arm_and_the_way_back_is_open(text, acceleration):
+    robot = limited_panda(acceleration)
+    loop = Loop(robot, text, READY)
+    pose = robot.state(READY).pose(TOOL).copy()
+
+    def send(point):
+        pose[:3, 3] = point
+        loop.controller.set_goal('tool', pose if text is POSE_AND_POSTURE else point, loop.now)
+
+    send([2.0, 0.0, 0.5])
+    loop.run(4.0)
+    reach = np.linalg.norm(robot.state(loop.q).position(TOOL) - [0.0, 0.0, 0.333])
+    assert reach > 0.84
+    assert np.abs(loop.velocities[-1]).max() < 0.05
+    assert 'singularity' in loop.task('tool').reason or 'limit' in loop.task('tool').reason
+    send([0.45, 0.25, 0.45])
+    assert loop.seconds_until_reached('tool', 10.0) < 7.0
+    loop.check_limits(acceleration or np.inf)
+
+
+# A wrist that passes its singularity on a line
+
+@pytest.mark.parametrize('offset', [0.0, 0.001, 0.02])
+def test_a_wrist_crosses_its_singularity_on_a_line(offset):
+    robot = robots.urdf_robot('ur5')
+    # Joint 5 passes zero while the tool goes along the line.
+    before = np.array([0.0, -1.4, 1.6, -1.8, 0.25, 0.0])
+    after = before + [0.0, 0.1, 0.1, 0.0, -0.5, 0.0]
+    settings = Settings(period=1e-3, braking_gain=50.0)
+    loop = Loop(robot, '- position: {type: position, frame: tool0, gain: 5.0}\n'
+                       '- attitude: {type: orientation, frame: tool0, gain: 5.0}\n',
+                before, settings)
+    first, last = (robot.state(q).pose('tool0').copy() for q in (before, after))
+    line = last[:3, 3] - first[:3, 3] + [0.0, offset, 0.0]
+    errors = []
+    for step in range(3000):
+        share = step / 3000
+        loop.controller.set_goal('position', first[:3, 3] + share * line, loop.now)
+        loop.controller.set_feed_forward('position', [*(line / 3.0), 0.0, 0.0, 0.0], loop.now)
+        loop.step()
+        if step > 600:
+            errors.append(np.linalg.norm(
+                robot.state(loop.q).position('tool0') - first[:3, 3] - share * line))
+    assert max(errors) < 1e-3
+    assert np.abs(np.diff(loop.velocities[5:], axis=0)).max() < 0.05
+    loop.check_limits()
+
+
+# Two tasks that become contradictory and separate again
+
+@pytest.mark.parametrize('acceleration', [None, 15.0])
+def test_tasks_that_contradict_each_other_for_a_while_let_the_upper_one_through(acceleration):
+    robot = limited_panda(acceleration)
+    loop = Loop(robot, '- tool: {type: position, frame: panda_hand_tcp, gain: 2.0}\n'
+                       '- wrist: {type: position, frame: panda_link7, gain: 2.0}\n'
+                       '- posture: {type: posture, gain: 0.5}\n', READY)
+    state = robot.state(READY)
+    tool, wrist = (state.position(name).copy() for name in (TOOL, 'panda_link7'))
+    loop.controller.set_goal('wrist', wrist, loop.now)
+    # Farther from the wrist than the hand is long: both cannot be had.
+    errors = []
+    for step in range(1200):
+        away = 0.3 * np.sin(np.pi * step / 600.0) ** 2 * np.array([0.0, 1.0, 0.0])
+        loop.controller.set_goal('tool', tool + away, loop.now)
+        loop.step()
+        errors.append(np.linalg.norm(robot.state(loop.q).position(TOOL) - tool - away))
+    # The goal moves at up to 0.79 m/s²; with the gain 2 /s it is followed half a second late.
+    assert max(errors) < 0.26
+    loop.run(6.0)
+    assert loop.task('tool').reached and loop.task('wrist').reached
+    loop.check_limits(acceleration or np.inf)
+    assert np.abs(np.diff(loop.velocities, axis=0)).max() < 0.3
+
+
+# A joint that must not move at all
+
+@pytest.mark.parametrize('joint', range(7))
+def test_a_joint_with_zero_allowed_speed_leaves_the_task_to_the_others(joint):
+    name = robots.panda().joint_names[joint]
+    robot = Robot.from_file(robots.PANDA_DH, limits={name: {'velocity': 0.0}})
+    loop = Loop(robot, POSITION_AND_POSTURE, READY)
+    goal = robot.state(READY).position(TOOL) + [0.03, 0.03, -0.04]
+    loop.controller.set_goal('tool', goal, loop.now)
+    loop.run(6.0)
+    assert loop.task('tool').reached
+    assert not np.array(loop.velocities)[:, joint].any()
+
+
+# The exact start on a singularity: a straight arm that is to come straight back
+
+@pytest.mark.parametrize('text', ['- tip: {type: position, frame: link10, gain: 2.0}\n',
+                                  '- tip: {type: position, frame: link10, gain: 2.0}\n'
+                                  '- posture: {type: posture, gain: 0.5}\n'])
+@pytest.mark.parametrize('goal', [1.5, 0.1])
+def test_a_straight_arm_finds_the_way_straight_back(text, goal):
+    robot = Robot.from_dh([{'name': f'j{number}', 'a': 0.2, 'velocity': 2.0}
+                           for number in range(10)])
+    loop = Loop(robot, text, np.zeros(10))
+    loop.controller.set_goal('tip', [goal, 0.0, 0.0], loop.now)
+    assert loop.seconds_until_reached('tip', 20.0) < 6.0
+    loop.check_limits()
+
+
+def test_an_arm_that_cannot_move_towards_its_goal_is_nudged_three_times_and_then_left_alone():
+    robot = Robot.from_dh([{'name': f'j{number}', 'a': 0.2, 'velocity': 2.0}
+                           for number in range(4)])
+    loop = Loop(robot, '- tip: {type: position, frame: link4, gain: 1.0}\n'
+                       '- posture: {type: posture, gain: 2.0}\n', np.zeros(4))
+    loop.controller.set_goal('tip', [0.8, 0.0, 0.3], loop.now)
+    loop.run(0.8)
+    assert loop.task('tip').reason.endswith('leaving a singularity')
+    loop.run(20.0)
+    assert 'directions possible' in loop.task('tip').reason
+    assert 'leaving' not in loop.task('tip').reason
+    speeds = np.abs(np.array(loop.velocities)).max(axis=1)
+    assert 0.005 < speeds.max() < 0.1
+    assert speeds[-500:].max() < 1e-6
+    # A new goal is a new chance.
+    loop.controller.set_goal('tip', [0.7, 0.1, 0.3], loop.now)
+    loop.run(12.0)
+    np.testing.assert_allclose(robot.state(loop.q).position('link4')[:2], [0.7, 0.1], atol=2e-3)
