@@ -32,7 +32,6 @@ from _robots import load_robot, PANDA_READY, TALOS_READY
 import numpy as np
 from tp_controller import Controller, Settings, Stack
 from tp_controller.limits import VelocityLimits
-from tp_controller.solver import Solver
 
 # {name: (robot, working posture, stack)}
 CASES = {
@@ -71,8 +70,7 @@ class Case:
         self.controller = Controller(robot, self.stack, settings)
         # Tasks hold what they find in the first cycle.
         self.controller.update(ready, 0.0)
-        self.solver = solver_of(robot, settings)
-        self.cap = (1.0 - settings.reserve) * robot.velocity
+        self.solver = settings.solver(robot.n)
         self.state = robot.state(ready)
         self.frames = [task.frame for task in self.stack.tasks.values() if hasattr(task, 'frame')]
         limits = VelocityLimits(robot, settings.period, settings.braking_gain)
@@ -80,8 +78,8 @@ class Case:
         for q in states:
             self.state.update(q)
             bounds = limits.at(self.state.q, np.zeros(robot.n), settings.period)
-            self.prepared.append((self.stack.levels(self.state, 0.0), bounds.lower, bounds.upper,
-                                  self.cap))
+            self.prepared.append((self.stack.levels(self.state, 0.0), bounds.lower,
+                                  bounds.upper))
 
     def limited(self):
         """Return in how many states a limit is active, to the solver and to the controller."""
@@ -136,15 +134,6 @@ ROWS = (
     ('textbook pinv', 'free', Case.textbook),
 )
 REFERENCE = 'textbook pinv'
-
-
-def solver_of(robot, settings):
-    """Return the solver that a controller with these settings has."""
-    return Solver(robot.n, None, damping=settings.damping, scaling=settings.scaling,
-                  singular_region=settings.singular_region,
-                  release_region=settings.release_region,
-                  regularisation=settings.regularisation, method=settings.method,
-                  rank_tolerance=settings.rank_tolerance)
 
 
 def load_case(robot_name, ready, stack_text):

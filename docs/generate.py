@@ -87,8 +87,8 @@ SIMULATOR_TOPICS = {
                                     '`command_timeout`',
 }
 STATUS = {
-    'scale': 'factor by which the limits slowed the command; 1 where none did',
-    'limiting': 'joint and limit that decided it',
+    'scale': 'smallest share of its velocity that limits leave a task; 1 where none is in the way',
+    'limiting': 'joint and limit most in the way of the uppermost task that is limited',
     'type': 'type of the task',
     'level': 'level in the stack, 1 is the highest; `disabled` for a task that is left out',
     'status': '`reached`, `moving`, `held back`, `disabled` or `on hold` (zeros are commanded)',

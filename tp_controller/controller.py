@@ -22,10 +22,9 @@ from tp_controller.escape import Escape
 from tp_controller.limits import VelocityLimits
 from tp_controller.report import Report
 from tp_controller.settings import Settings
-from tp_controller.solver import Solver
 from tp_controller.spatial import inverse_pose
 from tp_controller.tasks.pose import parse_pose
-from tp_controller.transition import shared_levels, Transition
+from tp_controller.transition import Transition
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +108,7 @@ class Controller:
         slow = np.isfinite(self.robot.acceleration)
         self._speed_cap = None if not slow.any() else np.where(
             slow, (1.0 - settings.reserve) * self.robot.velocity, self.robot.velocity)
-        self._solver = Solver(
-            self.robot.n, settings.weights or None, damping=settings.damping,
-            scaling=settings.scaling, singular_region=settings.singular_region,
-            release_region=settings.release_region, regularisation=settings.regularisation,
-            period=settings.period, method=settings.method, rank_tolerance=settings.rank_tolerance)
+        self._solver = settings.solver(self.robot.n)
         self._transition.duration = settings.blend
         self._transition.announce(0)
 

@@ -47,8 +47,8 @@ def urdf_from_dh(table, convention=None):
     Parameters
     ----------
     table : list, dict, str or pathlib.Path
-        Rows ``{name, a, alpha, d, theta, type, lower, upper, velocity, acceleration, link}`` with lengths in
-        metres, angles in radians and speeds in rad/s or m/s; only `name` is needed, `link` names
+        Rows ``{name, a, alpha, d, theta, type, lower, upper, velocity, acceleration, link}`` with
+        lengths in metres, angles in radians and seconds; only `name` is needed, `link` names
         the frame after the joint (default ``link1``, ``link2`` …). Or a mapping ``{name,
         convention, root, joints: rows, frames: [{name, parent, xyz, rpy}]}``; or one of these as
         YAML text or file.

@@ -67,6 +67,7 @@ class Escape:
         Parameters
         ----------
         solution : Solution
+            Of this cycle.
         now : float
             [s]
         solve : callable (list of Level) -> ndarray (n,)

@@ -61,6 +61,7 @@ class VelocityBounds:
         Parameters
         ----------
         joint : int
+            Index.
         velocity : float
             [rad/s or m/s]
         up : bool

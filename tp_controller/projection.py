@@ -144,15 +144,13 @@ class Damping:
         # From here on no direction is damped, whatever is wanted of it.
         self._safe = singular_region * (1.0 if self._pace == 0.0 else LARGEST_GROWTH ** 0.5)
 
-    def growth(self, wish):
-        """Return the factor that λ² and ε² are raised by for wanted velocities."""
-        return np.minimum(np.maximum(self._pace * np.abs(wish), 1.0), LARGEST_GROWTH)
-
     def spares(self, s, wish):
         """Say whether singular values of at least `s` are undamped for wishes up to `wish`."""
         if self._none or s >= self._safe:
             return True
-        return s >= self._region and s * s >= self._region ** 2 * float(self.growth(wish))
+        if s < self._region or wish == math.inf:
+            return False
+        return s * s >= self._region ** 2 * min(max(self._pace * wish, 1.0), LARGEST_GROWTH)
 
     def inverse(self, s, wish):
         """
@@ -171,7 +169,7 @@ class Damping:
         """
         if self._none or not len(s) or s[-1] >= self._safe:
             return 1.0 / s
-        growth = self.growth(wish)
+        growth = np.minimum(np.maximum(self._pace * np.abs(wish), 1.0), LARGEST_GROWTH)
         squares = s * s
         needed = np.maximum(growth - squares / self._region ** 2, 0.0)
         return s / (squares + self._squared * needed)

@@ -52,7 +52,7 @@ from tp_controller.solution import Stage
 ROUNDING = 1e-12
 # What a row may be off its bound.
 FEASIBLE = 1e-11
-# How exactly a program keeps its bounds; the next one where rounding at a corner defeats the last.
+# How exactly a program keeps its bounds; the next one where rounding at a corner defeats this.
 TOLERANCES = (1e-11, 1e-10, 1e-9, 1e-8)
 # For an exact answer the regularisation begins at this share of the largest singular value, and
 # its square shrinks by this factor until nothing changes or rounding would take over.
@@ -185,7 +185,7 @@ class _Cascade:
         if self._take(self.x + directions.dot(target)):
             return None, None
         stiffness = np.zeros(len(target))
-        stiffness[:len(s)] = s * s
+        np.multiply(s, s, out=stiffness[:len(s)])
         a, *multipliers = self._repeat(directions, stiffness, target)
         self._move(directions.dot(a), multipliers[0])
         return multipliers
@@ -270,9 +270,14 @@ class _Cascade:
         exact = self._regularisation == 0.0
         squared = EXACT_REGULARISATION ** 2 * stiffness.max() if exact \
             else self._regularisation ** 2
-        answer = self._nearest(directions, stiffness + squared, target, extra)
+        # Where all directions count alike a regularisation about the target changes nothing.
+        even = extra is None and stiffness.min() == stiffness.max() > 0.0
+        answer = self._nearest(directions, stiffness if even else stiffness + squared, target,
+                               extra)
         if answer is None:
             return self._shortened(directions, target)
+        if even:
+            return answer
         for _ in range(EXACT_REPETITIONS if exact else 1):
             before, way = answer, answer[0] - target
             if exact:
@@ -348,9 +353,9 @@ class _Cascade:
 
     def _move(self, step, multipliers):
         """Move x, exactly onto the bounds that have a multiplier and never beyond one."""
-        x = clip(self.x + step, self._lower, self._upper)
-        x = np.where(multipliers > 0.0, self._upper, x)
-        self.x = np.where(multipliers < 0.0, self._lower, x)
+        self.x = x = clip(self.x + step, self._lower, self._upper)
+        np.copyto(x, self._upper, where=multipliers > 0.0)
+        np.copyto(x, self._lower, where=multipliers < 0.0)
 
 
 @lru_cache(maxsize=None)

@@ -102,7 +102,8 @@ class Robot:
         joints : sequence of str, optional
             The driven joints, in the order wanted; all that can be driven by default.
         limits : dict, optional
-            ``{joint: {lower, upper, velocity, acceleration}}``; replaces single limits of the URDF.
+            ``{joint: {lower, upper, velocity, acceleration}}``; replaces single limits of the
+            URDF.
 
         Raises
         ------

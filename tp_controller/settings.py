@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, fields
 import math
 
 from tp_controller.errors import SettingsError
-from tp_controller.solver import METHODS, RANK_TOLERANCE, SCALINGS
+from tp_controller.solver import METHODS, RANK_TOLERANCE, SCALINGS, Solver
 
 
 def _number(default, lower, upper, unit, description):
@@ -91,6 +91,14 @@ class Settings:
             faults.append('method sequential goes with scaling uniform only')
         if faults:
             raise SettingsError(faults)
+
+    def solver(self, n):
+        """Return the `Solver` for a robot with n joints that these settings make."""
+        return Solver(
+            n, self.weights or None, damping=self.damping, scaling=self.scaling,
+            singular_region=self.singular_region, release_region=self.release_region,
+            regularisation=self.regularisation, period=self.period, method=self.method,
+            rank_tolerance=self.rank_tolerance)
 
     def _faults(self, item):
         """Return what is wrong with one field."""

@@ -94,16 +94,20 @@ def _undamped(levels, factor, inverse, squared_norm, v, damping):
     """
     if damping.spares(squared_norm ** -0.5, math.inf):
         return True
-    z = inverse.T.dot(v)
-    first = 0
+    first, z = 0, None
     for level in levels:
         rows = slice(first, first + len(level.v))
         if rows.stop > first:
             block = inverse[rows, rows]
-            wish = math.sqrt(_squared_norm(factor[rows, rows].T.dot(z[rows])))
             smallest = _squared_norm(block.dot(block.T)) ** -0.25
-            if not damping.spares(smallest, wish):
-                return False
+            if not damping.spares(smallest, math.inf):
+                if first == 0:
+                    wish = v[rows]
+                else:
+                    z = inverse.T.dot(v) if z is None else z
+                    wish = factor[rows, rows].T.dot(z[rows])
+                if not damping.spares(smallest, math.sqrt(wish.dot(wish))):
+                    return False
         first = rows.stop
     return True
 

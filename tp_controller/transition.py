@@ -73,6 +73,7 @@ class Transition:
         Parameters
         ----------
         state : RobotState
+            Where the robot is.
         now : float
             [s]
         levels : list of Level

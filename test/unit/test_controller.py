@@ -460,7 +460,8 @@ def test_report_says_that_higher_levels_are_nearly_in_the_way():
     # left in anything else. Alone each of the tasks is far from singular.
     controller = control(
         '- tool: {type: position, frame: link3, axes: x}\n'
-        '- base: {type: joint, joints: joint1, target: [1.5]}\n', robots.planar(), Settings(reserve=0.0))
+        '- base: {type: joint, joints: joint1, target: [1.5]}\n', robots.planar(),
+        Settings(reserve=0.0))
     task = controller.update([1.2, -1.18, 0.0], 0.0).report.tasks[1]
     assert task.reason == 'in conflict with higher levels'
 
@@ -624,7 +625,7 @@ def test_settings_that_are_replaced_act_in_the_next_cycle():
     controller.set_goal('tool', state.position(TOOL) + v, 0.0)
     np.testing.assert_allclose(controller.update(READY, 0.0).velocity, np.linalg.pinv(J) @ v,
                                atol=1e-9)
-    controller.settings = Settings(blend=0.0, damping=0.0, weights=(9.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0))
+    controller.settings = replace(EXACT, weights=(9.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0))
     W_inverse = np.diag([1.0 / 9.0, 1, 0.5, 1, 1, 1, 1])
     np.testing.assert_allclose(controller.update(READY, 0.0).velocity,
                                W_inverse @ J.T @ np.linalg.solve(J @ W_inverse @ J.T, v),

@@ -25,6 +25,9 @@ DT = 1.0 / 60.0
 CYCLES = 600
 TOOL = '- tool: {type: position, frame: link3, axes: xy}\n'
 MOTION = '- motion: {type: joint_velocity}\n'
+# Damped everywhere, uniform scaling, nothing released, changes at once.
+LECTURE = {'singular_region': math.inf, 'scaling': 'uniform', 'release_region': 0.0,
+           'blend': 0.0}
 JOINT = '- base: {type: joint, joints: joint1, target: [0.0]}\n'
 
 
@@ -33,8 +36,7 @@ def exercise_1(damping):
     unlimited = {name: {'velocity': math.inf} for name in robots.planar().joint_names}
     robot = Robot.from_file(robots.PLANAR_DH, limits=unlimited)
     controller = Controller(robot, Stack.from_yaml(TOOL + MOTION, robot),
-                            Settings(period=DT, damping=damping, singular_region=math.inf, scaling='uniform',
-                                     release_region=0.0, blend=0.0))
+                            Settings(period=DT, damping=damping, **LECTURE))
     q, errors = np.array(robots.PLANAR_START), []
     start = robot.state(q).position('link3').copy()
     for cycle in range(CYCLES):
@@ -65,8 +67,7 @@ def exercise_2(order, goal):
     """Return the error of the end-effector [m] and q after 10 s."""
     robot = robots.planar()
     controller = Controller(robot, Stack.from_yaml(order, robot),
-                            Settings(period=DT, damping=0.1, singular_region=math.inf, scaling='uniform',
-                                     release_region=0.0, blend=0.0))
+                            Settings(period=DT, damping=0.1, **LECTURE))
     controller.set_goal('tool', [*goal, 0.0], 0.0)
     q = np.array(robots.PLANAR_START)
     for cycle in range(CYCLES):

@@ -1,0 +1,38 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A small version of the closed loops at random that `benchmarks/closed_loops.py` runs."""
+
+import numpy as np
+import pytest
+import robots
+
+
+@pytest.fixture
+def closed_loops(monkeypatch):
+    """Return the module of the benchmark."""
+    monkeypatch.syspath_prepend(robots.REPOSITORY / 'benchmarks')
+    import closed_loops
+    return closed_loops
+
+
+@pytest.mark.parametrize('robot', ['Panda', 'UR5', 'Baxter', 'planar 10R'])
+def test_nothing_that_must_not_happen_happens_in_closed_loops(closed_loops, robot):
+    result = closed_loops.run(robot, 2500, seed=12345)
+    assert result.findings == []
+    assert (result.failures, result.velocity, result.position) == (0, 0, 0)
+    assert 0.0 < result.acceleration <= 1.0 + 1e-9
+    # Limits did play a part.
+    assert result.active > 100 and result.programs > 100
+    assert np.isfinite(result.change)
