@@ -27,6 +27,10 @@ from tp_controller.tasks.pose import parse_pose
 from tp_controller.transition import Transition
 
 
+# Share of each new measurement in the mean time between commands.
+SMOOTHING = 0.05
+
+
 @dataclass(frozen=True, eq=False)
 class Command:
     """
@@ -109,6 +113,8 @@ class Controller:
         self._speed_cap = None if not slow.any() else np.where(
             slow, (1.0 - settings.reserve) * self.robot.velocity, self.robot.velocity)
         self._solver = settings.solver(self.robot.n)
+        # How long commands are held; commands may well come faster than they need to.
+        self._held = settings.period
         self._transition.duration = settings.blend
         self._transition.announce(0)
 
@@ -235,6 +241,8 @@ class Controller:
             elapsed = self._settings.period
         elif elapsed is None:
             elapsed = now - self._last_update
+        self._held += SMOOTHING * (min(max(elapsed, 0.0), self._settings.period) - self._held)
+        self._solver.hold(self._held)
         bounds = self._limits.at(state.q, self._velocity, elapsed)
         lower, upper = bounds.lower, bounds.upper
         solution = self._solver.solve(levels, lower, upper, self._speed_cap)

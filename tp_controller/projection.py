@@ -139,10 +139,14 @@ class Damping:
         self._none = damping == 0.0 or singular_region == 0.0
         self._squared, self._region = damping * damping, singular_region
         # Without a region this is the damped least squares of the lecture, and stays it.
-        plain = self._none or singular_region == math.inf
-        self._pace = 0.0 if plain else REACTION * period / self._squared
+        self._plain = self._none or singular_region == math.inf
+        self.hold(period)
+
+    def hold(self, period):
+        """Take another period [s] from now on."""
+        self._pace = 0.0 if self._plain else REACTION * period / self._squared
         # From here on no direction is damped, whatever is wanted of it.
-        self._safe = singular_region * (1.0 if self._pace == 0.0 else LARGEST_GROWTH ** 0.5)
+        self._safe = self._region * (1.0 if self._pace == 0.0 else LARGEST_GROWTH ** 0.5)
 
     def spares(self, s, wish):
         """Say whether singular values of at least `s` are undamped for wishes up to `wish`."""

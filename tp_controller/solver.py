@@ -174,6 +174,11 @@ method, rank_tolerance
         self._rank_tolerance = rank_tolerance
         self._no_bounds = np.full(n, -np.inf), np.full(n, np.inf)
 
+    def hold(self, period):
+        """Take another period [s] from now on."""
+        self._period = period
+        self._damping.hold(period)
+
     def solve(self, levels, lower=None, upper=None, speed_cap=None):
         """
         Return the `Solution` for levels and bounds whose shapes fit together.
