@@ -26,7 +26,6 @@ from tp_controller.spatial import inverse_pose
 from tp_controller.tasks.pose import parse_pose
 from tp_controller.transition import Transition
 
-
 # Share of each new measurement in the mean time between commands.
 SMOOTHING = 0.05
 
@@ -76,6 +75,7 @@ class Controller:
         self._velocity = np.zeros(robot.n)
         self._last_update = None
         self._transition = Transition(0.0)
+        self._settings = None
         self._escape = Escape(robot.n)
         self.settings = settings or Settings()
 
@@ -106,6 +106,8 @@ class Controller:
     @settings.setter
     def settings(self, settings):
         self.check_settings(settings)
+        if settings == self._settings:
+            return
         self._settings = settings
         self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain)
         # Only a joint that needs time to get faster has to be kept ready.
@@ -244,33 +246,35 @@ class Controller:
         self._held += SMOOTHING * (min(max(elapsed, 0.0), self._settings.period) - self._held)
         self._solver.hold(self._held)
         bounds = self._limits.at(state.q, self._velocity, elapsed)
-        lower, upper = bounds.lower, bounds.upper
-        solution = self._solver.solve(levels, lower, upper, self._speed_cap)
 
         def solve(levels):
-            return self._solver.solve(levels, lower, upper, self._speed_cap).velocity
+            return self._solver.solve(levels, bounds.lower, bounds.upper, self._speed_cap)
 
-        eased, why = self._ease(state, now, levels, solution, solve)
-        if eased is not None:
-            solution = solution.moved_to(solve(eased))
+        solution, why = self._lead_over(state, now, levels, bounds, solve)
+        if solution is None:
+            solution = solve(levels)
+            way_out = self._escape.levels(solution, now, solve)
+            if way_out is not None:
+                solution, why = solution.moved_to(solve(way_out).velocity), 'leaving a singularity'
         self._velocity, self._last_update = solution.velocity, now
-        return Command(solution.velocity, Report(self.robot, self.stack, bounds, solution,
-                                                 why))
+        return Command(solution.velocity, Report(self.robot, self.stack, bounds, solution, why))
 
-    def _ease(self, state, now, levels, solution, solve):
-        """Return levels that lead over from before a change or out of a singularity, and why."""
-        transition, velocity = self._transition, solution.velocity
-        shared = transition.pending(state, now, levels)
+    def _lead_over(self, state, now, levels, bounds, solve):
+        """Return a solution that leads over from before a change, and why; None if need not."""
+        shared = self._transition.pending(state, now, levels)
         if shared is not None:
             self._escape.reset()
-            if self._last_update is not None:
-                transition.begin(self._velocity - velocity,
-                                 max(self._last_update, now - self._settings.period), shared)
-        eased = transition.levels(levels, velocity, now)
-        if eased is not None:
-            return eased, 'taking over from what was before a change'
-        eased = self._escape.levels(solution, now, solve)
-        return eased, '' if eased is None else 'leaving a singularity'
+        if self._last_update is None or not (shared is not None or self._transition.active(now)):
+            return None, ''
+        # Where it is to lead: acceleration limits only say how fast to get there.
+        aim = self._solver.solve(levels, *bounds.settled, self._speed_cap)
+        if shared is not None:
+            self._transition.begin(self._velocity - aim.velocity,
+                                   max(self._last_update, now - self._settings.period), shared)
+        eased = self._transition.levels(levels, aim.velocity, now)
+        if eased is None:
+            return None, ''
+        return aim.moved_to(solve(eased).velocity), 'taking over from what was before a change'
 
     def _announce_goal(self, task, now):
         """Tell the transition that a task gets a goal."""

@@ -70,14 +70,15 @@ class Escape:
             Of this cycle.
         now : float
             [s]
-        solve : callable (list of Level) -> ndarray (n,)
-            Returns the velocity that carries levels out.
+        solve : callable (list of Level) -> Solution
+            Carries levels out.
 
         """
         if self._upper:
             # Without the levels below, which may want to stay where they are.
-            upper = solution.hierarchy[:self._upper]
-            levels = self._nudge.levels(upper, solve(upper), now)
+            upper = solution.hierarchy[:self._upper] + [
+                level for level in solution.hierarchy[self._upper:] if level.v is None]
+            levels = self._nudge.levels(upper, solve(upper).velocity, now)
             if levels is not None:
                 return levels
             self._upper = 0

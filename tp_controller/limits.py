@@ -38,13 +38,15 @@ class VelocityBounds:
     ----------
     lower, upper : ndarray (n,)
         [rad/s or m/s], lower ≤ upper.
+    settled : (ndarray (n,), ndarray (n,))
+        The same without acceleration limits: what the joints may have in time.
 
     """
 
-    __slots__ = ('lower', 'upper', '_braking', '_velocity', '_window')
+    __slots__ = ('lower', 'upper', 'settled', '_braking', '_velocity', '_window')
 
     def __init__(self, lower, upper, braking, velocity):
-        self.lower, self.upper = lower, upper
+        self.lower, self.upper = self.settled = lower, upper
         self._braking, self._velocity = braking, velocity
         self._window = None
 

@@ -61,12 +61,12 @@ class Projection:
     """
 
     __slots__ = ('level', 'tolerance', 'rank', 'smallest', 'U', 's', 'gains', 'directions',
-                 'remaining', 'orthonormal', '_given_orthonormal', '_damping',
+                 'remaining', 'orthonormal', '_damping',
                  'released')
 
     def __init__(self, level, Z, orthonormal, tolerance, damping, release_region):
         self.level, self.tolerance = level, tolerance
-        self._given_orthonormal = self.orthonormal = orthonormal
+        self.orthonormal = orthonormal
         self._damping = damping
         self.released = 0.0
         whole = level.J is identity(len(Z))
@@ -104,12 +104,6 @@ class Projection:
         given = 1.0 - kept * kept * (3.0 - 2.0 * kept)
         self.orthonormal, self.released = False, float(self.s[weak])
         self.remaining = np.hstack([self.directions[:, weak:self.rank] * given, self.remaining])
-
-    def coordinates(self, motion):
-        """Return the a (k,) whose `directions`·a is nearest to a motion of the joints (n,)."""
-        if self._given_orthonormal:
-            return self.directions.T.dot(motion)
-        return np.linalg.lstsq(self.directions, motion, rcond=None)[0]
 
     def step(self, residual):
         """Return the motion (n,) that takes a residual (m,) away, J̄^# residual."""

@@ -34,9 +34,8 @@ misses its wish by r, the joints that can still move may be close to a singulari
 not show; as for any singularity (`tp_controller.projection.Damping`), a velocity that is held
 for a period T then needs μ² of κ T r, about c = a°, or it would swing from side to side.
 
-The first level moves no joint without need, so that it is seen how much room it leaves; in the others a° also
-holds what the levels below will want, as far as it is within the bounds. All programs are
-strictly convex and small, and x itself is always feasible.
+No level knows of the levels below it, and each moves the joints no farther than it needs. All
+programs are strictly convex and small, and x itself is always feasible.
 """
 
 from functools import lru_cache
@@ -58,7 +57,7 @@ TOLERANCES = (1e-11, 1e-10, 1e-9, 1e-8)
 # its square shrinks by this factor until nothing changes or rounding would take over.
 EXACT_REGULARISATION = 3e-2
 EXACT_DECREASE = 0.1
-EXACT_REPETITIONS = 8
+EXACT_REPETITIONS = 5
 CONVERGED = 1e-12
 
 
@@ -91,10 +90,9 @@ def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation
         For each level.
 
     """
-    wanted = unbounded[-1].velocity if unbounded else np.zeros(len(start))
     nearest = next((stage.velocity for stage in unbounded if stage.projection is not None),
-                   wanted)
-    cascade = _Cascade(nearest, wanted, bounds, start, regularisation, REACTION * period)
+                   np.zeros(len(start)))
+    cascade = _Cascade(nearest, bounds, start, regularisation, REACTION * period)
     stages, first = [], True
     for level, stage in zip(levels, unbounded):
         if level.v is None:
@@ -133,12 +131,9 @@ def clip(x, lower, upper):
 class _Cascade:
     """The velocity x that the levels so far agree on, what they left free, and what bounds it."""
 
-    def __init__(self, first, wanted, bounds, start, regularisation, reaction):
-        self._wanted = wanted
-        self.x = clip(first, *bounds)
+    def __init__(self, x, bounds, start, regularisation, reaction):
+        self.x = clip(x, *bounds)
         self._lower, self._upper = bounds
-        # Where levels move to what they have no wish for: the first one stays where it is.
-        self._centre = None
         self._start = start
         self._Z = start
         self._rows = np.zeros((0, len(start)))
@@ -150,8 +145,6 @@ class _Cascade:
         lower, upper = bounds
         self._lower = np.minimum(np.maximum(self._lower, lower), self.x)
         self._upper = np.maximum(np.minimum(self._upper, upper), self.x)
-        # From here on, what a level leaves open goes where the levels below will want it.
-        self._centre = clip(self._wanted, self._lower, self._upper)
 
     def carry_out(self, level, stage):
         """Come as near to what a level wants as the bounds allow; return its `Stage`."""
@@ -179,8 +172,7 @@ class _Cascade:
         s, directions = projection.s, projection.directions
         if not len(s):
             return None, None
-        target = np.zeros(directions.shape[1]) if self._centre is None \
-            else projection.coordinates(self._centre - self.x)
+        target = np.zeros(directions.shape[1])
         target[:len(s)] = aim
         if self._take(self.x + directions.dot(target)):
             return None, None
@@ -194,13 +186,13 @@ class _Cascade:
         """Keep the direction of a level and slow it as little as the bounds allow."""
         projection = stage.projection
         U_T, s, rank = projection.U.T, projection.s, projection.rank
-        self._Z = projection.remaining
         # The way to the wanted velocity begins at rest, or as near to it as the bounds allow.
-        if self._centre is None:
+        if self._Z is self._start:
             self.x = clip(np.zeros(len(self.x)), self._lower, self._upper)
         self._approach(projection, -U_T.dot(level.J.dot(self.x)) / s)
         wanted = U_T.dot(level.J.dot(stage.velocity - self.x))
         way = wanted / s
+        self._Z = projection.remaining
         directions = np.column_stack([projection.directions[:, :rank].dot(way),
                                       projection.directions[:, rank:]])
         if self._take(self.x + directions[:, 0]):

@@ -165,7 +165,9 @@ method, rank_tolerance
         # included. Starting the recursion from Z = W^{-1/2} instead of I does exactly that.
         self._start = identity(n) if weights is None else np.diag(_column_scales(weights, n))
         self._unweighted = weights is None
-        self._can_stack = self._unweighted and method == 'recursive'
+        # What is released is damped as well, or else only the recursion knows of it.
+        releasing = release_region > 0.0 and (damping == 0.0 or release_region > singular_region)
+        self._can_stack = self._unweighted and method == 'recursive' and not releasing
         self._recursion = _sequential if method == 'sequential' else _recursive
         self._uniform = scaling == 'uniform'
         self._damping = Damping(damping, singular_region, period)

@@ -168,7 +168,12 @@ class _Reader:
         entries = node.value if isinstance(node, yaml.SequenceNode) else [node]
         if not entries:
             self._fault(node, '', 'a level needs at least one task')
-        return [self._task(entry) for entry in entries]
+        tasks = [self._task(entry) for entry in entries]
+        modes = {task.mode for task in tasks if task is not None}
+        if len(modes) > 1:
+            self._fault(node, '', f'tasks that share a level need the same mode, not '
+                                  f'{" and ".join(sorted(modes))}')
+        return tasks
 
     def _task(self, node):
         """Return the task of one entry, or None and note what is wrong."""

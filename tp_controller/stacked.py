@@ -25,6 +25,7 @@ a velocity of every joint, J = I, is met as closely as the others allow by start
 import math
 
 import numpy as np
+from scipy.linalg.blas import dnrm2
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 from tp_controller.level import identity
 
@@ -113,6 +114,6 @@ def _undamped(levels, factor, inverse, squared_norm, v, damping):
 
 
 def _squared_norm(matrix):
-    """Return the square of the Frobenius norm."""
-    entries = matrix.ravel('K')
-    return entries.dot(entries)
+    """Return the square of the Frobenius norm, infinite where it is beyond all numbers."""
+    norm = dnrm2(matrix.ravel('K'))
+    return norm * norm

@@ -99,8 +99,12 @@ class Transition:
             How many of the upper levels the change leaves as they are.
 
         """
-        self._shared = shared if self._offset is None else min(shared, self._shared)
+        self._shared = min(shared, self._shared) if self.active(began) else shared
         self._offset, self._began = offset, began
+
+    def active(self, now):
+        """Return whether an offset still fades out."""
+        return self._offset is not None and 0.0 <= now - self._began < self.duration
 
     def levels(self, levels, velocity, now):
         """
@@ -116,12 +120,9 @@ class Transition:
             [s]
 
         """
-        if self._offset is None:
+        if not self.active(now):
             return None
-        share = (now - self._began) / self.duration if self.duration > 0.0 else 1.0
-        if not 0.0 <= share < 1.0:
-            self._offset = None
-            return None
+        share = (now - self._began) / self.duration
         left = 1.0 - share * share * (3.0 - 2.0 * share)
         # Bounds of the new stack hold at once: they are there for safety.
         return levels[:self._shared] + [level for level in levels[self._shared:]

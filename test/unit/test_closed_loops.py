@@ -14,6 +14,8 @@
 
 """A small version of the closed loops at random that `benchmarks/closed_loops.py` runs."""
 
+import importlib
+
 import numpy as np
 import pytest
 import robots
@@ -23,8 +25,7 @@ import robots
 def closed_loops(monkeypatch):
     """Return the module of the benchmark."""
     monkeypatch.syspath_prepend(robots.REPOSITORY / 'benchmarks')
-    import closed_loops
-    return closed_loops
+    return importlib.import_module('closed_loops')
 
 
 @pytest.mark.parametrize('robot', ['Panda', 'UR5', 'Baxter', 'planar 10R'])

@@ -263,3 +263,71 @@ def test_an_arm_that_cannot_move_towards_its_goal_is_nudged_three_times_and_then
     loop.controller.set_goal('tip', [0.7, 0.1, 0.3], loop.now)
     loop.run(12.0)
     np.testing.assert_allclose(robot.state(loop.q).position('link4')[:2], [0.7, 0.1], atol=2e-3)
+
+
+# Speed that is kept ready, and the mode of a task
+
+@pytest.mark.parametrize('slow', [None, 'panda_joint1'])
+def test_only_a_joint_with_an_acceleration_limit_is_kept_ready(slow):
+    limits = {slow: {'acceleration': 1000.0}} if slow else None
+    robot = Robot.from_file(robots.PANDA_DH, limits=limits)
+    loop = Loop(robot, '- hold: {type: position, frame: panda_link1}\n'
+                       '- turn: {type: joint_velocity, timeout: 9}\n', READY)
+    loop.controller.set_goal('turn', robot.velocity, loop.now)
+    loop.run(0.45)
+    fastest = np.array([1.0 - loop.settings.reserve if name == slow else 1.0
+                        for name in robot.joint_names]) * robot.velocity
+    np.testing.assert_allclose(np.max(loop.velocities, axis=0), fastest, rtol=1e-9)
+
+
+@pytest.mark.parametrize('text', [
+    '- turn: {type: joint_velocity, timeout: 9, mode: scale}\n',
+    '- - turn: {type: joint_velocity, timeout: 9, mode: scale}\n'
+    '  - still: {type: joint_velocity, joints: panda_joint1, timeout: 9, mode: scale}\n'])
+def test_a_task_of_mode_scale_keeps_its_direction(text):
+    robot = robots.panda()
+    loop = Loop(robot, text, READY, Settings(period=PERIOD, blend=0.0))
+    wish = np.array([0.0, 0.5, -2.0, 0.3, 9.0, 0.1, 0.4])
+    loop.controller.set_goal('turn', wish, loop.now)
+    loop.step()
+    v = loop.velocities[-1]
+    assert v[4] == robot.velocity[4]
+    np.testing.assert_allclose(v, v[4] / 9.0 * wish, rtol=0, atol=1e-6)
+
+
+def test_a_new_goal_is_a_new_reason_to_nudge_an_arm():
+    robot = Robot.from_dh([{'name': f'j{number}', 'a': 0.2, 'velocity': 2.0}
+                           for number in range(4)])
+    loop = Loop(robot, '- tip: {type: position, frame: link4, gain: 1.0}\n'
+                       '- posture: {type: posture, gain: 2.0}\n', np.zeros(4))
+    for height in (0.3, 0.4):
+        # Out of the plane, and three nudges do not help.
+        loop.controller.set_goal('tip', [0.8, 0.0, height], loop.now)
+        loop.run(0.8)
+        assert loop.task('tip').reason.endswith('leaving a singularity')
+        loop.run(10.0)
+        assert 'leaving' not in loop.task('tip').reason
+
+
+def test_the_report_names_the_three_limits_that_matter_most():
+    robot = robots.panda()
+    loop = Loop(robot, '- turn: {type: joint_velocity, timeout: 9}\n', READY,
+                Settings(period=PERIOD, blend=0.0))
+    loop.controller.set_goal('turn', robot.velocity + [0.8, 2.8, -1.0, 0.3, 6.4, -1.0, -1.0],
+                             loop.now)
+    loop.step()
+    assert loop.task('turn').reason.partition(' by ')[2] == ', '.join(
+        f'panda_joint{number} at its velocity limit' for number in (5, 2, 1))
+
+
+def test_the_report_tells_a_task_that_is_turned_aside_from_one_that_is_slowed():
+    robot = robots.panda()
+    q = READY.copy()
+    q[0] = robot.upper[0] + 0.02
+    loop = Loop(robot, '- turn: {type: joint_velocity, timeout: 9}\n', q,
+                Settings(period=PERIOD, blend=0.0))
+    loop.controller.set_goal('turn', [0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0], loop.now)
+    loop.step()
+    # Joint 1 has to go back; joint 2 does all that is wanted of it.
+    assert loop.task('turn').reason == \
+        'turned aside by panda_joint1 at its upper position limit'

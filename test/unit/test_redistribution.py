@@ -962,3 +962,31 @@ def test_a_missing_side_is_an_infinite_one(problem):
     one = redistribute(hierarchy, None, upper).velocity
     other = redistribute(hierarchy, np.full(n, -INFINITE), upper).velocity
     assert one.tolist() == other.tolist()
+
+
+@pytest.mark.parametrize('period', [0.0, 0.01, 0.1])
+def test_velocity_that_is_held_longer_is_regularised_more(period):
+    # Joint 1 is at its bound, 0.8 is left to joint 2, which does half of what it moves.
+    velocity = redistribute([([[1.0, 0.5]], [1.0])], [-0.2, -5.0], [0.2, 5.0], period=period,
+                            **DEFAULTS).velocity
+    # From (0.8, 0.4) within the bounds the shortest way to the wish leads to (0.68, 0.64).
+    aim, squared = 0.64, 0.05 ** 2
+    first = (0.5 * 0.8 + squared * aim) / (0.25 + squared)
+    # κ T |what is missing|, about the aim; the rest about the first answer.
+    more = 4.0 * period * abs(0.5 * first - 0.8)
+    second = (0.5 * 0.8 + squared * first + more * aim) / (0.25 + squared + more)
+    assert velocity == near([0.2, second])
+
+
+@pytest.mark.parametrize('s', [0.05, 0.2])
+@pytest.mark.parametrize('period', [0.0, 0.001, 0.01, 0.1])
+def test_damping_grows_with_the_wish_and_the_period_but_only_in_a_region(s, period):
+    levels, wish = [(np.diag([1.0, s]), np.array([1e-3, 2.0]))], 2.0
+    # κ T |v| / λ², from 1 to 9, and the square of the region with it.
+    growth = min(max(4.0 * period * wish / 0.01, 1.0), 9.0)
+    squared = 0.01 * max(growth - (s / 0.1) ** 2, 0.0)
+    assert solve(levels, damping=0.1, singular_region=0.1, period=period).velocity == near(
+        [1e-3, s * wish / (s * s + squared)])
+    # Without a region it is the damping of the lecture.
+    assert solve(levels, damping=0.1, period=period).velocity == near(
+        [1e-3 / 1.01, s * wish / (s * s + 0.01)])

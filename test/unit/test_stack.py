@@ -355,3 +355,10 @@ def test_name_that_is_too_long_for_a_topic_is_a_fault():
 def test_merge_keys_are_named_as_not_supported():
     found = faults('- a: &a {type: joint, joints: joint1}\n- b: {<<: *a, gain: 2}\n')
     assert any('<<' in message for _, _, message in found)
+
+
+def test_tasks_that_share_a_level_need_the_same_mode():
+    text = ('- [a: {type: position, frame: link3, mode: scale},\n'
+            '   b: {type: joint, joints: joint1}]\n')
+    assert 'need the same mode, not least_squares and scale' in fault(text)[2]
+    assert read(text.replace('joint1', 'joint1, mode: scale')).groups[0][1].mode == 'scale'

@@ -232,3 +232,85 @@ def test_first_update_acts_at_once():
     wanted = np.full(7, 0.1)
     controller.set_goal('j', wanted, 0.0)
     np.testing.assert_allclose(controller.update(START, 0.0).velocity, wanted)
+
+
+def test_the_offset_fades_without_a_corner():
+    from tp_controller.transition import Transition
+    transition = Transition(0.4)
+    transition.begin(np.array([2.0, 0.0]), 5.0, 0)
+    # 1 − 3 s² + 2 s³ after the share s of the time.
+    for share, left in ((0.0, 1.0), (0.25, 0.84375), (0.5, 0.5), (0.75, 0.15625)):
+        level, = transition.levels([], np.array([0.1, 0.3]), 5.0 + 0.4 * share)
+        np.testing.assert_allclose(level.v, [0.1 + 2.0 * left, 0.3], rtol=0, atol=1e-12)
+    assert transition.levels([], np.zeros(2), 5.4 + 1e-9) is None
+
+
+def test_bounds_of_the_new_stack_hold_while_a_change_fades_out():
+    from tp_controller import Level
+    from tp_controller.transition import Transition
+    transition = Transition(0.4)
+    transition.begin(np.ones(2), 0.0, 1)
+    first, wish = (Level(np.eye(2)[:1], np.array([wanted])) for wanted in (0.1, 0.2))
+    bound = Level(np.eye(2)[1:], upper=np.array([0.3]), lower=np.array([-0.3]))
+    eased = transition.levels([first, wish, bound], np.zeros(2), 0.1)
+    assert len(eased) == 3 and eased[0] is first and eased[1] is bound
+
+
+@pytest.mark.parametrize('pause', [0.0, 0.05])
+def test_a_change_further_down_does_not_cut_short_the_one_above_it(pause):
+    run = Run()
+    run.until(CHANGE)
+    turn_back(run)
+    run.until(CHANGE + pause)
+    run.controller.set_goal('posture', START + 0.2, run.now)
+    run.until(CHANGE + 0.5)
+    assert run.fastest_change(CHANGE) < 16.0
+
+
+def test_acceleration_limits_count_with_the_time_that_has_passed():
+    robot = Run(acceleration=5.0).robot
+    for given in (False, True):
+        controller = Controller(robot, Stack.from_yaml(
+            '- j: {type: joint_velocity, timeout: 9}\n', robot), replace(CALM, blend=0.0))
+        controller.set_goal('j', np.ones(7), 0.0)
+        controller.update(START, 0.0)
+        late, elapsed = (0.0, 0.4 * PERIOD) if given else (0.4 * PERIOD, None)
+        before = controller.update(START, PERIOD).velocity
+        after = controller.update(START, PERIOD + late, elapsed=elapsed).velocity
+        np.testing.assert_allclose(after - before, 5.0 * 0.4 * PERIOD, rtol=0, atol=1e-9)
+
+
+def test_settings_that_are_the_same_change_nothing():
+    run, other = Run(), Run()
+    run.until(CHANGE)
+    other.until(CHANGE)
+    run.controller.settings = replace(CALM)
+    run.update()
+    other.update()
+    assert run.velocities[-1].tolist() == other.velocities[-1].tolist()
+    assert run.command.report.tasks[0].reason == ''
+
+
+def test_the_start_is_a_straight_ramp_and_not_a_detour_to_where_joints_are_fast():
+    # With the acceleration limits in the aim, joint 1 swung to −0.7 rad/s and back.
+    acceleration = dict(zip(robots.panda().joint_names, (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)))
+    robot = Robot.from_file(robots.PANDA_DH, limits={
+        name: {'acceleration': value} for name, value in acceleration.items()})
+    controller = Controller(robot, Stack.from_yaml(
+        '- tool: {type: pose, frame: panda_hand_tcp, gain: 2.0}\n'
+        '- elbow: {type: position, frame: panda_link4, axes: y, gain: 1.5}\n'
+        '- posture: {type: posture, gain: 0.5}\n', robot), Settings(period=0.005))
+    q = np.array([0.3, -0.5, 0.2, -2.0, 0.1, 1.6, 0.8])
+    controller.update(q, 0.0)
+    goal = robot.state(q).pose('panda_hand_tcp').copy()
+    goal[:3, 3] += [0.0, 0.2, 0.0]
+    controller.set_goal('tool', goal, 0.0)
+    velocities = []
+    for cycle in range(1, 100):
+        velocities.append(controller.update(q, 0.005 * cycle).velocity)
+        q = q + 0.005 * velocities[-1]
+    velocities = np.array(velocities)
+    # No joint goes one way first and then, faster, the other.
+    for joint in range(7):
+        most, least = velocities[:, joint].max(), velocities[:, joint].min()
+        assert min(most, -least) < 0.1

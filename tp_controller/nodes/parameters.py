@@ -33,6 +33,7 @@ DOUBLES = Parameter.Type.DOUBLE_ARRAY
 DOUBLE = Parameter.Type.DOUBLE
 # Start of the names of the joints' limits.
 LIMITS = 'limits.'
+UNIT_ENDINGS = {'velocity': '/s', 'acceleration': '/s²'}
 EXAMPLES = {
     'DOUBLE': 'a double, such as 1.0', 'INTEGER': 'an integer, such as 1',
     'STRING': 'a string', 'BOOL': 'true or false',
@@ -221,7 +222,7 @@ def _limits(node, robot):
     """Return {joint: {key: value}} of the limits that parameters replace."""
     specs = [Spec(f'{LIMITS}{joint}.{key}', DOUBLE,
                   f'{key} limit of the joint, in place of the one in the description',
-                  unit + ('/s' if key == 'velocity' else ''), read_only=True)
+                  unit + UNIT_ENDINGS.get(key, ''), read_only=True)
              for joint, unit in zip(robot.joint_names, robot.joint_units) for key in LIMIT_KEYS]
     strange = {name for name in node._parameter_overrides
                if name.startswith(LIMITS)} - {spec.name for spec in specs}
