@@ -81,7 +81,7 @@ class Controller:
 
     def replace_stack(self, stack):
         """Carry out another stack from the next cycle on; goals of tasks it keeps go on."""
-        self._transition.announce_stack(self.stack.active)
+        self._announce_stack()
         stack.take_over(self.stack)
         self.stack = stack
         self._started = False
@@ -198,7 +198,7 @@ class Controller:
         task = self._task(name)
         if enabled == (name not in self.stack.disabled):
             return
-        self._transition.announce_stack(self.stack.active)
+        self._announce_stack()
         if enabled:
             task.release()
             self._started = False
@@ -275,6 +275,14 @@ class Controller:
         if eased is None:
             return None, ''
         return aim.moved_to(solve(eased).velocity), 'taking over from what was before a change'
+
+    def _announce_stack(self):
+        """Tell the transition that the stack will change."""
+        if self._started:
+            self._transition.announce_stack(self.stack.active)
+        else:
+            # Its tasks may have no goals yet, so nothing can be said about its levels.
+            self._transition.announce(0)
 
     def _announce_goal(self, task, now):
         """Tell the transition that a task gets a goal."""

@@ -314,3 +314,16 @@ def test_the_start_is_a_straight_ramp_and_not_a_detour_to_where_joints_are_fast(
     for joint in range(7):
         most, least = velocities[:, joint].max(), velocities[:, joint].min()
         assert min(most, -least) < 0.1
+
+
+def test_a_stack_may_be_replaced_before_it_has_ever_run():
+    run = Run()
+    run.until(CHANGE)
+    for _ in range(2):
+        run.controller.replace_stack(Stack.from_yaml(
+            '- other: {type: position, frame: panda_link4}\n', run.robot))
+        run.controller.enable('other', False)
+        run.controller.enable('other', True)
+    run.update()
+    assert np.isfinite(run.velocities[-1]).all()
+    assert run.fastest_change(CHANGE) < 20.0
