@@ -27,7 +27,6 @@ import numpy as np
 from tp_controller import Settings, Stack
 from tp_controller.level import Level
 from tp_controller.limits import VelocityLimits
-from tp_controller.solver import Solver
 
 SEED = 0
 STATES = 1000
@@ -61,12 +60,7 @@ CASES = {
 
 def solver(robot, scaling):
     """Return a solver with the default settings, but for the scaling."""
-    settings = Settings()
-    return Solver(robot.n, None, damping=settings.damping, scaling=scaling,
-                  singular_region=settings.singular_region,
-                  release_region=settings.release_region,
-                  regularisation=settings.regularisation, method=settings.method,
-                  rank_tolerance=settings.rank_tolerance)
+    return Settings(scaling=scaling).solver(robot.n)
 
 
 def methods(robot):

@@ -28,7 +28,6 @@ import numpy as np
 from tp_controller import Settings
 from tp_controller.level import identity, Level
 from tp_controller.limits import VelocityLimits
-from tp_controller.solver import Solver
 
 SEED = 0
 PATHS = 20
@@ -108,13 +107,11 @@ def follow(robot, path, settings, seconds):
         Largest change of a velocity from the cycle before [rad/s].
 
     """
-    solver = Solver(robot.n, None, damping=settings.damping, scaling=settings.scaling,
-                    singular_region=settings.singular_region,
-                    release_region=settings.release_region,
-                    regularisation=settings.regularisation, method=settings.method,
-                    rank_tolerance=settings.rank_tolerance)
+    solver = settings.solver(robot.n)
     limits = VelocityLimits(robot, settings.period, settings.braking_gain)
-    cap = (1.0 - settings.reserve) * robot.velocity
+    # As the controller does: only joints that need time to get faster are kept ready.
+    cap = (1.0 - settings.reserve) * robot.velocity \
+        if np.isfinite(robot.acceleration).all() else None
     q, velocity = READY, np.zeros(robot.n)
     state = robot.state(q)
     elbow, pointing = state.position(ELBOW)[2], state.rotation(TOOL)[:, 2]

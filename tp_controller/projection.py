@@ -26,7 +26,10 @@ RELEASED = 0.1
 # κ: how many periods a wish may take at least to lead out of a singularity, per unit of s.
 REACTION = 4.0
 # The most that λ² and ε² are raised by.
-LARGEST_GROWTH = 9.0
+LARGEST_GROWTH = 36.0
+# A level below that moves by 1 along a released direction has s of this where half is released.
+HALF_RELEASED = 0.1
+TINY = 1e-9
 
 
 class Projection:
@@ -101,7 +104,10 @@ class Projection:
         weak = int(np.count_nonzero(self.s >= region))
         share = (self.s[weak:] / region - RELEASED) / (1.0 - RELEASED)
         kept = np.clip(share, 0.0, 1.0)
-        given = 1.0 - kept * kept * (3.0 - 2.0 * kept)
+        kept = kept * kept * (3.0 - 2.0 * kept)
+        # For a level below this is a factor of its s, and damping gives the share to it that
+        # belongs to s: so it is that share that has to grow smoothly, and be whole in the end.
+        given = np.minimum(HALF_RELEASED * np.sqrt((1.0 - kept) / np.maximum(kept, TINY)), 1.0)
         self.orthonormal, self.released = False, float(self.s[weak])
         self.remaining = np.hstack([self.directions[:, weak:self.rank] * given, self.remaining])
 

@@ -24,41 +24,26 @@ the levels give way from the last one on.
 Each level moves x in the coordinates a of its own singular directions Q = Z V, which do not move
 the levels above. With a° for the motion that takes J_k (ζ_k − x) away it solves ::
 
-    minimise    Σ s_i² (a_i − a°_i)² + μ² ‖a − c‖²
+    minimise    Σ s_i² (a_i − a°_i)²
     subject to  lower ≤ x + Q a ≤ upper,  and the rows of the levels with bounds above,
 
-first with c = a°, then with c at that answer. The regularisation μ decides among equally good
-answers; it keeps them from jumping from one corner of the bounds to another. If a° fits, it is
-the answer of both: so there is no jump either where the bounds begin to matter. Where a level
-misses its wish by r, the joints that can still move may be close to a singularity that J does
-not show; as for any singularity (`tp_controller.projection.Damping`), a velocity that is held
-for a period T then needs μ² of κ T r, about c = a°, or it would swing from side to side.
-
-No level knows of the levels below it, and each moves the joints no farther than it needs. All
-programs are strictly convex and small, and x itself is always feasible.
+regularised as `tp_controller.programs` says. If a° fits, it is the answer, so nothing jumps where
+the bounds begin to matter. No level knows of the levels below it, and each moves the joints no
+farther than it needs. All programs are strictly convex and small, and x itself always fits.
 """
 
-from functools import lru_cache
-import math
-
-import daqp
 import numpy as np
+from tp_controller.least_distance import nearest_point
 from tp_controller.level import identity
-from tp_controller.projection import REACTION
+from tp_controller.programs import regularised
 from tp_controller.solution import Stage
 
 # What a velocity may exceed a bound by and be cut off, relative to its size.
 ROUNDING = 1e-12
 # What a row may be off its bound.
 FEASIBLE = 1e-11
-# How exactly a program keeps its bounds; the next one where rounding at a corner defeats this.
-TOLERANCES = (1e-11, 1e-10, 1e-9, 1e-8)
-# For an exact answer the regularisation begins at this share of the largest singular value, and
-# its square shrinks by this factor until nothing changes or rounding would take over.
-EXACT_REGULARISATION = 3e-2
-EXACT_DECREASE = 0.1
-EXACT_REPETITIONS = 5
-CONVERGED = 1e-12
+# Pushes a joint with a multiplier the last bit onto its bound.
+PUSH = 1e6
 
 
 def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation, period):
@@ -92,7 +77,7 @@ def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation
     """
     nearest = next((stage.velocity for stage in unbounded if stage.projection is not None),
                    np.zeros(len(start)))
-    cascade = _Cascade(nearest, bounds, start, regularisation, REACTION * period)
+    cascade = _Cascade(nearest, bounds, start, regularisation, period)
     stages, first = [], True
     for level, stage in zip(levels, unbounded):
         if level.v is None:
@@ -109,8 +94,6 @@ def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation
 
 def within(x, lower, upper):
     """Return x (n,) without what rounding put beyond its bounds; None if it is farther off."""
-    if not (np.count_nonzero(x > upper) or np.count_nonzero(x < lower)):
-        return x
     clipped = clip(x, lower, upper)
     excess = clipped - x
     return clipped if excess.dot(excess) <= ROUNDING ** 2 * x.dot(x) else None
@@ -131,14 +114,14 @@ def clip(x, lower, upper):
 class _Cascade:
     """The velocity x that the levels so far agree on, what they left free, and what bounds it."""
 
-    def __init__(self, x, bounds, start, regularisation, reaction):
+    def __init__(self, x, bounds, start, regularisation, period):
         self.x = clip(x, *bounds)
         self._lower, self._upper = bounds
         self._start = start
         self._Z = start
         self._rows = np.zeros((0, len(start)))
         self._row_lower = self._row_upper = np.zeros(0)
-        self._regularisation, self._reaction = regularisation, reaction
+        self._regularisation, self._period = regularisation * regularisation, period
 
     def narrow(self, bounds):
         """Give the levels from here on less room; where x uses more already, just that."""
@@ -149,9 +132,9 @@ class _Cascade:
     def carry_out(self, level, stage):
         """Come as near to what a level wants as the bounds allow; return its `Stage`."""
         projection = stage.projection
-        aim = projection.U.T.dot(level.J.dot(stage.velocity - self.x)) / projection.s
+        missing = projection.U.T.dot(level.J.dot(stage.velocity - self.x))
         self._Z = projection.remaining
-        multipliers = self._approach(projection, aim)
+        multipliers = self._approach(projection, missing / projection.s)
         return Stage(self.x, projection, *multipliers)
 
     def _take(self, x):
@@ -169,18 +152,14 @@ class _Cascade:
 
     def _approach(self, projection, aim):
         """Move x along its directions as near to an aim (rank,) as bounds allow."""
-        s, directions = projection.s, projection.directions
-        if not len(s):
-            return None, None
-        target = np.zeros(directions.shape[1])
-        target[:len(s)] = aim
-        if self._take(self.x + directions.dot(target)):
-            return None, None
-        stiffness = np.zeros(len(target))
-        np.multiply(s, s, out=stiffness[:len(s)])
-        a, *multipliers = self._repeat(directions, stiffness, target)
-        self._move(directions.dot(a), multipliers[0])
-        return multipliers
+        if not len(aim):
+            return ()
+        target, stiffness = np.zeros((2, projection.directions.shape[1]))
+        target[:len(aim)] = aim
+        if self._take(self.x + projection.directions.dot(target)):
+            return ()
+        stiffness[:len(aim)] = projection.s * projection.s
+        return self._solve(projection.directions, stiffness, target)
 
     def scale(self, level, stage):
         """Keep the direction of a level and slow it as little as the bounds allow."""
@@ -199,15 +178,14 @@ class _Cascade:
             return Stage(self.x, projection)
         stiffness, target = np.zeros((2, directions.shape[1]))
         stiffness[0], target[0] = wanted.dot(wanted), 1.0
-        a, *multipliers = self._repeat(directions, stiffness, target)
-        self._move(directions.dot(a), multipliers[0])
+        multipliers = self._solve(directions, stiffness, target)
         return Stage(self.x, projection, *multipliers)
 
     def keep(self, level):
         """Meet the bounds of a level, as far as they can be, and hold on to that below it."""
         values = level.J.dot(self.x)
         lower, upper = level.lower, level.upper
-        multipliers = (None, None)
+        multipliers = ()
         if np.count_nonzero(values > upper) or np.count_nonzero(values < lower):
             multipliers = self._meet(level.J, lower - values, upper - values)
             values = level.J.dot(self.x)
@@ -224,10 +202,8 @@ class _Cascade:
         directions = np.hstack([self._Z, np.zeros((len(self._Z), count))])
         slack_rows = np.hstack([rows.dot(self._Z), np.eye(count)])
         stiffness = np.repeat([0.0, 1.0], [width, count])
-        a, *multipliers = self._repeat(directions, stiffness, np.zeros(width + count),
-                                       (slack_rows, lower, upper))
-        self._move(directions.dot(a), multipliers[0])
-        return multipliers
+        return self._solve(directions, stiffness, np.zeros(width + count),
+                           (slack_rows, lower, upper))
 
     def finish(self, unbounded):
         """Among what is left take the smallest velocity."""
@@ -243,9 +219,7 @@ class _Cascade:
         aim = -Z.T.dot(self.x / (cost * cost))
         if not aim.any() or self._take(self.x + Z.dot(aim)):
             return
-        answer = self._nearest(Z, np.ones(len(aim)), aim)
-        if answer is not None:
-            self._move(Z.dot(answer[0]), answer[1])
+        self._move(Z, *nearest_point(aim, *self._program(Z.copy())))
 
     def _unreleased(self, projections):
         """Return a basis of what moves no level at all, not even a weak direction of it."""
@@ -257,100 +231,47 @@ class _Cascade:
                 Z = Z.dot(V_T[int(np.count_nonzero(s > projection.tolerance)):].T)
         return Z
 
-    def _repeat(self, directions, stiffness, target, extra=None):
-        """Solve a regularised program, then again around its own answer."""
-        exact = self._regularisation == 0.0
-        squared = EXACT_REGULARISATION ** 2 * stiffness.max() if exact \
-            else self._regularisation ** 2
-        # Where all directions count alike a regularisation about the target changes nothing.
-        even = extra is None and stiffness.min() == stiffness.max() > 0.0
-        answer = self._nearest(directions, stiffness if even else stiffness + squared, target,
-                               extra)
-        if answer is None:
-            return self._shortened(directions, target)
-        if even:
-            return answer
-        for _ in range(EXACT_REPETITIONS if exact else 1):
-            before, way = answer, answer[0] - target
-            if exact:
-                centre = squared * way
-                squared *= EXACT_DECREASE
-                centre *= EXACT_DECREASE
-            else:
-                centre = squared * way
-                squared += self._reaction * math.sqrt(stiffness.dot(way * way))
-            total = stiffness + squared
-            answer = self._nearest(directions, total, target + centre / total, extra)
-            if answer is None:
-                return before
-            change = answer[0] - before[0]
-            if change.dot(change) <= CONVERGED ** 2 * (1.0 + answer[0].dot(answer[0])):
-                break
-        return answer
+    def _solve(self, directions, stiffness, target, slack=()):
+        """Move x within its bounds as a level would like best; return the multipliers."""
+        a, multipliers = regularised(stiffness, target, *self._program(directions, *slack),
+                                     self._regularisation, self._period)
+        return self._move(directions, a, multipliers)
 
-    def _nearest(self, directions, stiffness, centre, extra=None):
+    def _program(self, directions, slack_rows=None, slack_lower=None, slack_upper=None):
         """
-        Return the a nearest to a centre that the bounds allow; None if that cannot be computed.
+        Return the rows of everything that is bounded, and their bounds.
 
         Parameters
         ----------
         directions : ndarray (n, k)
             x moves by directions·a.
-        stiffness, centre : ndarray (k,)
-            Σ stiffness_i (a_i − centre_i)² is minimised.
-        extra : (ndarray (r, k), ndarray (r,), ndarray (r,)), optional
+        slack_rows, slack_lower, slack_upper : ndarray (r, k), (r,), (r,), optional
             More rows, and their bounds on rows·a.
 
         Returns
         -------
-        a : ndarray (k,)
-        multipliers : ndarray (n,)
-            Of the bounds on the joints.
-        row_multipliers : ndarray
-            Of all rows.
+        A : ndarray (n + …, k)
+            One row for each joint, then those of levels with bounds, then these.
+        lower, upper : ndarray (n + …,)
+            Bounds on A a.
 
         """
-        scales = 1.0 / np.sqrt(stiffness)
-        A = directions * scales
-        lower, upper = self._lower - self.x, self._upper - self.x
+        A, lower, upper = directions, self._lower - self.x, self._upper - self.x
         if len(self._rows):
             values = self._rows.dot(self.x)
-            A = np.concatenate([A, self._rows.dot(A)])
+            A = np.concatenate([A, self._rows.dot(directions)])
             # x is feasible; rounding must not make it infeasible.
             lower = np.concatenate([lower, np.minimum(self._row_lower - values, 0.0)])
             upper = np.concatenate([upper, np.maximum(self._row_upper - values, 0.0)])
-        if extra is not None:
-            rows, row_lower, row_upper = extra
-            A = np.concatenate([A, rows * scales])
-            lower, upper = np.concatenate([lower, row_lower]), np.concatenate([upper, row_upper])
-        for tolerance in TOLERANCES:
-            z, _, flag, information = daqp.solve(_hessian(len(scales)), -centre / scales, A,
-                                                 upper, lower, primal_tol=tolerance)
-            if flag == 1:
-                n = len(self.x)
-                return z * scales, information['lam'][:n], information['lam'][n:]
-        return None
+        if slack_rows is not None:
+            A = np.concatenate([A, slack_rows])
+            lower = np.concatenate([lower, slack_lower])
+            upper = np.concatenate([upper, slack_upper])
+        return A, lower, upper
 
-    def _shortened(self, directions, target):
-        """Return as much of a target as the bounds allow, in the form of `_nearest`."""
-        step = directions.dot(target)
-        row_step, values = self._rows.dot(step), self._rows.dot(self.x)
-        steps = np.concatenate([step, row_step])
-        room = np.concatenate([np.where(step > 0.0, self._upper, self._lower) - self.x,
-                               np.where(row_step > 0.0, self._row_upper, self._row_lower)
-                               - values])
-        moving = steps != 0.0
-        share = max(0.0, (room[moving] / steps[moving]).min(initial=1.0))
-        return share * target, np.zeros(len(self.x)), np.zeros(len(self._rows))
-
-    def _move(self, step, multipliers):
-        """Move x, exactly onto the bounds that have a multiplier and never beyond one."""
-        self.x = x = clip(self.x + step, self._lower, self._upper)
-        np.copyto(x, self._upper, where=multipliers > 0.0)
-        np.copyto(x, self._lower, where=multipliers < 0.0)
-
-
-@lru_cache(maxsize=None)
-def _hessian(n):
-    """Return the identity as daqp wants it, in memory that may be written to."""
-    return np.eye(n)
+    def _move(self, directions, a, multipliers):
+        """Move x, exactly onto the bounds that have a multiplier; return those of the joints."""
+        n = len(self.x)
+        joints = multipliers[:n]
+        self.x = clip(self.x + directions.dot(a) + PUSH * joints, self._lower, self._upper)
+        return joints, multipliers[n:]

@@ -31,9 +31,9 @@ ORDER = [
     'errors', 'spatial', 'resources', 'urdf', 'dh', 'level', 'robot',
     'tasks.base', 'tasks.frame', 'tasks.velocity', 'tasks.joint', 'tasks.position',
     'tasks.orientation', 'tasks.pose', 'tasks.twist', 'tasks',
-    'stack', 'transition', 'limits', 'solution', 'projection', 'uniform', 'redistribution',
-    'stacked', 'solver', 'escape', 'settings', 'report', 'controller',
-    'simulator', '']
+    'stack', 'transition', 'limits', 'solution', 'projection', 'uniform', 'least_distance',
+    'programs', 'redistribution', 'stacked', 'solver', 'escape', 'settings', 'report',
+    'controller', 'simulator', '']
 # What the method may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'yaml', 'daqp', 'tp_controller'}
 OPTIONAL = {('resources', 'ament_index_python')}

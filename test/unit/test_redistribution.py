@@ -202,13 +202,13 @@ def test_weights_decide_what_is_left_within_the_bounds(problem, seed):
     check_against_reference(n, hierarchy, lower, upper, weights)
 
 
-@settings(max_examples=6)
+@settings(max_examples=40)
 @given(hierarchies(max_joints=40, max_levels=6))
 def test_large_hierarchies_are_solved_as_well(problem):
     n, hierarchy, lower, upper = problem
     assume(n > 12 and well_conditioned(n, hierarchy, 1e-3))
-    # The rows of levels with bounds are met to about 1e-7 here.
-    check_against_reference(n, hierarchy, lower, upper, tolerance=1e-6)
+    # Of 400 such hierarchies one or two are off by 1e-7 to 2e-5, where corners are sharp.
+    check_against_reference(n, hierarchy, lower, upper, tolerance=1e-8)
 
 
 @given(SEEDS, st.sampled_from([0.0, 1e-14, 1e-10, 1e-7, 1e-4]), st.booleans())
@@ -385,7 +385,7 @@ def test_disturbance_bound_of_a_level_whose_direction_another_has_released():
 
 
 def test_nothing_is_released_above_the_region_and_all_below_a_tenth_of_it():
-    for s, share in ((0.02, 0.0), (0.01, 0.0), (0.0055, 0.5), (0.001, 1.0), (1e-5, 1.0)):
+    for s, share in ((0.02, 0.0), (0.01, 0.0), (0.0055, 0.1), (0.001, 1.0), (1e-5, 1.0)):
         levels = [([[s, 0.0]], [0.0]), (np.eye(2), [1.0, 1.0])]
         solution = solve(levels, release_region=0.01)
         # What is left of the direction, and how much of the wish that comes to undamped.
@@ -397,6 +397,17 @@ def test_nothing_is_released_above_the_region_and_all_below_a_tenth_of_it():
         assert level.disturbance == near([s * damped.velocity[0]])
         assert level.disturbance_bound == near(
             s * np.linalg.norm(damped.velocity) if share else 0.0)
+
+
+def test_what_a_level_below_gets_of_a_released_direction_grows_smoothly():
+    shares = []
+    for s in np.linspace(0.021, 0.001, 101):
+        levels = [([[s, 0.0]], [0.0]), (np.eye(2), [1.0, 0.0])]
+        shares.append(redistribute(levels, **{**DEFAULTS, 'release_region': 0.02}).velocity[0])
+    assert shares[0] == 0.0 and shares[-1] == near(1.0)
+    assert (np.diff(shares) >= -1e-12).all()
+    # Over the half of the region in which k falls from 1 to 1/2, not in a small part of it.
+    assert np.diff(shares).max() < 0.08
 
 
 def test_bound_of_the_disturbance_counts_the_strongest_direction_that_is_released():
@@ -966,25 +977,35 @@ def test_a_missing_side_is_an_infinite_one(problem):
 
 
 @pytest.mark.parametrize('period', [0.0, 0.01, 0.1])
-def test_velocity_that_is_held_longer_is_regularised_more(period):
+def test_velocity_that_is_held_longer_is_slower_where_it_pushes(period):
     # Joint 1 is at its bound, 0.8 is left to joint 2, which does half of what it moves.
     velocity = redistribute([([[1.0, 0.5]], [1.0])], [-0.2, -5.0], [0.2, 5.0], period=period,
                             **DEFAULTS).velocity
-    # From (0.8, 0.4) within the bounds the shortest way to the wish leads to (0.68, 0.64).
-    aim, squared = 0.64, 0.05 ** 2
-    first = (0.5 * 0.8 + squared * aim) / (0.25 + squared)
-    # κ T |what is missing|, about the aim; the rest about the first answer.
-    more = 4.0 * period * abs(0.5 * first - 0.8)
-    second = (0.5 * 0.8 + squared * first + more * aim) / (0.25 + squared + more)
-    assert velocity == near([0.2, second])
+    # From (0.2, 0.4) along (1, 0.5) with s² = 1.25, and across it, which costs nothing; only
+    # what leaves joint 1 where it is.
+    across, along, squared = np.array([-0.5, 1.0]) / math.sqrt(1.25), 0.6 / 1.25, 0.05 ** 2
+    Q = np.array([[1.0, 0.5] / np.sqrt(1.25), across])
+
+    def best(stiffness, centre):
+        way = Q[:, 1]
+        a = way * ((stiffness * way) @ centre / (stiffness @ way ** 2))
+        return a, np.linalg.norm(Q.T @ (stiffness * (centre - a)))
+
+    target = np.array([math.sqrt(1.25) * along, 0.0])
+    first, multiplier = best(np.array([1.25, squared]), target)
+    pull = period * (4.0 * math.sqrt(1.25) * abs(first[0] - target[0]) + 16.0 * multiplier)
+    stiffness = np.maximum([1.25, squared], pull)
+    second, _ = best(stiffness, (np.array([1.25, 0.0]) * target + [0.0, squared] * first)
+                     / stiffness)
+    assert velocity == near([0.2, 0.4 + Q[:, 1] @ second])
 
 
 @pytest.mark.parametrize('s', [0.05, 0.2])
 @pytest.mark.parametrize('period', [0.0, 0.001, 0.01, 0.1])
 def test_damping_grows_with_the_wish_and_the_period_but_only_in_a_region(s, period):
     levels, wish = [(np.diag([1.0, s]), np.array([1e-3, 2.0]))], 2.0
-    # κ T |v| / λ², from 1 to 9, and the square of the region with it.
-    growth = min(max(4.0 * period * wish / 0.01, 1.0), 9.0)
+    # κ T |v| / λ², from 1 to 36, and the square of the region with it.
+    growth = min(max(4.0 * period * wish / 0.01, 1.0), 36.0)
     squared = 0.01 * max(growth - (s / 0.1) ** 2, 0.0)
     assert solve(levels, damping=0.1, singular_region=0.1, period=period).velocity == near(
         [1e-3, s * wish / (s * s + squared)])

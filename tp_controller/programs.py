@@ -1,0 +1,109 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What one level does within bounds: a quadratic program, regularised.
+
+    minimise    Σ s_i² (a_i − a°_i)²    subject to    lower ≤ A a ≤ upper
+
+Directions with s = 0 cost nothing, so the answer may lie in a corner of the bounds, and jump to
+another corner in the next cycle. Therefore no direction is softer than the regularisation μ: what
+is missing to μ² pulls towards a°, and in a second program to the answer of the first, which takes
+nearly all of the bias away again.
+
+The bounds, and the levels above that A knows of, are planes to the program, but curved in truth.
+Newton's method would add their curvature to s², each weighted with its multiplier, and that of
+the level itself with what it misses (Nocedal and Wright, Numerical Optimization, 18.1: the
+Hessian of the Lagrangian). A velocity that is held for a period T overshoots where T times that
+is larger than s²: where the level pushes hard and what is soft turns quickly, as beside a
+singularity, the robot would swing from side to side. The curvature is not known; the second
+program takes κ T (‖misses‖ + ‖multipliers‖) for it, and what is missing to that pulls towards
+rest.
+"""
+
+import math
+
+import numpy as np
+from tp_controller.least_distance import nearest_point
+from tp_controller.projection import REACTION
+
+# Share of the multipliers in the curvature, as `REACTION` is that of what is missed.
+PUSHING = 16.0
+# For an exact answer the regularisation shrinks, by a factor and in shares of the largest
+# stiffness, from here to where rounding would take over, and stays there until nothing changes.
+EXACT_REGULARISATION = np.array([1e-3, 1e-8])
+EXACT_DECREASE = 0.1
+EXACT_REPETITIONS = 20
+CONVERGED = 1e-12
+
+
+def regularised(stiffness, target, A, lower, upper, regularisation, period):
+    """
+    Return the a that minimises Σ stiffness_i (a_i − target_i)² within bounds.
+
+    Parameters
+    ----------
+    stiffness, target : ndarray (k,)
+        s² and a°.
+    A : ndarray (r, k)
+        Rows that are bounded.
+    lower, upper : ndarray (r,)
+        Their bounds, infinite where there is none. Some a is within them.
+    regularisation : float
+        μ²; 0: exact.
+    period : float
+        T, how long the velocity will be held [s].
+
+    Returns
+    -------
+    a : ndarray (k,)
+    multipliers : ndarray (r,)
+        Positive at upper bounds, negative at lower ones, else zero.
+
+    """
+    if regularisation == 0.0:
+        return _exact(stiffness, target, A, lower, upper)
+    stiff = np.maximum(stiffness, regularisation)
+    a, multipliers = _nearest(stiff, target, A, lower, upper)
+    missed = math.sqrt(stiffness.dot((a - target) ** 2))
+    curvature = period * (REACTION * missed + PUSHING * math.sqrt(multipliers.dot(multipliers)))
+    stiffer = np.maximum(stiff, curvature)
+    if stiffer.dot(stiffer) == stiffness.dot(stiffness):
+        return a, multipliers
+    centre = (stiffness * target + (stiff - stiffness) * a) / stiffer
+    return _nearest(stiffer, centre, A, lower, upper)
+
+
+def _exact(stiffness, target, A, lower, upper):
+    """Return what `regularised` does as the regularisation goes to zero."""
+    missing, least = stiffness.max() * EXACT_REGULARISATION
+    answer = _nearest(np.maximum(stiffness, missing), target, A, lower, upper)
+    if stiffness.min() >= missing:
+        return answer
+    for _ in range(EXACT_REPETITIONS):
+        before, missing = answer, max(missing * EXACT_DECREASE, least)
+        stiff = np.maximum(stiffness, missing)
+        centre = (stiffness * target + (stiff - stiffness) * before[0]) / stiff
+        answer = _nearest(stiff, centre, A, lower, upper)
+        change = answer[0] - before[0]
+        if change.dot(change) <= CONVERGED ** 2 * (1.0 + answer[0].dot(answer[0])):
+            break
+    return answer
+
+
+def _nearest(stiffness, centre, A, lower, upper):
+    """Return the a nearest to a centre, and its multipliers; all stiffness is positive."""
+    root = np.sqrt(stiffness)
+    z, multipliers = nearest_point(root * centre, np.divide(A, root, order='C'), lower, upper)
+    return z / root, multipliers
