@@ -31,7 +31,7 @@ from tp_controller.limits import VelocityLimits
 
 SEED = 0
 PATHS = 20
-SECONDS = 3.0
+SECONDS = 2.0
 PERIOD = 1e-3
 START = 1.0
 READY = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 1.6, 0.8])
@@ -132,7 +132,7 @@ def follow(robot, path, settings, seconds):
     return tuple(np.array(column)[int(START / PERIOD):] for column in zip(*rows))
 
 
-def compare(acceleration, changes, count, seconds=SECONDS):
+def compare(acceleration, changes, count, seconds):
     """
     Return what came of following the same random paths.
 
@@ -161,12 +161,14 @@ def main():
     """Follow and print."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--paths', type=int, default=PATHS)
+    parser.add_argument('--seconds', type=float, default=SECONDS,
+                        help='how long each is followed, after the first second')
     options = parser.parse_args()
     print('| acceleration limit | settings | paths with an error > 5 mm | rms error, mean '
           '| error of the direction | changes > 0.1 rad/s in a cycle | largest |')
     print('| --- | --- | --- | --- | --- | --- | --- |')
     for acceleration, changes in RUNS:
-        found = compare(acceleration, changes, options.paths)
+        found = compare(acceleration, changes, options.paths, START + options.seconds)
         limit = 'none' if acceleration is None else f'{acceleration:g} rad/s²'
         shown = ', '.join(f'{name} {value:g}' for name, value in changes.items()) or 'default'
         print(f'| {limit} | {shown} | {found["lost"]} of {options.paths} '

@@ -50,6 +50,8 @@ CASES = {
 - posture: {type: posture, gain: 0.5}
 """),
 }
+# A node at 1 kHz.
+PERIOD = 1e-3
 STATES = 64
 CYCLES = 200
 # How many times too fast the states with active limits are, in the median.
@@ -66,10 +68,10 @@ class Case:
         self.stack = Stack.from_yaml(stack_text, robot)
         if scaled:
             next(iter(self.stack.tasks.values())).mode = 'scale'
-        self.settings = settings = Settings()
+        self.settings = settings = Settings(period=PERIOD)
         self.controller = Controller(robot, self.stack, settings)
         # Tasks hold what they find in the first cycle.
-        self.controller.update(ready, 0.0)
+        self.controller.update(ready, 0.0, elapsed=PERIOD)
         self.solver = settings.solver(robot.n)
         self.state = robot.state(ready)
         self.frames = [task.frame for task in self.stack.tasks.values() if hasattr(task, 'frame')]
@@ -84,11 +86,12 @@ class Case:
     def limited(self):
         """Return in how many states a limit is active, to the solver and to the controller."""
         return (sum(self.solver.solve(*given).scale < 1.0 for given in self.prepared),
-                sum(self.controller.update(q, 0.0).report.scale < 1.0 for q in self.states))
+                sum(self.controller.update(q, 0.0, elapsed=PERIOD).report.scale < 1.0
+                    for q in self.states))
 
     def update(self, k):
         """Run the whole `Controller.update`."""
-        self.controller.update(self.states[k], 0.0)
+        self.controller.update(self.states[k], 0.0, elapsed=PERIOD)
 
     def kinematics_and_solve(self, k):
         """Evaluate the kinematics the stack needs, and solve levels prepared before."""

@@ -72,8 +72,9 @@ class Projection:
         self.orthonormal = orthonormal
         self._damping = damping
         self.released = 0.0
-        whole = level.J is identity(len(Z))
-        J_bar = Z if whole else level.J.dot(Z)
+        eye = identity(len(Z))
+        whole, start = level.J is eye, Z is eye
+        J_bar = Z if whole else level.J if start else level.J.dot(Z)
         rows, columns = J_bar.shape
         if rows == 0 or columns == 0:
             self._nothing(Z, rows)
@@ -81,14 +82,12 @@ class Projection:
         if whole and orthonormal:
             U, s, V_T = Z, np.ones(columns), identity(columns)
         else:
-            U, s, V_T, info = lapack.dgesdd(J_bar)
-            if info != 0:
-                raise SolverError('the levels hold numbers that are not finite')
-        self.rank = rank = int(np.count_nonzero(s > tolerance))
+            U, s, V_T = _decompose(J_bar)
+        self.rank = rank = len(s) if s[-1] > tolerance else int(np.count_nonzero(s > tolerance))
         self.smallest = float(s[rows - 1]) if rows <= columns else 0.0
         self.s = s = s[:rank]
         self.U = U[:, :rank]
-        self.directions = Z if whole and orthonormal else Z.dot(V_T.T)
+        self.directions = Z if whole and orthonormal else V_T.T if start else Z.dot(V_T.T)
         self.remaining = self.directions[:, rank:]
         if rank and s[-1] < release_region:
             self._release(release_region)
@@ -171,12 +170,24 @@ class Damping:
         ndarray (k,)
 
         """
-        if self._none or not len(s) or s[-1] >= self._safe:
+        if not len(s) or self.spares(s[-1], math.sqrt(wish.dot(wish))):
             return 1.0 / s
         growth = np.minimum(np.maximum(self._pace * np.abs(wish), 1.0), LARGEST_GROWTH)
         squares = s * s
         needed = np.maximum(growth - squares / self._region ** 2, 0.0)
         return s / (squares + self._squared * needed)
+
+
+def _decompose(J_bar):
+    """Return U, s and Vᵀ; U at least as wide as s is long."""
+    if J_bar.shape[1] == 1:
+        size = frobenius(J_bar)
+        U, s, V_T, failed = J_bar / (size or 1.0), np.array([size]), identity(1), size != size
+    else:
+        U, s, V_T, failed = lapack.dgesdd(J_bar)
+    if failed:
+        raise SolverError('the levels hold numbers that are not finite')
+    return U, s, V_T
 
 
 def frobenius(J):

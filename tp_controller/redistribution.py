@@ -85,9 +85,9 @@ def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation
             continue
         carry_out = cascade.scale if level.mode == 'scale' else cascade.carry_out
         stages.append(carry_out(level, stage))
-        if first:
+        if first and shared_bounds is not bounds:
             cascade.narrow(shared_bounds)
-            first = False
+        first = False
     cascade.finish(unbounded)
     return cascade.x, stages
 

@@ -99,16 +99,16 @@ def _undamped(levels, factor, inverse, squared_norm, v, damping):
     for level in levels:
         rows = slice(first, first + len(level.v))
         if rows.stop > first:
+            if first == 0:
+                wish = v[rows]
+            else:
+                z = inverse.T.dot(v) if z is None else z
+                wish = factor[rows, rows].T.dot(z[rows])
+            speed = math.sqrt(wish.dot(wish))
             block = inverse[rows, rows]
-            smallest = _squared_norm(block.dot(block.T)) ** -0.25
-            if not damping.spares(smallest, math.inf):
-                if first == 0:
-                    wish = v[rows]
-                else:
-                    z = inverse.T.dot(v) if z is None else z
-                    wish = factor[rows, rows].T.dot(z[rows])
-                if not damping.spares(smallest, math.sqrt(wish.dot(wish))):
-                    return False
+            if not damping.spares(_squared_norm(block) ** -0.5, speed) \
+                    and not damping.spares(_squared_norm(block.dot(block.T)) ** -0.25, speed):
+                return False
         first = rows.stop
     return True
 

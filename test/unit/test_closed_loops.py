@@ -15,6 +15,8 @@
 """A small version of the closed loops at random that `benchmarks/closed_loops.py` runs."""
 
 import importlib
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -37,3 +39,14 @@ def test_nothing_that_must_not_happen_happens_in_closed_loops(closed_loops, robo
     # Limits did play a part.
     assert result.active > 100 and result.programs > 100
     assert np.isfinite(result.change)
+
+
+@pytest.mark.parametrize('command', [
+    ['limits.py', '--states', '5'], ['paths.py', '--paths', '1', '--seconds', '0.1'],
+    ['solver.py', '--rounds', '1'], ['closed_loops.py', '--cycles', '400', '--jobs', '2']])
+def test_benchmark_runs_and_prints_a_table(command):
+    name, *options = command
+    done = subprocess.run([sys.executable, str(robots.REPOSITORY / 'benchmarks' / name), *options],
+                          capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) > 6
