@@ -94,6 +94,17 @@ def test_joints_that_can_only_move_together_are_no_way_out_of_their_limits(signs
     assert z[0] * signs[0] == pytest.approx(-push, rel=1e-3)
 
 
+def test_polytope_that_is_hardly_more_than_a_point_is_left_by_no_more_than_the_room():
+    # Out of a closed loop: an arm at rest with joints at their limits.
+    A = np.array([[1.085173078696e-05, 2e-17], [0.121455747478269, -1.5e-16],
+                  [6e-17, 0.6144037409529498]])
+    lower = np.array([0.0, -1.4289493985917e-04, -3.3e-16])
+    upper = np.array([5.21805e-12, 0.0, 0.0])
+    z, multipliers = nearest_point(np.array([-1.5804680637724e-04, -5.4e-16]), A, lower, upper)
+    assert (A @ z <= upper + 1e-7).all() and (A @ z >= lower - 1e-7).all()
+    assert np.isfinite(multipliers).all()
+
+
 def test_daqp_alone_takes_the_wedge_for_empty(monkeypatch):
     # If this fails some day, the second method has lost its reason.
     calls = []
