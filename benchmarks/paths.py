@@ -109,9 +109,7 @@ def follow(robot, path, settings, seconds):
     """
     solver = settings.solver(robot.n)
     limits = VelocityLimits(robot, settings.period, settings.braking_gain)
-    # As the controller does: only joints that need time to get faster are kept ready.
-    cap = (1.0 - settings.reserve) * robot.velocity \
-        if np.isfinite(robot.acceleration).all() else None
+    cap = settings.speed_cap(robot)
     q, velocity = READY, np.zeros(robot.n)
     state = robot.state(q)
     elbow, pointing = state.position(ELBOW)[2], state.rotation(TOOL)[:, 2]

@@ -110,10 +110,7 @@ class Controller:
             return
         self._settings = settings
         self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain)
-        # Only a joint that needs time to get faster has to be kept ready.
-        slow = np.isfinite(self.robot.acceleration)
-        self._speed_cap = None if not slow.any() else np.where(
-            slow, (1.0 - settings.reserve) * self.robot.velocity, self.robot.velocity)
+        self._speed_cap = settings.speed_cap(self.robot)
         self._solver = settings.solver(self.robot.n)
         # How long commands are held; commands may well come faster than they need to.
         self._held = settings.period

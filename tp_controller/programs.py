@@ -79,7 +79,7 @@ def regularised(stiffness, target, A, lower, upper, regularisation, period):
     missed = math.sqrt(stiffness.dot((a - target) ** 2))
     curvature = period * (REACTION * missed + PUSHING * math.sqrt(multipliers.dot(multipliers)))
     stiffer = np.maximum(stiff, curvature)
-    if stiffer.dot(stiffer) == stiffness.dot(stiffness):
+    if not np.count_nonzero(stiffer > stiffness):
         return a, multipliers
     centre = (stiffness * target + (stiff - stiffness) * a) / stiffer
     return _nearest(stiffer, centre, A, lower, upper)

@@ -182,7 +182,8 @@ def _decompose(J_bar):
     """Return U, s and Vᵀ; U at least as wide as s is long."""
     if J_bar.shape[1] == 1:
         size = frobenius(J_bar)
-        U, s, V_T, failed = J_bar / (size or 1.0), np.array([size]), identity(1), size != size
+        U, s, V_T = J_bar / (size or 1.0), np.array([size]), identity(1)
+        failed = not math.isfinite(size)
     else:
         U, s, V_T, failed = lapack.dgesdd(J_bar)
     if failed:

@@ -270,7 +270,7 @@ class _Cascade:
         return A, lower, upper
 
     def _move(self, directions, a, multipliers):
-        """Move x, exactly onto the bounds that have a multiplier; return those of the joints."""
+        """Move x, exactly onto bounds that have a multiplier; return those of joints and rows."""
         n = len(self.x)
         joints = multipliers[:n]
         self.x = clip(self.x + directions.dot(a) + PUSH * joints, self._lower, self._upper)

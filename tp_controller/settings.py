@@ -17,6 +17,7 @@
 from dataclasses import dataclass, field, fields
 import math
 
+import numpy as np
 from tp_controller.errors import SettingsError
 from tp_controller.solver import METHODS, RANK_TOLERANCE, SCALINGS, Solver
 
@@ -99,6 +100,17 @@ class Settings:
             singular_region=self.singular_region, release_region=self.release_region,
             regularisation=self.regularisation, period=self.period, method=self.method,
             rank_tolerance=self.rank_tolerance)
+
+    def speed_cap(self, robot):
+        """
+        Return the speeds (n,) that levels below the first may use; None for all there are.
+
+        Only a joint that needs time to get faster has to be kept ready.
+        """
+        slow = np.isfinite(robot.acceleration)
+        if not slow.any():
+            return None
+        return np.where(slow, (1.0 - self.reserve) * robot.velocity, robot.velocity)
 
     def _faults(self, item):
         """Return what is wrong with one field."""

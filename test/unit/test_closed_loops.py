@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A small version of the closed loops at random that `benchmarks/closed_loops.py` runs."""
+"""The benchmarks: closed loops at random in a small version, and that all of them run."""
 
 import importlib
 import subprocess

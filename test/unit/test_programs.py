@@ -39,6 +39,13 @@ def polytope(rng):
     return (A, np.where(side == 0, -np.inf, lower), np.where(side == 1, np.inf, upper), inside)
 
 
+def polytope_and_point(seed, exponent):
+    """Return what `polytope` does, and a point at a distance of about 10 ** exponent."""
+    rng = np.random.default_rng(seed)
+    drawn = polytope(rng)
+    return *drawn, 10.0 ** exponent * rng.standard_normal(drawn[0].shape[1])
+
+
 def refuse(*arguments, **options):
     """Stand in for `daqp.solve` and find nothing."""
     return None, None, -1, {}
@@ -48,9 +55,7 @@ def refuse(*arguments, **options):
 
 @given(SEEDS, st.floats(-2.0, 3.0))
 def test_nearest_point_is_the_one_of_an_independent_method(seed, exponent):
-    rng = np.random.default_rng(seed)
-    A, lower, upper, inside = polytope(rng)
-    point = 10.0 ** exponent * rng.standard_normal(A.shape[1])
+    A, lower, upper, inside, point = polytope_and_point(seed, exponent)
     z, multipliers = nearest_point(point, A, lower, upper)
     exact = constrained_lstsq(np.eye(len(point)), point, A, lower, upper,
                               np.zeros((0, len(point))), inside)
@@ -63,9 +68,7 @@ def test_nearest_point_is_the_one_of_an_independent_method(seed, exponent):
 
 @given(SEEDS, st.floats(-2.0, 3.0))
 def test_second_method_agrees_with_the_first(seed, exponent):
-    rng = np.random.default_rng(seed)
-    A, lower, upper, _ = polytope(rng)
-    point = 10.0 ** exponent * rng.standard_normal(A.shape[1])
+    A, lower, upper, _, point = polytope_and_point(seed, exponent)
     first, multipliers = nearest_point(point, A, lower, upper)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(least_distance.daqp, 'solve', refuse)
