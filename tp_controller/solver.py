@@ -175,6 +175,8 @@ method, rank_tolerance
         self._regularisation, self._period = regularisation, period
         self._rank_tolerance = rank_tolerance
         self._no_bounds = np.full(n, -np.inf), np.full(n, np.inf)
+        # Redistribution needs the recursion; where bounds were in the way they mostly are again.
+        self._redistributed = False
 
     def hold(self, period):
         """Take another period [s] from now on."""
@@ -206,9 +208,10 @@ method, rank_tolerance
         if rows and self._uniform:
             raise SolverError('levels with bounds need scaling redistribute')
         velocity = None
-        if self._can_stack:
+        if self._can_stack and not self._redistributed:
             velocity = solve_stacked(asking, len(self._start), self._damping)
             unbounded = partial(self._recur, levels)
+        self._redistributed = False
         if velocity is None:
             unbounded = self._recur(levels)
             velocity = unbounded[-1].velocity if unbounded else np.zeros(len(self._start))
@@ -224,6 +227,7 @@ method, rank_tolerance
         fitting = within(velocity, *shared)
         if fitting is not None and all(meets(level, fitting) for level in rows):
             return Solution(fitting, levels, self._start, unbounded)
+        self._redistributed = True
         if callable(unbounded):
             unbounded = unbounded()
         velocity, stages = redistribute(levels, unbounded, self._start, bounds, shared,

@@ -15,9 +15,11 @@
 """The nodes as processes: how they start, how they end, and what happens when one is gone."""
 
 import signal
+import subprocess
+import sys
 
 import pytest
-from robots import PANDA_DH
+from robots import PANDA_DH, REPOSITORY
 
 ALL_MISSING = 'no joint states of joint1, joint2, joint3'
 
@@ -160,3 +162,14 @@ def test_two_domains_of_their_own_are_never_the_same(domain):
     with own_domain() as first, own_domain() as second:
         assert len({environment['ROS_DOMAIN_ID'] for environment in (domain, first, second)}) == 3
         assert first['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+
+
+# Watched from within --------------------------------------------------------------------------
+
+def test_benchmark_of_the_node_prints_a_table():
+    done = subprocess.run([sys.executable, str(REPOSITORY / 'benchmarks' / 'node.py'),
+                           '--seconds', '0.5'], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    rows = [line.split('|') for line in done.stdout.splitlines()]
+    assert [row[1].strip() for row in rows[2:]] == ['holding a pose', 'limits active']
+    assert all(float(cell) > 0.0 for row in rows[2:] for cell in row[2:9])

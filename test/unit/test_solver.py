@@ -21,10 +21,10 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from reference import lexicographic, null_of, projector, random_levels, residual_norms
-from tp_controller import Level, solve, SolverError
+from tp_controller import Level, solve, solver, SolverError
 from tp_controller.level import identity
 from tp_controller.projection import Damping
-from tp_controller.solver import SCALINGS
+from tp_controller.solver import RANK_TOLERANCE, SCALINGS, Solver
 from tp_controller.stacked import solve_stacked
 
 UNDAMPED = Damping(0.0, math.inf, 0.0)
@@ -230,6 +230,28 @@ def test_short_way_leaves_singular_and_damped_levels_to_the_recursion():
     assert solve_stacked([Level(0.1 * np.eye(3)[:2], np.ones(2))], 3,
                          Damping(0.1, 0.2, 0.0)) is None
     assert solve_stacked([Level(np.ones((4, 3)), np.ones(4))], 3, UNDAMPED) is None
+
+
+def test_short_way_is_not_tried_again_while_bounds_are_in_the_way(monkeypatch):
+    tries = []
+    monkeypatch.setattr(solver, 'solve_stacked',
+                        lambda *given: tries.append(given) or solve_stacked(*given))
+    rng = np.random.default_rng(5)
+    levels = [Level(J, v) for J, v in random_levels(rng, 7, [3, 2])]
+    free = solve(levels, scaling='redistribute').velocity
+    tight, wide = 0.9 * np.abs(free).max(), 1.1 * np.abs(free).max()
+    solving = Solver(7, damping=0.0, scaling='redistribute', singular_region=math.inf,
+                    release_region=0.0, regularisation=0.0, period=0.0, method='recursive',
+                    rank_tolerance=RANK_TOLERANCE)
+    counts = []
+    for bound in (wide, tight, tight, wide, wide):
+        tries.clear()
+        velocity = solving.solve(levels, np.full(7, -bound), np.full(7, bound)).velocity
+        counts.append(len(tries))
+        assert np.abs(velocity).max() <= bound
+        if bound == wide:
+            np.testing.assert_allclose(velocity, free, rtol=0, atol=1e-12)
+    assert counts == [1, 1, 0, 0, 1]
 
 
 @pytest.mark.parametrize('damping, region', [
