@@ -66,7 +66,7 @@ def solver(robot, scaling):
 def methods(robot):
     """Return {name: function (levels, lower, upper) -> velocity (n,)}."""
     uniform, redistribute = solver(robot, 'uniform'), solver(robot, 'redistribute')
-    cap = (1.0 - Settings().reserve) * robot.velocity
+    cap = Settings().speed_cap(robot)
 
     def scaled_first(levels, lower, upper):
         first = Level(levels[0].J, levels[0].v, 'scale')
