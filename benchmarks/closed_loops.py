@@ -38,8 +38,9 @@ from unittest.mock import patch
 from _robots import load_robot
 import daqp
 import numpy as np
-from scipy.optimize import lsq_linear, nnls
+from scipy.optimize import lsq_linear
 from tp_controller import Controller, least_distance, Settings, Stack
+from tp_controller.least_distance import by_least_squares
 from tp_controller.limits import VelocityLimits
 
 # {robot: (frames tasks are about, frame that some are relative to, axes of a pose task)}
@@ -116,12 +117,11 @@ class Methods:
         self._result.programs += options['primal_tol'] == least_distance.TOLERANCES[0]
         return daqp.solve(*arguments, **options)
 
-    def nnls(self, *arguments):
+    def by_least_squares(self, *arguments):
         """Run the second method."""
+        answer = by_least_squares(*arguments)
         self._result.second += 1
-        self._result.unsolved += 1
-        answer = nnls(*arguments)
-        self._result.unsolved -= 1
+        self._result.unsolved += answer is None
         return answer
 
 
@@ -338,7 +338,7 @@ def run(robot_name, cycles, seed):
     result = Result(robot_name)
     methods = Methods(result)
     with patch.object(least_distance, 'daqp', methods), \
-            patch.object(least_distance, 'nnls', methods.nnls):
+            patch.object(least_distance, 'by_least_squares', methods.by_least_squares):
         number = 0
         while result.cycles < cycles:
             episode = Episode(robot_name, seed, number)

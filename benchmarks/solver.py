@@ -131,6 +131,7 @@ ROWS = (
     ('kinematics', 'free', Case.kinematics),
     ('solve', 'free', Case.solve),
     ('limits active: Controller.update', 'limited', Case.update),
+    ('limits active: kinematics + solve', 'limited', Case.kinematics_and_solve),
     ('limits active: solve', 'limited', Case.solve),
     ('the same, scale: Controller.update', 'scaled', Case.update),
     ('the same, scale: solve', 'scaled', Case.solve),

@@ -25,6 +25,8 @@ rows of A that all but coincide contradict each other by rounding: joints that c
 together, each at its limit. Such a program is handed to the non-negative least squares of Lawson
 and Hanson (Solving Least Squares Problems, 1974, chapter 23, problem LDP), which is slower and
 needs a little room.
+
+Rows shorter than 3e-6 are none to DAQP: what z hardly moves does not hold it up.
 """
 
 from functools import lru_cache
@@ -35,8 +37,9 @@ from scipy.optimize import nnls
 
 # How exactly DAQP keeps bounds; the next one where rounding at a corner defeats this.
 TOLERANCES = (1e-11, 1e-10, 1e-9, 1e-8)
-# What the second method may exceed them by.
+# What the second method may exceed them by, and what an answer of it must not, per distance.
 ROOM = 1e-8
+EXCESS = 1e-6
 
 
 def nearest_point(point, A, lower, upper):
@@ -61,21 +64,26 @@ def nearest_point(point, A, lower, upper):
         z = point − Aᵀ multipliers; positive at upper bounds, negative at lower ones, else zero.
 
     """
+    found = nearest_point_if_any(point, A, lower, upper)
+    if found is None:
+        found = by_least_squares(point, A, lower, upper)
+    return (np.zeros(len(point)), np.zeros(len(A))) if found is None else found
+
+
+def nearest_point_if_any(point, A, lower, upper):
+    """Return what `nearest_point` does; None where the polytope is empty, or all but empty."""
     identity = _identity(len(point))
     for tolerance in TOLERANCES:
         z, _, flag, information = daqp.solve(identity, -point, A, upper, lower,
                                              primal_tol=tolerance)
         if flag == 1:
             return z, information['lam']
-    try:
-        return _by_least_squares(point, A, lower, upper)
-    except RuntimeError:
-        return np.zeros(len(point)), np.zeros(len(A))
+    return None
 
 
-def _by_least_squares(point, A, lower, upper):
+def by_least_squares(point, A, lower, upper):
     """
-    Return what `nearest_point` does, with `ROOM` beyond the bounds.
+    Return what `nearest_point` does, with `ROOM` beyond the bounds; None where it fails.
 
     For y = z − point the bounds are G y ≥ h. Where u ≥ 0 minimises ‖E u − f‖ with E = [Gᵀ; hᵀ] and
     f = (0, …, 0, 1), the shortest such y is Gᵀ u / (1 − hᵀ u). Lengths are measured in a unit
@@ -89,12 +97,25 @@ def _by_least_squares(point, A, lower, upper):
     E = np.concatenate([G.T, h[np.newaxis]])[:, bounded]
     f = np.zeros(len(E))
     f[-1] = 1.0
-    u, _ = nnls(E, f)
+    if not E.shape[1]:
+        return None
+    try:
+        u, _ = nnls(E, f)
+    except RuntimeError:
+        return None
+    left = 1.0 - E[-1].dot(u)
+    if left <= 0.0:
+        # No z is within the bounds.
+        return None
     both = np.zeros(len(h))
-    both[bounded] = unit * u / (1.0 - E[-1].dot(u))
+    both[bounded] = unit * u / left
     at_upper, at_lower = np.split(both, 2)
     multipliers = at_upper - at_lower
-    return point - A.T.dot(multipliers), multipliers
+    z = point - A.T.dot(multipliers)
+    # Nobody else would notice that rounding has spoilt the answer.
+    values = A.dot(z)
+    within = np.maximum(values - upper, lower - values).max() <= EXCESS * unit
+    return (z, multipliers) if within else None
 
 
 @lru_cache(maxsize=None)

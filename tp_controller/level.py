@@ -21,6 +21,8 @@ import numpy as np
 from tp_controller.errors import SolverError, unknown
 
 MODES = ('least_squares', 'scale')
+# Squares of larger numbers would overflow.
+LARGEST = 1e100
 
 
 @dataclass(slots=True, eq=False)
@@ -69,10 +71,15 @@ def check_levels(levels):
     Raises
     ------
     SolverError
-        Shapes do not fit together, numbers are not finite, bounds contradict themselves, or a
-        mode is unknown or cannot be used.
+        It is no sequence, shapes do not fit together, numbers are not finite or beyond
+        `LARGEST`, bounds contradict themselves, or a mode is unknown or cannot be used.
 
     """
+    try:
+        levels = list(levels)
+    except TypeError as error:
+        raise SolverError(f'levels must be a sequence of Level or (J, v), not {levels!r}') \
+            from error
     levels = [_check_level(level, f'level {number}') for number, level in enumerate(levels, 1)]
     widths = [level.J.shape[1] for level in levels]
     if len(set(widths)) > 1:
@@ -106,14 +113,15 @@ def _check_level(level, name):
         if v.shape != rows:
             raise SolverError(f'{name}: J must be (m, n) and v (m,), '
                               f'got {J.shape} and {v.shape}')
-        checked, finite = Level(J, v, level.mode), np.isfinite(v).all()
+        checked, moderate = Level(J, v, level.mode), _moderate(v)
     else:
         if level.mode != 'least_squares':
             raise SolverError(f'{name}: bounds have no direction that mode scale could keep')
         lower, upper = check_bounds(level.lower, level.upper, J.shape[0], name)
-        checked, finite = Level(J, lower=lower, upper=upper), True
-    if not (finite and np.isfinite(J).all()):
-        raise SolverError(f'{name}: the levels hold numbers that are not finite')
+        checked, moderate = Level(J, lower=lower, upper=upper), True
+    if not (moderate and _moderate(J)):
+        raise SolverError(f'{name}: the levels hold numbers that are not finite, or beyond '
+                          f'{LARGEST:g}')
     return checked
 
 
@@ -129,8 +137,10 @@ def check_bounds(lower, upper, size, name):
     """
     if lower is None and upper is None:
         raise SolverError(f'{name}: needs v, or a bound')
-    lower = np.full(size, -np.inf) if lower is None else _array(lower, 1, f'{name}: lower')
-    upper = np.full(size, np.inf) if upper is None else _array(upper, 1, f'{name}: upper')
+    lower = np.full(size, -np.inf) if lower is None else _array(
+        lower, 1, f'{name}: the lower bound must be ({size},)')
+    upper = np.full(size, np.inf) if upper is None else _array(
+        upper, 1, f'{name}: the upper bound must be ({size},)')
     if lower.shape != (size,) or upper.shape != (size,):
         raise SolverError(f'{name}: bounds must be {size} numbers each, got shapes '
                           f'{lower.shape} and {upper.shape}')
@@ -140,10 +150,18 @@ def check_bounds(lower, upper, size, name):
     return lower, upper
 
 
+def _moderate(array):
+    """Say whether all numbers are finite and within `LARGEST`."""
+    return bool((np.abs(array) <= LARGEST).all())
+
+
 def _array(values, dimensions, what):
     """Return values as an array of floats."""
     try:
-        array = np.asarray(values, dtype=float)
+        array = np.asarray(values)
+        if np.iscomplexobj(array):
+            raise TypeError('complex numbers are no velocities')
+        array = array.astype(float, copy=False)
     except (TypeError, ValueError) as error:
         raise SolverError(f'{what}: {error}') from error
     if array.ndim != dimensions:

@@ -73,37 +73,44 @@ def regularised(stiffness, target, A, lower, upper, regularisation, period):
 
     """
     if regularisation == 0.0:
-        return _exact(stiffness, target, A, lower, upper)
+        return exact(stiffness, target, A, lower, upper)
     stiff = np.maximum(stiffness, regularisation)
-    a, multipliers = _nearest(stiff, target, A, lower, upper)
+    unit = _unit(stiff)
+    a, multipliers = _nearest(stiff, target, A, lower, upper, unit)
     missed = math.sqrt(stiffness.dot((a - target) ** 2))
     curvature = period * (REACTION * missed + PUSHING * math.sqrt(multipliers.dot(multipliers)))
     stiffer = np.maximum(stiff, curvature)
     if not np.count_nonzero(stiffer > stiffness):
         return a, multipliers
     centre = (stiffness * target + (stiff - stiffness) * a) / stiffer
-    return _nearest(stiffer, centre, A, lower, upper)
+    return _nearest(stiffer, centre, A, lower, upper, unit)
 
 
-def _exact(stiffness, target, A, lower, upper):
+def exact(stiffness, target, A, lower, upper):
     """Return what `regularised` does as the regularisation goes to zero."""
-    missing, least = stiffness.max() * EXACT_REGULARISATION
-    answer = _nearest(np.maximum(stiffness, missing), target, A, lower, upper)
+    unit = _unit(stiffness)
+    missing, least = unit * EXACT_REGULARISATION
+    answer = _nearest(np.maximum(stiffness, missing), target, A, lower, upper, unit)
     if stiffness.min() >= missing:
         return answer
     for _ in range(EXACT_REPETITIONS):
         before, missing = answer, max(missing * EXACT_DECREASE, least)
         stiff = np.maximum(stiffness, missing)
         centre = (stiffness * target + (stiff - stiffness) * before[0]) / stiff
-        answer = _nearest(stiff, centre, A, lower, upper)
+        answer = _nearest(stiff, centre, A, lower, upper, unit)
         change = answer[0] - before[0]
         if change.dot(change) <= CONVERGED ** 2 * (1.0 + answer[0].dot(answer[0])):
             break
     return answer
 
 
-def _nearest(stiffness, centre, A, lower, upper):
+def _unit(stiffness):
+    """Return the largest stiffness: in it a program is the same whatever units the rows have."""
+    return stiffness[stiffness.argmax()] or 1.0
+
+
+def _nearest(stiffness, centre, A, lower, upper, unit):
     """Return the a nearest to a centre, and its multipliers; all stiffness is positive."""
-    root = np.sqrt(stiffness)
+    root = np.sqrt(stiffness / unit)
     z, multipliers = nearest_point(root * centre, np.divide(A, root, order='C'), lower, upper)
-    return z / root, multipliers
+    return z / root, unit * multipliers

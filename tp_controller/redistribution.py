@@ -32,16 +32,20 @@ the bounds begin to matter. No level knows of the levels below it, and each move
 farther than it needs. All programs are strictly convex and small, and x itself always fits.
 """
 
+import math
+
 import numpy as np
-from tp_controller.least_distance import nearest_point
+from tp_controller.least_distance import nearest_point, nearest_point_if_any
 from tp_controller.level import identity
-from tp_controller.programs import regularised
+from tp_controller.programs import exact, regularised
 from tp_controller.solution import Stage
 
 # What a velocity may exceed a bound by and be cut off, relative to its size.
 ROUNDING = 1e-12
 # What a row may be off its bound.
 FEASIBLE = 1e-11
+# A row of length 1 counts as taken by the levels above where so much of it is left.
+NEGLIGIBLE = 1e-9
 # Pushes a joint with a multiplier the last bit onto its bound.
 PUSH = 1e6
 
@@ -120,7 +124,7 @@ class _Cascade:
         self._start = start
         self._Z = start
         self._rows = np.zeros((0, len(start)))
-        self._row_lower = self._row_upper = np.zeros(0)
+        self._row_lower = self._row_upper = self._row_units = np.zeros(0)
         self._regularisation, self._period = regularisation * regularisation, period
 
     def narrow(self, bounds):
@@ -172,38 +176,72 @@ class _Cascade:
         wanted = U_T.dot(level.J.dot(stage.velocity - self.x))
         way = wanted / s
         self._Z = projection.remaining
-        directions = np.column_stack([projection.directions[:, :rank].dot(way),
-                                      projection.directions[:, rank:]])
-        if self._take(self.x + directions[:, 0]):
+        motion = projection.directions[:, :rank].dot(way)
+        if self._take(self.x + motion):
             return Stage(self.x, projection)
+        # One direction instead of all of them, as long as the way.
+        length = math.sqrt(way.dot(way))
+        directions = np.column_stack([motion / length, projection.directions[:, rank:]])
         stiffness, target = np.zeros((2, directions.shape[1]))
-        stiffness[0], target[0] = wanted.dot(wanted), 1.0
+        stiffness[0], target[0] = wanted.dot(wanted) / (length * length), length
         multipliers = self._solve(directions, stiffness, target)
         return Stage(self.x, projection, *multipliers)
 
     def keep(self, level):
         """Meet the bounds of a level, as far as they can be, and hold on to that below it."""
-        values = level.J.dot(self.x)
-        lower, upper = level.lower, level.upper
+        # In a unit of their own, or tolerances would mean something else for every level.
+        unit = _longest(level.J)
+        rows, lower, upper = level.J / unit, level.lower / unit, level.upper / unit
+        self._row_units = np.concatenate([self._row_units, np.full(len(rows), unit)])
+        values = rows.dot(self.x)
         multipliers = ()
         if np.count_nonzero(values > upper) or np.count_nonzero(values < lower):
-            multipliers = self._meet(level.J, lower - values, upper - values)
-            values = level.J.dot(self.x)
+            multipliers = self._meet(rows, lower - values, upper - values)
+            values = rows.dot(self.x)
             lower, upper = np.minimum(lower, values), np.maximum(upper, values)
-        self._rows = np.concatenate([self._rows, level.J])
+        self._rows = np.concatenate([self._rows, rows])
         self._row_lower = np.concatenate([self._row_lower, lower])
         self._row_upper = np.concatenate([self._row_upper, upper])
-        return Stage(self.x, None, *multipliers)
+        return Stage(self.x, None, *(unit * unit * found for found in multipliers))
 
     def _meet(self, rows, lower, upper):
+        """
+        Move x to within bounds on rows (r, n), as far as there is a way.
+
+        Parameters
+        ----------
+        rows : ndarray (r, n)
+            What is bounded.
+        lower, upper : ndarray (r,)
+            Bounds on what it gains.
+
+        Returns
+        -------
+        tuple
+            Multipliers of joints and rows where the bounds cannot be met, else nothing.
+
+        """
+        Z_rows = rows.dot(self._Z)
+        # What is left of a row that the levels above have taken is rounding, no way to anywhere.
+        Z_rows[(Z_rows * Z_rows).sum(axis=1) < NEGLIGIBLE * NEGLIGIBLE] = 0.0
+        # Mostly there is a way, and one program finds it.
+        found = nearest_point_if_any(np.zeros(self._Z.shape[1]),
+                                     *self._program(self._Z, Z_rows, lower, upper))
+        if found is None:
+            return self._violate_least(Z_rows, lower, upper)
+        self._move(self._Z, *found)
+        return ()
+
+    def _violate_least(self, Z_rows, lower, upper):
         """Move x to where rows violate their bounds least; return the multipliers."""
-        count, width = len(rows), self._Z.shape[1]
-        # One more variable for each row: what is missing to its bound.
+        count, width = Z_rows.shape
+        # One more variable for each row: what is missing to its bound. Exactly, or it would
+        # depend on x, and so on levels below, how much that is.
         directions = np.hstack([self._Z, np.zeros((len(self._Z), count))])
-        slack_rows = np.hstack([rows.dot(self._Z), np.eye(count)])
+        slack_rows = np.hstack([Z_rows, np.eye(count)])
         stiffness = np.repeat([0.0, 1.0], [width, count])
-        return self._solve(directions, stiffness, np.zeros(width + count),
-                           (slack_rows, lower, upper))
+        program = self._program(directions, slack_rows, lower, upper)
+        return self._move(directions, *exact(stiffness, np.zeros(width + count), *program))
 
     def finish(self, unbounded):
         """Among what is left take the smallest velocity."""
@@ -231,9 +269,9 @@ class _Cascade:
                 Z = Z.dot(V_T[int(np.count_nonzero(s > projection.tolerance)):].T)
         return Z
 
-    def _solve(self, directions, stiffness, target, slack=()):
+    def _solve(self, directions, stiffness, target):
         """Move x within its bounds as a level would like best; return the multipliers."""
-        a, multipliers = regularised(stiffness, target, *self._program(directions, *slack),
+        a, multipliers = regularised(stiffness, target, *self._program(directions),
                                      self._regularisation, self._period)
         return self._move(directions, a, multipliers)
 
@@ -274,4 +312,10 @@ class _Cascade:
         n = len(self.x)
         joints = multipliers[:n]
         self.x = clip(self.x + directions.dot(a) + PUSH * joints, self._lower, self._upper)
-        return joints, multipliers[n:]
+        rows = multipliers[n:]
+        return joints, rows / self._row_units if len(rows) else rows
+
+
+def _longest(rows):
+    """Return the norm of the longest row (r, k), 1 where all are zero."""
+    return math.sqrt((rows * rows).sum(axis=1).max(initial=0.0)) or 1.0

@@ -37,12 +37,13 @@ bounds (`tp_controller.redistribution`).
 
 from functools import partial
 import math
+from numbers import Real
 
 import numpy as np
 from tp_controller.errors import SolverError, unknown
 from tp_controller.level import check_bounds, check_levels, identity
 from tp_controller.projection import Damping, frobenius, Projection
-from tp_controller.redistribution import meets, redistribute, within
+from tp_controller.redistribution import clip, meets, redistribute, within
 from tp_controller.solution import Solution, Stage
 from tp_controller.stacked import solve_stacked
 from tp_controller.uniform import scale_uniformly
@@ -122,9 +123,13 @@ def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='un
     others = next((given for given in (weights, lower, upper) if given is not None), ())
     n = levels[0].J.shape[1] if levels else len(others)
     if lower is not None or upper is not None:
-        lower, upper = check_bounds(lower, upper, n, 'lower and upper')
+        lower, upper = check_bounds(lower, upper, n, 'joints')
     if speed_cap is not None:
+        if scaling != 'redistribute':
+            raise SolverError('speed_cap needs scaling redistribute')
         speed_cap = check_bounds(None, speed_cap, n, 'speed_cap')[1]
+        if not (speed_cap >= 0.0).all():
+            raise SolverError(f'speed_cap must not be negative, got {speed_cap.tolist()}')
     solver = Solver(n, weights, damping=damping, scaling=scaling, singular_region=singular_region,
                     release_region=release_region, regularisation=regularisation, period=period,
                     method=method, rank_tolerance=rank_tolerance)
@@ -223,7 +228,7 @@ method, rank_tolerance
             return self._scaled(levels, velocity, unbounded, lower, upper)
         bounds = (lower, upper) if lower is not None else self._no_bounds
         shared = bounds if speed_cap is None or len(asking) < 2 else (
-            np.maximum(bounds[0], -speed_cap), np.minimum(bounds[1], speed_cap))
+            clip(-speed_cap, *bounds), clip(speed_cap, *bounds))
         fitting = within(velocity, *shared)
         if fitting is not None and all(meets(level, fitting) for level in rows):
             return Solution(fitting, levels, self._start, unbounded)
@@ -290,14 +295,17 @@ def _sequential(levels, start, project):
 def _check_numbers(**numbers):
     """Raise `SolverError` unless all are finite and not negative; one region may be infinite."""
     for name, value in numbers.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)) \
-                or not value >= 0.0 or (name != 'singular_region' and math.isinf(value)):
+        if isinstance(value, bool) or not isinstance(value, Real) or not value >= 0.0 \
+                or (name != 'singular_region' and math.isinf(value)):
             raise SolverError(f'{name} must be a number that is not negative, not {value!r}')
 
 
 def _column_scales(weights, n):
     """Return the diagonal of W^{-1/2}, its largest entry 1 so that λ keeps its meaning."""
-    weights = np.asarray(weights, dtype=float)
+    try:
+        weights = np.asarray(weights, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise SolverError(f'weights must be {n} positive numbers: {error}') from error
     if weights.shape != (n,) or not (weights > 0.0).all() or not np.isfinite(weights).all():
         raise SolverError(f'weights must be {n} positive numbers, got {weights.tolist()}')
     return np.sqrt(weights.min() / weights)

@@ -331,3 +331,23 @@ def test_the_report_tells_a_task_that_is_turned_aside_from_one_that_is_slowed():
     # Joint 1 has to go back; joint 2 does all that is wanted of it.
     assert loop.task('turn').reason == \
         'turned aside by panda_joint1 at its upper position limit'
+
+
+@pytest.mark.parametrize('reserve', [0.4, 1.0])
+def test_a_stop_keeps_to_the_acceleration_limit_whatever_is_reserved(reserve):
+    # Two tasks that stop together ask for exactly what the reserve leaves the second: nothing.
+    robot = Robot.from_file(robots.PANDA_DH, limits={
+        joint: {'acceleration': 15.0} for joint in robots.panda().joint_names})
+    controller = Controller(robot, Stack.from_yaml("""
+- first: {type: joint_velocity, joints: panda_joint1}
+- second: {type: joint_velocity, joints: panda_joint2}
+""", robot), Settings(reserve=reserve, blend=0.0))
+    q, before = READY, np.zeros(robot.n)
+    for cycle in range(60):
+        now = 0.01 * cycle
+        controller.set_goal('first', [1.0 if cycle < 30 else 0.0], now)
+        controller.set_goal('second', [0.0], now)
+        velocity = controller.update(q, now).velocity
+        assert np.abs(velocity - before).max() <= 15.0 * 0.01 + 1e-12
+        q, before = q + 0.01 * velocity, velocity
+    assert not before.any()

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from reference import constrained_lstsq
 from tp_controller import least_distance
-from tp_controller.least_distance import nearest_point
+from tp_controller.least_distance import nearest_point, nearest_point_if_any
 from tp_controller.programs import regularised
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
@@ -124,6 +124,28 @@ def test_program_that_defeats_both_methods_moves_nothing(monkeypatch):
     z, multipliers = nearest_point(np.array([1.2177, 0.0]), WEDGE, np.array([-2.175, -2.61]),
                                    np.zeros(2))
     assert z.tolist() == multipliers.tolist() == [0.0, 0.0]
+
+
+@given(SEEDS, st.floats(-3.0, 6.0))
+def test_polytope_without_a_point_moves_nothing(seed, exponent):
+    A, lower, upper, _, point = polytope_and_point(seed, exponent)
+    A = np.concatenate([A, A[:1], A[:1]])
+    lower = np.concatenate([lower, [1.0, -math.inf]])
+    upper = np.concatenate([upper, [math.inf, 0.5]])
+    assert nearest_point_if_any(point, A, lower, upper) is None
+    z, multipliers = nearest_point(point, A, lower, upper)
+    assert not z.any() and not multipliers.any()
+
+
+def test_second_method_is_not_asked_about_nothing(monkeypatch):
+    # Without a row the compiled code behind nnls writes where it must not.
+    def never(*arguments):
+        raise AssertionError('nnls was called')
+    monkeypatch.setattr(least_distance.daqp, 'solve', refuse)
+    monkeypatch.setattr(least_distance, 'nnls', never)
+    free = np.full(2, math.inf)
+    z, multipliers = nearest_point(np.ones(2), np.eye(2), -free, free)
+    assert not z.any() and not multipliers.any()
 
 
 # The program of a level

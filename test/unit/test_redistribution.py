@@ -501,11 +501,27 @@ def test_same_problem_gives_the_same_velocity_to_the_last_digit(problem, options
     assert one.velocity.tolist() == other.velocity.tolist()
 
 
-@given(hierarchies(), st.sampled_from([{}, DEFAULTS]), st.booleans())
-def test_answer_is_finite_and_within_the_bounds_whatever_the_conditions(problem, options, capped):
+@given(hierarchies(max_joints=8), st.sampled_from([1e-3, 1e3]), st.sampled_from([0.0, 0.05]))
+def test_unit_of_length_does_not_matter(problem, unit, regularisation):
+    n, hierarchy, lower, upper = problem
+    assume(well_conditioned(n, hierarchy))
+    options = {'singular_region': 0.1, 'damping': 0.1, 'regularisation': regularisation}
+    before = redistribute(as_levels(hierarchy), lower, upper, **options).velocity
+    measured = [tuple(unit * part for part in level) for level in hierarchy]
+    options = {key: unit * value for key, value in options.items()}
+    velocity = redistribute(as_levels(measured), lower, upper, **options).velocity
+    np.testing.assert_allclose(velocity, before, rtol=0, atol=1e-6)
+
+
+@given(hierarchies(), st.sampled_from([{}, DEFAULTS]), st.booleans(),
+       st.sampled_from([1.0, 1e-6, 1e3, 1e6]), st.sampled_from([1.0, 1e-3, 1e3]))
+def test_answer_is_finite_and_within_the_bounds_whatever_the_conditions(problem, options, capped,
+                                                                        unit, speed):
     n, hierarchy, lower, upper = problem
     if capped:
         options = {**options, 'speed_cap': np.full(n, 0.1)}
+    hierarchy = [(unit * J, *(unit * speed * wanted for wanted in rest))
+                 for J, *rest in hierarchy]
     solution = redistribute(as_levels(hierarchy), lower, upper, **options)
     assert np.isfinite(solution.velocity).all()
     assert (solution.velocity >= lower).all() and (solution.velocity <= upper).all()
@@ -641,6 +657,37 @@ def test_lower_row_never_worsens_a_higher_one(wish):
     assert [level.rank for level in solution.levels] == [0, 0, 2]
 
 
+@pytest.mark.parametrize('length', [1.0, 0.1, 0.01, 1e-4])
+@pytest.mark.parametrize('period', [0.0, 0.01])
+def test_row_holds_against_what_is_below_however_short_it_is(length, period):
+    options = {**DEFAULTS, 'period': period}
+    wall = Level(np.array([[length, 0.0]]), upper=np.array([0.2 * length]))
+    push = Level(np.array([[length, 0.0]]), lower=np.array([length]))
+    box = np.full(2, -2.0), np.full(2, 2.0)
+    for wish in (1.0, 2.0):
+        solution = redistribute([wall, (np.eye(2), [wish, wish])], *box, **options)
+        assert solution.velocity == near([0.2, wish])
+    solution = redistribute([push], *box, **options)
+    assert solution.velocity == near([1.0, 0.0])
+    # What can be met needs nobody's permission.
+    assert not solution.levels[0].multipliers.any() and solution.levels[0].row_multipliers == {}
+
+
+@given(SEEDS, st.sampled_from([0.0, 0.01]))
+def test_what_is_violated_of_rows_is_the_same_whatever_is_below(seed, period):
+    rng = np.random.default_rng(seed)
+    n, options = 5, {**DEFAULTS, 'period': period}
+    lower = 2.0 * rng.standard_normal(4)
+    rows = Level(rng.standard_normal((4, n)), lower=lower, upper=lower + rng.uniform(0.0, 1.0, 4))
+    below = [Level(rng.standard_normal((3, n)), 3.0 * rng.standard_normal(3)),
+             Level(np.eye(n), rng.standard_normal(n))]
+    box = -rng.uniform(0.1, 1.0, n), rng.uniform(0.1, 1.0, n)
+    alone = redistribute([rows], *box, **options).levels[0].residual
+    for stack in ([rows, below[0]], [rows, *below]):
+        residual = redistribute(stack, *box, **options).levels[0].residual
+        np.testing.assert_allclose(residual, alone, rtol=0, atol=1e-6)
+
+
 def test_rows_below_a_wish_give_way_to_it():
     rows = Level(np.array([[1.0, 0.0], [0.0, 1.0]]), lower=np.array([0.5, 0.5]))
     solution = redistribute([([[1.0, 0.0]], [0.2]), rows])
@@ -729,6 +776,15 @@ def test_speed_cap_holds_without_bounds_too():
     rows = Level(np.eye(2), lower=np.full(2, -9.0))
     for stack in (levels, [rows, *levels]):
         assert redistribute(stack, speed_cap=[0.5, 0.5]).velocity == near([0.9, 0.5])
+
+
+@pytest.mark.parametrize('side', [1.0, -1.0])
+def test_speed_cap_gives_way_to_bounds_that_exclude_it(side):
+    lower, upper = sorted([np.full(2, 0.8 * side), np.full(2, 1.0 * side)], key=sum)
+    wish = np.full(2, 0.5 * side)
+    solution = redistribute([(np.eye(2)[:1], wish[:1]), (np.eye(2), wish)], lower, upper,
+                            speed_cap=[0.5, 0.5])
+    assert solution.velocity == near([0.8 * side] * 2)
 
 
 # Continuity, with the settings of the controller

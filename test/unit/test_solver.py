@@ -610,8 +610,8 @@ def test_closing_level_settles_exactly_what_the_others_leave_free():
     ([Level(np.eye(2), np.ones(2)), Level(np.eye(2), np.ones(2), lower=np.zeros(2))],
      'level 2: has a wanted velocity v and bounds'),
     ([Level(np.eye(2), lower=np.zeros(3))], 'level 1: bounds must be 2 numbers'),
-    ([Level(np.eye(2), lower=np.zeros((2, 1)))], 'level 1: lower'),
-    ([Level(np.eye(2), upper=['a', 'b'])], 'level 1: upper'),
+    ([Level(np.eye(2), lower=np.zeros((2, 1)))], 'level 1: the lower bound'),
+    ([Level(np.eye(2), upper=['a', 'b'])], 'level 1: the upper bound'),
     ([Level(np.eye(2), lower=[0.0, 1.0], upper=[0.0, 0.5])], 'level 1: bounds need lower ≤ upper'),
     ([Level(np.eye(2), lower=[0.0, math.nan])], 'level 1: bounds need lower ≤ upper'),
     ([Level(np.eye(2), lower=[0.0, math.inf])], 'level 1: bounds need lower ≤ upper'),
@@ -640,11 +640,11 @@ def test_numbers_that_are_not_finite_are_refused(bad, n, m):
 
 
 @pytest.mark.parametrize('lower, upper, message', [
-    ([-1.0, -1.0], [1.0], 'lower and upper: bounds must be 2 numbers'),
-    ([-1.0] * 3, [1.0] * 3, 'lower and upper: bounds must be 2 numbers'),
+    ([-1.0, -1.0], [1.0], 'joints: bounds must be 2 numbers'),
+    ([-1.0] * 3, [1.0] * 3, 'joints: bounds must be 2 numbers'),
     ([-1.0], None, 'bounds must be 2 numbers'),
-    (-1.0, 1.0, 'lower and upper: lower'),
-    (None, [[1.0, 1.0]], 'lower and upper: upper'),
+    (-1.0, 1.0, 'joints: the lower bound must be'),
+    (None, [[1.0, 1.0]], 'joints: the upper bound must be'),
     ([0.1, -1.0], [0.0, 1.0], 'lower ≤ upper'),
     ([-1.0, math.nan], [1.0, 1.0], 'lower ≤ upper'),
     ([-1.0, -1.0], [math.nan, 1.0], 'lower ≤ upper'),
