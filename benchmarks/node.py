@@ -161,7 +161,7 @@ def main():
             for times in (spent, intervals):
                 cells += [f'{value:.0f}' for value in (*np.percentile(times, [50, 99]),
                                                        times.max())]
-            print(f'| {name} | {" | ".join(cells)} | {share:.0%} |')
+            print(f'| {name} | {" | ".join(cells)} | {100.0 * share:.0f} % |')
 
 
 if __name__ == '__main__':
