@@ -57,17 +57,14 @@ def nearest_point(point, A, lower, upper):
 
     Returns
     -------
-    z : ndarray (k,)
-        Within the bounds to one of `TOLERANCES`, or to about `ROOM` where rows all but coincide.
-        If rounding defeats both methods zero, which stands for no motion.
-    multipliers : ndarray (r,)
-        z = point − Aᵀ multipliers; positive at upper bounds, negative at lower ones, else zero.
+    (z, multipliers) or None
+        z (k,) within the bounds to one of `TOLERANCES`, or to about `ROOM` where rows all but
+        coincide; multipliers (r,) with z = point − Aᵀ multipliers, positive at upper bounds,
+        negative at lower ones, else zero. None where rounding defeats both methods.
 
     """
     found = nearest_point_if_any(point, A, lower, upper)
-    if found is None:
-        found = by_least_squares(point, A, lower, upper)
-    return (np.zeros(len(point)), np.zeros(len(A))) if found is None else found
+    return by_least_squares(point, A, lower, upper) if found is None else found
 
 
 def nearest_point_if_any(point, A, lower, upper):

@@ -70,20 +70,25 @@ def regularised(stiffness, target, A, lower, upper, regularisation, period):
     a : ndarray (k,)
     multipliers : ndarray (r,)
         Positive at upper bounds, negative at lower ones, else zero.
+    curvature : float
+        What no direction was softer than on account of the period.
 
     """
     if regularisation == 0.0:
-        return exact(stiffness, target, A, lower, upper)
+        return *exact(stiffness, target, A, lower, upper), 0.0
     stiff = np.maximum(stiffness, regularisation)
     unit = _unit(stiff)
-    a, multipliers = _nearest(stiff, target, A, lower, upper, unit)
+    first = _nearest(stiff, target, A, lower, upper, unit)
+    if first is None:
+        return *_no_motion(A), 0.0
+    a, multipliers = first
     missed = math.sqrt(stiffness.dot((a - target) ** 2))
     curvature = period * (REACTION * missed + PUSHING * math.sqrt(multipliers.dot(multipliers)))
     stiffer = np.maximum(stiff, curvature)
     if not np.count_nonzero(stiffer > stiffness):
-        return a, multipliers
+        return a, multipliers, curvature
     centre = (stiffness * target + (stiff - stiffness) * a) / stiffer
-    return _nearest(stiffer, centre, A, lower, upper, unit)
+    return *(_nearest(stiffer, centre, A, lower, upper, unit) or first), curvature
 
 
 def exact(stiffness, target, A, lower, upper):
@@ -91,6 +96,8 @@ def exact(stiffness, target, A, lower, upper):
     unit = _unit(stiffness)
     missing, least = unit * EXACT_REGULARISATION
     answer = _nearest(np.maximum(stiffness, missing), target, A, lower, upper, unit)
+    if answer is None:
+        return _no_motion(A)
     if stiffness.min() >= missing:
         return answer
     for _ in range(EXACT_REPETITIONS):
@@ -98,6 +105,9 @@ def exact(stiffness, target, A, lower, upper):
         stiff = np.maximum(stiffness, missing)
         centre = (stiffness * target + (stiff - stiffness) * before[0]) / stiff
         answer = _nearest(stiff, centre, A, lower, upper, unit)
+        if answer is None:
+            # Rounding: what was found with more regularisation is as near as it gets.
+            return before
         change = answer[0] - before[0]
         if change.dot(change) <= CONVERGED ** 2 * (1.0 + answer[0].dot(answer[0])):
             break
@@ -110,7 +120,16 @@ def _unit(stiffness):
 
 
 def _nearest(stiffness, centre, A, lower, upper, unit):
-    """Return the a nearest to a centre, and its multipliers; all stiffness is positive."""
+    """Return the a nearest to a centre, and its multipliers; None where rounding forbids it."""
     root = np.sqrt(stiffness / unit)
-    z, multipliers = nearest_point(root * centre, np.divide(A, root, order='C'), lower, upper)
+    found = nearest_point(root * centre, np.divide(A, root, order='C'), lower, upper)
+    if found is None:
+        return None
+    z, multipliers = found
     return z / root, unit * multipliers
+
+
+def _no_motion(A):
+    """Return zero for a and its multipliers."""
+    rows, columns = A.shape
+    return np.zeros(columns), np.zeros(rows)

@@ -50,7 +50,7 @@ class Projection:
     s : ndarray (rank,)
         Their singular values, the largest first.
     gains : ndarray (rank,)
-        Their damped inverses, as the last `step` used them.
+        Their damped inverses, as the last `aim` used them.
     directions : ndarray (n, k)
         Z V: the motions of the joints that belong to `U`, then those that do not move the task.
     remaining : ndarray (n, k')
@@ -112,9 +112,13 @@ class Projection:
 
     def step(self, residual):
         """Return the motion (n,) that takes a residual (m,) away, J̄^# residual."""
+        return self.directions[:, :self.rank].dot(self.aim(residual))
+
+    def aim(self, residual):
+        """Return `step` in coordinates of the first `directions` (rank,)."""
         wish = self.U.T.dot(residual)
         self.gains = self._damping.inverse(self.s, wish)
-        return self.directions[:, :self.rank].dot(self.gains * wish)
+        return self.gains * wish
 
 
 class Damping:

@@ -15,21 +15,20 @@
 """
 Velocity limits met level by level: what one joint cannot do, the others take over.
 
-Let ζ_k be the velocities that the recursion of `tp_controller.solver` has found, without bounds,
-after level k, and ζ the last of them. Within the bounds x is looked for that comes as near to
-them as possible, first as level 1 sees it, then, among those, as level 2 sees it, and so on:
-level k minimises ‖J_k (x − ζ_k)‖. Where nothing is bounded the answer is ζ; where something is,
-the levels give way from the last one on.
-
-Each level moves x in the coordinates a of its own singular directions Q = Z V, which do not move
-the levels above. With a° for the motion that takes J_k (ζ_k − x) away it solves ::
+Let ζ₁ be the velocity that the recursion of `tp_controller.solver` has found for the first level,
+without bounds. x begins as near to it as the bounds allow. Then the levels carry out what they
+want as well as the bounds let them, from the first to the last, as in the recursion: level k
+moves x in the coordinates a of its own singular directions Q = Z V, which do not move the levels
+above. With a° = J̄^# (v_k − J_k x) for the step that it would like best it solves ::
 
     minimise    Σ s_i² (a_i − a°_i)²
     subject to  lower ≤ x + Q a ≤ upper,  and the rows of the levels with bounds above,
 
 regularised as `tp_controller.programs` says. If a° fits, it is the answer, so nothing jumps where
-the bounds begin to matter. No level knows of the levels below it, and each moves the joints no
-farther than it needs. All programs are strictly convex and small, and x itself always fits.
+the bounds begin to matter; but where a level above pushes against its bounds, soft directions
+wait, as they do in its own program. No level knows of the levels below it, and each moves the
+joints no farther than it needs. All programs are strictly convex and small, and x itself always
+fits.
 """
 
 import math
@@ -126,6 +125,8 @@ class _Cascade:
         self._rows = np.zeros((0, len(start)))
         self._row_lower = self._row_upper = self._row_units = np.zeros(0)
         self._regularisation, self._period = regularisation * regularisation, period
+        # The most curvature of what has pushed so far.
+        self._curvature = 0.0
 
     def narrow(self, bounds):
         """Give the levels from here on less room; where x uses more already, just that."""
@@ -136,10 +137,18 @@ class _Cascade:
     def carry_out(self, level, stage):
         """Come as near to what a level wants as the bounds allow; return its `Stage`."""
         projection = stage.projection
-        missing = projection.U.T.dot(level.J.dot(stage.velocity - self.x))
+        aim = self._aim(level, stage)
         self._Z = projection.remaining
-        multipliers = self._approach(projection, missing / projection.s)
+        multipliers = self._approach(projection, aim)
         return Stage(self.x, projection, *multipliers)
+
+    def _aim(self, level, stage):
+        """Return the step (rank,) from x to where a level wants to be."""
+        projection = stage.projection
+        if self._Z is self._start:
+            # The first level is to get what it gets without bounds.
+            return projection.U.T.dot(level.J.dot(stage.velocity - self.x)) / projection.s
+        return projection.aim(level.v - level.J.dot(self.x))
 
     def _take(self, x):
         """Take a velocity if it is within all bounds; say whether it is."""
@@ -159,21 +168,29 @@ class _Cascade:
         if not len(aim):
             return ()
         target, stiffness = np.zeros((2, projection.directions.shape[1]))
-        target[:len(aim)] = aim
+        target[:len(aim)] = self._slowed(aim, projection.s)
         if self._take(self.x + projection.directions.dot(target)):
             return ()
         stiffness[:len(aim)] = projection.s * projection.s
         return self._solve(projection.directions, stiffness, target)
 
+    def _slowed(self, aim, s):
+        """Return a step (rank,) whose soft directions wait for the levels above that push."""
+        squares = s * s
+        if squares[-1] >= self._curvature:
+            return aim
+        return aim * (squares / np.maximum(squares, self._curvature))
+
     def scale(self, level, stage):
         """Keep the direction of a level and slow it as little as the bounds allow."""
         projection = stage.projection
         U_T, s, rank = projection.U.T, projection.s, projection.rank
+        wanted = U_T.dot(level.J.dot(self.x)) + s * self._aim(level, stage)
         # The way to the wanted velocity begins at rest, or as near to it as the bounds allow.
         if self._Z is self._start:
             self.x = clip(np.zeros(len(self.x)), self._lower, self._upper)
         self._approach(projection, -U_T.dot(level.J.dot(self.x)) / s)
-        wanted = U_T.dot(level.J.dot(stage.velocity - self.x))
+        wanted -= U_T.dot(level.J.dot(self.x))
         way = wanted / s
         self._Z = projection.remaining
         motion = projection.directions[:, :rank].dot(way)
@@ -189,24 +206,26 @@ class _Cascade:
 
     def keep(self, level):
         """Meet the bounds of a level, as far as they can be, and hold on to that below it."""
-        # In a unit of their own, or tolerances would mean something else for every level.
-        unit = _longest(level.J)
-        rows, lower, upper = level.J / unit, level.lower / unit, level.upper / unit
-        self._row_units = np.concatenate([self._row_units, np.full(len(rows), unit)])
+        # As long as 1 each, or tolerances would mean something else for every row.
+        lengths = np.sqrt((level.J * level.J).sum(axis=1))
+        lengths[lengths == 0.0] = 1.0
+        rows = level.J / lengths[:, np.newaxis]
+        lower, upper = level.lower / lengths, level.upper / lengths
+        self._row_units = np.concatenate([self._row_units, lengths])
         values = rows.dot(self.x)
         multipliers = ()
         if np.count_nonzero(values > upper) or np.count_nonzero(values < lower):
-            multipliers = self._meet(rows, lower - values, upper - values)
+            multipliers = self._meet(rows, lower - values, upper - values, lengths)
             values = rows.dot(self.x)
             lower, upper = np.minimum(lower, values), np.maximum(upper, values)
         self._rows = np.concatenate([self._rows, rows])
         self._row_lower = np.concatenate([self._row_lower, lower])
         self._row_upper = np.concatenate([self._row_upper, upper])
-        return Stage(self.x, None, *(unit * unit * found for found in multipliers))
+        return Stage(self.x, None, *multipliers)
 
-    def _meet(self, rows, lower, upper):
+    def _meet(self, rows, lower, upper, weights):
         """
-        Move x to within bounds on rows (r, n), as far as there is a way.
+        Move x to within bounds on rows, as far as there is a way.
 
         Parameters
         ----------
@@ -214,6 +233,8 @@ class _Cascade:
             What is bounded.
         lower, upper : ndarray (r,)
             Bounds on what it gains.
+        weights : ndarray (r,)
+            Of what is missing in the end, before it is squared.
 
         Returns
         -------
@@ -228,18 +249,18 @@ class _Cascade:
         found = nearest_point_if_any(np.zeros(self._Z.shape[1]),
                                      *self._program(self._Z, Z_rows, lower, upper))
         if found is None:
-            return self._violate_least(Z_rows, lower, upper)
+            return self._violate_least(Z_rows, lower, upper, weights)
         self._move(self._Z, *found)
         return ()
 
-    def _violate_least(self, Z_rows, lower, upper):
+    def _violate_least(self, Z_rows, lower, upper, weights):
         """Move x to where rows violate their bounds least; return the multipliers."""
         count, width = Z_rows.shape
         # One more variable for each row: what is missing to its bound. Exactly, or it would
         # depend on x, and so on levels below, how much that is.
         directions = np.hstack([self._Z, np.zeros((len(self._Z), count))])
         slack_rows = np.hstack([Z_rows, np.eye(count)])
-        stiffness = np.repeat([0.0, 1.0], [width, count])
+        stiffness = np.concatenate([np.zeros(width), weights * weights])
         program = self._program(directions, slack_rows, lower, upper)
         return self._move(directions, *exact(stiffness, np.zeros(width + count), *program))
 
@@ -257,7 +278,9 @@ class _Cascade:
         aim = -Z.T.dot(self.x / (cost * cost))
         if not aim.any() or self._take(self.x + Z.dot(aim)):
             return
-        self._move(Z, *nearest_point(aim, *self._program(Z.copy())))
+        found = nearest_point(aim, *self._program(Z.copy()))
+        if found is not None:
+            self._move(Z, *found)
 
     def _unreleased(self, projections):
         """Return a basis of what moves no level at all, not even a weak direction of it."""
@@ -271,8 +294,9 @@ class _Cascade:
 
     def _solve(self, directions, stiffness, target):
         """Move x within its bounds as a level would like best; return the multipliers."""
-        a, multipliers = regularised(stiffness, target, *self._program(directions),
-                                     self._regularisation, self._period)
+        a, multipliers, curvature = regularised(
+            stiffness, target, *self._program(directions), self._regularisation, self._period)
+        self._curvature = max(self._curvature, curvature)
         return self._move(directions, a, multipliers)
 
     def _program(self, directions, slack_rows=None, slack_lower=None, slack_upper=None):
@@ -314,8 +338,3 @@ class _Cascade:
         self.x = clip(self.x + directions.dot(a) + PUSH * joints, self._lower, self._upper)
         rows = multipliers[n:]
         return joints, rows / self._row_units if len(rows) else rows
-
-
-def _longest(rows):
-    """Return the norm of the longest row (r, k), 1 where all are zero."""
-    return math.sqrt((rows * rows).sum(axis=1).max(initial=0.0)) or 1.0

@@ -21,7 +21,7 @@ Each names where it was reported, and runs in a closed loop with a robot that do
 import numpy as np
 import pytest
 import robots
-from tp_controller import Controller, Robot, Settings, Stack
+from tp_controller import Controller, Level, Robot, Settings, Stack
 
 PERIOD = 0.01
 TOOL = robots.PANDA_TOOL
@@ -351,3 +351,33 @@ def test_a_stop_keeps_to_the_acceleration_limit_whatever_is_reserved(reserve):
         assert np.abs(velocity - before).max() <= 15.0 * 0.01 + 1e-12
         q, before = q + 0.01 * velocity, velocity
     assert not before.any()
+
+
+@pytest.mark.parametrize('links', [3, 4, 6])
+@pytest.mark.parametrize('direction', [-2.6, -1.0, 0.4, 1.9, 3.0])
+@pytest.mark.parametrize('period', [0.01, 0.001])
+def test_a_tool_that_pushes_against_a_wall_comes_to_rest_at_it(links, direction, period):
+    solver, bound, length = Settings(period=period).solver(links), np.full(links, 2.0), 2.0 / links
+    q = np.linspace(0.9, -0.7, links)
+    normal = np.array([np.cos(direction), np.sin(direction)])
+    wall = goal = None
+    deepest, velocities = 0.0, []
+    for _ in range(int(6.0 / period)):
+        angles = np.cumsum(q)
+        ends = length * np.array([np.cos(angles), np.sin(angles)])
+        x, y = np.cumsum(ends[:, ::-1], axis=1)[:, ::-1]
+        tool, J = ends.sum(axis=1), np.array([-y, x])
+        if wall is None:
+            wall, goal = normal @ tool - 0.05, tool - 0.8 * normal + 0.2 * normal[::-1] * (1, -1)
+        room = normal @ tool - wall
+        velocity = solver.solve([
+            Level((normal @ J)[np.newaxis], lower=np.array([-10.0 * room]),
+                  upper=np.array([np.inf])),
+            Level(J, 3.0 * (goal - tool)), Level(np.ones((1, links)), -q.sum(keepdims=True)),
+            Level(np.eye(links), -0.2 * q)], -bound, bound).velocity
+        deepest = min(deepest, room)
+        velocities.append(velocity)
+        q = q + period * velocity
+    assert room < 2e-3 and deepest > -1e-3
+    changes = np.diff(velocities[-100:], axis=0)
+    assert np.abs(changes).max() < 0.02

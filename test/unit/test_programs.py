@@ -15,7 +15,9 @@
 """The quadratic program of a level, and the point of a polytope that is nearest to another."""
 
 import math
+from types import SimpleNamespace
 
+import daqp
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -117,24 +119,44 @@ def test_daqp_alone_takes_the_wedge_for_empty(monkeypatch):
     assert len(calls) == 1
 
 
-def test_program_that_defeats_both_methods_moves_nothing(monkeypatch):
+@pytest.mark.parametrize('regularisation', [0.0, 0.0025])
+def test_program_that_defeats_both_methods_moves_nothing(monkeypatch, regularisation):
     def fail(*arguments):
         raise RuntimeError('too many iterations')
     monkeypatch.setattr(least_distance, 'nnls', fail)
-    z, multipliers = nearest_point(np.array([1.2177, 0.0]), WEDGE, np.array([-2.175, -2.61]),
-                                   np.zeros(2))
-    assert z.tolist() == multipliers.tolist() == [0.0, 0.0]
+    program = WEDGE, np.array([-2.175, -2.61]), np.zeros(2)
+    assert nearest_point(np.array([1.2177, 0.0]), *program) is None
+    a, multipliers, curvature = regularised(np.ones(2), np.array([1.2177, 0.0]), *program,
+                                            regularisation, 0.01)
+    assert a.tolist() == multipliers.tolist() == [0.0, 0.0] and curvature == 0.0
+
+
+@pytest.mark.parametrize('regularisation', [0.0, 0.0025])
+@pytest.mark.parametrize('answered', [1, 3])
+def test_answer_is_kept_where_a_later_program_defeats_both_methods(monkeypatch, regularisation,
+                                                                   answered):
+    solved = []
+
+    def tire(*arguments, **options):
+        solved.append(arguments)
+        return daqp.solve(*arguments, **options) if len(solved) <= answered else refuse()
+    monkeypatch.setattr(least_distance, 'daqp', SimpleNamespace(solve=tire))
+    monkeypatch.setattr(least_distance, 'by_least_squares', lambda *arguments: None)
+    # a_1 wants 3 and may have 1 + 0.3 a_2, which costs nothing.
+    a, multipliers, _ = regularised(
+        np.array([1.5, 0.0]), np.array([3.0, 0.0]), np.array([[1.0, -0.3]]),
+        np.array([-np.inf]), np.array([1.0]), regularisation, 0.0)
+    assert a[0] > 2.9 and multipliers[0] > 0.0
 
 
 @given(SEEDS, st.floats(-3.0, 6.0))
-def test_polytope_without_a_point_moves_nothing(seed, exponent):
+def test_polytope_without_a_point_has_no_nearest_one(seed, exponent):
     A, lower, upper, _, point = polytope_and_point(seed, exponent)
     A = np.concatenate([A, A[:1], A[:1]])
     lower = np.concatenate([lower, [1.0, -math.inf]])
     upper = np.concatenate([upper, [math.inf, 0.5]])
     assert nearest_point_if_any(point, A, lower, upper) is None
-    z, multipliers = nearest_point(point, A, lower, upper)
-    assert not z.any() and not multipliers.any()
+    assert nearest_point(point, A, lower, upper) is None
 
 
 def test_second_method_is_not_asked_about_nothing(monkeypatch):
@@ -144,8 +166,7 @@ def test_second_method_is_not_asked_about_nothing(monkeypatch):
     monkeypatch.setattr(least_distance.daqp, 'solve', refuse)
     monkeypatch.setattr(least_distance, 'nnls', never)
     free = np.full(2, math.inf)
-    z, multipliers = nearest_point(np.ones(2), np.eye(2), -free, free)
-    assert not z.any() and not multipliers.any()
+    assert nearest_point(np.ones(2), np.eye(2), -free, free) is None
 
 
 # The program of a level
@@ -173,21 +194,24 @@ def test_soft_direction_that_helps_a_stiff_one_is_the_formula(soft, period):
     # Towards the target, towards the first answer, and the rest towards zero.
     centre = (stiffness * target + (stiff - stiffness) * first) / stiffer
     second, multiplier = line(stiffer, centre)
-    a, multipliers = regularised(stiffness, target, np.array([[1.0, -rho]]), np.array([-np.inf]),
-                                 np.array([1.0]), squared, period)
+    a, multipliers, curvature = regularised(
+        stiffness, target, np.array([[1.0, -rho]]), np.array([-np.inf]), np.array([1.0]),
+        squared, period)
+    first_multiplier = line(stiff, target)[1]
+    assert curvature == pytest.approx(period * (4.0 * missed + 16.0 * first_multiplier))
     np.testing.assert_allclose(a, second, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(multipliers, [multiplier], rtol=1e-9, atol=1e-9)
 
 
 def test_stiff_program_is_not_regularised_at_all():
     stiffness, target = np.array([1.0, 1.0]), np.array([3.0, 1.0])
-    a, multipliers = regularised(stiffness, target, np.eye(2), np.full(2, -np.inf),
-                                 np.array([0.5, 9.0]), 0.0025, 0.01)
+    a, multipliers, _ = regularised(stiffness, target, np.eye(2), np.full(2, -np.inf),
+                                    np.array([0.5, 9.0]), 0.0025, 0.01)
     np.testing.assert_allclose(a, [0.5, 1.0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(multipliers, [2.5, 0.0], rtol=0, atol=1e-12)
     # Held longer it is: what it misses and its multiplier are 2.5 each, 50 T = 2.
-    a, _ = regularised(stiffness, target, np.eye(2), np.full(2, -np.inf), np.array([0.5, 9.0]),
-                       0.0025, 0.04)
+    a, _, _ = regularised(stiffness, target, np.eye(2), np.full(2, -np.inf),
+                          np.array([0.5, 9.0]), 0.0025, 0.04)
     np.testing.assert_allclose(a, [0.5, 0.5], rtol=0, atol=1e-12)
 
 
@@ -201,7 +225,7 @@ def test_however_hard_it_pushes_the_answer_is_never_worse_than_rest(seed):
     target = 3.0 * rng.standard_normal(k)
     at_rest = stiffness @ target ** 2
     for period in (0.0, 0.01, 0.1, 1.0, 10.0, 1e9):
-        a, _ = regularised(stiffness, target, A, lower, upper, 0.0025, period)
+        a, _, _ = regularised(stiffness, target, A, lower, upper, 0.0025, period)
         assert stiffness @ (a - target) ** 2 <= at_rest + 1e-6
     # In the end it is rest, where anything is in the way.
     free = (A @ target <= upper).all() and (A @ target >= lower).all()
@@ -212,8 +236,8 @@ def test_however_hard_it_pushes_the_answer_is_never_worse_than_rest(seed):
 def test_exact_program_is_met_however_soft_a_direction_is(ratio):
     # a_1 + a_2 = 0.5 is in the way of (1, 1): the soft one gives way by its stiffness.
     stiffness, target = np.array([1.0, ratio]), np.ones(2)
-    a, multipliers = regularised(stiffness, target, np.ones((1, 2)), np.array([-np.inf]),
-                                 np.array([0.5]), 0.0, 1.0)
+    a, multipliers, _ = regularised(stiffness, target, np.ones((1, 2)), np.array([-np.inf]),
+                                    np.array([0.5]), 0.0, 1.0)
     multiplier = 1.5 / (1.0 + 1.0 / ratio)
     np.testing.assert_allclose(a, 1.0 - multiplier / stiffness, rtol=0, atol=1e-7)
     np.testing.assert_allclose(multipliers, [multiplier], rtol=1e-6)

@@ -688,6 +688,37 @@ def test_what_is_violated_of_rows_is_the_same_whatever_is_below(seed, period):
         np.testing.assert_allclose(residual, alone, rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize('share', [1e-2, 1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize('options', [{}, DEFAULTS, {**DEFAULTS, 'period': 0.01}])
+def test_rows_of_very_different_length_hold_in_one_level(share, options):
+    J = np.diag([1.0, share])
+    wall = Level(J, upper=np.array([0.2, 0.2 * share]))
+    push = Level(J, lower=np.array([0.5, 0.5 * share]))
+    box = np.full(2, -2.0), np.full(2, 2.0)
+    solution = redistribute([wall, (np.eye(2), np.ones(2))], *box, **options)
+    assert solution.velocity == near([0.2, 0.2])
+    assert redistribute([push], *box, **options).velocity == near([0.5, 0.5])
+
+
+def test_what_is_missing_counts_in_the_units_of_the_rows():
+    # Two walls that contradict each other share by the squares of what their rows count.
+    rows = Level(np.array([[1.0], [2.0]]), lower=np.array([1.0, -INFINITE]),
+                 upper=np.array([INFINITE, 0.0]))
+    # Least (1 − x)² + (2 x)².
+    assert redistribute([rows]).velocity == near([0.2], rel=1e-7)
+
+
+def test_soft_directions_wait_while_a_level_above_pushes():
+    # Level 1 misses 2 m/s at the bound of joint 1; level 2 is soft, s = 0.1, and free.
+    levels = [([[1.0, 0.0, 0.0]], [3.0]), ([[0.0, 0.1, 0.0]], [0.02]), (np.eye(3), np.zeros(3))]
+    box = -np.full(3, 1.0), np.full(3, 1.0)
+    for period in (0.0, 0.001, 0.01, 0.1):
+        velocity = redistribute(levels, *box, **{**DEFAULTS, 'period': period}).velocity
+        # Missed and multiplier are 2 each.
+        curvature = period * (4.0 * 2.0 + 16.0 * 2.0)
+        assert velocity == near([1.0, 0.2 * 0.01 / max(0.01, curvature), 0.0])
+
+
 def test_rows_below_a_wish_give_way_to_it():
     rows = Level(np.array([[1.0, 0.0], [0.0, 1.0]]), lower=np.array([0.5, 0.5]))
     solution = redistribute([([[1.0, 0.0]], [0.2]), rows])
