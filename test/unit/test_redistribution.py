@@ -604,6 +604,14 @@ def test_mode_scale_worked_out_by_hand():
     assert solution.scale == near(1.0)
 
 
+def test_scaled_level_that_cannot_be_brought_to_rest_gets_what_it_wants_all_the_same():
+    # Level 1 moves it by 0.5, joint 2 can take 0.2 of that away; the last level is too fast.
+    levels = [([[1.0, 0.0, 0.0]], [0.5]), Level(np.array([[1.0, 1.0, 0.0]]), np.array([2.0]),
+                                                'scale'), (np.eye(3), [0.0, 0.0, 5.0])]
+    solution = redistribute(levels, [-1.0, -0.2, -1.0], [1.0, 1.6, 1.0])
+    assert solution.velocity == near([0.5, 1.5, 1.0])
+
+
 def test_widening_a_bound_helps_a_scaled_level_as_much_as_its_multiplier_says():
     level = Level(np.eye(2), np.array([2.0, 1.0]), 'scale')
     upper = np.array([0.5, 5.0])
@@ -717,6 +725,15 @@ def test_soft_directions_wait_while_a_level_above_pushes():
         # Missed and multiplier are 2 each.
         curvature = period * (4.0 * 2.0 + 16.0 * 2.0)
         assert velocity == near([1.0, 0.2 * 0.01 / max(0.01, curvature), 0.0])
+
+
+def test_soft_directions_wait_for_the_level_that_pushes_hardest():
+    # Level 2 pushes, too, but only a little.
+    levels = [([[1.0, 0.0, 0.0]], [3.0]), ([[0.0, 0.0, 1.0]], [1.001]),
+              ([[0.0, 0.1, 0.0]], [0.02])]
+    box = -np.full(3, 1.0), np.full(3, 1.0)
+    velocity = redistribute(levels, *box, **{**DEFAULTS, 'period': 0.01}).velocity
+    assert velocity == near([1.0, 0.2 * 0.01 / 0.4, 1.0])
 
 
 def test_rows_below_a_wish_give_way_to_it():
