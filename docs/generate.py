@@ -266,7 +266,7 @@ def interfaces(node):
 
 def _example_keys(kind):
     """Return the keys without which a task of a type cannot be."""
-    examples = {'frame': 'panda_hand_tcp', 'joints': 'panda_joint1'}
+    examples = {'frame': 'panda_hand_tcp', 'reference': 'panda_link4', 'joints': 'panda_joint1'}
     return ''.join(f', {key}: {examples[key]}' for key, default in kind.accepted_keys().items()
                    if default is inspect.Parameter.empty)
 

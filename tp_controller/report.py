@@ -98,9 +98,10 @@ class Report:
         for number, (group, level) in enumerate(zip(self._groups, self._solution.levels), 1):
             first = 0
             for task in group:
-                rows = slice(first, first + task.rows)
-                reports.append(self._task(task, number, level, rows, next(errors)))
-                first += task.rows
+                error = next(errors)
+                rows = slice(first, first + len(error))
+                reports.append(self._task(task, number, level, rows, error))
+                first += len(error)
         reports.extend(TaskReport(task.name, task.type_name, None, (), False, 0.0, 0.0,
                                   'disabled') for task in self._disabled)
         return tuple(reports)

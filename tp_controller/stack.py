@@ -124,15 +124,14 @@ class Stack:
 
 def levels_of(groups, state, now):
     """Return a level for each group of tasks; see `Stack.levels`."""
-    levels = []
-    for group in groups:
-        if len(group) == 1:
-            levels.append(Level(*group[0].evaluate(state, now), group[0].mode))
-        else:
-            parts = [task.evaluate(state, now) for task in group]
-            levels.append(Level(np.concatenate([J for J, _ in parts]),
-                                np.concatenate([v for _, v in parts]), group[0].mode))
-    return levels
+    return [group[0].level(state, now) if len(group) == 1 else
+            _joined([task.level(state, now) for task in group]) for group in groups]
+
+
+def _joined(levels):
+    """Return one level with the rows of several."""
+    return Level(np.concatenate([level.J for level in levels]),
+                 np.concatenate([level.v for level in levels]), levels[0].mode)
 
 
 class _Reader:

@@ -30,7 +30,7 @@ PACKAGE = robots.REPOSITORY / 'tp_controller'
 ORDER = [
     'errors', 'spatial', 'resources', 'urdf', 'dh', 'level', 'robot',
     'tasks.base', 'tasks.frame', 'tasks.velocity', 'tasks.joint', 'tasks.position',
-    'tasks.orientation', 'tasks.pose', 'tasks.twist', 'tasks',
+    'tasks.orientation', 'tasks.pose', 'tasks.relative', 'tasks.twist', 'tasks',
     'stack', 'transition', 'limits', 'solution', 'projection', 'uniform', 'least_distance',
     'programs', 'redistribution', 'stacked', 'solver', 'escape', 'settings', 'report',
     'controller', 'simulator', '']

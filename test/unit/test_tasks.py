@@ -52,6 +52,14 @@ CASES = {
         ({'frame': TOOL, 'axes': 'rz x', 'gain': [1.0, 4.0]}, [0, 5]),
         ({'frame': TOOL, 'reference': 'panda_link1'}, ALL),
     ],
+    'relative_position': [
+        ({'frame': TOOL, 'reference': ELBOW, 'gain': 2.0}, [0, 1, 2]),
+        ({'frame': TOOL, 'reference': 'panda_link2', 'axes': 'yz'}, [1, 2]),
+    ],
+    'relative_pose': [
+        ({'frame': TOOL, 'reference': ELBOW, 'gain': 2.0}, ALL),
+        ({'frame': TOOL, 'reference': 'panda_link2', 'axes': 'x ry'}, [0, 4]),
+    ],
     'twist': [
         ({'frame': TOOL}, ALL),
         ({'frame': TOOL, 'axes': 'rz y'}, [1, 5]),
@@ -132,7 +140,7 @@ def test_error_is_zero_at_the_goal_and_only_there(name, keys, rows):
     state = task.robot.state(q)
     task.set_goal(task.parse_goal(task.value(state)), 0.0)
     np.testing.assert_allclose(task.error(state), 0.0, atol=1e-7)
-    np.testing.assert_allclose(task.evaluate(state, 0.0)[1], 0.0, atol=1e-6)
+    np.testing.assert_allclose(task.level(state, 0.0).v, 0.0, atol=1e-6)
     assert np.linalg.norm(task.error(task.robot.state(q + 0.1))) > 1e-3
 
 
@@ -153,7 +161,8 @@ def test_one_step_shrinks_the_error_by_one_minus_gain_times_period(name, keys, r
     for _ in range(5):
         q = inside(robot, rng)
         task.set_goal(task.value(robot.state(q + 1e-3 * rng.normal(size=7))), 0.0)
-        J, v = task.evaluate(robot.state(q), 0.0)
+        level = task.level(robot.state(q), 0.0)
+        J, v = level.J, level.v
         before = task.last_error
         after = task.error(robot.state(q + dt * solve([(J, v)]).velocity))
         gain = np.asarray(keys.get('gain', 1.0))
@@ -168,14 +177,15 @@ def test_velocity_task_moves_as_its_goal_says_and_stops_when_it_is_too_old(name,
     q = inside(task.robot, rng)
     state = task.robot.state(q)
     task.start(state)
-    assert task.evaluate(state, 0.0)[1].tolist() == [0.0] * task.rows
+    assert task.level(state, 0.0).v.tolist() == [0.0] * task.rows
     wanted = rng.normal(size=6 if name == 'twist' else task.rows)
     task.set_goal(task.parse_goal(wanted), 10.0)
-    J, v = task.evaluate(state, 10.2)
+    level = task.level(state, 10.2)
+    J, v = level.J, level.v
     velocity = solve([(J, v)]).velocity
     expected = wanted[rows] if name == 'twist' else wanted
     np.testing.assert_allclose(motion(task, rows, q, velocity), expected, atol=1e-7)
-    assert task.evaluate(state, 10.6)[1].tolist() == [0.0] * task.rows
+    assert task.level(state, 10.6).v.tolist() == [0.0] * task.rows
 
 
 @pytest.mark.parametrize('name, keys, rows', CONTRACT)
@@ -184,7 +194,7 @@ def test_bad_goals_are_refused_and_the_goal_in_force_stays(name, keys, rows):
     state = task.robot.state(robots.PANDA_READY)
     task.start(state)
     good = task.value(state)
-    before = task.evaluate(state, 0.0)[1]
+    before = task.level(state, 0.0).v
     bad = [None, 'goal', object(), [], [[]], [[1.0], [1.0, 2.0]], 0.0, np.zeros(17),
            np.zeros((3, 4)), np.zeros((2, task.rows)), {'no_such_name': 0.0}, ['a'] * task.rows,
            [10 ** 400] * task.rows]
@@ -195,7 +205,7 @@ def test_bad_goals_are_refused_and_the_goal_in_force_stays(name, keys, rows):
     for goal in bad:
         with pytest.raises(GoalError, match="'task'"):
             task.parse_goal(goal)
-    np.testing.assert_array_equal(task.evaluate(state, 0.0)[1], before)
+    np.testing.assert_array_equal(task.level(state, 0.0).v, before)
 
 
 @pytest.mark.parametrize('name, keys, rows', CONTRACT)
@@ -265,14 +275,14 @@ def test_feed_forward_adds_to_the_feedback_until_it_times_out(name, keys, rows):
     task, rng = make(name, {**keys, 'timeout': 0.25}), np.random.default_rng(8)
     state = task.robot.state(inside(task.robot, rng))
     task.start(task.robot.state(inside(task.robot, rng)))
-    feedback = task.evaluate(state, 0.0)[1]
+    feedback = task.level(state, 0.0).v
     given_ = rng.normal(size=task.rows if isinstance(task, JointTask) else 6)
     wanted = given_ if isinstance(task, JointTask) else given_[rows]
     task.set_feed_forward(task.parse_feed_forward(given_), 100.0)
-    np.testing.assert_allclose(task.evaluate(state, 100.0)[1], feedback + wanted)
-    np.testing.assert_allclose(task.evaluate(state, 100.24)[1], feedback + wanted)
-    np.testing.assert_allclose(task.evaluate(state, 100.26)[1], feedback)
-    np.testing.assert_allclose(task.evaluate(state, 100.1)[1], feedback)
+    np.testing.assert_allclose(task.level(state, 100.0).v, feedback + wanted)
+    np.testing.assert_allclose(task.level(state, 100.24).v, feedback + wanted)
+    np.testing.assert_allclose(task.level(state, 100.26).v, feedback)
+    np.testing.assert_allclose(task.level(state, 100.1).v, feedback)
 
 
 def test_clock_that_jumps_back_ends_a_feed_forward_too():
@@ -282,7 +292,7 @@ def test_clock_that_jumps_back_ends_a_feed_forward_too():
         task.start(state)
         size = 7 if name == 'joint_velocity' else 6
         task.set_feed_forward(task.parse_feed_forward(np.ones(size)), 100.0)
-        assert task.evaluate(state, 3.0)[1].tolist() == [0.0] * task.rows
+        assert task.level(state, 3.0).v.tolist() == [0.0] * task.rows
 
 
 # Keys
@@ -336,7 +346,7 @@ def test_message_names_the_key_what_was_given_and_what_is_valid():
 def test_each_row_can_have_its_own_gain():
     task = make('pose', {'frame': TOOL, 'gain': [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]})
     task.set_goal(task.value(task.robot.state(np.add(robots.PANDA_READY, 0.1))), 0.0)
-    _, v = task.evaluate(task.robot.state(robots.PANDA_READY), 0.0)
+    v = task.level(task.robot.state(robots.PANDA_READY), 0.0).v
     np.testing.assert_allclose(v, np.arange(1, 7) * task.last_error)
 
 
@@ -638,7 +648,8 @@ def test_tool_that_points_down_turns_by_30_degrees_about_any_axis():
         turned = 0.0
         for _ in range(120):
             state.update(q)
-            J, v = task.evaluate(state, 0.0)
+            level = task.level(state, 0.0)
+            J, v = level.J, level.v
             step = 0.02 * solve([(J, v)]).velocity
             turned += np.linalg.norm(J[3:] @ step)
             q = q + step
@@ -653,5 +664,5 @@ def test_attitude_in_a_moving_reference_is_led_there_too():
     task.set_goal(goal, 0.0)
     q = np.array(robots.PANDA_READY)
     for _ in range(120):
-        q = q + 0.02 * solve([task.evaluate(robot.state(q), 0.0)]).velocity
+        q = q + 0.02 * solve([task.level(robot.state(q), 0.0)]).velocity
     assert angle(task.value(robot.state(q)), goal) < 1e-4

@@ -30,13 +30,14 @@ from tp_controller.tasks.joint import Joint, JointTask, JointVelocity, Posture
 from tp_controller.tasks.orientation import Orientation
 from tp_controller.tasks.pose import Pose
 from tp_controller.tasks.position import Position
+from tp_controller.tasks.relative import RelativePose, RelativePosition
 from tp_controller.tasks.twist import Twist
 
 ENTRY_POINTS = 'tp_controller.tasks'
 
 __all__ = [
     'FrameTask', 'Joint', 'JointTask', 'JointVelocity', 'Keys', 'Orientation', 'Pose', 'Position',
-    'Posture', 'Task', 'Twist', 'task_types']
+    'Posture', 'RelativePose', 'RelativePosition', 'Task', 'Twist', 'task_types']
 
 
 @lru_cache(maxsize=1)

@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 from tp_controller.errors import GoalError, RobotError, TaskError, unknown
-from tp_controller.level import MODES
+from tp_controller.level import Level, MODES
 
 DEFAULT_GAIN = 1.0
 DEFAULT_TIMEOUT = 0.5
@@ -57,7 +57,7 @@ class Task(ABC):
     mode : str
         See `tp_controller.level.Level`.
     last_error : ndarray (rows,)
-        Error at the last `evaluate`.
+        Error at the last `level`.
     reference : str or None
         Frame that goals are expressed in; None where they are in no frame.
     goal_type, feed_forward_type : str or None
@@ -109,8 +109,10 @@ class Task(ABC):
         for base in cls.__mro__:
             if '__init__' in vars(base):
                 parameters = inspect.signature(base.__init__).parameters.values()
-                accepted.update((parameter.name, parameter.default) for parameter in parameters
-                                if parameter.kind is inspect.Parameter.KEYWORD_ONLY)
+                for parameter in parameters:
+                    if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
+                        # A subclass may need what its base can do without.
+                        accepted.setdefault(parameter.name, parameter.default)
                 # Only a constructor with ** hands keys on to the next one.
                 if not any(parameter.kind is inspect.Parameter.VAR_KEYWORD
                            for parameter in parameters):
@@ -212,11 +214,11 @@ class Task(ABC):
             self._feed_forward = None
         return wanted
 
-    def evaluate(self, state, now):
-        """Return (J, v) at a state and remember the error, for the report."""
+    def level(self, state, now):
+        """Return the `Level` at a state, and remember the error for the report."""
         error = self.error(state)
         self.last_error = error
-        return self.jacobian(state), self.velocity(error, now)
+        return Level(self.jacobian(state), self.velocity(error, now), self.mode)
 
     def reported_errors(self, error, residual):
         """

@@ -1,0 +1,49 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Tasks about where two parts of the robot are to each other: two arms that carry one thing."""
+
+from tp_controller.tasks.pose import Pose
+from tp_controller.tasks.position import Position
+
+KEYS = {'reference': 'frame of the robot that goals, errors and axes are expressed in; it may '
+                     'move with the joints as well'}
+
+
+class RelativePosition(Position):
+    """
+    Keep the origin of a frame at a point of another frame (slides (1)-(5), relative motion).
+
+    The goal is a point (3,) in the reference frame [m]. Both frames give way.
+    """
+
+    type_name = 'relative_position'
+    keys = KEYS
+
+    def __init__(self, robot, name, *, frame, reference, **keys):
+        super().__init__(robot, name, frame=frame, reference=reference, **keys)
+
+
+class RelativePose(Pose):
+    """
+    Keep a frame at a pose in another frame, as two hands on one thing.
+
+    The goal is a 4×4 homogeneous matrix, or ``x, y, z`` [m] and a quaternion ``xyzw`` (7,), in
+    the reference frame. Both frames give way.
+    """
+
+    type_name = 'relative_pose'
+    keys = KEYS
+
+    def __init__(self, robot, name, *, frame, reference, **keys):
+        super().__init__(robot, name, frame=frame, reference=reference, **keys)
