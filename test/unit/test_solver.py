@@ -657,7 +657,38 @@ def test_bounds_that_do_not_fit_are_refused(lower, upper, message, scaling):
         solve([(np.eye(2), np.ones(2))], lower, upper, scaling=scaling)
 
 
-@pytest.mark.parametrize('cap', [1.0, [1.0], [1.0, math.nan], [[1.0, 1.0]], ['a', 'b']])
+@pytest.mark.parametrize('levels, message', [
+    (5, 'levels must be a sequence of Level or .J, v., not 5'),
+    (None, 'levels must be a sequence'),
+    ([(1j * np.eye(2), np.ones(2))], 'level 1: J must be .m, n.: complex'),
+    ([(1e160 * np.eye(2), np.ones(2))], 'level 1: .* beyond 1e.100'),
+    ([(np.eye(2), 1e160 * np.ones(2))], 'level 1: .* beyond 1e.100'),
+])
+def test_what_are_no_levels_is_named(levels, message):
+    with pytest.raises(SolverError, match=message):
+        solve(levels)
+
+
+@pytest.mark.parametrize('weights', ['ab', [[1.0], [1.0, 2.0]]])
+def test_weights_that_are_no_numbers_are_refused(weights):
+    with pytest.raises(SolverError, match='weights must be 2 positive numbers'):
+        solve([(np.eye(2), np.ones(2))], weights=weights)
+
+
+@pytest.mark.parametrize('number', [np.float32(0.5), np.int64(1), 1])
+def test_numbers_of_numpy_are_numbers(number):
+    one = solve([(np.eye(2), np.ones(2))], damping=number).velocity
+    np.testing.assert_allclose(one, solve([(np.eye(2), np.ones(2))],
+                                          damping=float(number)).velocity)
+
+
+def test_speed_cap_goes_with_redistribution_only():
+    with pytest.raises(SolverError, match='speed_cap needs scaling redistribute'):
+        solve([(np.eye(2), np.ones(2))], scaling='uniform', speed_cap=[1.0, 1.0])
+
+
+@pytest.mark.parametrize('cap', [1.0, [1.0], [1.0, math.nan], [[1.0, 1.0]], ['a', 'b'],
+                                 [-1.0, 1.0]])
 def test_speed_cap_that_does_not_fit_is_refused(cap):
     with pytest.raises(SolverError, match='speed_cap'):
         solve([(np.eye(2), np.ones(2))], -np.ones(2), np.ones(2), scaling='redistribute',
