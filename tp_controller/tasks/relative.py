@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Tasks about where two parts of the robot are to each other: two arms that carry one thing."""
 
 from tp_controller.tasks.pose import Pose
