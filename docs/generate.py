@@ -45,11 +45,14 @@ REGION = re.compile(r'(<!-- begin generated: (?P<name>[\w ]+) -->\n).*?(<!-- end
 PANDA = ROOT / 'config' / 'robots' / 'panda.yaml'
 # Packages of the types that every node's own topics and services have.
 EVERY_NODE = ('rcl_interfaces', 'type_description_interfaces')
+# Types that the arm of the examples cannot have: its table gives no masses.
+OTHER_ROBOTS = ('center_of_mass',)
 NAMESPACE, NODE = '/namespace', 'tp_controller'
 
 # What a goal is for `Controller.set_goal`, and the fields of its message that count.
 GOALS = {
     'point': ('`x, y, z` [m]', '`point`'),
+    'direction': ('`x, y, z` of any length', '`vector`'),
     'quaternion': ('`qx, qy, qz, qw`, or a 3×3 rotation matrix', '`quaternion`'),
     'pose': ('`x, y, z, qx, qy, qz, qw`, or a 4×4 matrix', '`pose`'),
     'joints': ('positions in the order of `joints`, or `{joint: position}`',
@@ -143,9 +146,15 @@ def summary(thing):
 def tasks():
     """Return the table of task types."""
     rows = [(f'[`{name}`](docs/tasks.md#{name})', summary(kind).partition(':')[0],
-             GOALS[kind.goal_type or kind.feed_forward_type][0])
+             ', or '.join(GOALS[goal][0] for goal in goal_types(kind)) or 'none')
             for name, kind in task_types().items() if kind.__module__.startswith('tp_controller.')]
     return table(('`type`', 'what it does', 'goal'), rows)
+
+
+def goal_types(kind):
+    """Return the kinds of goals that a type of tasks takes, the default one first."""
+    return kind.goal_types or tuple(
+        filter(None, [kind.goal_type or kind.feed_forward_type]))
 
 
 def keys(name):
@@ -215,7 +224,8 @@ def goals():
     rows = []
     for kind, entry in (*messages.GOALS.items(), *messages.FEED_FORWARD.items()):
         takers = [f'`{name}`' for name, task in task_types().items()
-                  if kind == (task.goal_type if entry.topic == 'goal' else task.feed_forward_type)]
+                  if kind in (goal_types(task) if entry.topic == 'goal'
+                              else [task.feed_forward_type])]
         rows.append((', '.join(takers), f'`~/<task>/{entry.topic}`',
                      f'`{message_name(entry.type)}`', GOALS[kind][1],
                      'yes' if entry.framed else 'no'))
@@ -242,7 +252,7 @@ def interfaces(node):
     if node == 'controller':
         from tp_controller.nodes.controller_node import ControllerNode as Node
         stack = '\n'.join(f'- {name}: {{type: {name}{_example_keys(kind)}}}'
-                          for name, kind in task_types().items())
+                          for name, kind in task_types().items() if name not in OTHER_ROBOTS)
         starts = ({**robot, 'stack': stack + '\n'}, {})
     else:
         from tp_controller.nodes.simulator_node import SimulatorNode as Node
@@ -265,10 +275,11 @@ def interfaces(node):
 
 
 def _example_keys(kind):
-    """Return the keys without which a task of a type cannot be."""
-    examples = {'frame': 'panda_hand_tcp', 'reference': 'panda_link4', 'joints': 'panda_joint1'}
+    """Return the keys without which a task of a type cannot be (of linear and angular, one)."""
+    examples = {'frame': 'panda_hand_tcp', 'reference': 'panda_link4', 'joints': 'panda_joint1',
+                'half_angle': 0.5, 'linear': 0.25, 'minimum': 0.05, 'shape': 'half_space'}
     return ''.join(f', {key}: {examples[key]}' for key, default in kind.accepted_keys().items()
-                   if default is inspect.Parameter.empty)
+                   if default is inspect.Parameter.empty or key == 'linear')
 
 
 def _opened(node):

@@ -28,6 +28,7 @@ from tp_controller.transition import Transition
 
 # Share of each new measurement in the mean time between commands.
 SMOOTHING = 0.05
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,7 @@ class Controller:
     Raises
     ------
     SettingsError
-        The weights do not fit the robot.
+        The settings do not fit the robot or the stack; see `check_settings`.
 
     """
 
@@ -79,12 +80,30 @@ class Controller:
         self._escape = Escape(robot.n)
         self.settings = settings or Settings()
 
-    def replace_stack(self, stack):
-        """Carry out another stack from the next cycle on; goals of tasks it keeps go on."""
+    def replace_stack(self, stack, settings=None):
+        """
+        Carry out another stack from the next cycle on; goals of tasks it keeps go on.
+
+        Parameters
+        ----------
+        stack : Stack
+            To be carried out.
+        settings : Settings, optional
+            That go with it; those in force by default.
+
+        Raises
+        ------
+        SettingsError
+            The settings do not fit it; what was in force before stays in force.
+
+        """
+        settings = settings or self._settings
+        self.check_settings(settings, stack)
         self._announce_stack()
         stack.take_over(self.stack)
         self.stack = stack
         self._started = False
+        self.settings = settings
 
     def restart(self):
         """Let tasks without a goal hold, from the next cycle on, what they find then."""
@@ -117,12 +136,32 @@ class Controller:
         self._transition.duration = settings.blend
         self._transition.announce(0)
 
-    def check_settings(self, settings):
-        """Raise `SettingsError` where settings do not fit the robot."""
+    def check_settings(self, settings, stack=None):
+        """
+        Check whether settings fit the robot and a stack, the one in force by default.
+
+        Raises
+        ------
+        SettingsError
+            There is not one weight for each joint, a bound would be approached faster than the
+            period allows, or the method knows no bounds.
+
+        """
+        faults = []
         weights = settings.weights
         if weights and len(weights) != self.robot.n:
-            raise SettingsError([f'weights needs {self.robot.n} numbers, one for each of '
-                                 f'{", ".join(self.robot.joint_names)}, got {len(weights)}'])
+            faults.append(f'weights needs {self.robot.n} numbers, one for each of '
+                          f'{", ".join(self.robot.joint_names)}, got {len(weights)}')
+        for task in (self.stack if stack is None else stack).tasks.values():
+            if task.bounded and settings.method != 'recursive':
+                faults.append(f'method {settings.method} knows no tasks that keep bounds, as '
+                              f'{task.name} does')
+            elif task.bounded and np.max(task.gain) * settings.period > 1.0 + ROUNDING:
+                faults.append(f'gain {np.max(task.gain):g} of task {task.name} must be at most '
+                              f'1/period = {1.0 / settings.period:g}, or its bounds would be '
+                              'crossed')
+        if faults:
+            raise SettingsError(faults)
 
     def set_goal(self, name, goal, now, frame=None):
         """
@@ -232,6 +271,7 @@ class Controller:
         else:
             self._state.update(q, passive)
         state = self._state
+        state.velocity = self._velocity
         if not self._started:
             self.stack.start(state)
             self._started = True

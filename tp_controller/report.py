@@ -49,6 +49,8 @@ class TaskReport:
         m/s and rad/s are added up as they are).
     reason : str
         What holds the task back; empty where nothing does.
+    bounded : bool
+        The task keeps bounds instead of wanting a velocity.
 
     """
 
@@ -60,14 +62,15 @@ class TaskReport:
     wanted_speed: float
     achieved_speed: float
     reason: str
+    bounded: bool = False
 
     @property
     def status(self):
-        """Return ``disabled``, ``reached``, ``moving`` or ``held back``."""
+        """Return ``disabled``, ``reached``, ``kept`` (bounds), ``moving`` or ``held back``."""
         if self.level is None:
             return 'disabled'
         if self.reached:
-            return 'reached'
+            return 'kept' if self.bounded else 'reached'
         return 'held back' if self.reason else 'moving'
 
 
@@ -87,24 +90,27 @@ class Report:
     def __init__(self, robot, stack, bounds, solution, eased):
         self._robot, self._bounds, self._solution = robot, bounds, solution
         self._eased = eased
-        self._groups, self._disabled = stack.active, stack.inactive
-        self._errors = [task.last_error for task in stack.active_tasks]
+        self._disabled = stack.inactive
+        # What the next cycle changes: for each level (task, error, names of the rows).
+        self._groups = [[(task, task.last_error, task.row_names) for task in group]
+                        for group in stack.active]
 
     @cached_property
     def tasks(self):
         """Return a `TaskReport` for every task."""
-        reports = []
-        errors = iter(self._errors)
-        for number, (group, level) in enumerate(zip(self._groups, self._solution.levels), 1):
-            first = 0
-            for task in group:
-                error = next(errors)
-                rows = slice(first, first + len(error))
-                reports.append(self._task(task, number, level, rows, error))
-                first += len(error)
+        reports = [self._task(number, task, error, rows, level)
+                   for number, level in enumerate(self._solution.levels, 1)
+                   for task, error, _, rows in self._members(number - 1)]
         reports.extend(TaskReport(task.name, task.type_name, None, (), False, 0.0, 0.0,
                                   'disabled') for task in self._disabled)
         return tuple(reports)
+
+    def _members(self, index):
+        """Yield (task, error, row names, rows) of a level, from 0."""
+        first = 0
+        for task, error, names in self._groups[index]:
+            yield task, error, names, slice(first, first + len(error))
+            first += len(error)
 
     @property
     def scale(self):
@@ -131,34 +137,46 @@ class Report:
         name = self._bounds.name(joint, level.limited_velocity[joint], up)
         return f'{self._robot.joint_names[joint]} at its {name}'
 
-    def _task(self, task, number, level, rows, error):
+    def _task(self, number, task, error, rows, level):
         """Return the report of a task that is rows `rows` of a level."""
         wanted, achieved = level.wanted[rows], level.achieved[rows]
-        residual = wanted - achieved
-        errors = task.reported_errors(error, residual)
+        errors = task.reported_errors(error, wanted - achieved)
         return TaskReport(
             task.name, task.type_name, number, errors,
-            all(value <= tolerance for value, _, tolerance in errors),
-            norm(wanted), norm(achieved), self._reason(number, level, wanted, achieved))
+            all(value <= tolerance for value, _, tolerance in errors), norm(wanted),
+            norm(achieved), self._reason(number, task, level, wanted, achieved), task.bounded)
 
-    def _reason(self, number, level, wanted, achieved):
+    def _reason(self, number, task, level, wanted, achieved):
         """Return what holds a task back."""
         speed = norm(wanted)
         enough = max(NEGLIGIBLE, NOTABLE * speed)
         if norm(wanted - achieved) <= enough:
             return ''
         reasons = []
-        if level.limited_by:
-            limits = ', '.join(self._limit(joint, level)
-                               for joint in level.limited_by[:NAMED])
+        in_the_way = [*(self._limit(joint, level) for joint in level.limited_by[:NAMED]),
+                      *self._bounds_of_tasks(task, level)[:NAMED]]
+        if in_the_way:
             share = (f'slowed to {100.0 * level.scale:.0f} %' if level.scale < 1.0 - NOTABLE
                      else 'turned aside')
-            reasons.append(f'{share} by {limits}')
+            reasons.append(f'{share} by {", ".join(in_the_way)}')
         if norm(level.unreachable) > enough:
             reasons.append(self._missing_directions(number, level))
+        if task.bounded and not reasons:
+            reasons.append('in conflict with higher levels')
         if self._eased:
             reasons.append(self._eased)
         return ', '.join(reasons)
+
+    def _bounds_of_tasks(self, task, level):
+        """Return the other tasks whose bounds stand in the way of one, as text."""
+        found = []
+        for index, multipliers in level.row_multipliers.items():
+            for other, _, names, rows in self._members(index):
+                pushing = np.flatnonzero(multipliers[rows])
+                if other is not task and len(pushing):
+                    which = ', '.join(names[row] for row in pushing[:NAMED]) if names else ''
+                    found.append(f'{other.name} ({which})' if which else other.name)
+        return found
 
     def _missing_directions(self, number, level):
         """Return why a level cannot move the way it wants, apart from the limits."""

@@ -65,6 +65,8 @@ class Robot:
         Joints that turn without end.
     passive_neutral : ndarray (p,)
         Where passive joints are taken to be until something is heard of them [rad or m].
+    mass : float
+        Of all links; 0 where the description gives none [kg].
     frame_names : tuple of str
         All links; `root` is the first, every pose and Jacobian is expressed in it by default.
 
@@ -78,6 +80,7 @@ class Robot:
         self.urdf = urdf
         self._model = build_model(tree)
         self.name = self._model.name
+        self.mass = float(sum(inertia.mass for inertia in self._model.inertias))
         self._frame_ids = {frame.name: self._model.getFrameId(frame.name, frame.type)
                            for frame in self._model.frames
                            if frame.type == pinocchio.FrameType.BODY}
@@ -265,6 +268,8 @@ class Robot:
                 self._passive_map[row, self.passive_names.index(leader)] = multiplier
         self._driven_rows = [model.joints[model.getJointId(name)].idx_v
                              for name in self.joint_names]
+        # Motion k turns the axis of motion j where it comes before it on the way from the root.
+        self._turned = np.triu(np.ones((model.nv, model.nv)))
         same = expand.shape == (self.n, self.n) and np.array_equal(expand, np.eye(self.n))
         self._expand = None if same else expand
 
@@ -298,6 +303,15 @@ class RobotState:
 
     Frames are asked for by name; what was computed for one is kept until the next `update`. All
     arrays are read-only copies, so they stay true to the configuration they were taken at.
+
+    Attributes
+    ----------
+    q : ndarray (n,)
+        Driven positions [rad or m].
+    velocity : ndarray (n,)
+        That the robot was told to have since the state before, for tasks that look ahead; at rest
+        unless somebody sets it [rad/s or m/s].
+
     """
 
     def __init__(self, robot, q, passive=None):
@@ -305,6 +319,7 @@ class RobotState:
         self._data = robot._model.createData()
         self._offset = robot._offset
         self._placements, self._jacobians = {}, {}
+        self.velocity = np.zeros(robot.n)
         if passive is None and robot.passive_names:
             passive = robot.passive_neutral
         self.update(q, passive)
@@ -334,6 +349,7 @@ class RobotState:
         self.q = q
         self._placements.clear()
         self._jacobians.clear()
+        self._center_of_mass = None
         configuration = q if robot._expand is None else robot._expand.dot(q) + self._offset
         pinocchio.computeJointJacobians(robot._model, self._data, configuration)
 
@@ -377,6 +393,62 @@ class RobotState:
                 J = J.dot(robot._expand)
             self._jacobians[frame] = _read_only(J)
         return J
+
+    def jacobian_gradient(self, frame, weights):
+        """
+        Return the gradient of a weighted sum of the entries of a frame's Jacobian.
+
+        Parameters
+        ----------
+        frame : str
+            Its name.
+        weights : ndarray (6, n)
+            Of the entries of `jacobian`.
+
+        Returns
+        -------
+        ndarray (n,)
+            ∂/∂q_k of Σ weights ∘ J.
+
+        """
+        robot = self.robot
+        self.jacobian(frame)
+        J = pinocchio.getFrameJacobian(robot._model, self._data, robot._frame_ids[frame],
+                                       pinocchio.LOCAL_WORLD_ALIGNED).reshape(6, -1)
+        if robot._expand is not None:
+            weights = weights.dot(robot._expand.T)
+        v, w = J[:3], J[3:]
+        # Column j of J is (v_j, ω_j). Where motion k comes before motion j it turns both,
+        # ∂J_j/∂q_k = (ω_k × v_j, ω_k × ω_j); otherwise it moves the frame, by ω_j × v_k.
+        turns = np.cross(v, weights[:3], axis=0) + np.cross(w, weights[3:], axis=0)
+        shifts = np.cross(weights[:3], w, axis=0)
+        turned = robot._turned
+        gradient = (w.T.dot(turns) * turned + v.T.dot(shifts) * (1.0 - turned)).sum(axis=1)
+        return gradient if robot._expand is None else robot._expand.T.dot(gradient)
+
+    def center_of_mass(self):
+        """
+        Return the centre of mass of all links and its Jacobian.
+
+        Returns
+        -------
+        c : ndarray (3,)
+            In the root [m].
+        J : ndarray (3, n)
+
+        """
+        if self._center_of_mass is None:
+            robot = self.robot
+            J = pinocchio.jacobianCenterOfMass(robot._model, self._data, False).reshape(3, -1)
+            if robot._expand is not None:
+                J = J.dot(robot._expand)
+            # Pinocchio leaves out what is fixed to the root.
+            still = robot._model.inertias[0]
+            share = still.mass / robot.mass
+            self._center_of_mass = (
+                _read_only(share * still.lever + (1.0 - share) * self._data.com[0]),
+                _read_only((1.0 - share) * J))
+        return self._center_of_mass
 
     def _place(self, frame):
         """Evaluate the placement of a frame: R_root_frame, its origin, and both as a pose."""

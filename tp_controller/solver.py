@@ -210,8 +210,8 @@ method, rank_tolerance
         asking = [level for level in levels if level.v is not None]
         rows = () if len(asking) == len(levels) else [
             level for level in levels if level.v is None]
-        if rows and self._uniform:
-            raise SolverError('levels with bounds need scaling redistribute')
+        if rows and self._recursion is _sequential:
+            raise SolverError('method sequential knows no levels with bounds')
         velocity = None
         if self._can_stack and not self._redistributed:
             velocity = solve_stacked(asking, len(self._start), self._damping)
@@ -224,32 +224,33 @@ method, rank_tolerance
             raise SolverError('the levels hold numbers that are not finite')
         if lower is None and not rows and speed_cap is None:
             return Solution(velocity, levels, self._start, unbounded)
-        if self._uniform:
-            return self._scaled(levels, velocity, unbounded, lower, upper)
-        bounds = (lower, upper) if lower is not None else self._no_bounds
+        # Uniform scaling comes afterwards; the levels know of their own bounds only.
+        boxed = lower is not None and not self._uniform
+        bounds = (lower, upper) if boxed else self._no_bounds
         shared = bounds if speed_cap is None or len(asking) < 2 else (
             clip(-speed_cap, *bounds), clip(speed_cap, *bounds))
-        fitting = within(velocity, *shared)
-        if fitting is not None and all(meets(level, fitting) for level in rows):
-            return Solution(fitting, levels, self._start, unbounded)
-        self._redistributed = True
-        if callable(unbounded):
-            unbounded = unbounded()
-        velocity, stages = redistribute(levels, unbounded, self._start, bounds, shared,
-                                        self._regularisation, self._period)
-        return Solution(velocity, levels, self._start, unbounded, stages)
+        fitting, stages = within(velocity, *shared), None
+        if fitting is None or not all(meets(level, fitting) for level in rows):
+            self._redistributed = True
+            unbounded = unbounded() if callable(unbounded) else unbounded
+            fitting, stages = redistribute(levels, unbounded, self._start, bounds, shared,
+                                           self._regularisation, self._period)
+        solution = Solution(fitting, levels, self._start, unbounded, stages)
+        if self._uniform and lower is not None:
+            return self._scaled(solution, lower, upper)
+        return solution
 
-    def _scaled(self, levels, velocity, unbounded, lower, upper):
-        """Return the solution with all joints slowed alike."""
-        scaled, scale, limiting = scale_uniformly(velocity, lower, upper)
+    def _scaled(self, solution, lower, upper):
+        """Return a solution with all joints slowed alike."""
+        scaled, scale, limiting = scale_uniformly(solution.velocity, lower, upper)
         if limiting is None:
-            return Solution(scaled, levels, self._start, unbounded)
-        multipliers = np.zeros(len(velocity))
+            return solution.moved_to(scaled)
+        multipliers = np.zeros(len(scaled))
         multipliers[limiting] = 1.0 if scaled[limiting] == upper[limiting] else -1.0
-        unbounded = unbounded() if callable(unbounded) else unbounded
-        stages = [Stage(stage.velocity, stage.projection, multipliers)
-                  for stage in unbounded]
-        return Solution(scaled, levels, self._start, unbounded, stages, velocity, scale)
+        stages = [Stage(stage.velocity, stage.projection, multipliers, stage.row_multipliers)
+                  for stage in solution.stages]
+        return Solution(scaled, solution.hierarchy, self._start, solution.unbounded, stages,
+                        solution.velocity, scale)
 
     def _recur(self, levels):
         """Return a `Stage` for each level by the recursion, without bounds."""

@@ -69,6 +69,16 @@ def rotation_vector(R):
     return pinocchio.log3(R)
 
 
+def rotation_from_vector(vector):
+    """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
+    return pinocchio.exp3(np.asarray(vector, dtype=float))
+
+
+def skew(vector):
+    """Return the matrix [a]× (3, 3) of a vector (3,): [a]× b = a × b."""
+    return pinocchio.skew(vector)
+
+
 def shorter_way(vector, previous):
     """
     Return the rotation vector of the way round to take, steady near half a turn.

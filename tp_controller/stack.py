@@ -130,8 +130,11 @@ def levels_of(groups, state, now):
 
 def _joined(levels):
     """Return one level with the rows of several."""
-    return Level(np.concatenate([level.J for level in levels]),
-                 np.concatenate([level.v for level in levels]), levels[0].mode)
+    def all_of(name):
+        parts = [getattr(level, name) for level in levels]
+        return None if parts[0] is None else np.concatenate(parts)
+
+    return Level(all_of('J'), all_of('v'), levels[0].mode, all_of('lower'), all_of('upper'))
 
 
 class _Reader:
@@ -142,6 +145,8 @@ class _Reader:
         self._types = task_types()
         self._faults = []
         self._lines_of_names = {}
+        # Tasks read so far that keep bounds.
+        self._bounded = []
 
     def read(self, text):
         """Return the groups of tasks."""
@@ -168,10 +173,21 @@ class _Reader:
         if not entries:
             self._fault(node, '', 'a level needs at least one task')
         tasks = [self._task(entry) for entry in entries]
-        modes = {task.mode for task in tasks if task is not None}
-        if len(modes) > 1:
+        read = [task for task in tasks if task is not None]
+        bounded = [task for task in read if task.bounded]
+        modes = {task.mode for task in read}
+        if 0 < len(bounded) < len(read):
+            others = _names(task for task in read if not task.bounded)
+            self._fault(node, '', f'tasks that keep bounds ({_names(bounded)}) and tasks that '
+                                  f'want a velocity ({others}) cannot share a level')
+        elif len(modes) > 1:
             self._fault(node, '', f'tasks that share a level need the same mode, not '
                                   f'{" and ".join(sorted(modes))}')
+        if self._bounded and 'scale' in modes:
+            self._fault(node, '', f'mode scale would stop in front of the bounds of '
+                                  f'{_names(self._bounded)} above instead of sliding along '
+                                  'them; use least_squares')
+        self._bounded.extend(bounded)
         return tasks
 
     def _task(self, node):
@@ -242,14 +258,21 @@ class _Reader:
             # Missing keys are tried as None, so that faults of the other ones are found too.
             return task_type(self._robot, name, **dict.fromkeys(missing), **values)
         except TaskError as error:
-            self._faults.extend(Fault(lines[fault_key], f'{name}, {fault_key}', message)
-                                for fault_key, message in error.faults if fault_key in lines)
+            own_line = key.start_mark.line + 1
+            self._faults.extend(
+                Fault(lines.get(fault_key, own_line), f'{name}, {fault_key}', message)
+                for fault_key, message in error.faults if fault_key not in missing)
             return None
 
     def _fault(self, node, where, message):
         """Note a fault at the line of a YAML node."""
         line = node.start_mark.line + 1 if node is not None else 1
         self._faults.append(Fault(line, where, message))
+
+
+def _names(tasks):
+    """Return the names of tasks as text."""
+    return ', '.join(task.name for task in tasks)
 
 
 def _first_line(error):

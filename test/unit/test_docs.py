@@ -367,7 +367,7 @@ def test_ros2_topic_pub_sends_goals_that_tasks_take(words, panda):
     topic, kind, values = rest
     name, last = re.fullmatch('/tp_controller/([a-z]+)/(goal|twist)', topic).groups()
     task = documented_tasks(panda)[name]
-    entry, = (entry for entry in messages_of(type(task)) if entry.topic == last)
+    entry, = (entry for entry in messages_of(task) if entry.topic == last)
     assert message_type(kind) is entry.type
     message = fill(entry.type(), yaml.safe_load(values))
     if entry.framed:

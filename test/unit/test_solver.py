@@ -695,15 +695,34 @@ def test_speed_cap_that_does_not_fit_is_refused(cap):
               speed_cap=cap)
 
 
-def test_uniform_scaling_and_the_sequential_form_refuse_what_they_cannot_do():
+def test_the_sequential_form_refuses_bounds_and_redistribution():
     rows = Level(np.eye(2), upper=np.ones(2))
-    for bounds in ((None, None), (-np.ones(2), np.ones(2))):
-        with pytest.raises(SolverError, match='bounds need scaling redistribute'):
-            solve([rows, (np.eye(2), np.ones(2))], *bounds, scaling='uniform')
     with pytest.raises(SolverError, match='sequential goes with scaling uniform'):
         solve([(np.eye(2), np.ones(2))], method='sequential', scaling='redistribute')
-    with pytest.raises(SolverError, match='bounds need scaling redistribute'):
+    with pytest.raises(SolverError, match='method sequential knows no levels with bounds'):
         solve([rows, (np.eye(2), np.ones(2))], method='sequential', scaling='uniform')
+
+
+@given(SEEDS)
+def test_uniform_scaling_slows_what_the_bounds_of_levels_left(seed):
+    """Within them first, as if joints had no limits; then shorter, in the same direction."""
+    rng = np.random.default_rng(seed)
+    n = 6
+    rows = Level(rng.normal(size=(2, n)), lower=-rng.uniform(0.1, 0.5, 2),
+                 upper=rng.uniform(0.1, 0.5, 2))
+    wish = (rng.normal(size=(3, n)), rng.normal(size=3))
+    limit = rng.uniform(0.05, 0.5, n)
+    for levels in ([rows, wish], [wish, rows]):
+        free = solve(levels, scaling='uniform').velocity
+        whole = solve(levels, scaling='redistribute').velocity
+        np.testing.assert_allclose(free, whole, atol=1e-12)
+        solution = solve(levels, -limit, limit, scaling='uniform')
+        factor = min(1.0, np.min(limit / np.abs(free)))
+        np.testing.assert_allclose(solution.velocity, factor * free, atol=1e-9)
+        assert solution.scale == pytest.approx(factor)
+        values = rows.J @ solution.velocity
+        if levels[0] is rows:
+            assert (values <= rows.upper + 1e-9).all() and (values >= rows.lower - 1e-9).all()
 
 
 @pytest.mark.parametrize('weights', [[1.0], [1.0, 0.0], [1.0, -1.0], [1.0, math.nan],

@@ -23,14 +23,19 @@ import numpy as np
 import pytest
 import robots
 from scipy.spatial.transform import Rotation
+import test_functions
+import test_inequalities
 from tp_controller import GoalError, solve, TaskError
-from tp_controller.tasks import JointTask, task_types
+from tp_controller.tasks import BoundedTask, GradientTask, JointTask, task_types
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
 TOOL, ELBOW = robots.PANDA_TOOL, 'panda_link3'
 ALL = [0, 1, 2, 3, 4, 5]
+ARM = tuple(f'panda_joint{number}' for number in range(1, 8))
 
-# For every type: keys, and which rows of a twist (or which joints) the task is about.
+# For every type that wants a velocity: keys, and which rows of a twist (or which joints) the task
+# is about; a number of rows where it is neither. Types with bounds, and functions that are
+# climbed, have cases in test_inequalities.py and test_functions.py.
 CASES = {
     'position': [
         ({'frame': TOOL, 'gain': 2.0}, [0, 1, 2]),
@@ -77,6 +82,20 @@ CASES = {
         ({}, list(range(7))),
         ({'joints': ['panda_joint5', 'panda_joint2']}, [4, 1]),
     ],
+    'pointing': [
+        ({'frame': TOOL, 'gain': 2.0}, 2),
+        ({'frame': TOOL, 'axis': [1.0, 2.0, -0.5], 'reference': ELBOW}, 2),
+        ({'frame': TOOL, 'towards': 'point', 'gain': [1.0, 3.0]}, 2),
+        ({'frame': TOOL, 'axis': '-x', 'towards': 'point', 'reference': 'panda_link2'}, 2),
+    ],
+    'look_at': [
+        ({'frame': TOOL, 'gain': 2.0}, 2),
+        ({'frame': 'panda_link6', 'axis': 'x', 'reference': ELBOW}, 2),
+    ],
+    'center_of_mass': [
+        ({'gain': 2.0}, 3),
+        ({'axes': 'yx'}, 2),
+    ],
 }
 VELOCITY_TYPES = ('twist', 'joint_velocity')
 CONTRACT = [pytest.param(name, keys, rows, id=f'{name}-{index}')
@@ -87,7 +106,10 @@ NOT_FINITE = (math.nan, math.inf, -math.inf, 1e7)
 
 def make(name, keys, robot=None):
     """Return a task of a type."""
-    return task_types()[name](robot or robots.panda(), 'task', **keys)
+    if robot is None:
+        # The table of the Panda gives no masses.
+        robot = robots.urdf_robot('panda', ARM) if name == 'center_of_mass' else robots.panda()
+    return task_types()[name](robot, 'task', **keys)
 
 
 def inside(robot, rng):
@@ -109,6 +131,13 @@ def relative_twist(robot, q, direction, frame, reference, h=1e-6):
 
 def motion(task, rows, q, direction):
     """Return how fast the value of a task moves, by differences of the robot's poses."""
+    if isinstance(rows, int):
+        # Near the goal the error falls as the value moves towards it.
+        goal, h = task.goal, 1e-6
+        task.goal = task.value(task.robot.state(q))
+        before, after = (task.error(task.robot.state(q + step * direction)) for step in (-h, h))
+        task.goal = goal
+        return (before - after) / (2 * h)
     if isinstance(task, JointTask):
         return direction[rows]
     return relative_twist(task.robot, q, direction, task.frame, task.reference)[rows]
@@ -117,7 +146,12 @@ def motion(task, rows, q, direction):
 # The contract
 
 def test_every_registered_type_has_a_case():
-    assert set(CASES) == set(task_types())
+    others = {*test_inequalities.CASES, *test_functions.CASES}
+    assert {*CASES, *others} == set(task_types())
+    assert not others & set(CASES)
+    for name, kind in task_types().items():
+        assert (name in test_inequalities.CASES) == issubclass(kind, BoundedTask)
+        assert (name in test_functions.CASES) == issubclass(kind, GradientTask)
 
 
 @pytest.mark.parametrize('name, keys, rows', CONTRACT)
@@ -126,10 +160,13 @@ def test_jacobian_is_the_derivative_of_the_value(name, keys, rows):
     for _ in range(3):
         q = inside(task.robot, rng)
         state = task.robot.state(q)
+        if isinstance(rows, int):
+            # Away from the goal the error does not fall as the value moves towards it.
+            task.goal = task.value(state)
         task.start(state)
         numeric = np.array([motion(task, rows, q, axis) for axis in np.eye(7)]).T
         np.testing.assert_allclose(task.jacobian(state), numeric, atol=1e-8)
-        assert task.rows == len(rows) == len(task.units)
+        assert task.rows == (rows if isinstance(rows, int) else len(rows)) == len(task.units)
         assert task.jacobian(state).shape == (task.rows, 7)
 
 
@@ -234,14 +271,15 @@ def test_keys_describe_exactly_what_is_accepted(name):
 def test_every_type_says_what_it_takes_and_what_it_is(name):
     task_type = task_types()[name]
     assert task_type.type_name == name
-    assert task_type.goal_type in ('point', 'quaternion', 'pose', 'joints', 'joint_velocities',
-                                   None)
+    kinds = (None, 'point', 'direction', 'quaternion', 'pose', 'joints', 'joint_velocities')
+    assert {task_type.goal_type, *task_type.goal_types} <= set(kinds)
     assert task_type.feed_forward_type in ('twist', 'joint_velocities', None)
     assert task_type.goal_type or task_type.feed_forward_type
     assert inspect.getdoc(task_type)
 
 
-@pytest.mark.parametrize('name, keys, rows', CONTRACT)
+@pytest.mark.parametrize('name, keys, rows', [
+    case for case in CONTRACT if isinstance(case.values[2], list)])
 def test_units_are_those_of_the_rows(name, keys, rows):
     task = make(name, keys)
     joints = isinstance(task, JointTask)
@@ -270,7 +308,8 @@ def test_goal_set_before_the_start_is_kept_at_the_start(name, keys, rows):
     np.testing.assert_allclose(task.error(goal), 0.0, atol=1e-7)
 
 
-@pytest.mark.parametrize('name, keys, rows', WITH_VALUE)
+@pytest.mark.parametrize('name, keys, rows', [
+    case for case in WITH_VALUE if isinstance(case.values[2], list)])
 def test_feed_forward_adds_to_the_feedback_until_it_times_out(name, keys, rows):
     task, rng = make(name, {**keys, 'timeout': 0.25}), np.random.default_rng(8)
     state = task.robot.state(inside(task.robot, rng))

@@ -29,7 +29,7 @@ def add_goal_arguments(parser):
     """Add the arguments of the command to its parser."""
     parser.add_argument('task', help='name of the task in the stack')
     parser.add_argument('--xyz', nargs=3, type=_finite, metavar=('X', 'Y', 'Z'),
-                        help='position [m]')
+                        help='position [m], or direction')
     turn = parser.add_mutually_exclusive_group()
     turn.add_argument('--rpy', nargs=3, type=_finite, metavar=('R', 'P', 'Y'),
                       help='attitude as roll, pitch, yaw [rad]')
@@ -115,7 +115,8 @@ def _repeat(client, duration):
 def _reach(client, options):
     """Wait for the goal, and say what became of it."""
     reached = client.wait(
-        lambda: client.task_status(options.task).get('status') == 'reached', options.reach)
+        lambda: client.task_status(options.task).get('status') in ('reached', 'kept'),
+        options.reach)
     status = client.task_status(options.task)
     if client.hold():
         print(f'not reached: {client.hold()}')

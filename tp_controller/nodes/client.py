@@ -18,7 +18,13 @@ import math
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PointStamped, PoseStamped, QuaternionStamped, TwistStamped
+from geometry_msgs.msg import (
+    PointStamped,
+    PoseStamped,
+    QuaternionStamped,
+    TwistStamped,
+    Vector3Stamped,
+)
 from rclpy import init, try_shutdown
 from rclpy.context import Context
 from rclpy.duration import Duration
@@ -35,6 +41,7 @@ LEAVE_SECONDS = 5.0
 # What of a goal each message can carry, and must.
 FIELDS = {
     PointStamped: ('xyz',),
+    Vector3Stamped: ('xyz',),
     QuaternionStamped: ('quat_xyzw',),
     PoseStamped: ('xyz', 'quat_xyzw'),
     JointState: ('joints', 'velocities'),
@@ -159,7 +166,7 @@ class Client:
         wait : float
             How long to look for the controller [s].
         **fields
-            ``xyz`` [m], ``quat_xyzw``, ``joints`` {name: position}, ``velocities``
+            ``xyz`` [m, or a direction], ``quat_xyzw``, ``joints`` {name: position}, ``velocities``
             {name: velocity}, ``linear`` [m/s], ``angular`` [rad/s].
 
         Raises
@@ -340,6 +347,13 @@ def _point(fields):
     return message
 
 
+def _direction(fields):
+    """Return a Vector3Stamped."""
+    message = Vector3Stamped()
+    _vector(message.vector, fields['xyz'])
+    return message
+
+
 def _attitude(fields):
     """Return a QuaternionStamped."""
     message = QuaternionStamped()
@@ -373,5 +387,5 @@ def _twist(fields):
     return message
 
 
-_FILL = {PointStamped: _point, QuaternionStamped: _attitude, PoseStamped: _pose,
-         JointState: _joints, TwistStamped: _twist}
+_FILL = {PointStamped: _point, Vector3Stamped: _direction, QuaternionStamped: _attitude,
+         PoseStamped: _pose, JointState: _joints, TwistStamped: _twist}

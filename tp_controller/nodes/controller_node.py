@@ -185,12 +185,11 @@ class ControllerNode(Node):
     def _load_stack(self):
         """Read the stack of the parameter; return whether it is valid."""
         try:
-            stack = self._read_stack(self._values['stack'])
+            self._use_stack(self._read_stack(self._values['stack']))
         except TpControllerError as error:
             self._stack_fault = f'no valid stack: {error}'
             self.get_logger().error(self._stack_fault)
             return False
-        self._use_stack(stack)
         return True
 
     def _read_stack(self, source):
@@ -201,7 +200,7 @@ class ControllerNode(Node):
 
     def _use_stack(self, stack):
         """Carry out a stack."""
-        self._controller.replace_stack(stack)
+        self._controller.replace_stack(stack, self._settings)
         self._stack_fault = ''
         self._topics.follow_stack()
         names = ' > '.join(', '.join(task.name for task in group) for group in stack.groups)
@@ -214,10 +213,11 @@ class ControllerNode(Node):
         try:
             settings = self._settings_of(values)
             if self._controller is not None:
-                self._controller.check_settings(settings)
+                stack = self._controller.stack
                 if any(parameter.name == 'stack' for parameter in parameters):
                     # Kept, since a file may be another one the next time it is read.
-                    self._checked_stack = self._read_stack(values['stack'])
+                    self._checked_stack = stack = self._read_stack(values['stack'])
+                self._controller.check_settings(settings, stack)
         except TpControllerError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -228,9 +228,10 @@ class ControllerNode(Node):
         self._values.update(changed)
         self._settings = self._settings_of(self._values)
         if self._controller is not None:
-            self._controller.settings = self._settings
             if 'stack' in changed:
                 self._use_stack(self._checked_stack)
+            else:
+                self._controller.settings = self._settings
 
     # The cycle ----------------------------------------------------------------------------
 

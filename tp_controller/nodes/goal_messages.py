@@ -17,7 +17,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from geometry_msgs.msg import PointStamped, PoseStamped, QuaternionStamped, TwistStamped
+from geometry_msgs.msg import (
+    PointStamped,
+    PoseStamped,
+    QuaternionStamped,
+    TwistStamped,
+    Vector3Stamped,
+)
 from sensor_msgs.msg import JointState
 from tp_controller.errors import GoalError
 
@@ -56,6 +62,12 @@ def _point(message):
     """Return x, y, z [m]."""
     point = message.point
     return point.x, point.y, point.z
+
+
+def _direction(message):
+    """Return the x, y, z of a direction."""
+    vector = message.vector
+    return vector.x, vector.y, vector.z
 
 
 def _quaternion(message):
@@ -102,6 +114,7 @@ def _joint_velocities(message):
 
 GOALS = {
     'point': GoalMessage(PointStamped, 'goal', _point, _nothing, True),
+    'direction': GoalMessage(Vector3Stamped, 'goal', _direction, _nothing, True),
     'quaternion': GoalMessage(QuaternionStamped, 'goal', _quaternion, _nothing, True),
     'pose': GoalMessage(PoseStamped, 'goal', _pose, _nothing, True),
     'joints': GoalMessage(JointState, 'goal', _joint_positions, _joint_velocities, False),
@@ -112,14 +125,15 @@ FEED_FORWARD = {
 }
 
 
-def messages_of(task_type):
+def messages_of(task):
     """
-    Return how a type of task is told what to do.
+    Return how a task is told what to do.
 
     Parameters
     ----------
-    task_type : type
-        Subclass of `Task`.
+    task : Task or type
+        A task, or a type of tasks: one whose keys decide about its goals has those of its
+        defaults.
 
     Returns
     -------
@@ -127,5 +141,5 @@ def messages_of(task_type):
         One for each topic of the task.
 
     """
-    entries = (GOALS.get(task_type.goal_type), FEED_FORWARD.get(task_type.feed_forward_type))
+    entries = (GOALS.get(task.goal_type), FEED_FORWARD.get(task.feed_forward_type))
     return [entry for entry in entries if entry is not None]

@@ -20,8 +20,8 @@ import numpy as np
 from visualization_msgs.msg import Marker, MarkerArray
 
 ARROW = (0.08, 0.008)
-LEVELS = {'reached': DiagnosticStatus.OK, 'moving': DiagnosticStatus.OK,
-          'disabled': DiagnosticStatus.OK, 'held back': DiagnosticStatus.WARN}
+LEVELS = {**dict.fromkeys(('reached', 'kept', 'moving', 'disabled'), DiagnosticStatus.OK),
+          'held back': DiagnosticStatus.WARN}
 COLOURS = ((0.9, 0.1, 0.1), (0.1, 0.7, 0.1), (0.2, 0.3, 0.95))
 
 

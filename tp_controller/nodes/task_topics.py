@@ -77,7 +77,7 @@ class TaskTopics:
         self._wanted = {}
         for name, task in self._controller.stack.tasks.items():
             self._wanted[name, 'enable'] = SetBool
-            for entry in messages_of(type(task)):
+            for entry in messages_of(task):
                 self._wanted[name, entry.topic] = entry.type
         closed = [key for key, (kind, _) in self._open.items()
                   if self._wanted.get(key) is not kind]
@@ -131,7 +131,7 @@ class TaskTopics:
             # It was on its way when the stack changed.
             return
         task = self._controller.stack.tasks[name]
-        entry, = (entry for entry in messages_of(type(task)) if entry.topic == topic)
+        entry, = (entry for entry in messages_of(task) if entry.topic == topic)
         record = self.records[name]
         try:
             self._take(name, entry, message)

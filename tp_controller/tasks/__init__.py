@@ -15,9 +15,9 @@
 """
 The task types, one class each.
 
-A new type is a subclass of `Task` (or of `FrameTask`, `JointTask`) with a `type_name`; it
-registers itself. Other packages add theirs through the entry point group
-``tp_controller.tasks``, whose entries name the class or its module.
+A new type is a subclass of `Task` (or of `FrameTask`, `JointTask`, `BoundedTask`,
+`GradientTask`) with a `type_name`; it registers itself. Other packages add theirs through the
+entry point group ``tp_controller.tasks``, whose entries name the class or its module.
 """
 
 from functools import lru_cache
@@ -25,19 +25,32 @@ from importlib.metadata import entry_points
 
 from tp_controller.errors import TpControllerError
 from tp_controller.tasks.base import Keys, Task
+from tp_controller.tasks.bounded import BoundedTask
+from tp_controller.tasks.center_of_mass import CenterOfMass
+from tp_controller.tasks.field_of_view import FieldOfView
 from tp_controller.tasks.frame import FrameTask
+from tp_controller.tasks.gradient import GradientTask
 from tp_controller.tasks.joint import Joint, JointTask, JointVelocity, Posture
+from tp_controller.tasks.joint_limit_distance import JointLimitDistance
+from tp_controller.tasks.joint_limits import JointLimits
+from tp_controller.tasks.manipulability import Manipulability, ManipulabilityAbove
 from tp_controller.tasks.orientation import Orientation
+from tp_controller.tasks.pointing import LookAt, Pointing
 from tp_controller.tasks.pose import Pose
 from tp_controller.tasks.position import Position
+from tp_controller.tasks.region import KeepIn, KeepOut
 from tp_controller.tasks.relative import RelativePose, RelativePosition
+from tp_controller.tasks.speed_limit import SpeedLimit
 from tp_controller.tasks.twist import Twist
 
 ENTRY_POINTS = 'tp_controller.tasks'
 
 __all__ = [
-    'FrameTask', 'Joint', 'JointTask', 'JointVelocity', 'Keys', 'Orientation', 'Pose', 'Position',
-    'Posture', 'RelativePose', 'RelativePosition', 'Task', 'Twist', 'task_types']
+    'BoundedTask', 'CenterOfMass', 'FieldOfView', 'FrameTask', 'GradientTask', 'Joint',
+    'JointLimitDistance', 'JointLimits', 'JointTask', 'JointVelocity', 'KeepIn', 'KeepOut', 'Keys',
+    'LookAt', 'Manipulability', 'ManipulabilityAbove', 'Orientation', 'Pointing', 'Pose',
+    'Position', 'Posture', 'RelativePose', 'RelativePosition', 'SpeedLimit', 'Task', 'Twist',
+    'task_types']
 
 
 @lru_cache(maxsize=1)

@@ -25,7 +25,8 @@ from tp_controller.level import Level, MODES
 DEFAULT_GAIN = 1.0
 DEFAULT_TIMEOUT = 0.5
 DEFAULT_MODE = 'least_squares'
-DEFAULT_TOLERANCE = {'m': 1e-3, 'rad': 5e-3}
+# '1' is the unit of ratios.
+DEFAULT_TOLERANCE = {'m': 1e-3, 'rad': 5e-3, '1': 1e-3}
 # Numbers beyond this are taken for a mistake; they would only overflow further on.
 LARGEST = 1e6
 
@@ -47,9 +48,13 @@ class Task(ABC):
     ----------
     name : str
     units : tuple of str
-        Unit of each row of the error, ``'m'`` or ``'rad'``.
+        Unit of each row of the error: ``'m'``, ``'rad'``, or ``'1'`` for a ratio.
     rows : int
         Number of rows.
+    bounded : bool
+        The task keeps bounds instead of wanting a velocity; see `BoundedTask`.
+    row_names : tuple of str or None
+        What each row is about, for the report, where a name of the task does not say it all.
     goal : object or None
         Goal in force, as `parse_goal` returns it; None before the task has started.
     held : bool
@@ -61,16 +66,21 @@ class Task(ABC):
     reference : str or None
         Frame that goals are expressed in; None where they are in no frame.
     goal_type, feed_forward_type : str or None
-        What the task accepts from outside: ``point``, ``quaternion``, ``pose``, ``joints``,
-        ``joint_velocities`` and ``twist``.
+        What the task accepts from outside: ``point``, ``direction``, ``quaternion``, ``pose``,
+        ``joints``, ``joint_velocities`` and ``twist``.
+    goal_types : tuple of str
+        The kinds that `goal_type` may be, where a key decides.
 
     """
 
     types = {}
     type_name = None
     goal_type = None
+    goal_types = ()
     feed_forward_type = None
     reference = None
+    bounded = False
+    row_names = None
     keys = {
         'gain': 'gain K, one number or one for each row [1/s]',
         'tolerance': 'error below which the goal counts as reached: a number, or one for each '
@@ -206,13 +216,16 @@ class Task(ABC):
             In `units` per second.
 
         """
-        wanted = self.gain * error
-        if self._feed_forward is not None:
-            # A clock that was set back must not keep an old velocity alive either.
-            if abs(now - self._feed_forward_time) <= self.timeout:
-                return wanted + self._feed_forward
+        added = self.feed_forward(now)
+        return self.gain * error if added is None else self.gain * error + added
+
+    def feed_forward(self, now):
+        """Return the feed-forward velocity in force; None where there is none (any more)."""
+        # A clock that was set back must not keep an old velocity alive either.
+        if self._feed_forward is not None and \
+                not abs(now - self._feed_forward_time) <= self.timeout:
             self._feed_forward = None
-        return wanted
+        return self._feed_forward
 
     def level(self, state, now):
         """Return the `Level` at a state, and remember the error for the report."""
@@ -278,6 +291,14 @@ def positive(value):
     value = number(value)
     if value <= 0.0:
         raise ValueError(f'must be positive, got {value:g}')
+    return value
+
+
+def non_negative(value):
+    """Return a float that is not negative, or raise ValueError."""
+    value = number(value)
+    if value < 0.0:
+        raise ValueError(f'must not be negative, got {value:g}')
     return value
 
 

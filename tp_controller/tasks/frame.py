@@ -15,6 +15,7 @@
 """Tasks about where a frame of the robot is, seen from another frame."""
 
 import numpy as np
+from tp_controller.spatial import skew
 from tp_controller.tasks.base import (
     DEFAULT_GAIN,
     DEFAULT_MODE,
@@ -28,7 +29,85 @@ from tp_controller.tasks.base import (
 TWIST_AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 
-class FrameTask(Task):
+class RelativeFrame:
+    """
+    A frame of the robot as another one sees it, which may itself move with the joints.
+
+    Parameters
+    ----------
+    robot : Robot
+    frame, reference : str
+        Its frames.
+
+    """
+
+    def __init__(self, robot, frame, reference):
+        self._frame, self._reference = frame, reference
+        self._in_root = reference == robot.root
+
+    def position(self, state):
+        """Return the origin of the frame (3,) [m], in the reference frame."""
+        if self._in_root:
+            return state.position(self._frame)
+        return state.rotation(self._reference).T.dot(
+            state.position(self._frame) - state.position(self._reference))
+
+    def rotation(self, state):
+        """Return R_reference_frame (3, 3)."""
+        if self._in_root:
+            return state.rotation(self._frame)
+        return state.rotation(self._reference).T.dot(state.rotation(self._frame))
+
+    def jacobian(self, state):
+        """Return J (6, n) of the twist of the frame that the reference frame sees."""
+        J_frame = state.jacobian(self._frame)
+        if self._in_root:
+            return J_frame
+        # d/dt Rᵀ(p − p_ref) = Rᵀ(v − v_ref − ω_ref × (p − p_ref)); −ω × d = [d]× ω.
+        J_reference = state.jacobian(self._reference)
+        J = J_frame - J_reference
+        between = state.position(self._frame) - state.position(self._reference)
+        J[:3] += skew(between).dot(J_reference[3:])
+        R_T = state.rotation(self._reference).T
+        return np.concatenate((R_T.dot(J[:3]), R_T.dot(J[3:])))
+
+
+class MovingGoalTask(Task):
+    """A task that can be told how its goal moves, by a twist in the axes of its reference."""
+
+    feed_forward_type = 'twist'
+    # The part of a twist (linear, then angular velocity) that the task is about.
+    twist_rows = slice(0, 6)
+
+    def parse_feed_forward(self, velocity):
+        """
+        Return a twist (6,).
+
+        Parameters
+        ----------
+        velocity : array_like (6,) or (3,)
+            Linear then angular velocity [m/s, rad/s] in the axes of the reference frame; of a
+            type that is about one of them, that part alone will do.
+
+        Raises
+        ------
+        GoalError
+            Wrong shape or not finite.
+
+        """
+        rows = slice(0, 6) if has_shape(velocity, (6,)) else self.twist_rows
+        twist = np.zeros(6)
+        twist[rows] = finite_vector(velocity, rows.stop - rows.start,
+                                    f'the velocity of task {self.name!r}')
+        return twist
+
+    def feed_forward_in_reference(self, velocity, R_reference_frame):
+        """Return a twist (6,) given in the axes of another frame."""
+        return np.concatenate((R_reference_frame.dot(velocity[:3]),
+                               R_reference_frame.dot(velocity[3:])))
+
+
+class FrameTask(MovingGoalTask):
     """
     A task about a frame, expressed in a reference frame of the robot.
 
@@ -59,9 +138,6 @@ class FrameTask(Task):
         'reference': 'frame that goals, errors and axes are expressed in (default: the root)',
         'axes': 'axes of the reference frame that count (default: all)',
     }
-    feed_forward_type = 'twist'
-    # The part of a twist (linear, then angular velocity) that the type is about.
-    twist_rows = slice(0, 6)
 
     def __init__(self, robot, name, *, frame, reference=None, axes=None, gain=DEFAULT_GAIN,
                  tolerance=None, timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
@@ -69,14 +145,14 @@ class FrameTask(Task):
         self.frame = keys.check('frame', robot.check_frame, frame)
         self.reference = keys.check('reference', robot.check_frame,
                                     robot.root if reference is None else reference)
-        self.axes = keys.check('axes', _axes, axes, self.axis_names()) or self.axis_names()
+        self.axes = keys.check('axes', parse_axes, axes, self.axis_names()) or self.axis_names()
         rows = [TWIST_AXES.index(axis) for axis in _twist_names(self.axes, self.twist_rows)]
         units = ['m' if row < 3 else 'rad' for row in rows]
         # A slice makes a window, a list a copy: prefer the slice.
         self._twist_rows = slice(rows[0], rows[-1] + 1) if _contiguous(rows) else rows
         mask = [row - self.twist_rows.start for row in rows]
         self._mask = slice(mask[0], mask[-1] + 1) if _contiguous(mask) else mask
-        self._in_root = self.reference == robot.root
+        self._motion = RelativeFrame(robot, self.frame, self.reference)
         super().__init__(robot, name, units, keys, gain=gain, tolerance=tolerance,
                          timeout=timeout, mode=mode)
         keys.raise_faults(name)
@@ -93,60 +169,15 @@ class FrameTask(Task):
 
     def position(self, state):
         """Return the origin of the frame (3,) [m], in the reference frame."""
-        if self._in_root:
-            return state.position(self.frame)
-        return state.rotation(self.reference).T.dot(
-            state.position(self.frame) - state.position(self.reference))
+        return self._motion.position(state)
 
     def rotation(self, state):
         """Return R_reference_frame (3, 3)."""
-        if self._in_root:
-            return state.rotation(self.frame)
-        return state.rotation(self.reference).T.dot(state.rotation(self.frame))
+        return self._motion.rotation(state)
 
     def jacobian(self, state):
         """Return J (rows, n) of the twist of the frame relative to the reference frame."""
-        J = state.jacobian(self.frame)
-        if not self._in_root:
-            J = self._relative_jacobian(state, J)
-        return J[self._twist_rows]
-
-    def _relative_jacobian(self, state, J_frame):
-        """Return the Jacobian (6, n) of the motion seen by the moving reference frame."""
-        # d/dt Rᵀ(p − p_ref) = Rᵀ(v − v_ref − ω_ref × (p − p_ref)); −ω × d = d × ω.
-        J_reference = state.jacobian(self.reference)
-        J = J_frame - J_reference
-        between = state.position(self.frame) - state.position(self.reference)
-        J[:3] += np.cross(between, J_reference[3:], axisb=0, axisc=0)
-        R_T = state.rotation(self.reference).T
-        return np.concatenate((R_T.dot(J[:3]), R_T.dot(J[3:])))
-
-    def parse_feed_forward(self, velocity):
-        """
-        Return a twist (6,).
-
-        Parameters
-        ----------
-        velocity : array_like (6,) or (3,)
-            Linear then angular velocity [m/s, rad/s] in the axes of the reference frame; of a
-            type that is about one of them, that part alone will do.
-
-        Raises
-        ------
-        GoalError
-            Wrong shape or not finite.
-
-        """
-        size = 6 if has_shape(velocity, (6,)) else len(self.axis_names())
-        twist = np.zeros(6)
-        twist[slice(0, 6) if size == 6 else self.twist_rows] = finite_vector(
-            velocity, size, f'the velocity of task {self.name!r}')
-        return twist
-
-    def feed_forward_in_reference(self, velocity, R_reference_frame):
-        """Return a twist (6,) given in the axes of another frame."""
-        return np.concatenate((R_reference_frame.dot(velocity[:3]),
-                               R_reference_frame.dot(velocity[3:])))
+        return self._motion.jacobian(state)[self._twist_rows]
 
     def set_feed_forward(self, velocity, now):
         """Take the rows of a twist (6,) that count, until it times out."""
@@ -164,8 +195,8 @@ def _twist_names(axes, rows):
     return [name for name in names if name in axes or (len(names) == 3 and name[-1] in axes)]
 
 
-def _axes(axes, valid):
-    """Return the axes named by a string or list; None for all."""
+def parse_axes(axes, valid):
+    """Return the axes (tuple of str) named by a string or list, or ValueError; None for all."""
     if axes is None:
         return None
     names = axes

@@ -56,6 +56,10 @@ class JointTask(Task):
         super().__init__(robot, name, [robot.joint_units[index] for index in self._indices],
                          keys, **options)
 
+    def positions(self, state):
+        """Return the positions of the joints (rows,) [rad or m]."""
+        return state.q[self._indices]
+
     def jacobian(self, state):
         """Return the rows of the identity (rows, n) that select the joints."""
         return self._jacobian
@@ -120,7 +124,7 @@ class Joint(JointTask):
 
     def value(self, state):
         """Return the positions of the joints (rows,) [rad or m]."""
-        return state.q[self._indices]
+        return self.positions(state)
 
     def start(self, state):
         """Hold the positions of joints that have no goal."""
@@ -158,7 +162,7 @@ class Joint(JointTask):
 
     def error(self, state):
         """Return the way to the goal (rows,), joints without end by the shorter way."""
-        error = self.goal - state.q[self._indices]
+        error = self.goal - self.positions(state)
         if self._wraps:
             error[self._wrapped] = wrap_angle(error[self._wrapped])
         return error

@@ -84,7 +84,10 @@ class WayRound:
 
     def error(self, R_desired, R_actual):
         """Return the rotation vector (3,) from actual to desired [rad]."""
-        vector = rotation_vector(R_desired.dot(R_actual.T))
+        return self.follow(rotation_vector(R_desired.dot(R_actual.T)))
+
+    def follow(self, vector):
+        """Return a rotation vector (3,), or the same turn the other way round [rad]."""
         self._previous = shorter_way(vector, self._previous)
         return self._previous
 

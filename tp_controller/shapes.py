@@ -1,0 +1,198 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Shapes that a frame stays inside or outside of; geometry only, without a robot.
+
+Every shape sits at its own origin. Points (3,) are given in its axes [m]. `inner_radius` is that
+of the largest sphere that it holds [m].
+"""
+
+import math
+from numbers import Real
+
+import numpy as np
+from tp_controller.errors import unknown
+
+# Nearer to a centre or an axis than this there is no direction away from it [m].
+CENTRE = 1e-9
+# A larger size is taken for a mistake [m].
+LARGEST = 1e6
+
+
+class Sphere:
+    """A sphere around the origin."""
+
+    def __init__(self, radius):
+        self.radius = self.inner_radius = radius
+
+    def within(self, point):
+        """
+        Return what has to be bounded for a point to be inside.
+
+        Returns
+        -------
+        values : ndarray (m,)
+            [m]
+        gradients : ndarray (m, 3)
+            Of the values by the point.
+
+        """
+        distance, direction = _from_centre(point)
+        return np.array([distance]), direction[np.newaxis]
+
+    def room(self):
+        """Return the bounds of these values, lower and upper (m,) [m]."""
+        return np.array([-np.inf]), np.array([self.radius])
+
+    def distance(self, point):
+        """
+        Return how far a point is outside the surface.
+
+        Returns
+        -------
+        float
+            [m], negative inside.
+        ndarray (3,)
+            Its gradient, the direction away from the shape.
+
+        """
+        distance, direction = _from_centre(point)
+        return distance - self.radius, direction
+
+
+class HalfSpace:
+    """Everything below the plane z = 0."""
+
+    inner_radius = math.inf
+
+    def within(self, point):
+        """Return what has to be bounded for a point to be inside; see `Sphere.within`."""
+        return point[2:], np.array([[0.0, 0.0, 1.0]])
+
+    def room(self):
+        """Return the bounds of these values, lower and upper (m,) [m]."""
+        return np.array([-np.inf]), np.zeros(1)
+
+    def distance(self, point):
+        """Return how far a point is outside, and the gradient; see `Sphere.distance`."""
+        return point[2], np.array([0.0, 0.0, 1.0])
+
+
+class Box:
+    """A box around the origin, its faces across the axes."""
+
+    def __init__(self, x, y, z):
+        self.half = 0.5 * np.array([x, y, z])
+        self.inner_radius = self.half.min()
+
+    def within(self, point):
+        """Return what has to be bounded for a point to be inside; see `Sphere.within`."""
+        return point, np.eye(3)
+
+    def room(self):
+        """Return the bounds of these values, lower and upper (m,) [m]."""
+        return -self.half, self.half
+
+    def distance(self, point):
+        """Return how far a point is outside, and the gradient; see `Sphere.distance`."""
+        return _outside(np.abs(point) - self.half, np.diag(np.where(point < 0.0, -1.0, 1.0)))
+
+
+class Cylinder:
+    """A cylinder around the origin, its axis along z."""
+
+    def __init__(self, radius, length):
+        self.half = np.array([radius, 0.5 * length])
+        self.inner_radius = self.half.min()
+
+    def within(self, point):
+        """Return what has to be bounded for a point to be inside; see `Sphere.within`."""
+        reach, away = _from_centre(np.array([point[0], point[1], 0.0]))
+        return np.array([reach, point[2]]), np.array([away, [0.0, 0.0, 1.0]])
+
+    def room(self):
+        """Return the bounds of these values, lower and upper (m,) [m]."""
+        return np.array([-np.inf, -self.half[1]]), self.half
+
+    def distance(self, point):
+        """Return how far a point is outside, and the gradient; see `Sphere.distance`."""
+        values, gradients = self.within(point)
+        side = math.copysign(1.0, values[1])
+        return _outside(np.array([values[0], side * values[1]]) - self.half,
+                        np.array([gradients[0], side * gradients[1]]))
+
+
+def _from_centre(point):
+    """Return the distance of a point from the origin and the direction away from it."""
+    distance = math.sqrt(point.dot(point))
+    return distance, point / distance if distance > CENTRE else np.array([1.0, 0.0, 0.0])
+
+
+def _outside(excess, directions):
+    """
+    Return the distance from a shape whose sides are at right angles, and its gradient.
+
+    Parameters
+    ----------
+    excess : ndarray (k,)
+        How far the point is beyond each side, negative on the inner side of it [m].
+    directions : ndarray (k, 3)
+        Outward normals of the sides, orthonormal.
+
+    """
+    beyond = np.maximum(excess, 0.0)
+    distance = math.sqrt(beyond.dot(beyond))
+    if distance > CENTRE:
+        # Across an edge or a corner the nearest point is on it.
+        return distance, beyond.dot(directions) / distance
+    nearest = int(excess.argmax())
+    return float(excess[nearest]), directions[nearest]
+
+
+# {name: (class, what its sizes are)}
+SHAPES = {
+    'box': (Box, ('x', 'y', 'z')),
+    'sphere': (Sphere, ('radius',)),
+    'cylinder': (Cylinder, ('radius', 'length')),
+    'half_space': (HalfSpace, ()),
+}
+
+
+def parse_shape(value):
+    """
+    Return the shape of ``half_space`` or of a mapping such as ``{box: [1.0, 0.5, 0.2]}``.
+
+    Raises
+    ------
+    ValueError
+        Unknown shape, or its sizes are not positive numbers.
+
+    """
+    if isinstance(value, str):
+        value = {value: []}
+    if not isinstance(value, dict) or len(value) != 1:
+        raise ValueError('needs one shape with its sizes, such as {box: [1.0, 0.5, 0.2]}; valid: '
+                         + ', '.join(SHAPES))
+    (name, sizes), = value.items()
+    if name not in SHAPES:
+        raise ValueError(unknown('shape', name, SHAPES))
+    kind, meanings = SHAPES[name]
+    sizes = sizes if isinstance(sizes, (list, tuple)) else [sizes]
+    if len(sizes) != len(meanings) or not all(
+            isinstance(size, Real) and not isinstance(size, bool) and 0.0 < size <= LARGEST
+            for size in sizes):
+        raise ValueError(f'{name} needs {", ".join(meanings) or "no sizes"}'
+                         f'{", positive numbers [m]" if meanings else ""}, got {sizes!r}')
+    return kind(*map(float, sizes))

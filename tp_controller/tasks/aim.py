@@ -1,0 +1,253 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Tasks about where an axis of a frame points, and what it may point at."""
+
+import math
+
+import numpy as np
+from tp_controller.errors import GoalError
+from tp_controller.spatial import pose, rotation_from_vector, skew
+from tp_controller.tasks.base import finite_vector
+from tp_controller.tasks.frame import MovingGoalTask
+
+# The axis of a task without a goal is taken to point at what is so far away [m].
+HELD_DISTANCE = 1.0
+# A point nearer than this turns as if it were so far away [m].
+NEAREST = 0.01
+LETTERS = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
+SHORTEST = 1e-6
+
+
+def parse_axis(value):
+    """Return the unit vector (3,) of x, -x, y, -y, z, -z or three numbers, or ValueError."""
+    if isinstance(value, str):
+        letter = value.strip().removeprefix('-')
+        if letter in LETTERS:
+            sign = -1.0 if value.strip().startswith('-') else 1.0
+            return sign * np.array(LETTERS[letter])
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return parse_direction(value, 'an axis')
+    raise ValueError(f'needs x, y, z, -x, -y, -z or three numbers, got {value!r}')
+
+
+def parse_direction(values, what):
+    """Return a unit vector (3,), or raise `GoalError` where values are none."""
+    vector = finite_vector(values, 3, f'{what} (a direction x, y, z)')
+    length = math.sqrt(vector.dot(vector))
+    if length < SHORTEST:
+        raise GoalError(f'{what} needs a direction, not {vector.tolist()}')
+    return vector / length
+
+
+def across(axis):
+    """Return two unit vectors (2, 3) at right angles to an axis (3,) and to each other."""
+    other = np.eye(3)[np.abs(axis).argmin()]
+    first = np.cross(axis, other)
+    first /= math.sqrt(first.dot(first))
+    return np.array([first, np.cross(axis, first)])
+
+
+def turn_between(start, end):
+    """
+    Return the rotation vector (3,) of the shortest turn from one unit vector to another [rad].
+
+    Of opposite ones any half turn is the shortest; it is one of them.
+    """
+    normal = np.cross(start, end)
+    sine, cosine = math.sqrt(normal.dot(normal)), start.dot(end)
+    if sine > SHORTEST:
+        return normal * (math.atan2(sine, cosine) / sine)
+    return normal if cosine > 0.0 else math.pi * across(start)[0]
+
+
+class DirectionAim:
+    """A direction (3,) in the axes of a reference frame."""
+
+    goal_type = 'direction'
+    twist_rows = slice(3, 6)
+
+    def __init__(self, frame, reference):
+        self._frame, self._reference = frame, reference
+
+    def parse(self, goal, what):
+        """Return a unit vector (3,), or raise `GoalError`."""
+        return parse_direction(goal, what)
+
+    def in_reference(self, goal, T_reference_frame):
+        """Return a direction given in the axes of another frame."""
+        return T_reference_frame[:3, :3].dot(goal)
+
+    def held(self, state, axis):
+        """Return the direction that the axis (3,) of the frame has now."""
+        return state.rotation(self._reference).T.dot(state.rotation(self._frame).dot(axis))
+
+    def sight(self, state, goal):
+        """
+        Return where the axis is to point.
+
+        Returns
+        -------
+        direction : ndarray (3,)
+            Unit vector in the axes of the root.
+        J : ndarray (3, n)
+            Angular velocity of the direction, in the axes of the root.
+
+        """
+        return state.rotation(self._reference).dot(goal), state.jacobian(self._reference)[3:]
+
+    def turning(self, state, goal, twist):
+        """Return the angular velocity (3,) that a twist (6,) of the goal gives the direction."""
+        return state.rotation(self._reference).dot(twist[3:])
+
+    def place(self, state, goal, turn):
+        """Return T_reference_goal (4, 4) of a frame that still has to make a turn (3,)."""
+        R_T, p = state.rotation(self._reference).T, state.position(self._reference)
+        return pose(R_T.dot(rotation_from_vector(turn)).dot(state.rotation(self._frame)),
+                    R_T.dot(state.position(self._frame) - p))
+
+
+class PointAim:
+    """A point (3,) [m] that belongs to a reference frame and moves with it."""
+
+    goal_type = 'point'
+    twist_rows = slice(0, 3)
+
+    def __init__(self, frame, reference):
+        self._frame, self._reference = frame, reference
+
+    def parse(self, goal, what):
+        """Return a point (3,), or raise `GoalError`."""
+        return finite_vector(goal, 3, f'{what} (a point x, y, z)')
+
+    def in_reference(self, goal, T_reference_frame):
+        """Return a point given in another frame."""
+        return T_reference_frame[:3, :3].dot(goal) + T_reference_frame[:3, 3]
+
+    def held(self, state, axis):
+        """Return a point that the axis (3,) of the frame points at now."""
+        ahead = state.position(self._frame) + HELD_DISTANCE * state.rotation(
+            self._frame).dot(axis)
+        return state.rotation(self._reference).T.dot(ahead - state.position(self._reference))
+
+    def sight(self, state, goal):
+        """Return the direction to the point and its J; see `DirectionAim.sight`."""
+        direction, distance, offset = self._seen(state, goal)
+        J_point, J_frame = state.jacobian(self._reference), state.jacobian(self._frame)
+        J = J_point[:3] - skew(offset).dot(J_point[3:]) - J_frame[:3]
+        # ω = d × ḋ, and ḋ is the part of the velocity across d, per distance.
+        return direction, skew(direction / distance).dot(J)
+
+    def turning(self, state, goal, twist):
+        """Return the angular velocity (3,) that a twist (6,) of the goal gives the direction."""
+        direction, distance, _ = self._seen(state, goal)
+        return skew(direction / distance).dot(state.rotation(self._reference).dot(twist[:3]))
+
+    def place(self, state, goal, turn):
+        """Return T_reference_goal (4, 4) of a frame that still has to make a turn (3,)."""
+        R = state.rotation(self._reference).T.dot(rotation_from_vector(turn))
+        return pose(R.dot(state.rotation(self._frame)), goal)
+
+    def _seen(self, state, goal):
+        """Return direction and distance of the point, and its offset from the reference."""
+        offset = state.rotation(self._reference).dot(goal)
+        way = state.position(self._reference) + offset - state.position(self._frame)
+        distance = math.sqrt(way.dot(way))
+        if distance < SHORTEST:
+            # On the point itself every direction is as good.
+            return np.array([0.0, 0.0, 1.0]), NEAREST, offset
+        return way / distance, max(distance, NEAREST), offset
+
+
+AIMS = {'direction': DirectionAim, 'point': PointAim}
+
+
+class AimedTask(MovingGoalTask):
+    """
+    A task about an axis of a frame, and a direction or point that belongs to a reference frame.
+
+    Parameters
+    ----------
+    robot, name, keys
+        See `Task`.
+    units : list of str
+        See `Task`.
+    frame : str
+    axis : str or array_like (3,)
+        Axis of the frame, ``x``, ``-x`` …, or its direction there.
+    towards : str
+        ``direction`` or ``point``.
+    target : array_like (3,) or str or None
+        Goal at the start; the name of a frame is the point at its origin.
+    reference : str or None
+        Frame that goals are expressed in and move with; the root where it is None.
+
+    """
+
+    keys = {
+        'frame': 'frame of the robot that the task is about',
+        'axis': 'axis of the frame: x, -x, y, -y, z, -z or three numbers',
+        'target': 'point at the start, x, y, z, or a frame of the robot whose origin it is [m]',
+        'reference': 'frame that goals are expressed in, and move with (default: the root)',
+    }
+
+    def __init__(self, robot, name, units, keys, *, frame, axis, towards, target, reference,
+                 **options):
+        self.frame = keys.check('frame', robot.check_frame, frame)
+        self.axis = keys.check('axis', parse_axis, axis)
+        if towards == 'point' and isinstance(target, str):
+            keys.check('target', _check_alone, reference)
+            reference, target = keys.check('target', robot.check_frame, target), np.zeros(3)
+        else:
+            reference = keys.check('reference', robot.check_frame,
+                                   robot.root if reference is None else reference)
+        self.reference = reference
+        self.aim = AIMS[towards](self.frame, reference)
+        self.goal_type, self.twist_rows = self.aim.goal_type, self.aim.twist_rows
+        super().__init__(robot, name, units, keys, **options)
+        if target is not None:
+            self.goal = keys.check('target', self.aim.parse, target, 'the target')
+
+    def axis_in_root(self, state):
+        """Return the axis (3,), a unit vector in the axes of the root."""
+        return state.rotation(self.frame).dot(self.axis)
+
+    def value(self, state):
+        """Return what the axis points at now, in the form of a goal (3,)."""
+        return self.aim.held(state, self.axis)
+
+    def parse_goal(self, goal):
+        """Return a goal (3,), or raise `GoalError` if it cannot be one."""
+        return self.aim.parse(goal, f'the goal of task {self.name!r}')
+
+    def goal_in_reference(self, goal, T_reference_frame):
+        """Return a goal given in another frame."""
+        return self.aim.in_reference(goal, T_reference_frame)
+
+    def goal_pose(self, state):
+        """Return the point, or the place of the frame, with the attitude that is wanted."""
+        direction, _ = self.aim.sight(state, self.goal)
+        return self.aim.place(state, self.goal,
+                              turn_between(self.axis_in_root(state), direction))
+
+    def means_the_same(self, other):
+        """Say whether a goal of `other` is one of this task, too."""
+        return super().means_the_same(other) and self.frame == other.frame \
+            and self.goal_type == other.goal_type
+
+
+def _check_alone(reference):
+    """Raise ValueError where a reference is given beside a target that is a frame itself."""
+    if reference is not None:
+        raise ValueError('a frame as target is its own reference: leave the key reference out')

@@ -1,0 +1,155 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Inequality tasks: values that stay between bounds, as bounds on their velocity."""
+
+from abc import abstractmethod
+
+import numpy as np
+from tp_controller.errors import GoalError
+from tp_controller.level import Level
+from tp_controller.tasks.base import DEFAULT_TIMEOUT, positive, Task
+
+DEFAULT_BOUND_GAIN = 10.0
+DEFAULT_RETURN_SPEED = 0.2
+
+
+class BoundedTask(Task):
+    """
+    A value σ(q) that stays between bounds, and that the task leaves alone in between.
+
+    The velocity of the value may lead to a bound only as fast as γ times the distance to it, so
+    that the bound is approached but not crossed::
+
+        γ (lower − σ) ≤ J q_dot ≤ γ (upper − σ)
+
+    A value that is outside comes back, at the same rate but never faster than `return_speed`: it
+    may be far outside when the task begins. Where the bounds themselves move, their velocity is
+    added to both sides.
+
+    A command is held for a period T, in which J changes, and the curvature of the way leads beyond
+    the bound by ½ T² q_dotᵀ ∂²σ/∂q² q_dot. Half of what J has changed by since the last cycle,
+    times the velocity since then, is that per period, and it is kept free.
+
+    A subclass implements `observe`. Bounds may be scalars where the number of rows changes from
+    cycle to cycle; `row_names` says which row is which then.
+
+    Parameters
+    ----------
+    robot, name, units, keys
+        See `Task`.
+    lower, upper : float or ndarray (rows,)
+        Bounds of the value, infinite where there is none.
+    gain, return_speed, tolerance, timeout
+        γ [1/s], speed [unit/s], how far outside still counts as kept, and how long a velocity
+        of moving bounds is believed [s].
+
+    """
+
+    bounded = True
+    keys = {
+        'gain': 'γ: how fast a bound may be approached, per distance to it; at most 1/period '
+                '[1/s]',
+        'return_speed': 'the most that is asked for on the way back from outside [m/s, rad/s or '
+                        '1/s]',
+        'tolerance': 'how far outside still counts as kept: a number, or one for each unit as '
+                     '{m: …, rad: …} [m, rad]',
+    }
+
+    def __init__(self, robot, name, units, keys, lower, upper, *, gain=DEFAULT_BOUND_GAIN,
+                 return_speed=DEFAULT_RETURN_SPEED, tolerance=None, timeout=DEFAULT_TIMEOUT):
+        super().__init__(robot, name, units, keys, gain=gain, tolerance=tolerance,
+                         timeout=timeout)
+        self.return_speed = keys.check('return_speed', positive, return_speed)
+        self.lower, self.upper = lower, upper
+        # Jacobian of the cycle before, and the names of its rows.
+        self._before = None
+
+    @abstractmethod
+    def observe(self, state):
+        """
+        Return the value and its Jacobian at a `RobotState`.
+
+        Returns
+        -------
+        value : ndarray (m,)
+            σ, in `units`.
+        J : ndarray (m, n)
+            ∂σ/∂q.
+
+        """
+
+    def own_motion(self, state, now):
+        """Return how fast the value changes while the robot stands still, (m,) or 0."""
+        return 0.0
+
+    def value(self, state):
+        """Return σ (m,)."""
+        return self.observe(state)[0]
+
+    def jacobian(self, state):
+        """Return ∂σ/∂q (m, n)."""
+        return self.observe(state)[1]
+
+    def error(self, state):
+        """Return the way back to between the bounds (m,); zero inside."""
+        return self._way_back(self.observe(state)[0])
+
+    def level(self, state, now):
+        """Return the `Level` at a state, and remember the error for the report."""
+        value, J = self.observe(state)
+        self.last_error = self._way_back(value)
+        motion, curved = self.own_motion(state, now), self._curved(J, state.velocity)
+        lower = np.minimum(self.gain * (self.lower - value), self.return_speed) - motion
+        upper = np.maximum(self.gain * (self.upper - value), -self.return_speed) - motion
+        # Only what leads outwards needs room, as far as there is any.
+        return Level(J, lower=np.minimum(lower - np.minimum(curved, 0.0), upper),
+                     upper=np.maximum(upper - np.maximum(curved, 0.0), lower))
+
+    def _way_back(self, value):
+        """Return the way back to between the bounds (m,)."""
+        return np.minimum(np.maximum(value, self.lower), self.upper) - value
+
+    def _curved(self, J, velocity):
+        """Return the speed (m,) that the curvature of the way adds until the next cycle."""
+        before, self._before = self._before, (J, self.row_names)
+        if before is None:
+            return np.zeros(len(J))
+        J_before, names_before = before
+        if self.row_names == names_before:
+            return 0.5 * (J - J_before).dot(velocity)
+        known = [name in names_before for name in self.row_names]
+        curved = np.zeros(len(J))
+        rows = [names_before.index(name) for name in self.row_names if name in names_before]
+        curved[known] = 0.5 * (J[known] - J_before[rows]).dot(velocity)
+        return curved
+
+    def start(self, state):
+        """Begin anew; there is nothing to hold."""
+        self._before = None
+
+    def set_goal(self, goal, now):
+        """Take a goal as `parse_goal` returned it."""
+        super().set_goal(goal, now)
+        # The Jacobian before belongs to another place.
+        self._before = None
+
+    def parse_goal(self, goal):
+        """Raise `GoalError`: a task with bounds has no goal, unless its type says otherwise."""
+        raise GoalError(f'task {self.name!r} takes no goal: it keeps bounds')
+
+    def reported_errors(self, error, residual):
+        """Return for each unit how far outside the value is; see `Task`."""
+        return tuple((float(np.abs(error[rows]).max(initial=0.0)), unit, tolerance)
+                     for rows, unit, tolerance in self.groups)

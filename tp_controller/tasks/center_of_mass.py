@@ -1,0 +1,81 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The centre of mass of the whole robot (lecture 3.1, equality tasks)."""
+
+from tp_controller.errors import RobotError
+from tp_controller.tasks.base import (
+    DEFAULT_GAIN,
+    DEFAULT_MODE,
+    DEFAULT_TIMEOUT,
+    finite_vector,
+    Keys,
+)
+from tp_controller.tasks.frame import MovingGoalTask, parse_axes
+
+AXES = ('x', 'y', 'z')
+
+
+class CenterOfMass(MovingGoalTask):
+    """
+    Bring the centre of mass of the robot to a point, σ = Σ m_i c_i / Σ m_i.
+
+    All links count, those that stand still included. The goal is a point (3,) [m] in the root.
+    """
+
+    type_name = 'center_of_mass'
+    goal_type = 'point'
+    twist_rows = slice(0, 3)
+    keys = {'axes': 'axes of the root that count: some of x, y, z (default: all)'}
+
+    def __init__(self, robot, name, *, axes=None, gain=DEFAULT_GAIN, tolerance=None,
+                 timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
+        keys = Keys()
+        keys.check('type', _check_mass, robot)
+        self.axes = keys.check('axes', parse_axes, axes, AXES) or AXES
+        self._rows = [AXES.index(axis) for axis in self.axes]
+        self.reference = robot.root
+        super().__init__(robot, name, ['m'] * len(self.axes), keys, gain=gain,
+                         tolerance=tolerance, timeout=timeout, mode=mode)
+        keys.raise_faults(name)
+
+    def value(self, state):
+        """Return the centre of mass (3,) in the root [m]."""
+        return state.center_of_mass()[0]
+
+    def error(self, state):
+        """Return the way to the goal along the axes that count (rows,) [m]."""
+        return (self.goal - self.value(state))[self._rows]
+
+    def jacobian(self, state):
+        """Return J (rows, n)."""
+        return state.center_of_mass()[1][self._rows]
+
+    def set_feed_forward(self, velocity, now):
+        """Take the rows of a twist (6,) that count, until it times out."""
+        super().set_feed_forward(velocity[self._rows], now)
+
+    def parse_goal(self, goal):
+        """Return a point (3,) [m]; raise `GoalError` if it is none."""
+        return finite_vector(goal, 3, f'the goal of task {self.name!r} (a point x, y, z)')
+
+    def goal_in_reference(self, goal, T_reference_frame):
+        """Return a point given in another frame."""
+        return T_reference_frame[:3, :3].dot(goal) + T_reference_frame[:3, 3]
+
+
+def _check_mass(robot):
+    """Raise `RobotError` where the description gives no link a mass."""
+    if not robot.mass > 0.0:
+        raise RobotError(f'the description of {robot.name} gives no link a mass')

@@ -1,0 +1,94 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a camera keeps in view (lecture 3.1, inequality tasks)."""
+
+import math
+
+import numpy as np
+from tp_controller.tasks.aim import AimedTask, turn_between
+from tp_controller.tasks.base import DEFAULT_TIMEOUT, Keys, positive
+from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
+
+# Nearer to the middle of the view than this there is no way out of it to be bounded [rad].
+MIDDLE = 1e-9
+
+
+class FieldOfView(AimedTask, BoundedTask):
+    """
+    Keep a point, or the origin of another frame, within a cone about the axis of a camera.
+
+    One row: the angle between the axis and the way to the point.
+
+    The goal is the point (3,) [m] in the reference frame. A twist says how it moves.
+    """
+
+    type_name = 'field_of_view'
+    goal_type = 'point'
+    keys = {
+        'frame': 'frame of the camera',
+        'axis': 'axis of the camera: x, -x, y, -y, z, -z or three numbers',
+        'half_angle': 'angle between the axis and the edge of the view [rad]',
+        'timeout': 'how long a velocity of the point stays in force [s]',
+    }
+
+    def __init__(self, robot, name, *, frame, half_angle, axis='z', target=None, reference=None,
+                 gain=DEFAULT_BOUND_GAIN, return_speed=DEFAULT_RETURN_SPEED, tolerance=None,
+                 timeout=DEFAULT_TIMEOUT):
+        keys = Keys()
+        half_angle = keys.check('half_angle', _half_angle, half_angle)
+        super().__init__(
+            robot, name, ['rad'], keys, frame=frame, axis=axis, towards='point', target=target,
+            reference=reference, lower=-np.inf, upper=half_angle, gain=gain,
+            return_speed=return_speed, tolerance=tolerance, timeout=timeout)
+        keys.raise_faults(name)
+
+    def start(self, state):
+        """Without a goal, keep what is straight ahead in view."""
+        super().start(state)
+        if self.goal is None:
+            self.goal, self.held = self.aim.held(state, self.axis), True
+
+    def value(self, state):
+        """Return the angle (1,) [rad]."""
+        return self.observe(state)[0]
+
+    def observe(self, state):
+        """Return the angle (1,) [rad] and its Jacobian (1, n)."""
+        angle, normal, J_direction = self._seen(state)
+        J = normal.dot(J_direction - state.jacobian(self.frame)[3:])
+        return np.array([angle]), J[np.newaxis]
+
+    def own_motion(self, state, now):
+        """Return how fast the point's own motion opens the angle, (1,) or 0 [rad/s]."""
+        twist = self.feed_forward(now)
+        if twist is None:
+            return 0.0
+        _, normal, _ = self._seen(state)
+        return normal.dot(self.aim.turning(state, self.goal, twist))
+
+    def _seen(self, state):
+        """Return the angle, the axis (3,) in the root that it turns about, and J (3, n) of d."""
+        direction, J_direction = self.aim.sight(state, self.goal)
+        turn = turn_between(self.axis_in_root(state), direction)
+        angle = math.sqrt(turn.dot(turn))
+        return angle, turn / angle if angle > MIDDLE else np.zeros(3), J_direction
+
+
+def _half_angle(angle):
+    """Return an angle between 0 and π, or raise ValueError."""
+    angle = positive(angle)
+    if angle >= math.pi:
+        raise ValueError(f'must be less than π, got {angle:g}')
+    return angle

@@ -1,0 +1,61 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Joints that keep near the middle of their ranges, as far as the tasks above leave room."""
+
+import numpy as np
+from tp_controller.errors import RobotError
+from tp_controller.tasks.base import Keys
+from tp_controller.tasks.gradient import GradientTask
+
+# Share of half a range, from its middle, within which the measure is as written; beyond it goes
+# on straight, or the gradient would grow without end and the joint swing about its best place.
+CURVED = 0.8
+
+
+class JointLimitDistance(GradientTask):
+    """
+    Climb the distance of the joints from their limits, h = −Σ 1 / (1 − x²).
+
+    x is the place of a joint in its range, −1 at the lower limit and 1 at the upper one: h is
+    the sum of (upper − lower)² / (4 (upper − q) (q − lower)) of the weighted gradient projection
+    method (wiki, joint limit avoidance), with its sign turned. Joints without limits stay out.
+    """
+
+    type_name = 'joint_limit_distance'
+
+    def __init__(self, robot, name, **options):
+        keys = Keys()
+        self._limited = np.isfinite(robot.upper - robot.lower)
+        keys.check('type', _any, self._limited)
+        super().__init__(robot, name, keys, **options)
+        keys.raise_faults(name)
+        lower, upper = robot.lower[self._limited], robot.upper[self._limited]
+        self._middle, self._half = 0.5 * (upper + lower), 0.5 * (upper - lower)
+
+    def measure(self, state):
+        """Return h and its gradient (n,) [1/rad or 1/m]."""
+        x = (state.q[self._limited] - self._middle) / self._half
+        curved = np.clip(x, -CURVED, CURVED)
+        room = 1.0 - curved * curved
+        slope = -2.0 * curved / (room * room)
+        gradient = np.zeros(self.robot.n)
+        gradient[self._limited] = slope / self._half
+        return float(np.sum(slope * (x - curved) - 1.0 / room)), gradient
+
+
+def _any(limited):
+    """Raise `RobotError` where no joint has limits."""
+    if not limited.any():
+        raise RobotError('no joint of the robot has position limits')

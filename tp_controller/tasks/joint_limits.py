@@ -1,0 +1,61 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Joints that keep away from their position limits, as a task of the stack."""
+
+import numpy as np
+from tp_controller.tasks.base import Keys, positive, Task
+from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
+from tp_controller.tasks.joint import JointTask
+
+DEFAULT_MARGIN = 0.05
+
+
+class JointLimits(JointTask, BoundedTask):
+    """
+    Keep joints a margin away from their position limits (lecture 3.1, inequality tasks).
+
+    The position limits themselves always hold, whatever is in the stack. This task keeps a
+    distance to them, which the tasks above it may use up.
+    """
+
+    type_name = 'joint_limits'
+    feed_forward_type = None
+    keys = {'margin': 'distance to the limits that is kept [rad or m]'}
+    # It has joints, but wants no velocity of them.
+    parse_feed_forward = Task.parse_feed_forward
+
+    def __init__(self, robot, name, *, joints=None, margin=DEFAULT_MARGIN,
+                 gain=DEFAULT_BOUND_GAIN, return_speed=DEFAULT_RETURN_SPEED, tolerance=None):
+        keys = Keys()
+        super().__init__(robot, name, keys, joints, lower=-np.inf, upper=np.inf, gain=gain,
+                         return_speed=return_speed, tolerance=tolerance)
+        self.row_names = self.joints
+        lower, upper = robot.lower[self._indices], robot.upper[self._indices]
+        margin = keys.check('margin', self._margin, margin, upper - lower)
+        keys.raise_faults(name)
+        self.lower, self.upper = lower + margin, upper - margin
+
+    def observe(self, state):
+        """Return the positions of the joints (rows,) [rad or m] and their rows (rows, n)."""
+        return self.positions(state), self.jacobian(state)
+
+    def _margin(self, margin, ranges):
+        """Return the margin, or raise ValueError where it leaves a joint nothing."""
+        margin = positive(margin)
+        narrow = int(ranges.argmin())
+        if not 2.0 * margin < ranges[narrow]:
+            raise ValueError(f'must be less than half the range of {self.joints[narrow]}, '
+                             f'{0.5 * ranges[narrow]:g}, got {margin:g}')
+        return margin

@@ -1,0 +1,133 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How well a frame can move: a measure of the way to singularities, and tasks about it."""
+
+import numpy as np
+from tp_controller.tasks.base import Keys, positive
+from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
+from tp_controller.tasks.frame import parse_axes, TWIST_AXES
+from tp_controller.tasks.gradient import GradientTask
+
+# Where the measure is below this, its logarithm is as steep as there.
+FLAT = 1e-6
+KEYS = {
+    'frame': 'frame of the robot whose mobility is measured',
+    'axes': 'axes of the root that count, of x y z rx ry rz (default: all)',
+}
+
+
+class Mobility:
+    """
+    Yoshikawa's manipulability w = √det(J Jᵀ) of some rows of a frame's Jacobian.
+
+    Parameters
+    ----------
+    robot : Robot
+    frame : str
+    rows : list of int
+        Rows of the Jacobian (6, n) that count, not more than there are joints.
+
+    References
+    ----------
+    wiki (measures of manipulability, gradient estimation)
+
+    """
+
+    def __init__(self, robot, frame, rows):
+        self._frame, self._rows = frame, rows
+        self._weights = np.zeros((6, robot.n))
+
+    def measure(self, state):
+        """
+        Return the measure and its gradient, ∂w/∂q_k = w tr(J⁺ ∂J/∂q_k).
+
+        Returns
+        -------
+        float
+            w, the product of the singular values.
+        ndarray (n,)
+            ∂w/∂q.
+
+        """
+        U, s, V_T = np.linalg.svd(state.jacobian(self._frame)[self._rows], full_matrices=False)
+        # w J⁺ without the division, which a singularity would not stand.
+        others = np.array([np.prod(np.delete(s, index)) for index in range(len(s))])
+        self._weights[self._rows] = (U * others).dot(V_T)
+        return float(np.prod(s)), state.jacobian_gradient(self._frame, self._weights)
+
+
+class Manipulability(GradientTask):
+    """
+    Climb the manipulability of a frame: the joints move to where it can move well.
+
+    Climbed is ln w, whose slope does not depend on the size of the robot.
+    """
+
+    type_name = 'manipulability'
+    keys = KEYS
+
+    def __init__(self, robot, name, *, frame, axes=None, **options):
+        keys = Keys()
+        self.frame = keys.check('frame', robot.check_frame, frame)
+        rows = keys.check('axes', _rows, robot, axes)
+        super().__init__(robot, name, keys, **options)
+        keys.raise_faults(name)
+        self._mobility = Mobility(robot, self.frame, rows)
+
+    def measure(self, state):
+        """Return ln w and its gradient (n,)."""
+        w, gradient = self._mobility.measure(state)
+        w = max(w, FLAT)
+        return float(np.log(w)), gradient / w
+
+
+class ManipulabilityAbove(BoundedTask):
+    """
+    Keep the manipulability of a frame above a minimum: singularities are not entered.
+
+    One row: w / minimum, which is to be at least 1.
+    """
+
+    type_name = 'manipulability_above'
+    keys = {
+        **KEYS,
+        'minimum': 'the least √det(J Jᵀ), J in metres and radians; the value of a good posture '
+                   'says what is much',
+    }
+
+    def __init__(self, robot, name, *, frame, minimum, axes=None, gain=DEFAULT_BOUND_GAIN,
+                 return_speed=DEFAULT_RETURN_SPEED, tolerance=None):
+        keys = Keys()
+        self.frame = keys.check('frame', robot.check_frame, frame)
+        rows = keys.check('axes', _rows, robot, axes)
+        self.minimum = keys.check('minimum', positive, minimum)
+        super().__init__(robot, name, ['1'], keys, np.ones(1), np.full(1, np.inf), gain=gain,
+                         return_speed=return_speed, tolerance=tolerance)
+        keys.raise_faults(name)
+        self._mobility = Mobility(robot, self.frame, rows)
+
+    def observe(self, state):
+        """Return w / minimum (1,) and its gradient (1, n)."""
+        w, gradient = self._mobility.measure(state)
+        return np.array([w / self.minimum]), gradient[np.newaxis] / self.minimum
+
+
+def _rows(robot, axes):
+    """Return the rows of a Jacobian that axes mean, or raise ValueError."""
+    rows = [TWIST_AXES.index(axis) for axis in parse_axes(axes, TWIST_AXES) or TWIST_AXES]
+    if len(rows) > robot.n:
+        raise ValueError(f'{robot.n} joints cannot move along {len(rows)} axes: name at most '
+                         f'{robot.n}')
+    return rows

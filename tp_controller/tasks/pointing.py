@@ -1,0 +1,186 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""An axis of a frame that points somewhere; the turn about it stays free, or keeps upright."""
+
+import math
+
+import numpy as np
+from tp_controller.errors import unknown
+from tp_controller.level import Level
+from tp_controller.tasks.aim import across, AimedTask, AIMS, parse_axis, turn_between
+from tp_controller.tasks.base import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Keys
+from tp_controller.tasks.orientation import WayRound
+
+UP = np.array([0.0, 0.0, 1.0])
+# Where the sine of the angle between an axis and the vertical is below this, what is up about the
+# axis counts less and less.
+STEEP = 0.3
+# An axis whose cosine with another one is larger is no side of it.
+PARALLEL = 0.99
+TINY = 1e-12
+
+
+class AxisTask(AimedTask):
+    """
+    A task that turns an axis of a frame to where it is to point.
+
+    The error is the shortest turn from the axis a to the direction d. It has no part along a, so
+    there are two rows, about two axes of the frame at right angles to a. For a point at the
+    distance r the direction turns as frame and point move: J = J_ω − [d]× (J_point − J_v) / r.
+    """
+
+    def __init__(self, robot, name, units, keys, **options):
+        super().__init__(robot, name, units, keys, **options)
+        if self.axis is not None:
+            self._across = across(self.axis)
+        self._way = WayRound()
+
+    def error(self, state):
+        """Return the turn to the goal about the axes of the rows (rows,) [rad]."""
+        return self.observe(state)[0]
+
+    def jacobian(self, state):
+        """Return J (rows, n): how fast the frame turns about these axes, as the goal sees it."""
+        return self.observe(state)[1]
+
+    def level(self, state, now):
+        """Return the `Level` at a state, and remember the error for the report."""
+        error, J, about = self.observe(state)
+        self.last_error = error
+        wanted = self.gain * error
+        twist = self.feed_forward(now)
+        if twist is not None:
+            wanted = wanted + about.dot(self.aim.turning(state, self.goal, twist))
+        return Level(J, wanted, self.mode)
+
+    def observe(self, state):
+        """
+        Return everything about the rows at a `RobotState`.
+
+        Returns
+        -------
+        error : ndarray (rows,)
+            [rad]
+        J : ndarray (rows, n)
+        about : ndarray (rows, 3)
+            What the rows make of an angular velocity of the direction, in the axes of the root.
+
+        """
+        R = state.rotation(self.frame)
+        direction, J_direction = self.aim.sight(state, self.goal)
+        about = self._across.dot(R.T)
+        turn = self._way.follow(turn_between(R.dot(self.axis), direction))
+        return about.dot(turn), about.dot(state.jacobian(self.frame)[3:] - J_direction), about
+
+    def set_goal(self, goal, now):
+        """Take a goal; the shorter way to it is chosen anew."""
+        super().set_goal(goal, now)
+        self._way.forget()
+
+
+class Pointing(AxisTask):
+    """
+    Point an axis of a frame in a direction, or at a point; the turn about it stays free.
+
+    With `position` it is the task of welding and drilling, five rows in all (wiki, 5-DoF tasks).
+
+    The goal is a direction (3,) of any length, or a point (3,) [m], in the reference frame.
+    """
+
+    type_name = 'pointing'
+    goal_type = 'direction'
+    goal_types = tuple(AIMS)
+    keys = {
+        'towards': 'what goals are: a direction, or a point',
+        'target': 'goal at the start, x, y, z; a point may be a frame of the robot instead',
+    }
+
+    def __init__(self, robot, name, *, frame, axis='z', towards='direction', target=None,
+                 reference=None, gain=DEFAULT_GAIN, tolerance=None, timeout=DEFAULT_TIMEOUT,
+                 mode=DEFAULT_MODE):
+        keys = Keys()
+        towards = keys.check('towards', _towards, towards) or 'direction'
+        super().__init__(
+            robot, name, ['rad', 'rad'], keys, frame=frame, axis=axis, towards=towards,
+            target=target, reference=reference, gain=gain, tolerance=tolerance, timeout=timeout,
+            mode=mode)
+        keys.raise_faults(name)
+
+
+class LookAt(AxisTask):
+    """
+    Point the axis of a camera at a point or at another frame, upright if that is wanted.
+
+    Two rows as `pointing`. With `up` a third one turns the camera about its axis until that axis
+    of the camera shows upwards, along z of the root, as far as the direction allows. Nothing is
+    upright straight up and straight down, where the row fades out.
+
+    The goal is a point (3,) [m] in the reference frame.
+    """
+
+    type_name = 'look_at'
+    goal_type = 'point'
+    keys = {
+        'frame': 'frame of the camera',
+        'axis': 'axis of the camera: x, -x, y, -y, z, -z or three numbers',
+        'up': 'axis of the frame that is to show upwards, such as -y of an optical frame '
+              '(default: the turn about the axis stays free)',
+    }
+
+    def __init__(self, robot, name, *, frame, axis='z', up=None, target=None, reference=None,
+                 gain=DEFAULT_GAIN, tolerance=None, timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
+        keys = Keys()
+        units = ['rad'] * (2 if up is None else 3)
+        super().__init__(
+            robot, name, units, keys, frame=frame, axis=axis, towards='point', target=target,
+            reference=reference, gain=gain, tolerance=tolerance, timeout=timeout, mode=mode)
+        self._upright = None
+        if up is not None and self.axis is not None:
+            self._upright = keys.check('up', _side, up, self.axis)
+        keys.raise_faults(name)
+
+    def observe(self, state):
+        """Return everything about the rows, see `AxisTask.observe`; the turn about a last."""
+        error, J, about = super().observe(state)
+        if self._upright is None:
+            return error, J, about
+        # φ = atan2(w·(a×u), w·u) is the turn about a from u to what the vertical w shows across
+        # a; both products change with the attitude alone, by ω·(u×w) and the like.
+        up, side = self._upright.dot(state.rotation(self.frame).T)
+        cosine, sine = UP.dot(up), UP.dot(side)
+        reach = cosine * cosine + sine * sine
+        weight = min(1.0, reach / STEEP ** 2)
+        row = sine * np.cross(up, UP) - cosine * np.cross(side, UP)
+        row *= weight / max(reach, TINY)
+        return (np.append(error, weight * math.atan2(sine, cosine)),
+                np.vstack([J, row.dot(state.jacobian(self.frame)[3:])]),
+                np.vstack([about, np.zeros(3)]))
+
+
+def _towards(kind):
+    """Return what is pointed at, or raise ValueError."""
+    if kind not in AIMS:
+        raise ValueError(unknown('kind of goal', kind, AIMS))
+    return kind
+
+
+def _side(value, axis):
+    """Return u and a × u (2, 3) for an axis u across a, or raise ValueError."""
+    side = parse_axis(value)
+    if abs(side.dot(axis)) > PARALLEL:
+        raise ValueError(f'must be another axis than the one that points, got {value!r}')
+    side = side - side.dot(axis) * axis
+    side /= math.sqrt(side.dot(side))
+    return np.array([side, np.cross(axis, side)])

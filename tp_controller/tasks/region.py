@@ -1,0 +1,166 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Frames that stay inside or outside of a region (lecture 3.1, inequality tasks)."""
+
+from abc import abstractmethod
+
+import numpy as np
+from tp_controller.shapes import parse_shape
+from tp_controller.spatial import pose
+from tp_controller.tasks.base import (
+    DEFAULT_TIMEOUT,
+    finite_vector,
+    has_shape,
+    Keys,
+    non_negative,
+)
+from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
+from tp_controller.tasks.frame import MovingGoalTask, RelativeFrame
+from tp_controller.tasks.pose import parse_pose
+
+
+class RegionTask(MovingGoalTask, BoundedTask):
+    """
+    A sphere around the origin of a frame, and a shape that has a place in a reference frame.
+
+    The goal is the pose of the shape in the reference frame: a 4×4 homogeneous matrix, or
+    ``x, y, z`` [m] and a quaternion ``xyzw`` (7,). A twist says how it moves.
+    """
+
+    goal_type = 'pose'
+    keys = {
+        'frame': 'frame of the robot whose origin the task is about',
+        'shape': '{box: [x, y, z]}, {sphere: radius}, {cylinder: [radius, length]} along z, or '
+                 'half_space, all that is below its plane z = 0 [m]',
+        'at': 'where the shape is at the start: x, y, z, or x, y, z, qx, qy, qz, qw, in the '
+              'reference frame (default: at its origin) [m]',
+        'radius': 'of a sphere around the frame, which counts as a whole [m]',
+        'reference': 'frame that the shape belongs to and moves with (default: the root)',
+        'timeout': 'how long a velocity of the shape stays in force [s]',
+    }
+
+    def __init__(self, robot, name, *, frame, shape, at=None, radius=0.0, reference=None,
+                 gain=DEFAULT_BOUND_GAIN, return_speed=DEFAULT_RETURN_SPEED, tolerance=None,
+                 timeout=DEFAULT_TIMEOUT):
+        keys = Keys()
+        self.frame = keys.check('frame', robot.check_frame, frame)
+        self.reference = keys.check('reference', robot.check_frame,
+                                    robot.root if reference is None else reference)
+        self.shape = keys.check('shape', parse_shape, shape)
+        self.radius = keys.check('radius', non_negative, radius)
+        bounds = None
+        if self.shape is not None and self.radius is not None:
+            bounds = keys.check('radius', self.bounds)
+        lower, upper = bounds or np.zeros((2, 1))
+        super().__init__(robot, name, ['m'] * len(lower), keys, lower, upper, gain=gain,
+                         return_speed=return_speed, tolerance=tolerance, timeout=timeout)
+        if at is not None:
+            self.goal = keys.check('at', self._parse_place, at)
+        keys.raise_faults(name)
+        self._motion = RelativeFrame(robot, self.frame, self.reference)
+
+    @abstractmethod
+    def bounds(self):
+        """Return lower and upper bounds (m,) of what `measure` returns, or raise ValueError."""
+
+    @abstractmethod
+    def measure(self, point):
+        """Return values (m,) of a point (3,) in the axes of the shape, and gradients (m, 3)."""
+
+    def observe(self, state):
+        """Return what is bounded (m,) [m], and its Jacobian (m, n)."""
+        values, normals, _ = self._seen(state)
+        return values, normals.dot(self._motion.jacobian(state)[:3])
+
+    def own_motion(self, state, now):
+        """Return how fast the shape's own motion changes the values, (m,) or 0 [m/s]."""
+        twist = self.feed_forward(now)
+        if twist is None:
+            return 0.0
+        _, normals, offset = self._seen(state)
+        return -normals.dot(twist[:3] + np.cross(twist[3:], offset))
+
+    def _seen(self, state):
+        """Return values (m,), normals (m, 3) and the way from the shape, in the reference."""
+        R = self.goal[:3, :3]
+        offset = self._motion.position(state) - self.goal[:3, 3]
+        values, gradients = self.measure(R.T.dot(offset))
+        return values, gradients.dot(R.T), offset
+
+    def start(self, state):
+        """Put a shape that has no place yet at the origin of the reference frame."""
+        super().start(state)
+        if self.goal is None:
+            self.goal = np.eye(4)
+
+    def parse_goal(self, goal):
+        """Return a pose (4, 4); raise `GoalError` if it cannot be one."""
+        return parse_pose(goal, f'the goal of task {self.name!r}')
+
+    def goal_in_reference(self, goal, T_reference_frame):
+        """Return a pose given in another frame."""
+        return T_reference_frame.dot(goal)
+
+    def goal_pose(self, state):
+        """Return where the shape is (4, 4)."""
+        return self.goal
+
+    def _parse_place(self, place):
+        """Return a pose (4, 4) of one, or of x, y, z alone; raise `GoalError` otherwise."""
+        if has_shape(place, (3,)):
+            return pose(np.eye(3), finite_vector(place, 3, 'a place (x, y, z)'))
+        return parse_pose(place, 'a place')
+
+
+class KeepIn(RegionTask):
+    """
+    Keep a frame, or a sphere around it, inside of a box, sphere, cylinder or half-space.
+
+    Rows: one for each pair of faces of a box; the distance from the axis of a cylinder, and the
+    one along it; the distance from the centre of a sphere, or from the plane of a half-space.
+    """
+
+    type_name = 'keep_in'
+
+    def bounds(self):
+        """Return lower and upper bounds (m,) of what `measure` returns, or raise ValueError."""
+        if self.radius >= self.shape.inner_radius:
+            raise ValueError(f'must fit into the shape, so be less than '
+                             f'{self.shape.inner_radius:g}, got {self.radius:g}')
+        lower, upper = self.shape.room()
+        return lower + self.radius, upper - self.radius
+
+    def measure(self, point):
+        """Return values (m,) of a point (3,) in the axes of the shape, and gradients (m, 3)."""
+        return self.shape.within(point)
+
+
+class KeepOut(RegionTask):
+    """
+    Keep a frame, or a sphere around it, outside of a box, sphere, cylinder or half-space.
+
+    One row: the distance from the surface, negative inside.
+    """
+
+    type_name = 'keep_out'
+
+    def bounds(self):
+        """Return lower and upper bounds (1,) of the distance [m]."""
+        return np.array([self.radius]), np.array([np.inf])
+
+    def measure(self, point):
+        """Return the distance (1,) of a point (3,) from the shape, and its gradient (1, 3)."""
+        distance, gradient = self.shape.distance(point)
+        return np.array([distance]), gradient[np.newaxis]

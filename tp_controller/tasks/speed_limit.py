@@ -1,0 +1,94 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A frame that is never faster than allowed (slides (1)-(5): velocities of a link)."""
+
+import numpy as np
+from tp_controller.level import Level
+from tp_controller.tasks.base import Keys, positive
+from tp_controller.tasks.bounded import BoundedTask
+from tp_controller.tasks.frame import RelativeFrame
+
+GOLDEN = (1.0 + 5.0 ** 0.5) / 2.0
+# Directions to the corners of an icosahedron and of the dodecahedron about its faces, one of each
+# opposite pair: sixteen, as even as directions can be (16, 3).
+DIRECTIONS = np.array([
+    (0, 1, GOLDEN), (0, 1, -GOLDEN), (1, GOLDEN, 0), (1, -GOLDEN, 0), (GOLDEN, 0, 1),
+    (-GOLDEN, 0, 1),
+    (1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1), (0, GOLDEN, 1 / GOLDEN),
+    (0, GOLDEN, -1 / GOLDEN), (1 / GOLDEN, 0, GOLDEN), (-1 / GOLDEN, 0, GOLDEN),
+    (GOLDEN, 1 / GOLDEN, 0), (GOLDEN, -1 / GOLDEN, 0)])
+DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1)[:, np.newaxis]
+# A vector whose components along all of them are within this is no longer than 1: the radius of
+# the largest sphere within the hull of both solids.
+INSCRIBED = 0.9226
+
+
+class SpeedLimit(BoundedTask):
+    """
+    Keep the speed of a frame below a limit, linear, angular or both, seen from a reference.
+
+    The length of a velocity is no linear function of it, so it is bounded along sixteen
+    directions. That keeps it within the limit always, and lets it have 92 % of it always, and
+    all of it in some directions.
+    """
+
+    type_name = 'speed_limit'
+    keys = {
+        'frame': 'frame of the robot that is limited',
+        'linear': 'largest speed of its origin (at least one of linear and angular) [m/s]',
+        'angular': 'largest angular speed [rad/s]',
+        'reference': 'frame that sees the speed; it may move with the joints (default: the root)',
+        'tolerance': 'excess that still counts as kept: a number, or one for each unit as '
+                     '{m: …, rad: …} [m/s, rad/s]',
+    }
+
+    def __init__(self, robot, name, *, frame, linear=None, angular=None, reference=None,
+                 tolerance=None):
+        keys = Keys()
+        self.frame = keys.check('frame', robot.check_frame, frame)
+        self.reference = keys.check('reference', robot.check_frame,
+                                    robot.root if reference is None else reference)
+        keys.check('linear' if angular is None else 'angular', _one_of, linear, angular)
+        limits = {unit: keys.check(key, positive, limit) or 1.0
+                  for key, limit, unit in (('linear', linear, 'm'), ('angular', angular, 'rad'))
+                  if limit is not None}
+        units = [unit for unit in limits for _ in DIRECTIONS]
+        bounds = INSCRIBED * np.array([limits[unit] for unit in units])
+        super().__init__(robot, name, units, keys, -bounds, bounds, tolerance=tolerance)
+        keys.raise_faults(name)
+        self._parts = [slice(0, 3) if unit == 'm' else slice(3, 6) for unit in limits]
+        self._motion = RelativeFrame(robot, self.frame, self.reference)
+
+    def observe(self, state):
+        """Return zeros (rows,), as no value is led anywhere, and J (rows, n)."""
+        J = self._motion.jacobian(state)
+        return np.zeros(self.rows), np.concatenate([DIRECTIONS.dot(J[part])
+                                                    for part in self._parts])
+
+    def level(self, state, now):
+        """Return the `Level` at a state."""
+        self.last_error, J = self.observe(state)
+        return Level(J, lower=self.lower, upper=self.upper)
+
+    def reported_errors(self, error, residual):
+        """Return for each unit how much too fast the frame is; see `Task`."""
+        return tuple((value, f'{unit}/s', tolerance)
+                     for value, unit, tolerance in super().reported_errors(residual, residual))
+
+
+def _one_of(linear, angular):
+    """Raise ValueError where neither limit is given."""
+    if linear is None and angular is None:
+        raise ValueError('needs a speed: give linear, angular or both')
