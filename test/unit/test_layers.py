@@ -28,9 +28,9 @@ import tp_controller
 PACKAGE = robots.REPOSITORY / 'tp_controller'
 # Every module of the method may import from those before it only.
 ORDER = [
-    'errors', 'spatial', 'resources', 'urdf', 'dh', 'level', 'robot',
+    'errors', 'spatial', 'resources', 'urdf', 'dh', 'level', 'base', 'robot',
     'tasks.base', 'tasks.frame', 'tasks.velocity', 'tasks.joint', 'tasks.position',
-    'tasks.orientation', 'tasks.pose', 'tasks.relative', 'tasks.twist', 'tasks',
+    'tasks.orientation', 'tasks.pose', 'tasks.relative', 'tasks.base_pose', 'tasks.twist', 'tasks',
     'stack', 'transition', 'limits', 'solution', 'projection', 'uniform', 'least_distance',
     'programs', 'redistribution', 'stacked', 'solver', 'escape', 'settings', 'report',
     'controller', 'simulator', '']

@@ -25,6 +25,7 @@ from importlib.metadata import entry_points
 
 from tp_controller.errors import TpControllerError
 from tp_controller.tasks.base import Keys, Task
+from tp_controller.tasks.base_pose import BaseOrientation, BasePose
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.joint import Joint, JointTask, JointVelocity, Posture
 from tp_controller.tasks.orientation import Orientation
@@ -36,8 +37,9 @@ from tp_controller.tasks.twist import Twist
 ENTRY_POINTS = 'tp_controller.tasks'
 
 __all__ = [
-    'FrameTask', 'Joint', 'JointTask', 'JointVelocity', 'Keys', 'Orientation', 'Pose', 'Position',
-    'Posture', 'RelativePose', 'RelativePosition', 'Task', 'Twist', 'task_types']
+    'BaseOrientation', 'BasePose', 'FrameTask', 'Joint', 'JointTask', 'JointVelocity', 'Keys',
+    'Orientation', 'Pose', 'Position', 'Posture', 'RelativePose', 'RelativePosition', 'Task',
+    'Twist', 'task_types']
 
 
 @lru_cache(maxsize=1)

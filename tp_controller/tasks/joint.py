@@ -49,11 +49,11 @@ class JointTask(Task):
         self.joints = keys.check('joints', _joints, robot, joints) or robot.joint_names
         self._indices = np.array([robot.joint_index(joint) for joint in self.joints])
         # Handed out as it is in every cycle, hence protected. The shared identity tells the
-        # solver that all joints are meant.
-        whole = self.joints == robot.joint_names
+        # solver that all joints are meant, and there is no base besides.
+        whole = self.joints == robot.velocity_names
         self._jacobian = identity(robot.n) if whole else np.eye(robot.n)[self._indices]
         self._jacobian.setflags(write=False)
-        super().__init__(robot, name, [robot.joint_units[index] for index in self._indices],
+        super().__init__(robot, name, [robot.velocity_units[index] for index in self._indices],
                          keys, **options)
 
     def jacobian(self, state):
@@ -120,7 +120,7 @@ class Joint(JointTask):
 
     def value(self, state):
         """Return the positions of the joints (rows,) [rad or m]."""
-        return state.q[self._indices]
+        return state.positions[self._indices]
 
     def start(self, state):
         """Hold the positions of joints that have no goal."""
@@ -158,7 +158,7 @@ class Joint(JointTask):
 
     def error(self, state):
         """Return the way to the goal (rows,), joints without end by the shorter way."""
-        error = self.goal - state.q[self._indices]
+        error = self.goal - state.positions[self._indices]
         if self._wraps:
             error[self._wrapped] = wrap_angle(error[self._wrapped])
         return error
