@@ -66,6 +66,8 @@ class Robot:
         The description as URDF text.
     base : str
         ``fixed``, ``planar``, ``differential``, ``floating`` or ``underwater``.
+    moves : bool
+        Whether the base does.
     n, nq : int
         Number of velocities and of coordinates.
     velocity_names, coordinate_names : tuple of str
@@ -108,14 +110,15 @@ class Robot:
         elements = moving_joints(tree)
         self.urdf = urdf
         self.base, self._base = base, BASES[base]
-        self._model = build_model(tree, self._base.moves)
+        self.moves = self._base.moves
+        self._model = build_model(tree, self.moves)
         self.name = self._model.name
         self._frame_ids = {frame.name: self._model.getFrameId(frame.name, frame.type)
                            for frame in self._model.frames
                            if frame.type == pinocchio.FrameType.BODY}
         self.base_frame = next(iter(self._frame_ids))
         self.base_reach = self._base.reach
-        if self._base.moves:
+        if self.moves:
             self._add_world(world_frame)
         self.frame_names = tuple(self._frame_ids)
         self.root = self.frame_names[0]
@@ -245,11 +248,11 @@ class Robot:
             Positions of the driven joints [rad or m]; zeros for the base, which has no limits.
 
         """
-        if not self._base.moves:
+        if not self.moves:
             return q
         positions = np.zeros(self.n)
         positions[self.joint_columns] = q[self.joint_rows]
-        return positions
+        return _read_only(positions)
 
     def base_placement(self, q):
         """Return x, y, z [m] and the quaternion ``xyzw`` (7,) of `base_frame` in the root."""
@@ -313,11 +316,11 @@ class Robot:
                 raise RobotError(unknown('joint', name, drivable))
         if len(set(driven)) < len(driven):
             raise RobotError(f'driven joints named twice: {driven}')
-        if not driven and not self._base.moves:
+        if not driven and not self.moves:
             raise RobotError('the robot has no joint to drive')
-        taken = [name for name in names if name in self._base.names]
+        taken = {*self._base.names, *self._base.coordinate_names}.intersection(names)
         if taken:
-            raise RobotError(f'joints named like an axis of the base: {", ".join(taken)}')
+            raise RobotError(f'joints named like one of the base: {", ".join(sorted(taken))}')
         self.joint_names = tuple(driven)
         self.passive_names = tuple(name for name in drivable if name not in driven)
         self.velocity_names = self._base.names + self.joint_names
@@ -420,13 +423,15 @@ class Robot:
         first = model.nv - len(names)
         self._expand[list(self._base.columns), range(self.joint_columns.start)] = 1.0
         self._expand[first:, self.joint_columns] = self._joint_map
-        if not self._base.moves and np.array_equal(self._expand, np.eye(model.nv)):
+        if not self.moves and np.array_equal(self._expand, np.eye(model.nv)):
             self._expand = None
 
     def _configuration(self, q, offset):
         """Return Pinocchio's configuration at q, with the positions that are none of it."""
-        joints = self._joint_map.dot(q[self.joint_rows]) + offset
-        return np.concatenate((self._base.placement(q), joints)) if self._base.moves else joints
+        if not self.moves:
+            return self._joint_map.dot(q) + offset
+        return np.concatenate((self._base.placement(q),
+                               self._joint_map.dot(q[self.joint_rows]) + offset))
 
     def integrate(self, q, velocity, dt):
         """
@@ -454,8 +459,10 @@ class Robot:
         displacement = dt * self._expand.dot(velocity)
         moved = pinocchio.integrate(self._model, self._configuration(q, self._offset),
                                     displacement)
-        return np.concatenate((self._base.moved(q, moved[:7], displacement[:6]),
-                               moved[self._driven_rows]))
+        joints = moved[self._driven_rows]
+        if not self.moves:
+            return joints
+        return np.concatenate((self._base.moved(q, moved[:7], displacement[:6]), joints))
 
 
 class RobotState:
@@ -502,11 +509,14 @@ class RobotState:
 
         """
         robot = self.robot
-        q = robot._base.check(_positions(q, robot.coordinate_names, 'q'))
+        q = positions = _positions(q, robot.coordinate_names, 'q')
+        if robot.moves:
+            q = robot._base.check(q)
+            positions = robot.positions(q)
         if passive is not None and robot.passive_names:
             passive = _positions(passive, robot.passive_names, 'passive')
             self._offset = robot._offset + robot._passive_map.dot(passive)
-        self.q, self.positions = q, robot.positions(q)
+        self.q, self.positions = q, positions
         self._placements.clear()
         self._jacobians.clear()
         configuration = q if robot._expand is None else robot._configuration(q, self._offset)

@@ -46,7 +46,7 @@ class BaseTask:
 
     def __init__(self, robot, name, *, axes=None, gain=DEFAULT_GAIN, tolerance=None,
                  timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
-        if not robot.base_reach:
+        if not robot.moves:
             raise TaskError(name, [('type', f'{self.type_name} needs a robot whose base moves, '
                                             f'the base of this one is {robot.base}')])
         if axes is None:
