@@ -38,6 +38,8 @@ from tp_controller.urdf import (
 # The frame that Pinocchio has before all others.
 WORLD = 0
 LIMIT_KEYS = ('lower', 'upper', 'velocity', 'acceleration')
+# A base has no position limits.
+BASE_LIMIT_KEYS = ('velocity', 'acceleration')
 
 
 class Robot:
@@ -277,6 +279,10 @@ class Robot:
         twist[list(self._base.columns)] = velocity[:self.joint_columns.start]
         return twist
 
+    def base_velocities(self, twist):
+        """Return the entries of a twist (6,) that are velocities of the base."""
+        return twist[list(self._base.columns)]
+
     def fixed_to_base(self, frame):
         """Return T_base_frame (4, 4) of a frame that no joint moves; None for any other one."""
         index = self._frame_ids[self.check_frame(frame)]
@@ -394,7 +400,7 @@ class Robot:
                 raise RobotError(f'{what}: {unknown("limit", key, LIMIT_KEYS)}')
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise RobotError(f'{what}: {key} limit must be a number, not {value!r}')
-            if name in self._base.names and key in ('lower', 'upper'):
+            if name in self._base.names and key not in BASE_LIMIT_KEYS:
                 raise RobotError(f'{what}: a base has no position limits, only velocity and '
                                  'acceleration')
 

@@ -152,7 +152,7 @@ class KinematicSimulator:
         if velocity.shape != (self.robot.n,):
             raise RobotError(f'a command needs {self.robot.n} velocities, '
                              f'got an array of shape {velocity.shape}')
-        if self._lost() or not np.isfinite(velocity).all():
+        if self._lost() or not np.isfinite(velocity[columns]).all():
             return False
         clipped = np.clip(velocity, -self.robot.velocity, self.robot.velocity)
         self._on_the_way.append((self.now + self.imperfections.delay, columns, clipped))

@@ -19,6 +19,7 @@ from tp_controller.tasks.base import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
 from tp_controller.tasks.orientation import Orientation
 from tp_controller.tasks.pose import Pose
 
+
 class BaseTask:
     """
     What makes a task about a frame one about the base, to be inherited from before its type.
