@@ -42,7 +42,8 @@ PARAMETERS = (
     *ROBOT,
     Spec('command_joints', STRINGS, 'joints in the order of the commands; all others stand '
          'still (default: all that can be driven)', read_only=True),
-    Spec('rate', 200.0, 'joint states, and odometry of a base, per simulated second', 'Hz', 1.0, 5000.0, True),
+    Spec('rate', 200.0, 'joint states, and odometry of a base, per simulated second', 'Hz',
+         1.0, 5000.0, True),
     Spec('speed', 1.0, 'simulated seconds per second', '', 0.01, 1000.0, True),
     Spec('publish_clock', False, 'publish simulated time on /clock', read_only=True),
     Spec('command_timeout', 0.1, 'time without a command after which the joints, or the base, '

@@ -185,7 +185,7 @@ class Joint(JointTask):
 
 class Posture(Joint):
     """
-    Bring the whole robot to a posture; at the end of a stack it settles what is left free.
+    Bring all joints to a posture; at the end of a stack it settles what is left free.
 
     The same as `joint` with all joints, none of which needs a goal.
     """
