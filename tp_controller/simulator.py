@@ -210,7 +210,7 @@ class KinematicSimulator:
             mean = self._wanted + away * (lag / dt) * (1.0 - decay)
             self.velocity = self._wanted + away * decay
         else:
-            mean = self.velocity = self._wanted.copy()
+            mean = self.velocity = self._wanted
         robot = self.robot
         moved = robot.integrate(self.q, mean, dt)
         before, after = robot.positions(self.q), robot.positions(moved)

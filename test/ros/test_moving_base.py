@@ -299,6 +299,27 @@ def test_robot_without_joints_goes_where_it_is_sent(harness, rate):
     harness.spin_until(lambda: status.task('stay')['status'] == 'reached')
 
 
+@pytest.mark.parametrize('parameters', [
+    {'rate': 100.0},
+    # Without odometry that starts them there would be a cycle every two seconds.
+    {'rate': 0.0, 'state_timeout': 1.0, 'braking_gain': 1.0}])
+def test_robot_without_joints_needs_no_joint_states(harness, parameters):
+    harness.controller(robot_description=BOAT, base='planar', stack='- stay: {type: base_pose}',
+                       **parameters)
+    commands = Commands(harness)
+    place = harness.publisher(Odometry, '/odom')
+    message = odometry(child='hull')
+    goals = harness.publisher(PoseStamped, '/tp_controller/stay/goal')
+    goals.publish(make_message('stay', PoseStamped, {
+        'xyz': (0.0, 0.2, 0.0), 'quat_xyzw': (0.0, 0.0, 0.0, 1.0)}))
+    harness.spin_until(lambda: commands.base and commands.base[-1][1] != 0.0,
+                       meanwhile=lambda: place.publish(message))
+    before = len(commands.base)
+    harness.spin_until(lambda: len(commands.base) > before + 20,
+                       meanwhile=lambda: place.publish(message))
+    np.testing.assert_allclose(commands.base[-1], [0, 0.2, 0, 0, 0, 0], atol=1e-12)
+
+
 # Parameters
 
 def test_limits_of_the_base_are_parameters(harness):
@@ -361,7 +382,8 @@ def test_base_and_joints_of_the_simulator_time_out_apart(harness):
     joints = harness.publisher(Float64MultiArray, '/velocity_controller/commands')
 
     def swing():
-        joints.publish(Float64MultiArray(data=[0.0] + [0.2] * 7))
+        # So slow that no joint gets to a limit.
+        joints.publish(Float64MultiArray(data=[0.0] + [0.02] * 7))
 
     def both():
         drive()
