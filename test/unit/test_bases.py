@@ -341,6 +341,21 @@ def test_joint_tasks_are_about_the_columns_behind_those_of_the_base(base):
                                           np.array([0.1, 0.2, 0.3, 0.4])[rows])
 
 
+@every_base
+def test_task_relative_to_a_frame_of_the_robot_leaves_the_base_nothing_to_do(base):
+    robot, rng = make('panda', base), np.random.default_rng(5)
+    state = robot.state(robot.configuration(robots.PANDA_READY, random_pose(robot, rng)))
+    fixed = robots.panda().state(robots.PANDA_READY)
+    for reference in ('panda_link0', 'panda_link3'):
+        keys = {'frame': robots.PANDA_TOOL, 'reference': reference}
+        task, same = (task_types()['pose'](each, 'task', **keys)
+                      for each in (robot, robots.panda()))
+        J = task.jacobian(state)
+        np.testing.assert_allclose(J[:, :robot.joint_columns.start], 0.0, atol=1e-12)
+        np.testing.assert_allclose(J[:, robot.joint_columns], same.jacobian(fixed), atol=1e-12)
+        np.testing.assert_allclose(task.value(state), same.value(fixed), atol=1e-12)
+
+
 def test_posture_of_a_robot_whose_base_moves_is_not_about_all_velocities():
     assert task_types()['posture'](robots.panda(), 'rest')._jacobian is identity(7)
     task = task_types()['posture'](robots.moving_panda(), 'rest')
