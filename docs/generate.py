@@ -65,6 +65,9 @@ GOALS = {
 TOPICS = {
     'joint_states': 'positions, merged by name; any number of publishers, other joints in '
                     'between',
+    'odom': '[where the base is](docs/ros.md#moving-bases); only with a `base` that moves',
+    'cmd_vel': '[velocities of the base](docs/ros.md#moving-bases), every cycle; zeros while the '
+               'robot is held; only with a `base` that moves',
     'robot_description': 'URDF text, latched; only without the parameters `robot` and '
                          '`robot_description`',
     '~/<task>/goal': 'the goal of a task; the type follows from the task',
@@ -86,6 +89,9 @@ SIMULATOR_TOPICS = {
     **TOPICS,
     'joint_states': 'positions and velocities, `rate` times a second',
     'robot_description': 'the URDF of the robot, latched',
+    'odom': 'pose and velocity of the base, `rate` times a second; only with a `base` that moves',
+    'cmd_vel': 'velocities of the base; it stops when none came for `command_timeout`; only with '
+               'a `base` that moves',
     'velocity_controller/commands': 'joint velocities; the robot stops when none came for '
                                     '`command_timeout`',
 }
@@ -248,7 +254,8 @@ def interfaces(node):
     """Return (direction, name, type) of the topics and services of a node, as it opens them."""
     import rclpy
     from rclpy.parameter import Parameter
-    robot = {'robot': str(PANDA)}
+    # On a base that moves, or its topics would be missing.
+    robot = {'robot': str(PANDA), 'base': 'planar'}
     if node == 'controller':
         from tp_controller.nodes.controller_node import ControllerNode as Node
         stack = '\n'.join(f'- {name}: {{type: {name}{_example_keys(kind)}}}'

@@ -72,6 +72,12 @@ def panda():
 
 
 @lru_cache(maxsize=None)
+def moving_panda(base='planar'):
+    """Return the Panda of this repository on a base that moves."""
+    return Robot.from_file(PANDA_DH, base=base)
+
+
+@lru_cache(maxsize=None)
 def planar():
     """Return the planar arm of the lab."""
     return Robot.from_file(PLANAR_DH)

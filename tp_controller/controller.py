@@ -39,7 +39,8 @@ class Command:
     Attributes
     ----------
     velocity : ndarray (n,)
-        Joint velocities [rad/s or m/s], within every limit.
+        Velocities of the base, if it moves, and the driven joints [rad/s or m/s], within every
+        limit; see `Robot.velocity_names`.
     report : Report
 
     """
@@ -151,7 +152,7 @@ class Controller:
         weights = settings.weights
         if weights and len(weights) != self.robot.n:
             faults.append(f'weights needs {self.robot.n} numbers, one for each of '
-                          f'{", ".join(self.robot.joint_names)}, got {len(weights)}')
+                          f'{", ".join(self.robot.velocity_names)}, got {len(weights)}')
         for task in (self.stack if stack is None else stack).tasks.values():
             if task.bounded and settings.method != 'recursive':
                 faults.append(f'method {settings.method} knows no tasks that keep bounds, as '
@@ -246,8 +247,9 @@ class Controller:
 
         Parameters
         ----------
-        q : array_like (n,)
-            Positions of the driven joints [rad or m].
+        q : array_like (nq,)
+            Configuration: where the base is, if it moves, then positions of the driven joints
+            [rad or m].
         now : float
             [s]
         passive : array_like (p,), optional
@@ -263,7 +265,7 @@ class Controller:
         Raises
         ------
         RobotError
-            `q` has the wrong shape or is not finite.
+            `q` has the wrong shape, is not finite, or its quaternion is none.
 
         """
         if self._state is None:
@@ -282,7 +284,7 @@ class Controller:
             elapsed = now - self._last_update
         self._held += SMOOTHING * (min(max(elapsed, 0.0), self._settings.period) - self._held)
         self._solver.hold(self._held)
-        bounds = self._limits.at(state.q, self._velocity, elapsed)
+        bounds = self._limits.at(state.positions, self._velocity, elapsed)
 
         def solve(levels):
             return self._solver.solve(levels, bounds.lower, bounds.upper, self._speed_cap)

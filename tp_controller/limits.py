@@ -131,7 +131,7 @@ class VelocityLimits:
         Parameters
         ----------
         q : ndarray (n,)
-            Positions [rad or m].
+            Positions [rad or m], as `RobotState.positions`.
         previous : ndarray (n,)
             Velocities commanded before.
         elapsed : float

@@ -135,7 +135,7 @@ class Report:
         """Return which limit of a joint stands in the way of a level, as text."""
         up = level.multipliers[joint] > 0.0
         name = self._bounds.name(joint, level.limited_velocity[joint], up)
-        return f'{self._robot.joint_names[joint]} at its {name}'
+        return f'{self._robot.velocity_names[joint]} at its {name}'
 
     def _task(self, number, task, error, rows, level):
         """Return the report of a task that is rows `rows` of a level."""

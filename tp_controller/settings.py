@@ -79,8 +79,8 @@ class Settings:
         RANK_TOLERANCE, 1e-14, 1e-3, '',
         'singular values below this times the norm of the level count as zero')
     weights: tuple = field(default=None, metadata={
-        'unit': '', 'description': 'cost of moving each joint, all positive: the higher, the '
-        'less the joint is used (empty: all equal)'})
+        'unit': '', 'description': 'cost of each velocity, those of a moving base before those '
+        'of the joints, all positive: the higher, the less it is used (empty: all equal)'})
 
     def __post_init__(self):
         """Check everything, and raise one error for all faults."""

@@ -12,15 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A kinematic robot: velocity commands in, joint positions out, with the faults of a real one."""
+"""A kinematic robot: velocity commands in, a configuration out, with the faults of a real one."""
 
 from collections import deque
 from dataclasses import dataclass
 import math
 
 import numpy as np
+from tp_controller.base import NAMES
 from tp_controller.errors import RobotError, SettingsError, unknown
 from tp_controller.resources import load_yaml, read_source
+from tp_controller.spatial import pose, rotation_from_rpy
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,8 @@ class Imperfections:
     Attributes
     ----------
     noise : float
-        Standard deviation of measured positions [rad or m].
+        Standard deviation of measured positions [rad or m]; that of a base is moved by as much
+        along and about each of its axes that it has a velocity for.
     delay : float
         Time from a command to its effect [s].
     lag : float
@@ -74,28 +77,29 @@ class KinematicSimulator:
     Integrates velocity commands within the robot's limits.
 
     Commands are clipped at the velocity limits, positions stop at the position limits, and the
-    robot stops by itself when no command took effect for `timeout` seconds.
+    robot stops by itself when no command took effect for `timeout` seconds. A base moves along
+    the arcs that velocities in its own axes make.
 
     Parameters
     ----------
     robot : Robot
-    q : array_like (n,), optional
-        Initial positions [rad or m]; as near to zero as the limits allow by default.
+    q : array_like (nq,), optional
+        Initial configuration [rad or m]; as near to zero as the limits allow by default.
     timeout : float
         [s]
     imperfections : Imperfections, optional
 
     Attributes
     ----------
-    q, velocity : ndarray (n,)
-        True positions [rad or m] and velocities [rad/s or m/s].
+    q, velocity : ndarray (nq,), ndarray (n,)
+        True configuration [rad or m] and velocities [rad/s or m/s].
     now : float
         Time that was reached [s].
 
     Raises
     ------
     RobotError
-        `q` has the wrong shape or is not finite.
+        `q` has the wrong shape, is not finite, or its quaternion is none.
     SettingsError
         `timeout` is not positive.
 
@@ -112,15 +116,15 @@ class KinematicSimulator:
         self.reset()
 
     def reset(self, now=0.0):
-        """Go back to the initial positions, at rest, at time `now` [s]."""
+        """Go back to the initial configuration, at rest, at time `now` [s]."""
         self.q = self._initial.copy()
         self.velocity = np.zeros(self.robot.n)
         self.now = now
         self._wanted = np.zeros(self.robot.n)
-        self._expiry = -math.inf
+        self._expiry = np.full(self.robot.n, -math.inf)
         self._on_the_way = deque()
 
-    def command(self, velocity):
+    def command(self, velocity, columns=slice(None)):
         """
         Take a velocity command, now.
 
@@ -128,6 +132,9 @@ class KinematicSimulator:
         ----------
         velocity : array_like (n,)
             [rad/s or m/s]
+        columns : slice
+            The entries that the command is for, all by default: base and joints may be commanded
+            apart, and time out apart. The others are passed over.
 
         Returns
         -------
@@ -145,10 +152,10 @@ class KinematicSimulator:
         if velocity.shape != (self.robot.n,):
             raise RobotError(f'a command needs {self.robot.n} velocities, '
                              f'got an array of shape {velocity.shape}')
-        if self._lost() or not np.isfinite(velocity).all():
+        if self._lost() or not np.isfinite(velocity[columns]).all():
             return False
-        self._on_the_way.append((self.now + self.imperfections.delay,
-                                 np.clip(velocity, -self.robot.velocity, self.robot.velocity)))
+        clipped = np.clip(velocity, -self.robot.velocity, self.robot.velocity)
+        self._on_the_way.append((self.now + self.imperfections.delay, columns, clipped))
         return True
 
     def step(self, dt):
@@ -160,12 +167,12 @@ class KinematicSimulator:
         end = self.now + dt
         while self.now < end:
             while self._on_the_way and self._on_the_way[0][0] <= self.now:
-                self._wanted = self._on_the_way.popleft()[1]
-                self._expiry = self.now + self.timeout
-            if self.now >= self._expiry:
-                self._wanted = np.zeros(self.robot.n)
-            until = min([end, *(time for time, _ in list(self._on_the_way)[:1]),
-                         *([self._expiry] if self._expiry > self.now else [])])
+                _, columns, wanted = self._on_the_way.popleft()
+                self._wanted[columns] = wanted[columns]
+                self._expiry[columns] = self.now + self.timeout
+            self._wanted[self.now >= self._expiry] = 0.0
+            until = min([end, *(entry[0] for entry in list(self._on_the_way)[:1]),
+                         *self._expiry[self._expiry > self.now].tolist()])
             self._move(until - self.now)
             self.now = until
 
@@ -175,15 +182,18 @@ class KinematicSimulator:
 
         Returns
         -------
-        q, velocity : ndarray (n,) or None
-            Measured positions, with noise, and velocities; None where the message was lost.
+        q, velocity : ndarray (nq,), ndarray (n,)
+            Measured configuration, with noise, and velocities. None instead of both where the
+            message was lost.
 
         """
         if self._lost():
             return None
         q = self.q.copy()
         if self.imperfections.noise > 0.0:
-            q += self.imperfections.noise * self._random.standard_normal(self.robot.n)
+            # On the way a velocity would take, so that an attitude stays one.
+            error = self.imperfections.noise * self._random.standard_normal(self.robot.n)
+            q = self.robot.integrate(q, error, 1.0)
         return q, self.velocity.copy()
 
     def _lost(self):
@@ -201,30 +211,33 @@ class KinematicSimulator:
             self.velocity = self._wanted + away * decay
         else:
             mean = self.velocity = self._wanted
-        moved = self.robot.integrate(self.q, mean, dt)
+        robot = self.robot
+        moved = robot.integrate(self.q, mean, dt)
+        before, after = robot.positions(self.q), robot.positions(moved)
         # A robot that starts outside its limits is not thrown back, it only gets no further.
-        lower = np.minimum(self.robot.lower, self.q)
-        upper = np.maximum(self.robot.upper, self.q)
-        stopped = (moved < lower) | (moved > upper)
-        self.q = np.clip(moved, lower, upper)
+        lower, upper = np.minimum(robot.lower, before), np.maximum(robot.upper, before)
+        stopped = (after < lower) | (after > upper)
+        self.q = moved.copy()
+        self.q[robot.joint_rows] = np.clip(after, lower, upper)[robot.joint_columns]
         self.velocity = np.where(stopped, 0.0, self.velocity)
 
 
 def initial_positions(source, robot):
     """
-    Return initial positions from a YAML mapping {joint: position}.
+    Return an initial configuration from a YAML mapping {joint: position}.
 
     Parameters
     ----------
     source : str or pathlib.Path
         YAML text, a file's path, or ``package://<package>/<path>``. Joints it leaves out start
-        as near to zero as their limits allow.
+        as near to zero as their limits allow. A base that moves starts at the root, unless some
+        of its ``base_x``, ``base_y`` … ``base_yaw`` say where [m, rad].
     robot : Robot
         Whose joints they are.
 
     Returns
     -------
-    ndarray (n,)
+    ndarray (nq,)
 
     Raises
     ------
@@ -241,12 +254,19 @@ def initial_positions(source, robot):
     if not isinstance(positions, dict):
         raise RobotError('initial positions: needs a mapping {joint: position}')
     q = robot.neutral()
-    for joint, position in positions.items():
+    base = np.zeros(6)
+    axes = {NAMES[row]: row for row in robot.base_reach}
+    for name, position in positions.items():
         if isinstance(position, bool) or not isinstance(position, (int, float)) \
                 or not math.isfinite(position):
-            raise RobotError(f'initial positions: {joint} must be a finite number, '
+            raise RobotError(f'initial positions: {name} must be a finite number, '
                              f'not {position!r}')
-        if joint not in robot.joint_names:
-            raise RobotError(f'initial positions: {unknown("joint", joint, robot.joint_names)}')
-        q[robot.joint_index(joint)] = position
-    return q
+        if name in axes:
+            base[axes[name]] = position
+        elif name in robot.joint_names:
+            q[robot.joint_rows][robot.joint_names.index(name)] = position
+        else:
+            valid = (*axes, *robot.joint_names)
+            raise RobotError(f'initial positions: {unknown("joint", name, valid)}')
+    return robot.configuration(q[robot.joint_rows],
+                               pose(rotation_from_rpy(*base[3:]), base[:3]))

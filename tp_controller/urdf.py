@@ -24,6 +24,8 @@ from tp_controller.errors import RobotError, unknown
 MOVING = ('revolute', 'continuous', 'prismatic')
 # A URDF has no word for "unlimited"; limits from here on are taken for none at all.
 UNLIMITED = 1e9
+# Name of the joint between the world and a base that moves.
+FREE_FLYER = 'free flyer'
 
 
 def parse(urdf):
@@ -92,8 +94,12 @@ def _check_limit(joint):
             raise RobotError(f'joint {joint.get("name")!r} needs <limit> with effort and velocity')
 
 
-def build_model(tree):
-    """Return Pinocchio's model of a URDF, every moving joint with one coordinate."""
+def build_model(tree, moving_base=False):
+    """
+    Return Pinocchio's model of a URDF, every moving joint with one coordinate.
+
+    A base that moves has a joint of its own before them, which leaves it all freedom.
+    """
     tree = copy.deepcopy(tree)
     tree.set('name', tree.get('name') or 'robot')
     for joint in tree.findall('joint'):
@@ -105,8 +111,9 @@ def build_model(tree):
                 limit = ElementTree.SubElement(joint, 'limit', effort='0', velocity='0')
             limit.set('lower', repr(-UNLIMITED))
             limit.set('upper', repr(UNLIMITED))
+    before = (pinocchio.JointModelFreeFlyer(), FREE_FLYER) if moving_base else ()
     try:
-        return pinocchio.buildModelFromXML(ElementTree.tostring(tree, encoding='unicode'))
+        return pinocchio.buildModelFromXML(ElementTree.tostring(tree, encoding='unicode'), *before)
     except (ValueError, RuntimeError) as error:
         raise RobotError(f'robot description: {error}') from error
 

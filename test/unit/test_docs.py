@@ -144,8 +144,8 @@ def generate():
 
 @pytest.fixture(scope='module')
 def panda():
-    """Return the robot that the stacks are for."""
-    return Robot.from_file(ROOT / 'config' / 'robots' / 'panda.yaml')
+    """Return the robot that the stacks are for; those of the pages may be about its base."""
+    return Robot.from_file(ROOT / 'config' / 'robots' / 'panda.yaml', base='planar')
 
 
 @pytest.fixture

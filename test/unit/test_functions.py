@@ -23,6 +23,7 @@ import pytest
 import robots
 from tp_controller import Controller, GoalError, Robot, Settings, Stack, TaskError
 from tp_controller.level import identity
+from tp_controller.spatial import pose, rotation_from_vector
 from tp_controller.tasks import GradientTask, Keys, task_types
 
 TOOL = robots.PANDA_TOOL
@@ -50,8 +51,9 @@ def inside(robot, rng, margin=0.1):
 
 def slope(function, robot, q, h=1e-6):
     """Return the gradient (n,) of a function of a state, by differences."""
-    return np.array([(function(robot.state(q + h * axis)) - function(robot.state(q - h * axis)))
-                     / (2 * h) for axis in np.eye(robot.n)])
+    def at(step, axis):
+        return function(robot.state(robot.integrate(q, axis, step)))
+    return np.array([(at(h, axis) - at(-h, axis)) / (2 * h) for axis in np.eye(robot.n)])
 
 
 @pytest.mark.parametrize('name, keys', CONTRACT)
@@ -115,6 +117,19 @@ def test_gradient_of_weighted_entries_of_a_jacobian_is_their_derivative():
         found = robot.state(q).jacobian_gradient(frame, weights)
         np.testing.assert_allclose(found, numeric, atol=1e-7)
         assert np.abs(numeric).max() > 0.1
+
+
+@pytest.mark.parametrize('base', ['planar', 'differential', 'underwater', 'floating'])
+def test_gradient_of_weighted_entries_of_a_jacobian_counts_with_the_turns_of_a_base(base):
+    rng = np.random.default_rng(4)
+    robot = robots.moving_panda(base)
+    turn = [0.0, 0.0, 0.7] if base != 'floating' else [0.3, -0.5, 0.7]
+    q = robot.configuration(inside(robots.panda(), rng),
+                            pose(rotation_from_vector(turn), [0.3, -0.2, 0.1]))
+    weights = rng.normal(size=(6, robot.n))
+    numeric = slope(lambda state: (weights * state.jacobian(TOOL)).sum(), robot, q)
+    np.testing.assert_allclose(robot.state(q).jacobian_gradient(TOOL, weights), numeric, atol=1e-7)
+    assert np.abs(numeric[robot.velocity_names.index('base_yaw')]) > 0.1
 
 
 def test_measure_is_the_product_of_the_singular_values():

@@ -28,11 +28,11 @@ import tp_controller
 PACKAGE = robots.REPOSITORY / 'tp_controller'
 # Every module of the method may import from those before it only.
 ORDER = [
-    'errors', 'spatial', 'resources', 'urdf', 'dh', 'level', 'robot',
+    'errors', 'spatial', 'resources', 'urdf', 'dh', 'level', 'base', 'robot',
     'shapes', 'tasks.base', 'tasks.bounded', 'tasks.gradient', 'tasks.frame', 'tasks.velocity',
     'tasks.joint', 'tasks.joint_limits', 'tasks.joint_limit_distance', 'tasks.position',
-    'tasks.orientation', 'tasks.pose', 'tasks.relative', 'tasks.twist', 'tasks.aim',
-    'tasks.pointing', 'tasks.field_of_view', 'tasks.region', 'tasks.speed_limit',
+    'tasks.orientation', 'tasks.pose', 'tasks.relative', 'tasks.base_pose', 'tasks.twist',
+    'tasks.aim', 'tasks.pointing', 'tasks.field_of_view', 'tasks.region', 'tasks.speed_limit',
     'tasks.manipulability', 'tasks.center_of_mass', 'tasks',
     'stack', 'transition', 'limits', 'solution', 'projection', 'uniform', 'least_distance',
     'programs', 'redistribution', 'stacked', 'solver', 'escape', 'settings', 'report',

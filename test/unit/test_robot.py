@@ -476,8 +476,8 @@ def test_wrong_choice_of_driven_joints_is_refused(joints, message):
 
 
 def test_unknown_base_is_refused():
-    with pytest.raises(RobotError, match="unknown base 'flying'; valid: fixed"):
-        Robot.from_urdf(urdf(('a', 'revolute', LIMIT)), base='flying')
+    with pytest.raises(RobotError, match="unknown base 'rolling'; valid: fixed, planar"):
+        Robot.from_urdf(urdf(('a', 'revolute', LIMIT)), base='rolling')
 
 
 # Files

@@ -65,6 +65,14 @@ CASES = {
         ({'frame': TOOL, 'reference': ELBOW, 'gain': 2.0}, ALL),
         ({'frame': TOOL, 'reference': 'panda_link2', 'axes': 'x ry'}, [0, 4]),
     ],
+    'base_pose': [
+        ({'gain': 2.0}, [0, 1, 5]),
+        ({'axes': 'rz x', 'gain': [1.0, 4.0]}, [0, 5]),
+    ],
+    'base_orientation': [
+        ({'gain': 0.5}, [5]),
+        ({'axes': 'z'}, [5]),
+    ],
     'twist': [
         ({'frame': TOOL}, ALL),
         ({'frame': TOOL, 'axes': 'rz y'}, [1, 5]),
@@ -105,24 +113,31 @@ NOT_FINITE = (math.nan, math.inf, -math.inf, 1e7)
 
 
 def make(name, keys, robot=None):
-    """Return a task of a type."""
+    """Return a task of a type, about a robot that can have it."""
     if robot is None:
-        # The table of the Panda gives no masses.
-        robot = robots.urdf_robot('panda', ARM) if name == 'center_of_mass' else robots.panda()
+        # The table of the Panda gives no masses, and its base stands still.
+        robot = robots.urdf_robot('panda', ARM) if name == 'center_of_mass' else (
+            robots.moving_panda() if name.startswith('base_') else robots.panda())
     return task_types()[name](robot, 'task', **keys)
 
 
+def ready(task):
+    """Return a configuration of the robot of a task, far from every limit."""
+    return task.robot.configuration(robots.PANDA_READY)
+
+
 def inside(robot, rng):
-    """Return random positions (n,), some way within the limits."""
+    """Return a random configuration (nq,), some way within the limits, the base near the root."""
     lower, upper = np.maximum(robot.lower, -3.0), np.minimum(robot.upper, 3.0)
-    return rng.uniform(lower + 0.1, upper - 0.1)
+    zero = robot.configuration(np.zeros(len(robot.joint_names)))
+    return robot.integrate(zero, rng.uniform(lower + 0.1, upper - 0.1), 1.0)
 
 
 def relative_twist(robot, q, direction, frame, reference, h=1e-6):
     """Return the twist (6,) of a frame seen from another, for motion along `direction`."""
     relative = []
     for step in (-h, h):
-        state = robot.state(q + step * direction)
+        state = robot.state(robot.integrate(q, direction, step))
         relative.append(np.linalg.inv(state.pose(reference)) @ state.pose(frame))
     before, after = relative
     turned = Rotation.from_matrix(after[:3, :3] @ before[:3, :3].T).as_rotvec()
@@ -164,10 +179,10 @@ def test_jacobian_is_the_derivative_of_the_value(name, keys, rows):
             # Away from the goal the error does not fall as the value moves towards it.
             task.goal = task.value(state)
         task.start(state)
-        numeric = np.array([motion(task, rows, q, axis) for axis in np.eye(7)]).T
+        numeric = np.array([motion(task, rows, q, axis) for axis in np.eye(task.robot.n)]).T
         np.testing.assert_allclose(task.jacobian(state), numeric, atol=1e-8)
         assert task.rows == (rows if isinstance(rows, int) else len(rows)) == len(task.units)
-        assert task.jacobian(state).shape == (task.rows, 7)
+        assert task.jacobian(state).shape == (task.rows, task.robot.n)
 
 
 @pytest.mark.parametrize('name, keys, rows', WITH_VALUE)
@@ -178,15 +193,16 @@ def test_error_is_zero_at_the_goal_and_only_there(name, keys, rows):
     task.set_goal(task.parse_goal(task.value(state)), 0.0)
     np.testing.assert_allclose(task.error(state), 0.0, atol=1e-7)
     np.testing.assert_allclose(task.level(state, 0.0).v, 0.0, atol=1e-6)
-    assert np.linalg.norm(task.error(task.robot.state(q + 0.1))) > 1e-3
+    elsewhere = task.robot.state(task.robot.integrate(q, np.ones(task.robot.n), 0.1))
+    assert np.linalg.norm(task.error(elsewhere)) > 1e-3
 
 
 @pytest.mark.parametrize('name, keys, rows', WITH_VALUE)
 def test_error_is_desired_minus_actual(name, keys, rows):
     task, rng = make(name, keys), np.random.default_rng(3)
     q = inside(task.robot, rng)
-    direction = rng.normal(size=7)
-    task.set_goal(task.value(task.robot.state(q + 1e-5 * direction)), 0.0)
+    direction = rng.normal(size=task.robot.n)
+    task.set_goal(task.value(task.robot.state(task.robot.integrate(q, direction, 1e-5))), 0.0)
     np.testing.assert_allclose(task.error(task.robot.state(q)) / 1e-5,
                                motion(task, rows, q, direction), atol=1e-3)
 
@@ -197,11 +213,12 @@ def test_one_step_shrinks_the_error_by_one_minus_gain_times_period(name, keys, r
     robot, dt = task.robot, 0.01
     for _ in range(5):
         q = inside(robot, rng)
-        task.set_goal(task.value(robot.state(q + 1e-3 * rng.normal(size=7))), 0.0)
+        near = robot.integrate(q, rng.normal(size=robot.n), 1e-3)
+        task.set_goal(task.value(robot.state(near)), 0.0)
         level = task.level(robot.state(q), 0.0)
         J, v = level.J, level.v
         before = task.last_error
-        after = task.error(robot.state(q + dt * solve([(J, v)]).velocity))
+        after = task.error(robot.state(robot.integrate(q, solve([(J, v)]).velocity, dt)))
         gain = np.asarray(keys.get('gain', 1.0))
         np.testing.assert_allclose(after, (1.0 - gain * dt) * before, rtol=0,
                                    atol=0.03 * dt * np.linalg.norm(gain * before))
@@ -228,7 +245,7 @@ def test_velocity_task_moves_as_its_goal_says_and_stops_when_it_is_too_old(name,
 @pytest.mark.parametrize('name, keys, rows', CONTRACT)
 def test_bad_goals_are_refused_and_the_goal_in_force_stays(name, keys, rows):
     task = make(name, keys)
-    state = task.robot.state(robots.PANDA_READY)
+    state = task.robot.state(ready(task))
     task.start(state)
     good = task.value(state)
     before = task.level(state, 0.0).v

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The controller node: joint states and goals in, joint velocities and status out."""
+"""The controller node: joint states, odometry and goals in, velocities and status out."""
 
 from array import array
 from functools import partial
@@ -31,6 +31,7 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tp_controller.controller import Controller
 from tp_controller.errors import RobotError, SettingsError, TpControllerError
+from tp_controller.nodes.base_topics import FixedBase, MovingBase
 from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.nodes.parameters import (
     declare,
@@ -59,8 +60,8 @@ PARAMETERS = (
          'package://<package>/<path>'),
     Spec('rate', 100.0, 'cycles per second; 0: one cycle for each complete joint state', 'Hz',
          0.0, 2000.0, True),
-    Spec('state_timeout', 0.1, 'age of the joint states, since their receipt, from which zeros '
-         'are commanded', 's', 1e-3, 10.0, True),
+    Spec('state_timeout', 0.1, 'age of the joint states, and of the odometry of a base that '
+         'moves, since their receipt, from which zeros are commanded', 's', 1e-3, 10.0, True),
     Spec('status_rate', 10.0, 'status and marker messages per second', 'Hz', 0.1, 1000.0, True),
     *SETTINGS,
 )
@@ -112,7 +113,8 @@ class ControllerNode(Node):
         if self._buffer is not None and self.context.ok():
             self._publish_zeros()
             # What is still on its way when the process ends may never arrive.
-            self._commands.wait_for_all_acked(Duration(seconds=LAST_ZERO_SECONDS))
+            for publisher in (self._commands, self._base):
+                publisher.wait_for_all_acked(Duration(seconds=LAST_ZERO_SECONDS))
 
     # Setting up ---------------------------------------------------------------------------
 
@@ -163,22 +165,26 @@ class ControllerNode(Node):
                              f'({", ".join(robot.joint_names)}), not {", ".join(names)}')
         for limit, what in ((np.inf, 'no velocity limit for'),
                             (0.0, 'a velocity limit of zero, so no motion at all, for')):
-            names_of = [name for name, given in zip(robot.joint_names, robot.velocity)
+            names_of = [name for name, given in zip(robot.velocity_names, robot.velocity)
                         if given == limit]
             if names_of:
                 self.get_logger().warning(f'{what} {", ".join(names_of)}')
         self._controller = Controller(robot, Stack([]), self._settings)
         self._topics = TaskTopics(self, self._controller, self._now)
-        self._order = np.array([robot.joint_index(name) for name in names])
-        self._command = Float64MultiArray(data=array('d', bytes(8 * robot.n)))
+        self._order = np.array([robot.joint_index(name) for name in names], dtype=int)
+        self._command = Float64MultiArray(data=array('d', bytes(8 * len(names))))
         self._command_view = np.frombuffer(self._command.data)
         self._commands = self.create_publisher(Float64MultiArray,
                                                'velocity_controller/commands', 10)
+        self._zeros = np.zeros(robot.n)
+        self._base = MovingBase(self, robot, self._now, self._on_odometry) if robot.moves \
+            else FixedBase()
         self._buffer = JointStateBuffer(robot.joint_names, robot.passive_names,
                                         robot.passive_neutral)
         self._load_stack()
         self.create_subscription(JointState, 'joint_states', self._on_joint_state, STATE_QOS)
-        self.get_logger().info(f'controlling {robot.name}, joints {", ".join(names)}')
+        self.get_logger().info(f'controlling {robot.name}, base {robot.base}, '
+                               f'joints {", ".join(names)}')
 
     # Stack and parameters -----------------------------------------------------------------
 
@@ -243,6 +249,11 @@ class ControllerNode(Node):
         elif self._values['rate'] == 0.0 and self._buffer.take_complete():
             self._cycle()
 
+    def _on_odometry(self):
+        """Start the cycle where nothing else does: without a timer and without driven joints."""
+        if self._values['rate'] == 0.0 and not self._controller.robot.joint_names:
+            self._cycle()
+
     def _cycle(self):
         """Command velocities, or zeros where something is missing."""
         now, robot_time = self._now(), self._robot_time()
@@ -253,12 +264,11 @@ class ControllerNode(Node):
         hold = self._reason_to_hold(now)
         if not hold:
             try:
-                command = self._controller.update(self._buffer.q, now, self._buffer.passive,
-                                                  elapsed)
+                command = self._controller.update(self._base.configuration(self._buffer.q), now,
+                                                  self._buffer.passive, elapsed)
                 self._report = command.report
                 self._topics.changed = False
-                self._command_view[:] = command.velocity[self._order]
-                self._commands.publish(self._command)
+                self._publish_velocity(command.velocity)
             except TpControllerError as error:
                 hold = str(error)
         if hold:
@@ -288,7 +298,9 @@ class ControllerNode(Node):
         if self._stack_fault:
             return self._stack_fault
         missing = self._buffer.missing(now, self._values['state_timeout'])
-        return f'no joint states of {", ".join(missing)}' if missing else ''
+        if missing:
+            return f'no joint states of {", ".join(missing)}'
+        return self._base.reason_to_hold(now, self._values['state_timeout'])
 
     def _watch(self):
         """Command zeros if the cycle has not done anything for too long."""
@@ -311,8 +323,13 @@ class ControllerNode(Node):
     def _publish_zeros(self):
         """Command no motion."""
         self._controller.halt(self._now())
-        self._command_view[:] = 0.0
+        self._publish_velocity(self._zeros)
+
+    def _publish_velocity(self, velocity):
+        """Command velocities (n,), to the joints and to the base."""
+        self._command_view[:] = velocity[self._order]
         self._commands.publish(self._command)
+        self._base.publish(velocity)
 
     # Services and status ------------------------------------------------------------------
 

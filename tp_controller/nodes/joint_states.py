@@ -92,7 +92,7 @@ class JointStateBuffer:
     def missing(self, now, timeout):
         """Return the driven joints that nothing was heard of for `timeout` seconds."""
         age = now - self._received[:self._n]
-        if age.max() <= timeout:
+        if not self._n or age.max() <= timeout:
             return []
         return [self._names[row] for row in np.flatnonzero(age > timeout)]
 

@@ -24,8 +24,9 @@ from rclpy.exceptions import (
     ParameterAlreadyDeclaredException,
 )
 from rclpy.parameter import Parameter
+from tp_controller.base import BASES, DEFAULT_WORLD
 from tp_controller.errors import RobotError, SettingsError
-from tp_controller.robot import LIMIT_KEYS, Robot
+from tp_controller.robot import BASE_LIMIT_KEYS, LIMIT_KEYS, Robot
 from tp_controller.settings import Settings
 
 STRINGS = Parameter.Type.STRING_ARRAY
@@ -83,6 +84,9 @@ ROBOT = (
          read_only=True),
     Spec('robot', '', 'file of the robot: URDF, or DH table (.yaml); a path or '
          'package://<package>/<path>; goes before robot_description', read_only=True),
+    Spec('base', 'fixed', f'how the base moves ({", ".join(BASES)})', read_only=True),
+    Spec('world_frame', DEFAULT_WORLD, 'name of the frame that a base moves in, the one of its '
+         'odometry', read_only=True),
 )
 
 # What belongs to the method is described there, once.
@@ -205,13 +209,15 @@ def robot_from(node, values, description=None, joints=None):
     if not values['robot'] and urdf is None:
         return None
 
-    def build(**options):
+    def build(limits=None):
+        options = {'joints': joints, 'limits': limits, 'base': values['base'],
+                   'world_frame': values['world_frame']}
         if values['robot']:
-            return Robot.from_file(values['robot'], joints=joints, **options)
+            return Robot.from_file(values['robot'], **options)
         if '<' not in urdf:
             raise RobotError(f'robot_description must be URDF text, not {urdf[:40]!r}; a file '
                              'goes into the parameter robot')
-        return Robot.from_urdf(urdf, joints=joints, **options)
+        return Robot.from_urdf(urdf, **options)
 
     robot = build()
     limits = _limits(node, robot)
@@ -219,20 +225,29 @@ def robot_from(node, values, description=None, joints=None):
 
 
 def _limits(node, robot):
-    """Return {joint: {key: value}} of the limits that parameters replace."""
-    specs = [Spec(f'{LIMITS}{joint}.{key}', DOUBLE,
-                  f'{key} limit of the joint, in place of the one in the description',
+    """Return {velocity: {key: value}} of the limits that parameters replace."""
+    specs = [Spec(f'{LIMITS}{name}.{key}', DOUBLE,
+                  f'{key} limit of {name}, in place of the one in the description',
                   unit + UNIT_ENDINGS.get(key, ''), read_only=True)
-             for joint, unit in zip(robot.joint_names, robot.joint_units) for key in LIMIT_KEYS]
+             for name, unit in zip(robot.velocity_names, robot.velocity_units)
+             for key in (LIMIT_KEYS if name in robot.joint_names else BASE_LIMIT_KEYS)]
     strange = {name for name in node._parameter_overrides
                if name.startswith(LIMITS)} - {spec.name for spec in specs}
     if strange:
         raise SettingsError([f'unknown parameter {", ".join(sorted(strange))}; valid: '
                              f'{LIMITS}<joint>.{"|".join(LIMIT_KEYS)} with the driven joints '
-                             f'{", ".join(robot.joint_names)}'])
+                             f'{", ".join(robot.joint_names)}{_base_limits(robot)}'])
     limits = {}
     for name, value in declare(node, specs).items():
         if value is not None:
             joint, key = name.removeprefix(LIMITS).rsplit('.', 1)
             limits.setdefault(joint, {})[key] = value
     return limits
+
+
+def _base_limits(robot):
+    """Return which limits of a base there are, as the end of a list."""
+    names = robot.velocity_names[:robot.joint_columns.start]
+    if not names:
+        return ''
+    return f'; {LIMITS}<axis>.{"|".join(BASE_LIMIT_KEYS)} with {", ".join(names)}'

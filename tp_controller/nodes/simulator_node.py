@@ -20,6 +20,8 @@ import math
 import sys
 import time
 
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -30,6 +32,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tp_controller.errors import RobotError
+from tp_controller.nodes.base_topics import fill_odometry, twist_of
 from tp_controller.nodes.parameters import declare, ROBOT, robot_from, Spec, STRINGS, warn_unknown
 from tp_controller.nodes.runner import run
 from tp_controller.simulator import Imperfections, initial_positions, KinematicSimulator
@@ -39,13 +42,15 @@ PARAMETERS = (
     *ROBOT,
     Spec('command_joints', STRINGS, 'joints in the order of the commands; all others stand '
          'still (default: all that can be driven)', read_only=True),
-    Spec('rate', 200.0, 'joint states per simulated second', 'Hz', 1.0, 5000.0, True),
+    Spec('rate', 200.0, 'joint states, and odometry of a base, per simulated second', 'Hz',
+         1.0, 5000.0, True),
     Spec('speed', 1.0, 'simulated seconds per second', '', 0.01, 1000.0, True),
     Spec('publish_clock', False, 'publish simulated time on /clock', read_only=True),
-    Spec('command_timeout', 0.1, 'time without a command after which the robot stops, of the '
-         'wall clock', 's', 1e-3, 10.0, True),
+    Spec('command_timeout', 0.1, 'time without a command after which the joints, or the base, '
+         'stop, of the wall clock', 's', 1e-3, 10.0, True),
     Spec('initial_positions', '', 'positions at the start, as YAML {joint: position} or a file '
-         'of it; joints left out start as near to zero as their limits allow', read_only=True),
+         'of it, with base_x, base_y … base_yaw for a base that moves; what is left out starts '
+         'as near to zero as the limits allow', read_only=True),
     Spec('noise', 0.0, 'standard deviation of measured positions', 'rad or m', 0.0, 1.0, True),
     Spec('delay', 0.0, 'time from a command to its effect, simulated', 's', 0.0, 10.0, True),
     Spec('lag', 0.0, 'time constant of the drives, first order', 's', 0.0, 10.0, True),
@@ -76,13 +81,15 @@ class SimulatorNode(Node):
             Imperfections(values['noise'], values['delay'], values['lag'], values['drop'],
                           values['seed']))
         names = self._check_names(values['command_joints'] or self._robot.joint_names)
-        self._commanded = np.array([self._robot.joint_index(name) for name in names])
+        self._commanded = np.array([self._robot.joint_index(name) for name in names],
+                                   dtype=int)
         self._velocity = np.zeros(self._robot.n)
         self._publish_clock = values['publish_clock']
         self._connect()
         warn_unknown(self)
         self.get_logger().info(
-            f'simulating {self._robot.name} ({self._robot.n} joints) at {self._speed:g} × real '
+            f'simulating {self._robot.name} ({len(self._robot.joint_names)} joints, base '
+            f'{self._robot.base}) at {self._speed:g} × real '
             f'time, commands for {", ".join(names)}')
 
     def close(self):
@@ -102,8 +109,8 @@ class SimulatorNode(Node):
         self._description.publish(String(data=self._robot.urdf))
         self._states = self.create_publisher(JointState, 'joint_states', 10)
         self._message = JointState(name=list(self._robot.joint_names))
-        self._message.position = array('d', bytes(8 * self._robot.n))
-        self._message.velocity = array('d', bytes(8 * self._robot.n))
+        self._message.position = array('d', bytes(8 * len(self._message.name)))
+        self._message.velocity = array('d', bytes(8 * len(self._message.name)))
         self._position_view = np.frombuffer(self._message.position)
         self._velocity_view = np.frombuffer(self._message.velocity)
         self._clock_publisher = None
@@ -111,6 +118,12 @@ class SimulatorNode(Node):
             self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
         self.create_subscription(Float64MultiArray, 'velocity_controller/commands',
                                  self._on_command, 10)
+        self._odometry_publisher = None
+        if self._robot.moves:
+            self._odometry = Odometry(child_frame_id=self._robot.base_frame)
+            self._odometry.header.frame_id = self._robot.root
+            self._odometry_publisher = self.create_publisher(Odometry, 'odom', 10)
+            self.create_subscription(Twist, 'cmd_vel', self._on_base_command, 10)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self._start_time = time.monotonic()
         self._steps_since_start = 0
@@ -125,10 +138,20 @@ class SimulatorNode(Node):
                 f'{len(self._commanded)} joints', throttle_duration_sec=1.0)
             return
         self._velocity[self._commanded] = message.data
-        if not np.isfinite(self._velocity).all():
-            self.get_logger().error('command ignored: not finite', throttle_duration_sec=1.0)
+        self._take(self._robot.joint_columns, 'command')
+
+    def _on_base_command(self, message):
+        """Take a command for the base; what it has no velocity for is passed over."""
+        base = slice(0, self._robot.joint_columns.start)
+        self._velocity[base] = self._robot.base_velocities(twist_of(message))
+        self._take(base, 'cmd_vel')
+
+    def _take(self, columns, what):
+        """Hand those of the velocities that came in to the simulator."""
+        if not np.isfinite(self._velocity[columns]).all():
+            self.get_logger().error(f'{what} ignored: not finite', throttle_duration_sec=1.0)
             return
-        self._simulator.command(self._velocity)
+        self._simulator.command(self._velocity, columns)
 
     def _on_reset(self, request, response):
         """Go back to the start."""
@@ -163,9 +186,16 @@ class SimulatorNode(Node):
         measured = self._simulator.measure()
         if measured is None:
             return
-        self._position_view[:], self._velocity_view[:] = measured
+        q, velocity = measured
+        self._position_view[:] = q[self._robot.joint_rows]
+        self._velocity_view[:] = velocity[self._robot.joint_columns]
         self._message.header.stamp = stamp
         self._states.publish(self._message)
+        if self._odometry_publisher is not None:
+            self._odometry.header.stamp = stamp
+            fill_odometry(self._odometry, self._robot.base_placement(q),
+                          self._robot.base_twist(velocity))
+            self._odometry_publisher.publish(self._odometry)
 
 
 main = partial(run, SimulatorNode, NAME)

@@ -25,6 +25,7 @@ from importlib.metadata import entry_points
 
 from tp_controller.errors import TpControllerError
 from tp_controller.tasks.base import Keys, Task
+from tp_controller.tasks.base_pose import BaseOrientation, BasePose
 from tp_controller.tasks.bounded import BoundedTask
 from tp_controller.tasks.center_of_mass import CenterOfMass
 from tp_controller.tasks.field_of_view import FieldOfView
@@ -46,11 +47,11 @@ from tp_controller.tasks.twist import Twist
 ENTRY_POINTS = 'tp_controller.tasks'
 
 __all__ = [
-    'BoundedTask', 'CenterOfMass', 'FieldOfView', 'FrameTask', 'GradientTask', 'Joint',
-    'JointLimitDistance', 'JointLimits', 'JointTask', 'JointVelocity', 'KeepIn', 'KeepOut', 'Keys',
-    'LookAt', 'Manipulability', 'ManipulabilityAbove', 'Orientation', 'Pointing', 'Pose',
-    'Position', 'Posture', 'RelativePose', 'RelativePosition', 'SpeedLimit', 'Task', 'Twist',
-    'task_types']
+    'BaseOrientation', 'BasePose', 'BoundedTask', 'CenterOfMass', 'FieldOfView', 'FrameTask',
+    'GradientTask', 'Joint', 'JointLimitDistance', 'JointLimits', 'JointTask', 'JointVelocity',
+    'KeepIn', 'KeepOut', 'Keys', 'LookAt', 'Manipulability', 'ManipulabilityAbove', 'Orientation',
+    'Pointing', 'Pose', 'Position', 'Posture', 'RelativePose', 'RelativePosition', 'SpeedLimit',
+    'Task', 'Twist', 'task_types']
 
 
 @lru_cache(maxsize=1)

@@ -49,16 +49,16 @@ class JointTask(Task):
         self.joints = keys.check('joints', _joints, robot, joints) or robot.joint_names
         self._indices = np.array([robot.joint_index(joint) for joint in self.joints])
         # Handed out as it is in every cycle, hence protected. The shared identity tells the
-        # solver that all joints are meant.
-        whole = self.joints == robot.joint_names
+        # solver that all joints are meant, and there is no base besides.
+        whole = self.joints == robot.velocity_names
         self._jacobian = identity(robot.n) if whole else np.eye(robot.n)[self._indices]
         self._jacobian.setflags(write=False)
-        super().__init__(robot, name, [robot.joint_units[index] for index in self._indices],
+        super().__init__(robot, name, [robot.velocity_units[index] for index in self._indices],
                          keys, **options)
 
     def positions(self, state):
         """Return the positions of the joints (rows,) [rad or m]."""
-        return state.q[self._indices]
+        return state.positions[self._indices]
 
     def jacobian(self, state):
         """Return the rows of the identity (rows, n) that select the joints."""
@@ -189,7 +189,7 @@ class Joint(JointTask):
 
 class Posture(Joint):
     """
-    Bring the whole robot to a posture; at the end of a stack it settles what is left free.
+    Bring all joints to a posture; at the end of a stack it settles what is left free.
 
     The same as `joint` with all joints, none of which needs a goal.
     """

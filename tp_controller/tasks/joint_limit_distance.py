@@ -46,7 +46,7 @@ class JointLimitDistance(GradientTask):
 
     def measure(self, state):
         """Return h and its gradient (n,) [1/rad or 1/m]."""
-        x = (state.q[self._limited] - self._middle) / self._half
+        x = (state.positions[self._limited] - self._middle) / self._half
         curved = np.clip(x, -CURVED, CURVED)
         room = 1.0 - curved * curved
         slope = -2.0 * curved / (room * room)

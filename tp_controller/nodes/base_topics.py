@@ -1,0 +1,205 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The base of a robot behind its topics: odometry in, velocities of the base out."""
+
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+import numpy as np
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from tp_controller.errors import GoalError
+from tp_controller.spatial import inverse_pose
+from tp_controller.tasks.pose import parse_pose
+
+# As joint states: what is lost need not be repeated, the next one is newer.
+ODOMETRY_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class OdometryBuffer:
+    """
+    The latest pose of a base that moves, and when it was received.
+
+    Odometry may be that of any frame that is fixed to the base. The velocities of the base are
+    then handed out as those of that frame, since whoever measures one thing drives it, too.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose base it is.
+
+    """
+
+    def __init__(self, robot):
+        self._robot = robot
+        fixed = ((frame, robot.fixed_to_base(frame)) for frame in robot.frame_names)
+        self._carried = {frame: T for frame, T in fixed if T is not None}
+        self._child = robot.base_frame
+        self._T_root_base = np.eye(4)
+        self._received = -np.inf
+
+    def put(self, frame, child, placement, now):
+        """
+        Take odometry.
+
+        Parameters
+        ----------
+        frame, child : str
+            Frame of the placement and frame that is there; empty for the root of the robot and
+            its base.
+        placement : sequence of float
+            x, y, z [m] and a quaternion ``xyzw``.
+        now : float
+            Time of receipt [s].
+
+        Returns
+        -------
+        str
+            What is wrong with it, and it is ignored then; else empty.
+
+        """
+        child = child or self._robot.base_frame
+        if frame and frame != self._robot.root:
+            return f'its frame is {frame!r}; valid: {self._robot.root} (parameter world_frame)'
+        if child not in self._carried:
+            return (f'its child frame is {child!r}; valid are frames fixed to the base: '
+                    f'{", ".join(self._carried)}')
+        try:
+            T_root_child = parse_pose(placement, 'its pose')
+        except GoalError as error:
+            return str(error)
+        self._T_root_base = T_root_child.dot(inverse_pose(self._carried[child]))
+        self._child, self._received = child, now
+        return ''
+
+    def missing(self, now, timeout):
+        """Return whether nothing was heard for `timeout` seconds."""
+        return now - self._received > timeout
+
+    def configuration(self, joints):
+        """Return the configuration (nq,) of the base and driven positions."""
+        return self._robot.configuration(joints, self._T_root_base)
+
+    def twist(self, velocity):
+        """
+        Return the twist of the frame that the odometry is about, in its own axes.
+
+        Parameters
+        ----------
+        velocity : ndarray (n,)
+            Velocities of base and joints [m/s, rad/s].
+
+        Returns
+        -------
+        ndarray (6,)
+            Linear, then angular [m/s, rad/s].
+
+        """
+        twist = self._robot.base_twist(velocity)
+        if self._child == self._robot.base_frame:
+            return twist
+        T_base_child = self._carried[self._child]
+        R_T = T_base_child[:3, :3].T
+        linear = twist[:3] + np.cross(twist[3:], T_base_child[:3, 3])
+        return np.concatenate((R_T.dot(linear), R_T.dot(twist[3:])))
+
+
+class MovingBase:
+    """
+    Listens to the odometry of a base, and commands its velocities.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Node that the topics belong to.
+    robot : Robot
+        Whose base it is.
+    clock : callable
+        Returns the time of receipt [s].
+    arrived : callable
+        Called after odometry was taken.
+
+    """
+
+    def __init__(self, node, robot, clock, arrived):
+        self._node, self._clock, self._arrived = node, clock, arrived
+        self._buffer = OdometryBuffer(robot)
+        self._message = Twist()
+        self._commands = node.create_publisher(Twist, 'cmd_vel', 10)
+        node.create_subscription(Odometry, 'odom', self._on_odometry, ODOMETRY_QOS)
+
+    def configuration(self, joints):
+        """Return the configuration (nq,) with the driven positions."""
+        return self._buffer.configuration(joints)
+
+    def reason_to_hold(self, now, timeout):
+        """Return why the base cannot move; empty if nothing speaks against it."""
+        return 'no odometry' if self._buffer.missing(now, timeout) else ''
+
+    def publish(self, velocity):
+        """Command the base's part of velocities (n,)."""
+        fill_twist(self._message, self._buffer.twist(velocity))
+        self._commands.publish(self._message)
+
+    def wait_for_all_acked(self, timeout):
+        """Wait until every subscriber has the last command."""
+        self._commands.wait_for_all_acked(timeout)
+
+    def _on_odometry(self, message):
+        """Take odometry, or say why not."""
+        point, turn = message.pose.pose.position, message.pose.pose.orientation
+        fault = self._buffer.put(message.header.frame_id, message.child_frame_id,
+                                 (point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w),
+                                 self._clock())
+        if fault:
+            self._node.get_logger().warning(f'odometry ignored: {fault}',
+                                            throttle_duration_sec=1.0)
+        else:
+            self._arrived()
+
+
+class FixedBase:
+    """What `MovingBase` is for a base that stands still: nothing to hear and to say."""
+
+    def configuration(self, joints):
+        """Return the driven positions: they are the configuration."""
+        return joints
+
+    def reason_to_hold(self, now, timeout):
+        """Return that nothing speaks against motion."""
+        return ''
+
+    def publish(self, velocity):
+        """Do nothing."""
+
+    def wait_for_all_acked(self, timeout):
+        """Do nothing."""
+
+
+def fill_twist(message, twist):
+    """Put a twist (6,) into a message."""
+    linear, angular = message.linear, message.angular
+    linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = twist.tolist()
+
+
+def twist_of(message):
+    """Return the twist (6,) of a message."""
+    linear, angular = message.linear, message.angular
+    return np.array((linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
+
+
+def fill_odometry(message, placement, twist):
+    """Put a placement (7,) and a twist (6,) into a message."""
+    point, turn = message.pose.pose.position, message.pose.pose.orientation
+    point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w = placement.tolist()
+    fill_twist(message.twist.twist, twist)

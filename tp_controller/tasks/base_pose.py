@@ -1,0 +1,78 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Tasks about where the base of the robot is, as it is for the lecture's vehicles (3.1)."""
+
+from tp_controller.errors import TaskError
+from tp_controller.tasks.base import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
+from tp_controller.tasks.orientation import Orientation
+from tp_controller.tasks.pose import Pose
+
+
+class BaseTask:
+    """
+    What makes a task about a frame one about the base, to be inherited from before its type.
+
+    Parameters
+    ----------
+    robot : Robot
+        With a base that moves.
+    name : str
+    axes : str or list of str, optional
+        Axes of the world frame that count; those that the base can move along or about by
+        default.
+    gain, tolerance, timeout, mode
+        See `Task`.
+
+    Raises
+    ------
+    TaskError
+        The base is fixed, or keys are wrong.
+
+    """
+
+    keys = {'axes': 'axes of the world frame that count (default: those that the base can move '
+                    'along or about)'}
+
+    def __init__(self, robot, name, *, axes=None, gain=DEFAULT_GAIN, tolerance=None,
+                 timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
+        if not robot.moves:
+            raise TaskError(name, [('type', f'{self.type_name} needs a robot whose base moves, '
+                                            f'the base of this one is {robot.base}')])
+        if axes is None:
+            axes = [axis for axis, row in zip(self.axis_names(), range(6)[self.twist_rows])
+                    if row in robot.base_reach]
+        super().__init__(robot, name, frame=robot.base_frame, axes=axes, gain=gain,
+                         tolerance=tolerance, timeout=timeout, mode=mode)
+
+
+class BasePose(BaseTask, Pose):
+    """
+    Bring the base to a pose in the world, as a vehicle that is to stay where it is.
+
+    The goal is a 4×4 homogeneous matrix, or ``x, y, z`` [m] and a quaternion ``xyzw`` (7,), in
+    the world frame.
+    """
+
+    type_name = 'base_pose'
+
+
+class BaseOrientation(BaseTask, Orientation):
+    """
+    Turn the base to an attitude in the world (lecture 3.1, base orientation).
+
+    The goal is a quaternion ``xyzw`` (4,) or a rotation matrix (3, 3), in the world frame.
+    """
+
+    type_name = 'base_orientation'
