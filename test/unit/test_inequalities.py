@@ -510,6 +510,38 @@ def test_bounds_are_kept_against_goals_beyond_them_and_only_then_give_a_reason(n
     assert max(outside) > 0.02
 
 
+def test_bounds_are_kept_at_speed_because_the_curvature_of_the_way_is_known():
+    """A tool that slides along the inside of a ball; by its tangents it would be 5 mm outside."""
+    robot, q, centre = robots.panda(), np.array(robots.PANDA_READY), np.array([0.31, 0.0, 0.49])
+    stack = Stack.from_yaml(f"""
+- ball: {{type: keep_in, frame: {TOOL}, shape: {{sphere: 0.15}}, at: {centre.tolist()}}}
+- tool: {{type: twist, frame: {TOOL}, axes: xyz, timeout: 10}}
+""", robot)
+    controller, outside = Controller(robot, stack, Settings(period=PERIOD)), []
+    for cycle in range(400):
+        now, way = cycle * PERIOD, robot.state(q).position(TOOL) - centre
+        outward = way / max(np.linalg.norm(way), 1e-6)
+        twist = [*np.cross([0.3, 1.0, 0.2], outward) + 0.5 * outward, 0.0, 0.0, 0.0]
+        controller.set_feed_forward('tool', twist, now)
+        velocity = controller.update(q, now).velocity
+        q = q + PERIOD * velocity
+        outside.append(np.linalg.norm(robot.state(q).position(TOOL) - centre) - 0.15)
+    assert np.linalg.norm(robot.state(q).jacobian(TOOL)[:3] @ velocity) > 0.9
+    assert -1e-4 < max(outside) < 3e-4
+
+
+def test_beginning_anew_forgets_how_the_value_curved_before():
+    task = make('keep_in', CASES['keep_in'][1])
+    first, second = list(random_states(task, 2))
+    task.level(first, 0.0)
+    task.start(second)
+    second.velocity = np.ones(7)
+    level, value = task.level(second, PERIOD), task.value(second)
+    np.testing.assert_allclose(level.upper, np.maximum(10.0 * (task.upper - value), -0.2))
+    task.set_goal(task.goal, 0.0)
+    np.testing.assert_array_equal(task.level(second, 0.02).upper, level.upper)
+
+
 @pytest.mark.parametrize('name', [name for name in LOOPS if name != 'speed_limit'])
 def test_start_outside_of_bounds_comes_back_and_never_gets_deeper(name):
     robot = robots.panda()
