@@ -139,7 +139,7 @@ class Report:
 
     def _task(self, number, task, error, rows, level):
         """Return the report of a task that is rows `rows` of a level."""
-        wanted, achieved = level.wanted[rows], level.achieved[rows]
+        wanted, achieved = level.wanted[rows] / task.stretch, level.achieved[rows] / task.stretch
         errors = task.reported_errors(error, wanted - achieved)
         return TaskReport(
             task.name, task.type_name, number, errors,

@@ -61,6 +61,10 @@ class Task(ABC):
         The goal is only the value that the task had when it started.
     mode : str
         See `tp_controller.level.Level`.
+    stretch : float
+        What the rows of the level are multiplied by. A singular value is small or large in metres
+        and radians per radian; rows that are short by nature are stretched to compare with those
+        of a frame.
     last_error : ndarray (rows,)
         Error at the last `level`.
     reference : str or None
@@ -81,6 +85,7 @@ class Task(ABC):
     reference = None
     bounded = False
     row_names = None
+    stretch = 1.0
     keys = {
         'gain': 'gain K, one number or one for each row [1/s]',
         'tolerance': 'error below which the goal counts as reached: a number, or one for each '

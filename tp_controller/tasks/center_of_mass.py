@@ -14,6 +14,7 @@
 
 """The centre of mass of the whole robot (lecture 3.1, equality tasks)."""
 
+import numpy as np
 from tp_controller.errors import RobotError
 from tp_controller.tasks.base import (
     DEFAULT_GAIN,
@@ -31,7 +32,9 @@ class CenterOfMass(MovingGoalTask):
     """
     Bring the centre of mass of the robot to a point, σ = Σ m_i c_i / Σ m_i.
 
-    All links count, those that stand still included. The goal is a point (3,) [m] in the root.
+    All links count, those that stand still included. The more of the weight stands still, the
+    less the centre moves; the rows are stretched to length 1 in the neutral posture. The goal is
+    a point (3,) [m] in the root.
     """
 
     type_name = 'center_of_mass'
@@ -49,6 +52,8 @@ class CenterOfMass(MovingGoalTask):
         super().__init__(robot, name, ['m'] * len(self.axes), keys, gain=gain,
                          tolerance=tolerance, timeout=timeout, mode=mode)
         keys.raise_faults(name)
+        self.stretch = 1.0 / np.linalg.norm(
+            robot.state(robot.neutral()).center_of_mass()[1], 2)
 
     def value(self, state):
         """Return the centre of mass (3,) in the root [m]."""
@@ -61,6 +66,12 @@ class CenterOfMass(MovingGoalTask):
     def jacobian(self, state):
         """Return J (rows, n)."""
         return state.center_of_mass()[1][self._rows]
+
+    def level(self, state, now):
+        """Return the `Level` at a state, stretched, and remember the error for the report."""
+        level = super().level(state, now)
+        level.J, level.v = self.stretch * level.J, self.stretch * level.v
+        return level
 
     def set_feed_forward(self, velocity, now):
         """Take the rows of a twist (6,) that count, until it times out."""
