@@ -49,7 +49,8 @@ NEGLIGIBLE = 1e-9
 PUSH = 1e6
 
 
-def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation, period):
+def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation, period,
+                 damping):
     """
     Carry out levels within bounds.
 
@@ -69,6 +70,9 @@ def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation
         μ, in the units of J; 0: exact.
     period : float
         How long the velocity will be held [s].
+    damping : tp_controller.projection.Damping
+        Of the directions in which levels with bounds can hardly move, below the first level
+        that wants a velocity.
 
     Returns
     -------
@@ -80,7 +84,7 @@ def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation
     """
     nearest = next((stage.velocity for stage in unbounded if stage.projection is not None),
                    np.zeros(len(start)))
-    cascade = _Cascade(nearest, bounds, start, regularisation, period)
+    cascade = _Cascade(nearest, bounds, start, regularisation, period, damping)
     stages, first = [], True
     for level, stage in zip(levels, unbounded):
         if level.v is None:
@@ -117,7 +121,7 @@ def clip(x, lower, upper):
 class _Cascade:
     """The velocity x that the levels so far agree on, what they left free, and what bounds it."""
 
-    def __init__(self, x, bounds, start, regularisation, period):
+    def __init__(self, x, bounds, start, regularisation, period, damping):
         self.x = clip(x, *bounds)
         self._lower, self._upper = bounds
         self._start = start
@@ -125,6 +129,7 @@ class _Cascade:
         self._rows = np.zeros((0, len(start)))
         self._row_lower = self._row_upper = self._row_units = np.zeros(0)
         self._regularisation, self._period = regularisation * regularisation, period
+        self._damping = damping
         # The most curvature of what has pushed so far.
         self._curvature = 0.0
 
@@ -245,6 +250,8 @@ class _Cascade:
         Z_rows = rows.dot(self._Z)
         # What is left of a row that the levels above have taken is rounding, no way to anywhere.
         Z_rows[(Z_rows * Z_rows).sum(axis=1) < NEGLIGIBLE * NEGLIGIBLE] = 0.0
+        if self._Z is not self._start:
+            lower, upper = self._damped(Z_rows, lower, upper)
         # Mostly there is a way, and one program finds it.
         found = nearest_point_if_any(np.zeros(self._Z.shape[1]),
                                      *self._program(self._Z, Z_rows, lower, upper))
@@ -252,6 +259,37 @@ class _Cascade:
             return self._violate_least(Z_rows, lower, upper, weights)
         self._move(self._Z, *found)
         return ()
+
+    def _damped(self, Z_rows, lower, upper):
+        """
+        Ask for less where the levels above left hardly a way to move.
+
+        Parameters
+        ----------
+        Z_rows : ndarray (r, k)
+            Rows in the coordinates that are left.
+        lower, upper : ndarray (r,)
+            Bounds on what they gain.
+
+        Returns
+        -------
+        lower, upper : ndarray (r,)
+
+        """
+        missing = np.maximum(lower, 0.0) + np.minimum(upper, 0.0)
+        short = np.flatnonzero(missing)
+        U, s, _ = np.linalg.svd(Z_rows[short], full_matrices=False)
+        movable = s > NEGLIGIBLE
+        U, s = U[:, movable], s[movable]
+        wish = U.T.dot(missing[short])
+        if not len(s) or self._damping.spares(s[-1], math.sqrt(wish.dot(wish))):
+            return lower, upper
+        gained = np.zeros(len(missing))
+        gained[short] = U.dot(s * self._damping.inverse(s, wish) * wish)
+        # Never the other way, and never more than is missing.
+        gained = clip(gained, np.minimum(missing, 0.0), np.maximum(missing, 0.0))
+        return np.minimum(lower, np.maximum(gained, 0.0)), np.maximum(
+            upper, np.minimum(gained, 0.0))
 
     def _violate_least(self, Z_rows, lower, upper, weights):
         """Move x to where rows violate their bounds least; return the multipliers."""

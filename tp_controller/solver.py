@@ -54,6 +54,9 @@ SCALINGS = ('redistribute', 'uniform')
 # itself: of a level that repeats the one above, J P is rounding errors only, and their inverse
 # would be a velocity of 1e16.
 RANK_TOLERANCE = 1e-9
+# λ and ε of levels with bounds, whose rows are of length 1: where so little of a row is left by the
+# levels above, less is asked for, or the joints would race for hardly any gain.
+ROW_DAMPING = 0.1
 
 
 def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='uniform', *,
@@ -176,6 +179,8 @@ method, rank_tolerance
         self._recursion = _sequential if method == 'sequential' else _recursive
         self._uniform = scaling == 'uniform'
         self._damping = Damping(damping, singular_region, period)
+        exact = damping == 0.0 or singular_region == 0.0
+        self._row_damping = Damping(0.0 if exact else ROW_DAMPING, ROW_DAMPING, period)
         self._release_region = release_region
         self._regularisation, self._period = regularisation, period
         self._rank_tolerance = rank_tolerance
@@ -187,6 +192,7 @@ method, rank_tolerance
         """Take another period [s] from now on."""
         self._period = period
         self._damping.hold(period)
+        self._row_damping.hold(period)
 
     def solve(self, levels, lower=None, upper=None, speed_cap=None):
         """
@@ -234,7 +240,7 @@ method, rank_tolerance
             self._redistributed = True
             unbounded = unbounded() if callable(unbounded) else unbounded
             fitting, stages = redistribute(levels, unbounded, self._start, bounds, shared,
-                                           self._regularisation, self._period)
+                                           self._regularisation, self._period, self._row_damping)
         solution = Solution(fitting, levels, self._start, unbounded, stages)
         if self._uniform and lower is not None:
             return self._scaled(solution, lower, upper)

@@ -1116,3 +1116,39 @@ def test_damping_grows_with_the_wish_and_the_period_but_only_in_a_region(s, peri
     # Without a region it is the damping of the lecture.
     assert solve(levels, damping=0.1, period=period).velocity == near(
         [1e-3 / 1.01, s * wish / (s * s + 0.01)])
+
+
+@pytest.mark.parametrize('degrees', [30.0, 6.0, 5.0, 2.0, 0.5, 0.01])
+def test_bounds_of_which_little_is_left_ask_for_less_instead_of_racing(degrees):
+    """A row at a small angle to a task above: what is left of it is s = sin(angle)."""
+    s = math.sin(math.radians(degrees))
+    task = (np.array([[1.0, 0.0]]), np.array([0.0]))
+    # However long the row is.
+    for length in (0.01, 1.0, 50.0):
+        row = Level(length * np.array([[math.sqrt(1.0 - s * s), s]]),
+                    lower=np.array([0.2 * length]))
+        exact = solve([task, row], scaling='redistribute').velocity
+        np.testing.assert_allclose(exact, [0.0, 0.2 / s], rtol=1e-6)
+        damped = solve([task, row], scaling='redistribute', damping=0.1,
+                       singular_region=0.1).velocity
+        squared = 0.01 * max(1.0 - (s / 0.1) ** 2, 0.0)
+        np.testing.assert_allclose(damped, [0.0, 0.2 * s / (s * s + squared)], rtol=1e-6)
+        # Above all tasks bounds are met, whatever that takes.
+        first = solve([row, task], scaling='redistribute', damping=0.1, singular_region=0.1)
+        assert row.J @ first.velocity == pytest.approx(0.2 * length)
+
+
+def test_bounds_of_which_little_is_left_do_not_make_the_joints_race():
+    rng, fastest = np.random.default_rng(0), np.zeros(2)
+    for _ in range(200):
+        task = rng.normal(size=(2, 4))
+        # Three rows close to what the task has taken, some of them short of their bounds.
+        rows = rng.normal(size=(3, 2)) @ task + 0.05 * rng.normal(size=(3, 4))
+        lower = rng.uniform(-0.3, 0.3, 3)
+        levels = [(task, np.zeros(2)), Level(rows, lower=lower, upper=lower + 0.2)]
+        for index, damping in enumerate((0.0, 0.1)):
+            velocity = solve(levels, scaling='redistribute', damping=damping,
+                             singular_region=0.1).velocity
+            np.testing.assert_allclose(task @ velocity, 0.0, atol=1e-9)
+            fastest[index] = max(fastest[index], np.linalg.norm(velocity))
+    assert fastest[0] > 20.0 and fastest[1] < 0.5 * fastest[0]

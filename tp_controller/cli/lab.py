@@ -26,6 +26,7 @@ from pathlib import Path
 
 import numpy as np
 from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
+from tp_controller.cli.outcome import Outcome, Row, tell
 from tp_controller.cli.plots import animate_arm, plot_errors, plot_positions, plot_velocities
 from tp_controller.resources import package_share
 
@@ -45,32 +46,6 @@ UNDAMPED = Settings(period=PERIOD, damping=0.0, **LECTURE)
 # motion is a property of the step length: at 1 kHz the end-effector error is 0.1 mm.
 REFERENCE_ERROR = 1.733e-3
 REFERENCE_Q = (0.74633, -0.21186, -0.71626)
-DECIMALS = {'mm': 3, 'rad': 5, 'rad/s': 3}
-
-
-@dataclass(frozen=True)
-class Row:
-    """One measured number beside its reference, or its upper bound if `bound` is set."""
-
-    quantity: str
-    unit: str
-    measured: float
-    reference: float
-    tolerance: float
-    bound: bool = False
-
-    @property
-    def passed(self):
-        """Return whether the number is what it should be."""
-        excess = self.measured - self.reference
-        return (excess if self.bound else abs(excess)) <= self.tolerance
-
-    def __str__(self):
-        """Return a line of the table."""
-        decimals = DECIMALS[self.unit]
-        reference = f'{"<= " if self.bound else ""}{self.reference:.{decimals}f}'
-        return (f'{self.quantity:<50} {self.unit:<6} {self.measured:>10.{decimals}f} '
-                f'{reference:>10}  {"ok" if self.passed else "WRONG"}')
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,35 +81,14 @@ class Recording:
         return float(np.abs(self.velocities).max())
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What an experiment gave: rows with a reference, more lines to print, written files."""
-
-    title: str
-    rows: tuple
-    lines: tuple
-    paths: tuple
-
-    @property
-    def passed(self):
-        """Return whether every number is what it should be."""
-        return all(row.passed for row in self.rows)
-
-    def __str__(self):
-        """Return everything as text."""
-        head = f'{"":<50} {"unit":<6} {"measured":>10} {"reference":>10}'
-        return '\n'.join((self.title, head, *map(str, self.rows), *self.lines, 'Written:',
-                          *(f'  {path}' for path in self.paths)))
-
-
 def lab1(folder):
     """Run exercise 1, print its outcome, and return whether it came out as it should."""
-    return _tell(run_lab1(folder))
+    return tell(run_lab1(folder))
 
 
 def lab2(folder, seed=1):
     """Run exercise 2, print its outcome, and return whether it came out as it should."""
-    return _tell(run_lab2(folder, seed))
+    return tell(run_lab2(folder, seed))
 
 
 def run_lab1(folder):
@@ -334,9 +288,3 @@ def _two_task_figures(folder, motions):
                                                                ('joint1', 'rad'))
          for order, motion in motions.items()],
         title='Error of the end-effector (top) and of joint 1 (bottom)', changes=changes)
-
-
-def _tell(outcome):
-    """Print an outcome and return whether it passed."""
-    print(outcome)
-    return outcome.passed

@@ -26,6 +26,7 @@ from tp_controller.errors import TpControllerError
 EXAMPLES = """\
 examples:
   tp_controller demo                     a 7-DoF arm carries out a stack of tasks, over ROS 2
+  tp_controller demo drill               five rows of drilling, and what is done besides
   tp_controller demo lab1                motion in the null space of a planar arm, no ROS needed
   tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 3.14 0 0
   tp_controller goal --help              how to send goals of every kind
@@ -37,7 +38,7 @@ examples:
   tp_controller demo lab2 --seed 3           exercise 2 of the lab with other random goals
 
 The demo `panda` starts its own controller and simulator; they talk on this machine only, in a
-ROS domain of their own. lab1 and lab2 need no ROS.
+ROS domain of their own. drill, lab1 and lab2 need no ROS.
 """
 GOAL_EXAMPLES = """\
 examples:
@@ -66,9 +67,10 @@ def make_parser():
         'demo', help='run a demonstration and write its figures', epilog=DEMO_EXAMPLES,
         description='Run a demonstration, print a table and write figures.',
         formatter_class=argparse.RawDescriptionHelpFormatter)
-    demo.add_argument('name', nargs='?', default='panda', choices=('panda', 'lab1', 'lab2'),
-                      help='panda: a 7-DoF arm over ROS 2 topics (default); lab1: null-space '
-                      'motion; lab2: two tasks in both orders')
+    demo.add_argument('name', nargs='?', default='panda', choices=('panda', 'drill', 'lab1', 'lab2'),
+                      help='panda: a 7-DoF arm over ROS 2 topics (default); drill: five rows of '
+                      'drilling above tasks that keep bounds; lab1: null-space motion; lab2: two '
+                      'tasks in both orders')
     demo.add_argument('--output', type=Path, default=Path('tp_demo'), metavar='FOLDER',
                       help='where the figures go (default: ./tp_demo)')
     demo.add_argument('--seed', type=_seed, default=1,
@@ -186,6 +188,9 @@ def _demo(options):
     if options.name == 'panda':
         from tp_controller.cli.demo import panda
         return 0 if panda(options.output) else 1
+    if options.name == 'drill':
+        from tp_controller.cli.drill import drill
+        return 0 if drill(options.output) else 1
     from tp_controller.cli.lab import lab1, lab2
     passed = lab1(options.output) if options.name == 'lab1' else lab2(options.output, options.seed)
     return 0 if passed else 1

@@ -189,6 +189,38 @@ def plot_positions(path, times, q, names, lower=None, upper=None, *, units=None,
     return _save(figure, path)
 
 
+def plot_bounds(path, times, curves, *, title):
+    """
+    Draw values over time with the bounds they are to keep, one axis for each.
+
+    Parameters
+    ----------
+    path, times, title
+        See `plot_errors`.
+    curves : sequence of (str, ndarray (T,), float, float)
+        Label with the unit, values, lower and upper bound; infinite where there is none. Beyond
+        a bound the axis is shaded.
+
+    Returns
+    -------
+    pathlib.Path
+
+    """
+    figure, axes = _figure(title, len(curves), height=1.0 + 1.5 * len(curves))
+    for index, (axis, (label, values, lower, upper)) in enumerate(zip(axes, curves)):
+        axis.plot(times, values, **_line(index))
+        bounds = [bound for bound in (lower, upper) if np.isfinite(bound)]
+        low, high = np.min([*values, *bounds]), np.max([*values, *bounds])
+        axis.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
+        for bound, end in zip((lower, upper), axis.get_ylim()):
+            if np.isfinite(bound):
+                axis.axhline(bound, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1)
+                axis.axhspan(bound, end, color=LIMIT_COLOUR, alpha=0.06, zorder=0, linewidth=0.0)
+        axis.set_title(label, fontsize='medium', loc='left')
+    _finish_time_axes(axes, times)
+    return _save(figure, path)
+
+
 def plot_tool_path(path, points, goals=None, *, title='Tool path', times=None):
     """
     Draw the path of a point, flat where its height does not change, else in space.

@@ -43,9 +43,9 @@ class JointLimits(JointTask, BoundedTask):
                          return_speed=return_speed, tolerance=tolerance)
         self.row_names = self.joints
         lower, upper = robot.lower[self._indices], robot.upper[self._indices]
-        margin = keys.check('margin', self._margin, margin, upper - lower)
+        self.margin = keys.check('margin', self._margin, margin, upper - lower)
         keys.raise_faults(name)
-        self.lower, self.upper = lower + margin, upper - margin
+        self.lower, self.upper = lower + self.margin, upper - self.margin
 
     def observe(self, state):
         """Return the positions of the joints (rows,) [rad or m] and their rows (rows, n)."""

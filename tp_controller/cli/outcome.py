@@ -1,0 +1,72 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""What a demonstration measured, beside what it should be."""
+
+from dataclasses import dataclass
+
+DECIMALS = {'mm': 3, '°': 3, '%': 1, 'rad': 5, 'rad/s': 3}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measured number beside its reference, or its upper bound if `bound` is set."""
+
+    quantity: str
+    unit: str
+    measured: float
+    reference: float
+    tolerance: float
+    bound: bool = False
+
+    @property
+    def passed(self):
+        """Return whether the number is what it should be."""
+        excess = self.measured - self.reference
+        return (excess if self.bound else abs(excess)) <= self.tolerance
+
+    def __str__(self):
+        """Return a line of the table."""
+        decimals = DECIMALS[self.unit]
+        reference = f'{"<= " if self.bound else ""}{self.reference:.{decimals}f}'
+        return (f'{self.quantity:<50} {self.unit:<6} {self.measured:>10.{decimals}f} '
+                f'{reference:>10}  {"ok" if self.passed else "WRONG"}')
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an experiment gave: rows with a reference, more lines to print, written files."""
+
+    title: str
+    rows: tuple
+    lines: tuple
+    paths: tuple
+
+    @property
+    def passed(self):
+        """Return whether every number is what it should be."""
+        return all(row.passed for row in self.rows)
+
+    def __str__(self):
+        """Return everything as text."""
+        head = f'{"":<50} {"unit":<6} {"measured":>10} {"reference":>10}'
+        return '\n'.join((self.title, head, *map(str, self.rows), *self.lines, 'Written:',
+                          *(f'  {path}' for path in self.paths)))
+
+
+def tell(outcome):
+    """Print an outcome and return whether it passed."""
+    print(outcome)
+    return outcome.passed
