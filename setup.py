@@ -50,7 +50,7 @@ setup(
          glob('config/robots/*.yaml') + glob('config/robots/*.urdf')),
         *shims(),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin', 'daqp'],
+    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin', 'coal', 'daqp'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'plots': plots,

@@ -59,6 +59,10 @@ GOALS = {
                '`name`, `position`; `velocity` as feed-forward'),
     'joint_velocities': ('velocities in the order of `joints`, or `{joint: velocity}`',
                          '`name`, `velocity`'),
+    'obstacles': ('`{name: {shape: …, at: …, lifetime: …}}`; `{name: None}` takes one away, '
+                  "`{'*': None}` all",
+                  '`ns`, `id`, `type`, `action`, `pose`, `scale`, `lifetime`, `header.frame_id` '
+                  'of each marker'),
     'twist': ('`vx, vy, vz, wx, wy, wz` [m/s, rad/s]', '`twist.linear`, `twist.angular`'),
 }
 # Topic or service: what it is for.
@@ -71,6 +75,7 @@ TOPICS = {
     'robot_description': 'URDF text, latched; only without the parameters `robot` and '
                          '`robot_description`',
     '~/<task>/goal': 'the goal of a task; the type follows from the task',
+    '~/<task>/obstacles': 'what stands in the way, for tasks of the type `obstacles`',
     '~/<task>/twist': 'velocity of a frame, as feed-forward or as the goal of a `twist` task; '
                       'times out',
     'velocity_controller/commands': 'joint velocities, every cycle; zeros while the robot is '
@@ -230,8 +235,8 @@ def goals():
     rows = []
     for kind, entry in (*messages.GOALS.items(), *messages.FEED_FORWARD.items()):
         takers = [f'`{name}`' for name, task in task_types().items()
-                  if kind in (goal_types(task) if entry.topic == 'goal'
-                              else [task.feed_forward_type])]
+                  if kind in (task.feed_forward_type,) * (entry.topic == 'twist')
+                  or (entry.topic != 'twist' and kind in goal_types(task))]
         rows.append((', '.join(takers), f'`~/<task>/{entry.topic}`',
                      f'`{message_name(entry.type)}`', GOALS[kind][1],
                      'yes' if entry.framed else 'no'))
@@ -282,11 +287,12 @@ def interfaces(node):
 
 
 def _example_keys(kind):
-    """Return the keys without which a task of a type cannot be (of linear and angular, one)."""
+    """Return the keys without which a task of a type cannot be (or one of several)."""
     examples = {'frame': 'panda_hand_tcp', 'reference': 'panda_link4', 'joints': 'panda_joint1',
-                'half_angle': 0.5, 'linear': 0.25, 'minimum': 0.05, 'shape': 'half_space'}
+                'half_angle': 0.5, 'linear': 0.25, 'minimum': 0.05, 'shape': 'half_space',
+                'capsules': 'package://tp_controller/config/panda_capsules.yaml'}
     return ''.join(f', {key}: {examples[key]}' for key, default in kind.accepted_keys().items()
-                   if default is inspect.Parameter.empty or key == 'linear')
+                   if default is inspect.Parameter.empty or key in ('capsules', 'linear'))
 
 
 def _opened(node):

@@ -174,8 +174,9 @@ class Report:
             for other, _, names, rows in self._members(index):
                 pushing = np.flatnonzero(multipliers[rows])
                 if other is not task and len(pushing):
-                    which = ', '.join(names[row] for row in pushing[:NAMED]) if names else ''
-                    found.append(f'{other.name} ({which})' if which else other.name)
+                    which = dict.fromkeys(names[row] for row in pushing) if names else {}
+                    found.append(f'{other.name} ({", ".join(list(which)[:NAMED])})' if which
+                                 else other.name)
         return found
 
     def _missing_directions(self, number, level):

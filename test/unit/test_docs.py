@@ -342,6 +342,11 @@ def fill(message, values):
     for name, value in values.items():
         if isinstance(value, dict):
             fill(getattr(message, name), value)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            kind = message.get_fields_and_field_types()[name]
+            package, element = re.fullmatch(r'sequence<(\w+)/(\w+)>', kind).groups()
+            made = message_type(f'{package}/msg/{element}')
+            setattr(message, name, [fill(made(), each) for each in value])
         else:
             setattr(message, name, value)
     return message
@@ -365,11 +370,15 @@ def test_ros2_topic_pub_sends_goals_that_tasks_take(words, panda):
     rest = [word for index, word in enumerate(words[3:], 3)
             if not word.startswith('-') and words[index - 1] not in ('--rate', '-r', '--times')]
     topic, kind, values = rest
-    name, last = re.fullmatch('/tp_controller/([a-z]+)/(goal|twist)', topic).groups()
+    name, last = re.fullmatch('/tp_controller/([a-z]+)/(goal|twist|obstacles)', topic).groups()
     task = documented_tasks(panda)[name]
     entry, = (entry for entry in messages_of(task) if entry.topic == last)
     assert message_type(kind) is entry.type
     message = fill(entry.type(), yaml.safe_load(values))
+    if entry.parts is not None:
+        for frame, goal in entry.parts(message):
+            assert frame in ('', *panda.frame_names) and task.parse_goal(goal)
+        return
     if entry.framed:
         assert message.header.frame_id in ('', *panda.frame_names)
     goal, feed_forward = entry.goal(message), entry.feed_forward(message)

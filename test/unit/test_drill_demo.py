@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""The drilling demonstration: the first level is exact while those below give way and come back."""
+"""The drilling demonstration: the first level is exact, those below give way and come back."""
 
 import numpy as np
 import pytest

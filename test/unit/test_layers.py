@@ -28,17 +28,17 @@ import tp_controller
 PACKAGE = robots.REPOSITORY / 'tp_controller'
 # Every module of the method may import from those before it only.
 ORDER = [
-    'errors', 'spatial', 'resources', 'urdf', 'dh', 'level', 'base', 'robot',
-    'shapes', 'tasks.base', 'tasks.bounded', 'tasks.gradient', 'tasks.frame', 'tasks.velocity',
+    'errors', 'spatial', 'shapes', 'resources', 'urdf', 'geometry', 'links', 'dh', 'level', 'base',
+    'robot', 'tasks.base', 'tasks.bounded', 'tasks.gradient', 'tasks.frame', 'tasks.velocity',
     'tasks.joint', 'tasks.joint_limits', 'tasks.joint_limit_distance', 'tasks.position',
     'tasks.orientation', 'tasks.pose', 'tasks.relative', 'tasks.base_pose', 'tasks.twist',
-    'tasks.aim', 'tasks.pointing', 'tasks.field_of_view', 'tasks.region', 'tasks.speed_limit',
-    'tasks.manipulability', 'tasks.center_of_mass', 'tasks',
+    'tasks.aim', 'tasks.pointing', 'tasks.field_of_view', 'tasks.region', 'tasks.collision',
+    'tasks.speed_limit', 'tasks.manipulability', 'tasks.center_of_mass', 'tasks',
     'stack', 'transition', 'limits', 'solution', 'projection', 'uniform', 'least_distance',
     'programs', 'redistribution', 'stacked', 'solver', 'escape', 'settings', 'report',
     'controller', 'simulator', '']
 # What the method may use: the standard library and these. ROS only says where packages are.
-LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'yaml', 'daqp', 'tp_controller'}
+LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'daqp', 'tp_controller'}
 OPTIONAL = {('resources', 'ament_index_python')}
 
 
@@ -176,3 +176,8 @@ def test_tests_here_need_no_ros():
             top = module.split('.')[0]
             assert top != 'rclpy' and not top.endswith('_msgs'), path
             assert not module.startswith('tp_controller.nodes'), path
+
+
+def test_only_the_geometry_knows_the_collision_library():
+    assert [name for name, path in method_modules().items() if 'coal' in imported(path)] == [
+        'geometry']

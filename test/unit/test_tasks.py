@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 import robots
 from scipy.spatial.transform import Rotation
+import test_collision
 import test_functions
 import test_inequalities
 from tp_controller import GoalError, solve, TaskError
@@ -161,11 +162,12 @@ def motion(task, rows, q, direction):
 # The contract
 
 def test_every_registered_type_has_a_case():
-    others = {*test_inequalities.CASES, *test_functions.CASES}
+    others = {*test_inequalities.CASES, *test_functions.CASES, *test_collision.TYPES}
     assert {*CASES, *others} == set(task_types())
     assert not others & set(CASES)
     for name, kind in task_types().items():
-        assert (name in test_inequalities.CASES) == issubclass(kind, BoundedTask)
+        bounded = name in test_inequalities.CASES or name in test_collision.TYPES
+        assert bounded == issubclass(kind, BoundedTask)
         assert (name in test_functions.CASES) == issubclass(kind, GradientTask)
 
 

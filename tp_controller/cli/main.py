@@ -67,7 +67,8 @@ def make_parser():
         'demo', help='run a demonstration and write its figures', epilog=DEMO_EXAMPLES,
         description='Run a demonstration, print a table and write figures.',
         formatter_class=argparse.RawDescriptionHelpFormatter)
-    demo.add_argument('name', nargs='?', default='panda', choices=('panda', 'drill', 'lab1', 'lab2'),
+    demo.add_argument('name', nargs='?', default='panda',
+                      choices=('panda', 'drill', 'lab1', 'lab2'),
                       help='panda: a 7-DoF arm over ROS 2 topics (default); drill: five rows of '
                       'drilling above tasks that keep bounds; lab1: null-space motion; lab2: two '
                       'tasks in both orders')

@@ -26,6 +26,8 @@ from geometry_msgs.msg import (
 )
 from sensor_msgs.msg import JointState
 from tp_controller.errors import GoalError
+from tp_controller.tasks.collision import ALL
+from visualization_msgs.msg import Marker, MarkerArray
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,9 @@ class GoalMessage:
         Return the goal, the feed-forward velocity, of a message; None where it has none.
     framed : bool
         The header's frame says what the goal is expressed in.
+    parts : callable
+        Returns (frame, goal) for each part of a message whose parts are in frames of their own;
+        None where there is one goal.
 
     """
 
@@ -51,6 +56,7 @@ class GoalMessage:
     goal: Callable
     feed_forward: Callable
     framed: bool
+    parts: Callable = None
 
 
 def _nothing(message):
@@ -112,6 +118,58 @@ def _joint_velocities(message):
     return _named(message.name, message.velocity, 'velocities')
 
 
+def _obstacles(message):
+    """
+    Return (frame, {name: obstacle}) for each frame of a `MarkerArray`.
+
+    An obstacle goes by its namespace, or namespace/id where the id is not 0.
+
+    Raises
+    ------
+    GoalError
+        A marker that is no obstacle; nothing of the message is taken then.
+
+    """
+    placed, cleared = {}, False
+    for marker in message.markers:
+        name = marker.ns if marker.ns and not marker.id else '/'.join(
+            filter(None, (marker.ns, str(marker.id))))
+        if marker.action == Marker.DELETEALL:
+            placed, cleared = {}, True
+        elif marker.action == Marker.DELETE:
+            placed[name] = '', None
+        elif marker.action == Marker.ADD:
+            placed[name] = marker.header.frame_id, _obstacle(name, marker)
+        else:
+            raise GoalError(f'obstacle {name}: unknown action {marker.action}; valid: 0 (add or '
+                            'modify), 2 (delete), 3 (delete all)')
+    parts = {}
+    for name, (frame, obstacle) in placed.items():
+        parts.setdefault(frame, {})[name] = obstacle
+    return ([('', {ALL: None})] if cleared else []) + list(parts.items())
+
+
+def _obstacle(name, marker):
+    """Return a marker as a goal for one obstacle."""
+    size = marker.scale.x, marker.scale.y, marker.scale.z
+    if marker.type == Marker.CUBE:
+        shape = {'box': list(size)}
+    elif marker.type == Marker.SPHERE and size[0] == size[1] == size[2]:
+        shape = {'sphere': 0.5 * size[0]}
+    elif marker.type == Marker.CYLINDER and size[0] == size[1]:
+        shape = {'cylinder': [0.5 * size[0], size[2]]}
+    elif marker.type in (Marker.SPHERE, Marker.CYLINDER):
+        raise GoalError(f'obstacle {name}: a sphere or cylinder must be round, got the scale '
+                        f'{", ".join(f"{each:g}" for each in size)}')
+    else:
+        raise GoalError(f'obstacle {name}: unknown type {marker.type}; valid: 1 (cube), '
+                        '2 (sphere), 3 (cylinder)')
+    obstacle = {'shape': shape, 'at': _pose(marker)}
+    lifetime = marker.lifetime.sec + 1e-9 * marker.lifetime.nanosec
+    # A marker without a lifetime is there until it is deleted.
+    return {**obstacle, 'lifetime': lifetime} if lifetime else obstacle
+
+
 GOALS = {
     'point': GoalMessage(PointStamped, 'goal', _point, _nothing, True),
     'direction': GoalMessage(Vector3Stamped, 'goal', _direction, _nothing, True),
@@ -119,6 +177,7 @@ GOALS = {
     'pose': GoalMessage(PoseStamped, 'goal', _pose, _nothing, True),
     'joints': GoalMessage(JointState, 'goal', _joint_positions, _joint_velocities, False),
     'joint_velocities': GoalMessage(JointState, 'goal', _joint_velocities, _nothing, False),
+    'obstacles': GoalMessage(MarkerArray, 'obstacles', _nothing, _nothing, True, _obstacles),
 }
 FEED_FORWARD = {
     'twist': GoalMessage(TwistStamped, 'twist', _nothing, _twist, True),

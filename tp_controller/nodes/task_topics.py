@@ -23,6 +23,7 @@ from std_srvs.srv import SetBool
 from tp_controller.errors import GoalError
 from tp_controller.nodes.foreign_frames import ForeignFrames
 from tp_controller.nodes.goal_messages import messages_of
+from tp_controller.tasks.collision import ALL
 
 # Time to the next try where a topic could not be opened [s], and how many tries are strange.
 REOPEN_PERIOD = 0.02
@@ -144,6 +145,9 @@ class TaskTopics:
 
     def _take(self, name, entry, message):
         """Hand the content of a message to the controller."""
+        if entry.parts is not None:
+            self._take_parts(name, entry.parts(message))
+            return
         goal, feed_forward = entry.goal(message), entry.feed_forward(message)
         if goal is None and feed_forward is None:
             raise GoalError('the message holds nothing that this task takes')
@@ -156,6 +160,23 @@ class TaskTopics:
             self._controller.set_goal(name, goal, now, frame)
         if feed_forward is not None:
             self._controller.set_feed_forward(name, feed_forward, now, frame)
+
+    def _take_parts(self, name, parts):
+        """Hand parts (frame, goal) to the controller, all of them or none."""
+        if not parts:
+            raise GoalError('the message holds nothing that this task takes')
+        task = self._controller.stack.tasks[name]
+        parts = [(None if frame == task.reference else self._frame(frame), goal)
+                 for frame, goal in parts]
+        task.parse_goal({key: value for _, goal in parts for key, value in goal.items()})
+        now = self._clock()
+        # What is in other frames may still be refused where no joint positions are known.
+        parts.sort(key=lambda part: part[0] is None)
+        cleared = any(ALL in goal for _, goal in parts)
+        for frame, goal in parts:
+            goal = {key: value for key, value in goal.items() if key != ALL}
+            self._controller.set_goal(name, {ALL: None, **goal} if cleared else goal, now, frame)
+            cleared = False
 
     def _frame(self, frame):
         """Return a frame as the controller takes it: None, a name or a pose in the root."""

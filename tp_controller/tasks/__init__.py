@@ -28,6 +28,7 @@ from tp_controller.tasks.base import Keys, Task
 from tp_controller.tasks.base_pose import BaseOrientation, BasePose
 from tp_controller.tasks.bounded import BoundedTask
 from tp_controller.tasks.center_of_mass import CenterOfMass
+from tp_controller.tasks.collision import Obstacles, SelfCollision
 from tp_controller.tasks.field_of_view import FieldOfView
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.gradient import GradientTask
@@ -49,9 +50,9 @@ ENTRY_POINTS = 'tp_controller.tasks'
 __all__ = [
     'BaseOrientation', 'BasePose', 'BoundedTask', 'CenterOfMass', 'FieldOfView', 'FrameTask',
     'GradientTask', 'Joint', 'JointLimitDistance', 'JointLimits', 'JointTask', 'JointVelocity',
-    'KeepIn', 'KeepOut', 'Keys', 'LookAt', 'Manipulability', 'ManipulabilityAbove', 'Orientation',
-    'Pointing', 'Pose', 'Position', 'Posture', 'RelativePose', 'RelativePosition', 'SpeedLimit',
-    'Task', 'Twist', 'task_types']
+    'KeepIn', 'KeepOut', 'Keys', 'LookAt', 'Manipulability', 'ManipulabilityAbove', 'Obstacles',
+    'Orientation', 'Pointing', 'Pose', 'Position', 'Posture', 'RelativePose', 'RelativePosition',
+    'SelfCollision', 'SpeedLimit', 'Task', 'Twist', 'task_types']
 
 
 @lru_cache(maxsize=1)

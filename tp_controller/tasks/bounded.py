@@ -42,8 +42,8 @@ class BoundedTask(Task):
     the bound by ½ T² q_dotᵀ ∂²σ/∂q² q_dot. Half of what J has changed by since the last cycle,
     times the velocity since then, is that per period, and it is kept free.
 
-    A subclass implements `observe`. Bounds may be scalars where the number of rows changes from
-    cycle to cycle; `row_names` says which row is which then.
+    A subclass implements `observe`. Where the rows change from cycle to cycle bounds may be
+    scalars, and `observe` sets `row_keys`, which says what each row is about.
 
     Parameters
     ----------
@@ -58,6 +58,7 @@ class BoundedTask(Task):
     """
 
     bounded = True
+    row_keys = None
     keys = {
         'gain': 'γ: how fast a bound may be approached, per distance to it; at most 1/period '
                 '[1/s]',
@@ -73,7 +74,7 @@ class BoundedTask(Task):
                          timeout=timeout)
         self.return_speed = keys.check('return_speed', positive, return_speed)
         self.lower, self.upper = lower, upper
-        # Jacobian of the cycle before, and the names of its rows.
+        # Jacobian of the cycle before, and what its rows were about.
         self._before = None
 
     @abstractmethod
@@ -123,17 +124,21 @@ class BoundedTask(Task):
 
     def _curved(self, J, velocity):
         """Return the speed (m,) that the curvature of the way adds until the next cycle."""
-        before, self._before = self._before, (J, self.row_names)
+        before, self._before = self._before, (J, self.row_keys)
         if before is None:
             return np.zeros(len(J))
-        J_before, names_before = before
-        if self.row_names == names_before:
-            return 0.5 * (J - J_before).dot(velocity)
-        known = [name in names_before for name in self.row_names]
+        J_before, keys_before = before
+        if self.row_keys == keys_before:
+            return 0.5 * self.change(J, J_before).dot(velocity)
+        known = [key in keys_before for key in self.row_keys]
+        rows = [keys_before.index(key) for key in self.row_keys if key in keys_before]
         curved = np.zeros(len(J))
-        rows = [names_before.index(name) for name in self.row_names if name in names_before]
-        curved[known] = 0.5 * (J[known] - J_before[rows]).dot(velocity)
+        curved[known] = 0.5 * self.change(J[known], J_before[rows]).dot(velocity)
         return curved
+
+    def change(self, J, J_before):
+        """Return by how much rows (k, n) of the Jacobian have turned since the last cycle."""
+        return J - J_before
 
     def start(self, state):
         """Begin anew; there is nothing to hold."""

@@ -67,7 +67,7 @@ class RegionTask(MovingGoalTask, BoundedTask):
         super().__init__(robot, name, ['m'] * len(lower), keys, lower, upper, gain=gain,
                          return_speed=return_speed, tolerance=tolerance, timeout=timeout)
         if at is not None:
-            self.goal = keys.check('at', self._parse_place, at)
+            self.goal = keys.check('at', parse_place, at)
         keys.raise_faults(name)
         self._motion = RelativeFrame(robot, self.frame, self.reference)
 
@@ -117,12 +117,6 @@ class RegionTask(MovingGoalTask, BoundedTask):
         """Return where the shape is (4, 4)."""
         return self.goal
 
-    def _parse_place(self, place):
-        """Return a pose (4, 4) of one, or of x, y, z alone; raise `GoalError` otherwise."""
-        if has_shape(place, (3,)):
-            return pose(np.eye(3), finite_vector(place, 3, 'a place (x, y, z)'))
-        return parse_pose(place, 'a place')
-
 
 class KeepIn(RegionTask):
     """
@@ -164,3 +158,10 @@ class KeepOut(RegionTask):
         """Return the distance (1,) of a point (3,) from the shape, and its gradient (1, 3)."""
         distance, gradient = self.shape.distance(point)
         return np.array([distance]), gradient[np.newaxis]
+
+
+def parse_place(place):
+    """Return a pose (4, 4) of one, or of x, y, z alone; raise `GoalError` otherwise."""
+    if has_shape(place, (3,)):
+        return pose(np.eye(3), finite_vector(place, 3, 'a place (x, y, z)'))
+    return parse_pose(place, 'a place')

@@ -1,0 +1,441 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Links that keep their distance, from each other and from what stands around."""
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from tp_controller.errors import GoalError, RobotError, unknown
+from tp_controller.geometry import (
+    capsule,
+    Clearance,
+    cross,
+    skews,
+    solid,
+    urdf_solids,
+)
+from tp_controller.level import Level
+from tp_controller.links import srdf_pairs, Tree
+from tp_controller.resources import load_yaml, read_source
+from tp_controller.shapes import parse_shape
+from tp_controller.tasks.base import finite_vector, Keys, non_negative, positive
+from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
+from tp_controller.tasks.region import parse_place
+
+DEFAULT_DISTANCE = 0.02
+DEFAULT_WITHIN = 0.2
+# What is nearer than this beyond `distance` is measured tilted as well [m].
+CLOSE = 0.02
+# A Jacobian does not change by more than this share of it in a cycle, unless it jumps.
+JUMP = 0.06
+# How many postures are tried to find pairs whose shapes overlap by design.
+POSTURES = 100
+# Joints without limits are tried within this [rad or m].
+WIDEST = math.pi
+# What no joint moves by more than this is not asked to move [m/rad].
+STILL = 1e-9
+# Every obstacle costs time in every cycle.
+MOST_OBSTACLES = 100
+# In an update of obstacles, the name of all there are so far.
+ALL = '*'
+CAPSULE_FORM = '{from: [x, y, z], to: [x, y, z], radius: …} [m]'
+OBSTACLE_FORM = '{shape: {box: [x, y, z]}, at: [x, y, z]} [m]'
+
+
+class CollisionTask(BoundedTask):
+    """
+    Pairs of solid shapes that are kept a distance apart.
+
+    One row for each pair of shapes that is nearer than `within`: the distance d between the
+    nearest points p_a and p_b, negative where they overlap, and with the unit normal n from b to
+    a its velocity ``nᵀ (v_a − v_b)``. Pairs that are farther apart only cost the comparison of
+    two spheres around them.
+    """
+
+    keys = {
+        'distance': 'distance that is kept at least [m]',
+        'within': 'only what is nearer than this is looked at closely [m]',
+        'links': 'link, or list of them, that this is about (default: all that have shapes)',
+        'capsules': 'shapes for links, in place of those of the URDF: {link: {from: [x, y, z], '
+                    'to: [x, y, z], radius: …}}, a list where there are several, without `to` a '
+                    'sphere, in the frame of the link [m]; or a file with such a mapping',
+    }
+
+    def __init__(self, robot, name, keys, *, distance=DEFAULT_DISTANCE, within=DEFAULT_WITHIN,
+                 links=None, capsules=None, gain=DEFAULT_BOUND_GAIN,
+                 return_speed=DEFAULT_RETURN_SPEED, tolerance=None):
+        self.distance = keys.check('distance', non_negative, distance)
+        self.within = keys.check('within', positive, within)
+        if None not in (self.distance, self.within) and self.within <= self.distance:
+            keys.faults.append(('within', f'must be more than distance = {self.distance:g}, got '
+                                          f'{self.within:g}'))
+        super().__init__(robot, name, ['m'], keys, self.distance, np.inf, gain=gain,
+                         return_speed=return_speed, tolerance=tolerance)
+        # There are as many rows as there are near pairs.
+        self.groups = tuple((slice(None), unit, limit) for _, unit, limit in self.groups or ())
+        self.last_error = np.zeros(0)
+        self.row_names, self.row_keys = [], []
+        self._solids = self._solids_of(keys, links, capsules)
+        self._tree = Tree(robot)
+        self._arrange([], [])
+
+    def _solids_of(self, keys, links, capsules):
+        """Return the solids on the links that the keys name, and note what is wrong."""
+        faults = len(keys.faults)
+        given = keys.check('capsules', _capsules, self.robot, {} if capsules is None else capsules)
+        links = keys.check('links', _links, self.robot, links)
+        if len(keys.faults) > faults:
+            return []
+        wanted = list(links or self.robot.frame_names)
+        drawn = keys.check('links', urdf_solids, self.robot.urdf,
+                           [link for link in wanted if link not in given])
+        if drawn is None:
+            return []
+        solids = [each for link in wanted for each in given.get(link, ())] + drawn
+        shapeless = [link for link in links or () if all(link != each.frame for each in solids)]
+        if shapeless or not solids:
+            keys.faults.append((
+                'capsules', f'needed for {", ".join(shapeless) or "some links"}: the robot '
+                            'description has no collision shapes there'))
+        return solids
+
+    def _arrange(self, solids, pairs):
+        """Look at these pairs of solids from now on."""
+        self._clearance = Clearance(solids, pairs)
+        self._names = [f'{solids[one].name} – {solids[other].name}' for one, other in pairs]
+
+    def observe(self, state):
+        """Return the distances of the near pairs (m,) [m], and their Jacobian (m, n)."""
+        clearance = self._clearance
+        near = self._near(state, self.within, self.distance + CLOSE)
+        self.row_names = [self._names[pair] for pair in near.pairs]
+        self.row_keys = list(zip(self.row_names, near.tilts))
+        if not near.pairs:
+            return near.distances, np.zeros((0, self.robot.n))
+        jacobians = np.array([state.jacobian(frame) for frame in clearance.frames])
+        origins = np.array([state.position(frame) for frame in clearance.frames])
+        # Of the points that are at the origin of the root: v₀ = v − ω × o. With it
+        # nᵀ (v₀ + ω × p) = nᵀ v₀ + (p × n)ᵀ ω is the same for whatever moves.
+        jacobians[:, :3] += skews(origins) @ jacobians[:, 3:]
+        relative = jacobians[clearance.first[near.pairs]] \
+            - jacobians[clearance.second[near.pairs]]
+        twists = np.concatenate([near.normals, cross(near.points, near.normals)], axis=1)
+        return near.distances, (twists[:, np.newaxis] @ relative)[:, 0]
+
+    def _near(self, state, *within):
+        """Return the `Nearness` at a state."""
+        poses = [state.pose(frame) for frame in self._clearance.frames]
+        return self._clearance.nearest(np.array(poses).reshape(-1, 4, 4), *within)
+
+    def level(self, state, now):
+        """Return the `Level` at a state, and remember the error for the report."""
+        level = super().level(state, now)
+        # What no joint can change is only reported, or the solver would look for a way forever.
+        still = (np.abs(level.J) <= STILL).all(axis=1)
+        if still.any():
+            return Level(level.J, lower=np.where(still, -np.inf, level.lower), upper=level.upper)
+        return level
+
+    def change(self, J, J_before):
+        """Return by how much rows have turned; not at all where they have jumped."""
+        change = J - J_before
+        # Nearest points on another side: what was before tells nothing.
+        jumped = (change * change).sum(axis=1) > JUMP * JUMP * (J * J).sum(axis=1)
+        change[jumped] = 0.0
+        return change
+
+
+class SelfCollision(CollisionTask):
+    """
+    Keep the links of the robot a distance apart.
+
+    Left alone are links with no more than one moving joint between them, those that no driven
+    joint moves against each other, those that an SRDF or `ignore` name, and `left_out`.
+
+    Attributes
+    ----------
+    pairs : list of str
+        What is kept apart.
+    left_out : list of str
+        Pairs that are nearer than `distance` in most postures, tried at random within the joint
+        limits: their shapes overlap by design.
+
+    """
+
+    type_name = 'self_collision'
+    keys = {
+        'srdf': 'SRDF whose disable_collisions name links that may touch: text, a file or '
+                'package://<package>/<path>',
+        'ignore': 'more pairs of links that may touch, [[link, link], …]',
+    }
+
+    def __init__(self, robot, name, *, distance=DEFAULT_DISTANCE, within=DEFAULT_WITHIN,
+                 links=None, srdf=None, ignore=None, capsules=None, gain=DEFAULT_BOUND_GAIN,
+                 return_speed=DEFAULT_RETURN_SPEED, tolerance=None):
+        keys = Keys()
+        super().__init__(robot, name, keys, distance=distance, within=within, links=links,
+                         capsules=capsules, gain=gain, return_speed=return_speed,
+                         tolerance=tolerance)
+        harmless = set()
+        if srdf is not None:
+            harmless |= keys.check('srdf', srdf_pairs, srdf) or set()
+        if ignore is not None:
+            harmless |= keys.check('ignore', _pairs, robot, ignore) or set()
+        keys.raise_faults(name)
+        self._arrange(self._solids, self._candidates(harmless))
+        near = self._mostly_near()
+        self.left_out = [self._names[pair] for pair in near]
+        self._arrange(self._solids, [pair for index, pair in enumerate(self._clearance.pairs)
+                                     if index not in near])
+        self.pairs = list(self._names)
+
+    def _candidates(self, harmless):
+        """Return the pairs of solids (int, int) whose links can move against each other."""
+        found = []
+        for other, second in enumerate(self._solids):
+            for one, first in enumerate(self._solids[:other]):
+                links = first.frame, second.frame
+                if frozenset(links) not in harmless and self._tree.separable(*links) \
+                        and not self._tree.adjacent(*links):
+                    found.append((one, other))
+        return found
+
+    def _mostly_near(self):
+        """Return the indices of the pairs that are too near in most postures."""
+        robot = self.robot
+        state = robot.state(robot.neutral())
+        times = np.zeros(len(self._names))
+        # The same postures whenever the stack is read.
+        chance = np.random.default_rng(0)
+        joints = robot.joint_columns
+        lower = np.maximum(robot.lower[joints], -WIDEST)
+        upper = np.minimum(robot.upper[joints], WIDEST)
+        for _ in range(POSTURES):
+            state.update(robot.configuration(chance.uniform(lower, np.maximum(lower, upper))))
+            times[self._near(state, self.distance).pairs] += 1
+        return np.flatnonzero(times > 0.5 * POSTURES).tolist()
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """
+    What stands in the way.
+
+    Attributes
+    ----------
+    shape : object
+        One of `tp_controller.shapes`.
+    pose : ndarray (4, 4)
+        In the reference frame.
+    lifetime : float
+        How long it is there [s].
+    since : float
+        When it was put there [s].
+
+    """
+
+    shape: object
+    pose: np.ndarray
+    lifetime: float = math.inf
+    since: float = -math.inf
+
+    def gone(self, now):
+        """Say whether its time is over."""
+        return now - self.since > self.lifetime < math.inf
+
+
+class Obstacles(CollisionTask):
+    """
+    Keep the links of the robot a distance away from what stands around.
+
+    A goal changes what stands around: ``{name: {shape: …, at: …, lifetime: …}}`` puts obstacles
+    there or moves them, None in place of a mapping takes one away, and ``{'*': None}`` all.
+    """
+
+    type_name = 'obstacles'
+    goal_type = 'obstacles'
+    keys = {
+        'obstacles': '{name: {shape: …, at: …}}, shapes and places as for keep_out (default: '
+                     'none, they come as goals)',
+        'reference': 'frame that the obstacles belong to and move with (default: the root)',
+    }
+
+    def __init__(self, robot, name, *, obstacles=None, reference=None, distance=DEFAULT_DISTANCE,
+                 within=DEFAULT_WITHIN, links=None, capsules=None, gain=DEFAULT_BOUND_GAIN,
+                 return_speed=DEFAULT_RETURN_SPEED, tolerance=None):
+        keys = Keys()
+        self.reference = keys.check('reference', robot.check_frame,
+                                    robot.root if reference is None else reference)
+        super().__init__(robot, name, keys, distance=distance, within=within, links=links,
+                         capsules=capsules, gain=gain, return_speed=return_speed,
+                         tolerance=tolerance)
+        self._fixed = keys.check('obstacles', _obstacles, {} if obstacles is None else obstacles)
+        if self.reference is not None:
+            self._solids = [each for each in self._solids
+                            if self._tree.separable(each.frame, self.reference)]
+            if not self._solids and not keys.faults:
+                keys.faults.append(('links', 'the joints move none of these links against '
+                                             f'{self.reference}'))
+        keys.raise_faults(name)
+        self._place()
+
+    @property
+    def obstacles(self):
+        """Return {name: Obstacle} of what stands around."""
+        return {name: obstacle for name, obstacle in {**self._fixed, **(self.goal or {})}.items()
+                if obstacle is not None}
+
+    def _place(self):
+        """Look at what stands around from now on."""
+        there = [solid(name, self.reference, obstacle.shape, obstacle.pose)
+                 for name, obstacle in self.obstacles.items()]
+        links = len(self._solids)
+        self._arrange(self._solids + there, [(link, links + other) for other in range(len(there))
+                                             for link in range(links)])
+
+    def level(self, state, now):
+        """Return the `Level` at a state, and remember the error for the report."""
+        over = [name for name, obstacle in self.obstacles.items() if obstacle.gone(now)]
+        if over:
+            self.set_goal(dict.fromkeys(over), now)
+        return super().level(state, now)
+
+    def set_goal(self, goal, now):
+        """Put obstacles there, move them or take them away, as `parse_goal` returned them."""
+        # None hides an obstacle of the stack.
+        there = dict.fromkeys(self._fixed) if ALL in goal else dict(self.goal or {})
+        for name, obstacle in goal.items():
+            if obstacle is not None:
+                there[name] = replace(obstacle, since=now)
+            elif name in self._fixed:
+                there[name] = None
+            else:
+                there.pop(name, None)
+        super().set_goal(there, now)
+        self._place()
+
+    def parse_goal(self, goal):
+        """Return {name: Obstacle or None}; raise `GoalError` if it cannot be such."""
+        try:
+            changes = _obstacles(goal, removals=True)
+        except (GoalError, ValueError) as error:
+            raise GoalError(f'the goal of task {self.name!r}: {error}') from error
+        left = set() if ALL in changes else set(self.obstacles)
+        left |= {name for name, obstacle in changes.items() if obstacle is not None}
+        if len(left) > MOST_OBSTACLES:
+            raise GoalError(f'the goal of task {self.name!r}: at most {MOST_OBSTACLES} obstacles, '
+                            f'got {len(left)}')
+        return changes
+
+    def goal_in_reference(self, goal, T_reference_frame):
+        """Return obstacles given in another frame."""
+        return {name: None if obstacle is None else
+                replace(obstacle, pose=T_reference_frame.dot(obstacle.pose))
+                for name, obstacle in goal.items()}
+
+    def take_over(self, other):
+        """Go on with the obstacles that came as goals of a task that this one replaces."""
+        if self.goal is None and self.means_the_same(other) and other.goal:
+            self.goal = {name: obstacle for name, obstacle in other.goal.items()
+                         if obstacle is not None}
+            self._place()
+
+
+def _links(robot, links):
+    """Return the links that a string or list names, or None; raise otherwise."""
+    if links is None:
+        return None
+    links = [links] if isinstance(links, str) else links
+    if not isinstance(links, (list, tuple)) or not links:
+        raise ValueError(f'needs a link or a list of links, got {links!r}')
+    return list(dict.fromkeys(map(robot.check_frame, links)))
+
+
+def _pairs(robot, pairs):
+    """Return pairs of links as a set of sets, or raise."""
+    if not isinstance(pairs, (list, tuple)) or not all(
+            isinstance(pair, (list, tuple)) and len(pair) == 2 for pair in pairs):
+        raise ValueError(f'needs pairs of links, [[link, link], …], got {pairs!r}')
+    return {frozenset(map(robot.check_frame, pair)) for pair in pairs}
+
+
+def _capsules(robot, capsules):
+    """Return {link: list of Solid}, or raise; `capsules` may be the name of a file."""
+    if isinstance(capsules, str):
+        try:
+            capsules = load_yaml(read_source(capsules, lambda text: '{' in text))
+        except OSError as error:
+            raise ValueError(str(error)) from error
+    if not isinstance(capsules, dict):
+        raise ValueError(f'needs a mapping {{link: {CAPSULE_FORM}}}, got {capsules!r}')
+    solids = {}
+    for link, several in capsules.items():
+        robot.check_frame(link)
+        several = several if isinstance(several, list) else [several]
+        if not several:
+            raise ValueError(f'{link} needs {CAPSULE_FORM}, got []')
+        solids[link] = [
+            _capsule(link + (f'[{index}]' if len(several) > 1 else ''), link, each)
+            for index, each in enumerate(several, 1)]
+    return solids
+
+
+def _capsule(name, link, keys):
+    """Return the solid of one capsule, or raise."""
+    needed = {'from', 'radius'}
+    if not isinstance(keys, dict) or not needed <= set(keys) <= needed | {'to'}:
+        raise ValueError(f'{name} needs {CAPSULE_FORM}, got {keys!r}')
+    try:
+        start = finite_vector(keys['from'], 3, 'from')
+        end = finite_vector(keys.get('to', start), 3, 'to')
+        return capsule(name, link, start, end, positive(keys['radius']))
+    except (GoalError, ValueError) as error:
+        raise ValueError(f'{name}: {error}') from error
+
+
+def _obstacles(given, removals=False):
+    """Return {name: Obstacle}, None for one to be removed, or raise."""
+    if not isinstance(given, dict):
+        raise ValueError(f'needs a mapping {{name: {OBSTACLE_FORM}}}, got {given!r}')
+    count = sum(keys is not None for keys in given.values())
+    if count > MOST_OBSTACLES:
+        raise ValueError(f'at most {MOST_OBSTACLES} obstacles, got {count}')
+    return {_name(name, keys, removals): _obstacle(name, keys, removals)
+            for name, keys in given.items()}
+
+
+def _name(name, keys, removals):
+    """Return the name of an obstacle, or raise ValueError."""
+    if not isinstance(name, str) or not name or (name == ALL and not (removals and keys is None)):
+        raise ValueError(f'an obstacle needs a name, got {name!r}')
+    return name
+
+
+def _obstacle(name, keys, removals):
+    """Return one obstacle, or raise."""
+    if removals and keys is None:
+        return None
+    valid = ('shape', 'at', 'lifetime') if removals else ('shape', 'at')
+    if not isinstance(keys, dict) or 'shape' not in keys:
+        raise ValueError(f'{name} needs {OBSTACLE_FORM}, got {keys!r}')
+    for key in keys:
+        if key not in valid:
+            raise ValueError(f'{name}: {unknown("key", key, valid)}')
+    try:
+        return Obstacle(parse_shape(keys['shape']), parse_place(keys.get('at', (0.0, 0.0, 0.0))),
+                        positive(keys['lifetime']) if 'lifetime' in keys else math.inf)
+    except (GoalError, ValueError, RobotError) as error:
+        raise ValueError(f'{name}: {error}') from error
