@@ -263,7 +263,7 @@ class Canvas:
 
 
 def corners(shape, count=48):
-    """Return points (k, 3) that span a shape about its origin."""
+    """Return points (k, 3) that span a box, a cylinder or a sphere about its origin."""
     turn = np.linspace(0.0, 2.0 * np.pi, count)
     circle = np.column_stack((np.cos(turn), np.sin(turn)))
     if isinstance(shape, Box):
@@ -396,10 +396,10 @@ class Scene:
         Positions of the joints [rad or m]; a base starts at the origin.
     stack : str
         YAML.
-    frames : tuple of str
-        Whose paths are drawn.
     plots : tuple of Plot
         From above.
+    frames : tuple of str
+        Whose paths are drawn.
     view : tuple of float
         Where the eye is, as azimuth and elevation [deg].
     goals : tuple of (float, str, array_like)
