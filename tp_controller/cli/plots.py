@@ -84,7 +84,7 @@ def plot_errors(path, times, errors, *, title='Task errors', changes=(), log=Fal
         _set_error_range(axis, [values for _, values in curves], log)
         _legend(axis)
     _finish_time_axes(axes, times)
-    return _save(figure, path)
+    return save(figure, path)
 
 
 def plot_velocities(path, times, velocities, limits, names, *, units=None,
@@ -135,7 +135,7 @@ def plot_velocities(path, times, velocities, limits, names, *, units=None,
         _mark_changes(axis, changes)
         _legend(axis)
     _finish_time_axes(axes, times)
-    return _save(figure, path)
+    return save(figure, path)
 
 
 def plot_positions(path, times, q, names, lower=None, upper=None, *, units=None,
@@ -171,7 +171,7 @@ def plot_positions(path, times, q, names, lower=None, upper=None, *, units=None,
         _mark_changes(axes[0], changes)
         _legend(axes[0])
         _finish_time_axes(axes, times)
-        return _save(figure, path)
+        return save(figure, path)
     columns = 1 if n < 3 else 2 if n < 9 else 3
     rows = -(-n // columns)
     figure, axes = _figure(title, rows, columns, height=1.0 + 1.35 * rows)
@@ -186,7 +186,7 @@ def plot_positions(path, times, q, names, lower=None, upper=None, *, units=None,
     _finish_time_axes(axes[:n], times, columns)
     figure.legend(*axes[n - 1].get_legend_handles_labels(), loc='outside upper right', ncols=2,
                   frameon=False)
-    return _save(figure, path)
+    return save(figure, path)
 
 
 def plot_bounds(path, times, curves, *, title):
@@ -264,7 +264,7 @@ def plot_tool_path(path, points, goals=None, *, title='Tool path', times=None):
     bar.set_label('time [s]' if times is not None else 'progress [%]')
     figure.legend(*axis.get_legend_handles_labels(), loc='outside lower center', ncols=3,
                   frameon=False)
-    return _save(figure, path)
+    return save(figure, path)
 
 
 def animate_arm(path, robot, qs, times, frames=None, goals=None, fps=None, *, title=None):
@@ -300,7 +300,7 @@ def animate_arm(path, robot, qs, times, frames=None, goals=None, fps=None, *, ti
 
     """
     times = np.asarray(times, dtype=float)
-    links, moving = _links(robot)
+    links, moving = links_of(robot)
     frames = [_tip(robot, links)] if frames is None else list(frames)
     segments, tools, joints = _positions(robot, np.asarray(qs, dtype=float), links, frames,
                                          moving)
@@ -382,7 +382,7 @@ class _ArmScene:
             line.set_data(*columns)
 
 
-def _links(robot):
+def links_of(robot):
     """Return (parent, child) of every joint of the description, and the children that move."""
     joints = ElementTree.fromstring(robot.urdf.encode()).findall('joint')
     links = [(joint.find('parent').get('link'), joint.find('child').get('link'))
@@ -437,7 +437,7 @@ def _scene(points, title, size=(6.4, 6.0), dpi=DPI):
     axis.set_ylim(middle[1] - half, middle[1] + half)
     if flat:
         axis.set_aspect('equal')
-        _tidy(axis)
+        tidy(axis)
         return figure, axis, 2
     axis.set_zlim(lower[2], lower[2] + 2.0 * half)
     axis.set_zlabel('z [m]')
@@ -466,11 +466,11 @@ def _figure(title, rows, columns=1, height=4.0):
     figure.suptitle(title)
     axes = list(figure.subplots(rows, columns, sharex=True, squeeze=False).ravel())
     for axis in axes:
-        _tidy(axis)
+        tidy(axis)
     return figure, axes
 
 
-def _tidy(axis):
+def tidy(axis):
     """Take away what distracts."""
     axis.grid(color='#E6E8EB', linewidth=0.8)
     axis.set_axisbelow(True)
@@ -509,11 +509,15 @@ def _mark_range(axis, lower, upper):
     span = upper - lower if np.isfinite(upper - lower) else 1.0
     for limit, outward in ((lower, -1.0), (upper, 1.0)):
         if np.isfinite(limit):
-            axis.axhline(limit, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1,
-                         label='limit' if outward > 0.0 or not np.isfinite(upper) else None)
-            axis.axhspan(limit, limit + outward * span, color=LIMIT_COLOUR, alpha=0.06, zorder=0,
-                         linewidth=0.0)
+            mark_bound(axis, limit, outward * span,
+                       label='limit' if outward > 0.0 or not np.isfinite(upper) else None)
             axis.set_ylim(**{'bottom' if outward < 0.0 else 'top': limit + outward * 0.1 * span})
+
+
+def mark_bound(axis, bound, beyond, label=None):
+    """Mark a value that is not to be crossed, and shade what is beyond it."""
+    axis.axhline(bound, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1, label=label)
+    axis.axhspan(bound, bound + beyond, color=LIMIT_COLOUR, alpha=0.06, zorder=0, linewidth=0.0)
 
 
 def _set_error_range(axis, curves, log):
@@ -548,7 +552,7 @@ def _columns(points):
     return tuple(np.asarray(points).T)
 
 
-def _save(figure, path):
+def save(figure, path):
     """Write a figure and return its path."""
     path = _prepared(path)
     figure.savefig(path)

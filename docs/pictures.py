@@ -1,0 +1,787 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Draws the pictures of docs/tasks.md: one for a task type, of a run with an ideal robot.
+
+``python docs/pictures.py`` writes docs/images/tasks/<type>.png for all types, ``python
+docs/pictures.py keep_out look_at`` only those two, and prints the numbers that the page quotes.
+Robots of example-robot-data are needed for some. On the left of a picture is the robot, on the
+right what the task is about, over time. A picture more is one entry more in `SCENES`.
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+from importlib.metadata import files
+from pathlib import Path
+from xml.etree import ElementTree
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+import numpy as np
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+from tp_controller import Controller, Robot, Settings, Stack
+from tp_controller.cli import plots
+from tp_controller.shapes import Box, Cylinder, Sphere
+from tp_controller.tasks.manipulability import Mobility
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / 'docs' / 'images' / 'tasks'
+PERIOD = 0.01
+
+START_COLOUR = '#A9B1BA'
+END_COLOUR = plots.COLOURS[0]
+WITHOUT_COLOUR = '#5F6B78'
+WITHOUT_STYLE = {'linewidth': 1.3, 'linestyle': (0, (4, 2))}
+TARGET_COLOUR = plots.GOAL_COLOUR
+# Where the eye is, as azimuth and elevation [deg].
+SIDE, ABOVE, OBLIQUE = (-90.0, 0.0), (-90.0, 90.0), (-60.0, 18.0)
+
+TOOL = 'panda_hand_tcp'
+# The tool straight down, far from every limit.
+READY = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
+LEFT, RIGHT = 'left_gripper', 'right_gripper'
+ARMS = [f'{side}_{joint}' for side in ('left', 'right')
+        for joint in ('s0', 's1', 'e0', 'e1', 'w0', 'w1', 'w2')]
+# Hands in front, 0.4 m apart.
+ARMS_READY = (-0.19, -0.66, -0.89, 2.46, -0.27, -1.3, 0.1,
+              0.19, -0.66, 0.89, 2.46, 0.27, -1.3, -0.1)
+
+
+# Runs -------------------------------------------------------------------------------------
+
+
+def own(name, base='fixed'):
+    """Return a robot of this repository."""
+    return Robot.from_file(ROOT / 'config' / 'robots' / name, base=base)
+
+
+def example(name, joints):
+    """Return a robot of example-robot-data."""
+    path, = (file.locate() for file in files('example-robot-data') if file.name == name)
+    return Robot.from_urdf(Path(path).resolve(), joints=joints)
+
+
+ROBOTS = {
+    'panda': partial(own, 'panda.yaml'),
+    'panda with masses': partial(example, 'panda.urdf', [f'panda_joint{i}' for i in range(1, 8)]),
+    'baxter': partial(example, 'baxter.urdf', ARMS),
+    'mobile arm': partial(own, 'mobile_arm.urdf', 'planar'),
+    'underwater arm': partial(own, 'underwater_arm.urdf', 'underwater'),
+}
+
+
+class Run:
+    """
+    A closed loop of a scene.
+
+    Attributes
+    ----------
+    robot : Robot
+    stack : Stack
+    task : Task
+        The one that the picture is about.
+    times : ndarray (T,)
+        [s]
+    states, velocities, reports : list
+        One entry for each time; velocities (n,) [rad/s or m/s].
+
+    """
+
+    def __init__(self, scene, kind, without=False):
+        robot = self.robot = ROBOTS[scene.robot]()
+        self.stack = Stack.from_yaml(scene.stack, robot)
+        self.task = next(task for task in self.stack.tasks.values() if task.type_name == kind)
+        controller = Controller(robot, self.stack, Settings(period=PERIOD))
+        controller.enable(self.task.name, not without)
+        self.times = PERIOD * np.arange(round(scene.seconds / PERIOD) + 1)
+        self.states, self.velocities, self.reports = [], [], []
+        q, goals = robot.configuration(scene.start), list(scene.goals)
+        controller.update(q, 0.0)
+        for now in self.times:
+            while goals and goals[0][0] <= now:
+                _, name, goal = goals.pop(0)
+                if not (without and name == self.task.name):
+                    controller.set_goal(name, goal, now)
+            command = controller.update(q, now)
+            self.states.append(robot.state(q))
+            self.velocities.append(command.velocity)
+            self.reports.append({report.name: report for report in command.report.tasks})
+            q = robot.integrate(q, command.velocity, PERIOD)
+
+    def of_states(self, function):
+        """Return what a function makes of every state (T, …)."""
+        return np.array([function(state) for state in self.states])
+
+    def path(self, frame):
+        """Return where the origin of a frame was (T, 3) [m]."""
+        return self.of_states(lambda state: state.position(frame))
+
+    def error(self, name, unit='m'):
+        """Return the error of a task (T,), in mm or degrees."""
+        scale = {'m': 1e3, 'rad': np.degrees(1.0)}[unit]
+        return scale * np.array([next(error for error, kind, _ in reports[name].errors
+                                      if kind == unit) for reports in self.reports])
+
+    def speed(self, frame):
+        """Return how fast a frame was (T,) [m/s]."""
+        return np.array([np.linalg.norm((state.jacobian(frame) @ velocity)[:3])
+                         for state, velocity in zip(self.states, self.velocities)])
+
+    @cached_property
+    def chain(self):
+        """Return (parent, child) of the links that carry what moves, and the children driven."""
+        links, driven = plots.links_of(self.robot)
+        parents = {child: parent for parent, child in links}
+        wanted = {*driven, *(frame for task in self.stack.tasks.values() for frame in (
+            getattr(task, 'frame', None), getattr(task, 'reference', None)))}
+        carrying = set()
+        for frame in wanted:
+            while frame in parents and frame not in carrying:
+                carrying.add(frame)
+                frame = parents[frame]
+        return [link for link in links if link[1] in carrying], driven
+
+
+# Drawing in space -------------------------------------------------------------------------
+
+
+class Canvas:
+    """
+    An axis on which space is drawn as an eye far away sees it.
+
+    Points are (k, 3) in the root [m].
+
+    Parameters
+    ----------
+    axis : matplotlib.axes.Axes
+    view : tuple of float
+        Azimuth and elevation of the eye [deg].
+
+    """
+
+    def __init__(self, axis, view):
+        azimuth, elevation = np.radians(view)
+        self.axis = axis
+        self._rows = np.array([
+            [-np.sin(azimuth), np.cos(azimuth), 0.0],
+            [-np.sin(elevation) * np.cos(azimuth), -np.sin(elevation) * np.sin(azimuth),
+             np.cos(elevation)]])
+        axis.set_aspect('equal', adjustable='datalim')
+        plots.tidy(axis)
+        if np.isclose(np.abs(self._rows).max(axis=1), 1.0).all():
+            right, up = ('xyz'[row.argmax()] for row in np.abs(self._rows))
+            axis.set(xlabel=f'{right} [m]', ylabel=f'{up} [m]')
+            axis.locator_params(nbins=5)
+        else:
+            axis.set_axis_off()
+            self._draw_floor(0.2 * np.arange(-1, 4), 0.2 * np.arange(-2, 3))
+
+    def flat(self, points):
+        """Return points as they are seen (2, k)."""
+        return self._rows @ np.atleast_2d(points).T
+
+    def line(self, points, colour, **style):
+        """Draw a line through points."""
+        self.axis.plot(*self.flat(points), color=colour, **{
+            'linewidth': 1.8, 'solid_capstyle': 'round', **style})
+
+    def dots(self, points, marker, colour, **style):
+        """Draw markers at points."""
+        self.axis.plot(*self.flat(points), marker, color=colour, **{'zorder': 7, **style})
+
+    def goal(self, point, label='goal'):
+        """Mark a goal."""
+        self.dots(point, 'x', TARGET_COLOUR, markersize=10, markeredgewidth=2.5, label=label)
+
+    def arrow(self, start, way, colour):
+        """Draw an arrow."""
+        (x, u), (y, v) = np.column_stack((self.flat(start), self.flat(way)))
+        self.axis.annotate('', (x + u, y + v), (x, y), zorder=8, arrowprops={
+            'arrowstyle': '-|>', 'color': colour, 'linewidth': 2, 'shrinkA': 0, 'shrinkB': 0,
+            'mutation_scale': 13})
+
+    def text(self, point, text, colour, offset=(8, 0), **style):
+        """Write beside a point; the offset is in points of the page."""
+        self.axis.annotate(text, self.flat(point)[:, 0], offset, textcoords='offset points',
+                           color=colour, zorder=9, va='center', **style)
+
+    def body(self, points, colour, opacity=0.12, **style):
+        """Draw the outline of a convex body that is spanned by points."""
+        seen = self.flat(points).T
+        outline = seen[ConvexHull(seen).vertices]
+        self.axis.fill(*outline.T, color=colour, alpha=opacity, linewidth=0, zorder=1)
+        self.axis.fill(*outline.T, fill=False, edgecolor=colour, **{
+            'linewidth': 1.0, 'zorder': 2, **style})
+
+    def fit(self):
+        """Leave some room around what is drawn; call this last."""
+        (low, high), axis = self.axis.dataLim.get_points(), self.axis
+        room = 0.06 * (high - low).max()
+        axis.update_datalim([low - room, high + room])
+        axis.margins(0.0)
+        axis.autoscale_view()
+
+    def _draw_floor(self, x, y):
+        """Draw a floor with lines at some x (k,) and y (m,)."""
+        for ends in (*([[at, y[0], 0.0], [at, y[-1], 0.0]] for at in x),
+                     *([[x[0], at, 0.0], [x[-1], at, 0.0]] for at in y)):
+            self.line(ends, '#E1E4E8', linewidth=0.8, zorder=0)
+
+    def robot(self, run, state, colour, label, **style):
+        """Draw a robot as lines between the origins of its links, and its bodies."""
+        (links, driven), dashed = run.chain, 'linestyle' in style
+        if not dashed:
+            carrying = {link for pair in links for link in pair}
+            for link, points in bodies(run.robot, state):
+                if link in carrying:
+                    self.body(points, colour, opacity=0.16, linewidth=0.0)
+        elif run.robot.moves:
+            self.body(outline(run.robot, state), colour, opacity=0.0, **style)
+        gap = np.full(3, np.nan)
+        ends = [point for parent, child in links
+                for point in (state.position(parent), state.position(child), gap)]
+        style = {'linewidth': 4, 'zorder': 4, **style}
+        self.line(ends, colour, label=label, **style)
+        if not dashed:
+            self.dots([state.position(child) for child in driven], 'o', 'white', markersize=5,
+                      markeredgecolor=colour, markeredgewidth=1.6, zorder=style['zorder'])
+
+
+def corners(shape, count=48):
+    """Return points (k, 3) that span a box, a cylinder or a sphere about its origin."""
+    turn = np.linspace(0.0, 2.0 * np.pi, count)
+    circle = np.column_stack((np.cos(turn), np.sin(turn)))
+    if isinstance(shape, Box):
+        return shape.half * [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    if isinstance(shape, Cylinder):
+        radius, half = shape.half
+        return np.array([[radius * x, radius * y, z] for x, y in circle for z in (-half, half)])
+    return shape.radius * np.array([[x * np.cos(up), y * np.cos(up), np.sin(up)]
+                                    for x, y in circle for up in turn])
+
+
+def moved(points, T):
+    """Return points (k, 3) of a frame that is at T (4, 4)."""
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def bodies(robot, state):
+    """Yield links and the corners (k, 3) of each simple shape that they are drawn with."""
+    kinds = {'box': lambda of: Box(*floats(of, 'size')),
+             'cylinder': lambda of: Cylinder(*floats(of, 'radius'), *floats(of, 'length')),
+             'sphere': lambda of: Sphere(*floats(of, 'radius'))}
+    for link in ElementTree.fromstring(robot.urdf.encode()).findall('link'):
+        name = link.get('name')
+        for visual in link.findall('visual'):
+            shape, origin = next(iter(visual.find('geometry'))), visual.find('origin')
+            if shape.tag not in kinds:
+                continue
+            T = np.eye(4)
+            if origin is not None:
+                T[:3, 3] = floats(origin, 'xyz')
+                T[:3, :3] = Rotation.from_euler('xyz', floats(origin, 'rpy')).as_matrix()
+            yield name, moved(corners(kinds[shape.tag](shape)), state.pose(name) @ T)
+
+
+def floats(element, attribute):
+    """Return the numbers of an attribute in XML, those of a place by default."""
+    return [float(word) for word in element.get(attribute, '0 0 0').split()]
+
+
+def outline(robot, state):
+    """Return the corners (k, 3) of all shapes of the base."""
+    return np.vstack([points for link, points in bodies(robot, state)
+                      if link == robot.base_frame])
+
+
+# Drawing over time ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Plot:
+    """
+    One axis over time.
+
+    Attributes
+    ----------
+    label : str
+        With the unit.
+    values : callable
+        Of a `Run`; values (T,), or {name: (T,)} for curves with a legend.
+    lower, upper : float
+        Bounds, infinite where there is none.
+    log : bool
+        Logarithmic axis.
+    names : str
+        What the names of several curves are.
+
+    """
+
+    label: str
+    values: Callable
+    lower: float = -np.inf
+    upper: float = np.inf
+    log: bool = False
+    names: str = ''
+
+    def numbers(self, run):
+        """Return smallest, largest and last value of each curve, as text."""
+        curves = self.values(run)
+        curves = curves if isinstance(curves, dict) else {'': curves}
+        return f'{self.label}: ' + ', '.join(
+            f'{name} {curve.min():.3g} … {curve.max():.3g}, at the end {curve[-1]:.3g}'.strip()
+            for name, curve in curves.items())
+
+    def draw(self, axis, run, without):
+        """Draw what the robot did with the task, and without it where there is such a run."""
+        for other, style in ((without, {'color': WITHOUT_COLOUR, **WITHOUT_STYLE}),
+                             (run, {'linewidth': 2.0})):
+            if other is None:
+                continue
+            values = self.values(other)
+            if not isinstance(values, dict):
+                values = {None: values}
+            for colour, (name, curve) in zip(plots.COLOURS, values.items()):
+                axis.plot(run.times, curve, label=name, **{'color': colour, **style})
+            if None not in values:
+                axis.legend(frameon=False, fontsize=9, labelspacing=0.2, handlelength=1.2,
+                            title=self.names,
+                            **({'loc': 'best'} if len(values) < 4 else
+                               {'loc': 'center left', 'bbox_to_anchor': (1.0, 0.5)}))
+        if self.log:
+            axis.set_yscale('log')
+        axis.margins(y=0.08)
+        low, high = axis.get_ylim()
+        room = 0.12 * (high - low)
+        for bound, outward in ((self.lower, -1.0), (self.upper, 1.0)):
+            if np.isfinite(bound):
+                low, high = min(low, bound - room), max(high, bound + room)
+                plots.mark_bound(axis, bound, outward * 1e3 * (high - low))
+        axis.set_ylim(low, high)
+        axis.set_xlim(run.times[0], run.times[-1])
+        axis.set_title(self.label, loc='left', fontsize=10)
+        if not self.log:
+            axis.locator_params(axis='y', nbins=4)
+        plots.tidy(axis)
+
+
+# Scenes -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Scene:
+    """
+    What a picture shows.
+
+    Attributes
+    ----------
+    robot : str
+        One of `ROBOTS`.
+    start : sequence of float
+        Positions of the joints [rad or m]; a base starts at the origin.
+    stack : str
+        YAML.
+    plots : tuple of Plot
+        From above.
+    frames : tuple of str
+        Whose paths are drawn.
+    view : tuple of float
+        Where the eye is, as azimuth and elevation [deg].
+    goals : tuple of (float, str, array_like)
+        Time [s], task and goal.
+    seconds : float
+    draw : callable
+        Adds what the task is about to the scene; of a `Canvas` and both runs.
+    compare : bool
+        Draw a run without the task too.
+
+    """
+
+    robot: str
+    start: tuple
+    stack: str
+    plots: tuple
+    frames: tuple = ()
+    view: tuple = SIDE
+    goals: tuple = ()
+    seconds: float = 6.0
+    draw: Callable = lambda canvas, run, without: None
+    compare: bool = False
+
+
+def draw(kind, folder=FOLDER):
+    """Draw the picture of a task type; return its path, and what the page may quote as lines."""
+    scene = SCENES[kind]
+    run = Run(scene, kind)
+    without = Run(scene, kind, without=True) if scene.compare else None
+    figure = Figure(figsize=(8.2, 3.45), dpi=plots.DPI, layout='constrained')
+    figure.get_layout_engine().set(w_pad=0.08, h_pad=0.06)
+    FigureCanvasAgg(figure)
+    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
+    canvas = Canvas(left.add_subplot(), scene.view)
+    draw_scene(canvas, scene, kind, run, without)
+    axes = right.subplots(len(scene.plots), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, plot in zip(axes, scene.plots):
+        plot.draw(axis, run, without)
+    axes[-1].set_xlabel('time [s]')
+    entries = dict(zip(*reversed(canvas.axis.get_legend_handles_labels())))
+    figure.legend(entries.values(), entries.keys(), loc='outside lower center', ncols=len(entries),
+                  frameon=False, fontsize=9.5, columnspacing=1.6)
+    # Limits, and with them the width of labels, are known after the first time.
+    figure.canvas.draw()
+    lines = [f'{which} {plot.numbers(one)}' for plot in scene.plots
+             for which, one in (('with   ', run), ('without', without)) if one]
+    return plots.save(figure, Path(folder) / f'{kind}.png'), lines
+
+
+def draw_scene(canvas, scene, kind, run, without):
+    """Draw the robot, the paths and the goals."""
+    canvas.robot(run, run.states[0], START_COLOUR, 'start', zorder=3)
+    canvas.robot(run, run.states[-1], END_COLOUR, 'end', zorder=5)
+    for frame in scene.frames:
+        canvas.line(run.path(frame), END_COLOUR, linewidth=1.4, zorder=6, label='path')
+    if without:
+        canvas.robot(run, without.states[-1], WITHOUT_COLOUR, f'without {kind}', **WITHOUT_STYLE)
+        for frame in scene.frames:
+            canvas.line(without.path(frame), WITHOUT_COLOUR, **WITHOUT_STYLE)
+    for _, name, goal in scene.goals:
+        task = run.stack.tasks[name]
+        if task.goal_type in ('point', 'pose') and task.reference == run.robot.root:
+            canvas.goal(goal[:3])
+    scene.draw(canvas, run, without)
+    canvas.fit()
+
+
+# What the plots show, as functions of a run.
+
+
+def value(run, row=0):
+    """Return one row of the value of a run's task (T,)."""
+    return run.of_states(run.task.value)[:, row]
+
+
+def angle(run):
+    """Return the angle of a camera's task (T,) [deg]."""
+    return np.degrees(value(run))
+
+
+def turn_about_z(run):
+    """Return how far the tool has turned about the vertical (T,) [deg]."""
+    angles = run.of_states(lambda state: np.arctan2(*state.rotation(TOOL)[1::-1, 0]))
+    return np.degrees(np.unwrap(angles - angles[0]))
+
+
+def mobility(run):
+    """Return √det(J Jᵀ) of the tool (T,)."""
+    measure = Mobility(run.robot, TOOL, list(range(6))).measure
+    return run.of_states(lambda state: measure(state)[0])
+
+
+def sight_errors(run):
+    """Return how far off and how far from upright a camera is (T,) [deg]."""
+    errors = np.degrees(run.of_states(run.task.error))
+    return {'direction': np.linalg.norm(errors[:, :2], axis=1), 'upright': np.abs(errors[:, 2])}
+
+
+def between(state):
+    """Return T_right_left (4, 4) of the hands of two arms."""
+    return np.linalg.inv(state.pose(RIGHT)) @ state.pose(LEFT)
+
+
+def slip(run):
+    """Return how far one hand has moved in the other (T,) [mm]."""
+    grips = run.of_states(between)[:, :3, 3]
+    return 1e3 * np.linalg.norm(grips - grips[0], axis=1)
+
+
+def turn_of_grip(run):
+    """Return how far one hand has turned in the other (T,) [deg]."""
+    grips = Rotation.from_matrix(run.of_states(between)[:, :3, :3])
+    return np.degrees((grips * grips[0].inv()).magnitude())
+
+
+def components(run):
+    """Return the errors of a relative position along the axes of its reference (T,) [mm]."""
+    return dict(zip('xyz', 1e3 * run.of_states(run.task.error).T))
+
+
+def shift_of_mass(run):
+    """Return how far the centre of mass has moved sideways (T,) [mm]."""
+    centres = run.of_states(lambda state: state.center_of_mass()[0])[:, :2]
+    return 1e3 * np.linalg.norm(centres - centres[0], axis=1)
+
+
+def yaw(run):
+    """Return the heading of the base (T,) [deg]."""
+    return run.of_states(lambda state: np.degrees(np.arctan2(
+        *state.rotation(run.robot.base_frame)[1::-1, 0])))
+
+
+def base_to_go(run):
+    """Return how far a base is from its goal, in two units (T,)."""
+    name = run.task.name
+    return {'position [cm]': run.error(name) / 10.0, 'heading [°]': run.error(name, 'rad')}
+
+
+def shares(run):
+    """Return where the joints are in their ranges, -1 to 1 (T,)."""
+    lower, upper = run.robot.lower, run.robot.upper
+    places = (2.0 * run.of_states(lambda state: state.q) - lower - upper) / (upper - lower)
+    return {str(joint): places[:, joint - 1] for joint in range(1, run.robot.n + 1)}
+
+
+def error(name, unit='m'):
+    """Return a `Plot` of the error of a task."""
+    return Plot(f'{name} error [{"mm" if unit == "m" else "°"}]',
+                lambda run: run.error(name, unit))
+
+
+# What is drawn besides the robot.
+
+
+def room(canvas, run, without):
+    """Draw the region that a frame stays in: all around it is shaded."""
+    canvas.axis.set_facecolor((plots.LIMIT_COLOUR, 0.06))
+    outline = moved(corners(run.task.shape), run.task.goal)
+    canvas.body(outline, 'white', opacity=1.0, linewidth=0.0)
+    canvas.body(outline, plots.LIMIT_COLOUR, opacity=0.0, linewidth=1.5)
+
+
+def pillar(canvas, run, without):
+    """Draw the cylinder that a frame stays out of, and the distance that is kept."""
+    task, (radius, half) = run.task, run.task.shape.half
+    for shape, style in ((task.shape, {}), (Cylinder(radius + task.radius, 2.0 * half),
+                                            {'linestyle': '--', 'opacity': 0.06})):
+        canvas.body(moved(corners(shape), task.goal), plots.LIMIT_COLOUR, linewidth=1.3, **style)
+
+
+def axes_of_tool(canvas, run, without):
+    """Draw the z axis of the tool at both ends of the run."""
+    for state, colour in ((run.states[0], START_COLOUR), (run.states[-1], TARGET_COLOUR)):
+        canvas.arrow(state.position(TOOL), 0.18 * state.rotation(TOOL)[:, 2], colour)
+
+
+def sights(canvas, run, without):
+    """Draw what the camera looks at, and the lines of sight at some times."""
+    middle = len(run.states) // 2
+    for state, colour in zip(run.states[::middle], (START_COLOUR, *2 * [TARGET_COLOUR])):
+        camera = state.position(run.task.frame)
+        canvas.line([camera, run.task.goal], colour, linewidth=1.2, linestyle=':')
+        canvas.arrow(camera, 0.2 * state.rotation(run.task.frame) @ run.task.axis, colour)
+    canvas.dots(run.task.goal, '*', TARGET_COLOUR, markersize=13, label='target')
+
+
+def cones(canvas, run, without):
+    """Draw the field of view at the end, with the task and without it, and the target."""
+    task = run.task
+    for state, colour in ((without.states[-1], WITHOUT_COLOUR), (run.states[-1], END_COLOUR)):
+        depth = np.linalg.norm(state.position(task.frame) - task.goal)
+        rim = depth * np.tan(task.upper) * corners(Cylinder(1.0, 1.0)) + [0.0, 0.0, depth]
+        cone = np.vstack((np.zeros(3), rim * [1.0, 1.0, 0.0] + [0.0, 0.0, depth]))
+        canvas.body(moved(cone, state.pose(task.frame)), colour)
+    canvas.dots(task.goal, '*', TARGET_COLOUR, markersize=13, label='target')
+
+
+def bar(canvas, run, without):
+    """Draw what two hands hold."""
+    for state, colour, label in ((run.states[0], START_COLOUR, None),
+                                 (run.states[-1], TARGET_COLOUR, 'what is held')):
+        canvas.line([state.position(LEFT), state.position(RIGHT)], colour, linewidth=6, zorder=6,
+                    label=label)
+
+
+def point_in_reference(canvas, run, without):
+    """Draw where the goal of a relative task is, at the end."""
+    place = run.states[-1].pose(run.task.reference)
+    canvas.goal(moved(run.task.goal, place))
+    canvas.line([place[:3, 3], moved(run.task.goal, place)], TARGET_COLOUR, linewidth=1,
+                linestyle=':')
+
+
+def mass(canvas, run, without):
+    """Draw the centre of mass and the plumb line below it."""
+    for state, colour, label in ((without.states[-1], WITHOUT_COLOUR, None),
+                                 (run.states[-1], TARGET_COLOUR, 'centre of mass')):
+        centre = state.center_of_mass()[0]
+        canvas.line([centre, [*centre[:2], 0.0]], colour, linewidth=1.2, linestyle=':')
+        canvas.dots(centre, 'o', colour, markersize=9, label=label)
+
+
+def parking(canvas, run, without):
+    """Draw the base where it shall stand."""
+    state = run.states[0]
+    T = run.task.goal @ np.linalg.inv(state.pose(run.robot.base_frame))
+    canvas.body(moved(outline(run.robot, state), T), TARGET_COLOUR, opacity=0.0, linewidth=1.5,
+                zorder=6)
+    canvas.text(state.position('tool'), 'tool', plots.ARM_COLOUR, offset=(10, 10))
+
+
+def steps(canvas, run, without):
+    """Mark where the frame was every quarter of a second."""
+    canvas.dots(run.path(run.task.frame)[::round(0.25 / PERIOD)], 'o', END_COLOUR, markersize=5,
+                label='every 0.25 s')
+
+
+def down(x, y, z, turn=0.0):
+    """Return the pose of a tool that points down, turned about the vertical [deg]."""
+    half = np.radians(turn) / 2.0
+    return [x, y, z, np.cos(half), np.sin(half), 0.0, 0.0]
+
+
+SCENES = {
+    'pointing': Scene(
+        'panda', (0.0, -0.5, 0.0, -2.0, 0.0, 2.6, 0.785), f"""
+- [tip: {{type: position, frame: {TOOL}, gain: 2.0}},
+   drill: {{type: pointing, frame: {TOOL}, axis: z, target: [0, 0, -1], gain: 2.0}}]
+- posture: {{type: posture, gain: 1.0}}
+""",
+        goals=((0.0, 'tip', [0.5, 0.1, 0.3]), (4.0, 'posture', {'panda_joint7': -0.8})),
+        seconds=8.0, frames=(TOOL,), draw=axes_of_tool,
+        plots=(error('drill', 'rad'), Plot('turn of the hand about z [°]', turn_about_z))),
+    'look_at': Scene(
+        'panda', READY, """
+- camera: {type: look_at, frame: panda_link7, axis: z, up: -y, target: [0.6, 0.2, 0.0], gain: 2.0}
+- carry: {type: position, frame: panda_link7}
+""",
+        goals=((0.0, 'carry', [0.35, -0.35, 0.6]), (4.0, 'carry', [0.3, 0.4, 0.5])),
+        seconds=8.0, frames=('panda_link7',), view=OBLIQUE, draw=sights,
+        plots=(Plot('camera error [°]', sight_errors), error('carry'))),
+    'relative_pose': Scene(
+        'baxter', ARMS_READY, f"""
+- grip: {{type: relative_pose, frame: {LEFT}, reference: {RIGHT}, gain: 5.0}}
+- carry: {{type: position, frame: {LEFT}, gain: 1.0}}
+- posture: {{type: posture, gain: 0.5}}
+""",
+        goals=((0.0, 'carry', [0.6, 0.4, 0.25]),),
+        frames=(LEFT, RIGHT), view=ABOVE, draw=bar, compare=True,
+        plots=(Plot('slip of the hands [mm]', slip), error('carry'))),
+    'relative_position': Scene(
+        'baxter', ARMS_READY, f"""
+- apart: {{type: relative_position, frame: {LEFT}, reference: {RIGHT}}}
+- posture: {{type: posture, gain: 0.5}}
+""",
+        goals=((0.0, 'apart', [0.0, 0.2, 0.0]),),
+        frames=(LEFT, RIGHT), view=ABOVE, draw=point_in_reference,
+        plots=(Plot("error in the other hand's axes [mm]", components),
+               Plot('turn of the hand in the other [°]', turn_of_grip))),
+    'center_of_mass': Scene(
+        'panda with masses', READY, f"""
+- balance: {{type: center_of_mass, axes: xy, gain: 1.0}}
+- tool: {{type: position, frame: {TOOL}}}
+""",
+        goals=((0.0, 'tool', [0.45, 0.0, 0.7]),), seconds=8.0,
+        frames=(TOOL,), draw=mass, compare=True,
+        plots=(Plot('horizontal shift of the centre of mass [mm]', shift_of_mass), error('tool'))),
+    'base_pose': Scene(
+        'mobile arm', (0.15, 0.0, 0.5, 0.0, 1.2, 0.0, 0.0, 0.0), """
+- tool: {type: position, frame: tool, gain: 2.0}
+- park: {type: base_pose, gain: 0.5}
+""",
+        goals=((0.0, 'park', [0.2, -0.5, 0.0, 0.0, 0.0, 0.5, 0.866]),), seconds=10.0,
+        frames=('base_link',), view=ABOVE, draw=parking,
+        plots=(Plot('park error', base_to_go), error('tool'))),
+    'base_orientation': Scene(
+        'underwater arm', (0.0, 0.3, 0.5, 0.0), """
+- heading: {type: base_orientation, gain: 0.5}
+- tool: {type: position, frame: tool}
+""",
+        goals=((0.0, 'tool', [1.4, 1.2, -0.5]),), seconds=10.0,
+        frames=('tool', 'vehicle'), view=ABOVE, compare=True,
+        plots=(Plot('heading of the vehicle [°]', yaw), error('tool'))),
+    'joint_limits': Scene(
+        'panda', READY, f"""
+- tool: {{type: pose, frame: {TOOL}}}
+- room: {{type: joint_limits, margin: 0.2}}
+- posture: {{type: posture, gain: 0.5}}
+""",
+        goals=((0.0, 'tool', down(0.45, -0.3, 0.4, turn=-160.0)),), seconds=8.0,
+        frames=(TOOL,), view=OBLIQUE, compare=True,
+        plots=(Plot('position of joint 7 [rad]', partial(value, row=6), upper=2.8973 - 0.2),
+               Plot('tool error [mm]', lambda run: run.error('tool'), log=True))),
+    'keep_in': Scene(
+        'panda', READY, f"""
+- cell: {{type: keep_in, frame: {TOOL}, shape: {{box: [1.0, 0.8, 0.6]}}, at: [0.4, 0, 0.4]}}
+- tool: {{type: position, frame: {TOOL}}}
+""",
+        goals=((0.0, 'tool', [0.2, 0.6, 0.4]), (4.0, 'tool', [0.6, 0.5, 0.4])), seconds=8.0,
+        frames=(TOOL,), view=ABOVE, draw=room, compare=True,
+        plots=(Plot('y of the tool in the box [m]', partial(value, row=1), lower=-0.4, upper=0.4),
+               error('tool'))),
+    'keep_out': Scene(
+        'panda', (0.3, -0.3, 0.0, -2.0, 0.0, 1.7, 0.785), f"""
+- pillar: {{type: keep_out, frame: {TOOL}, radius: 0.06, shape: {{cylinder: [0.1, 1.2]}},
+           at: [0.4, -0.3, 0.6]}}
+- tool: {{type: position, frame: {TOOL}}}
+""",
+        goals=((0.0, 'tool', [0.28, -0.6, 0.4]),),
+        frames=(TOOL,), view=ABOVE, draw=pillar, compare=True,
+        plots=(Plot('distance from the pillar [m]', value, lower=0.06), error('tool'))),
+    'field_of_view': Scene(
+        'panda', READY, f"""
+- view: {{type: field_of_view, frame: panda_link7, half_angle: 0.4, target: [0.5, 0.0, 0.0]}}
+- tool: {{type: position, frame: {TOOL}}}
+""",
+        goals=((0.0, 'tool', [0.7, 0.0, 0.6]),), frames=(TOOL,), draw=cones, compare=True,
+        plots=(Plot('angle of the target from the axis [°]', angle, upper=np.degrees(0.4)),
+               error('tool'))),
+    'manipulability_above': Scene(
+        'panda', READY, f"""
+- mobile: {{type: manipulability_above, frame: {TOOL}, minimum: 0.05}}
+- tool: {{type: pose, frame: {TOOL}}}
+""",
+        goals=((0.0, 'tool', down(0.85, 0.0, 0.4)),), frames=(TOOL,), compare=True,
+        plots=(Plot('√det(J Jᵀ)', mobility, lower=0.05), error('tool'))),
+    'speed_limit': Scene(
+        'panda', READY, f"""
+- slow: {{type: speed_limit, frame: {TOOL}, linear: 0.25, angular: 1.0}}
+- tool: {{type: pose, frame: {TOOL}, gain: 3.0}}
+""",
+        goals=((0.0, 'tool', down(0.65, 0.0, 0.05)),), seconds=2.0, frames=(TOOL,), compare=True,
+        draw=steps,
+        plots=(Plot('speed of the tool [m/s]', lambda run: run.speed(TOOL), upper=0.25),
+               error('tool'))),
+    'manipulability': Scene(
+        'panda', (0.0, 0.9, 0.0, -0.6, 0.0, 1.2, 0.785), f"""
+- tool: {{type: position, frame: {TOOL}}}
+- mobile: {{type: manipulability, frame: {TOOL}}}
+""",
+        seconds=8.0,
+        plots=(Plot('√det(J Jᵀ)', mobility), error('tool'))),
+    'joint_limit_distance': Scene(
+        'panda', (0.31, 1.31, -2.42, -1.01, 1.59, 0.46, -2.17), f"""
+- tool: {{type: pose, frame: {TOOL}}}
+- relax: {{type: joint_limit_distance, gain: 0.3}}
+""",
+        seconds=8.0, view=OBLIQUE,
+        plots=(Plot('place between the limits', shares, lower=-1.0, upper=1.0, names='joint'),
+               Plot('h(q)', value))),
+}
+
+
+def main():
+    """Draw pictures, all or those that are named."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().partition('\n')[0])
+    parser.add_argument('types', nargs='*', metavar='type', help=', '.join(SCENES))
+    types = parser.parse_args().types
+    for kind in types or SCENES:
+        path, lines = draw(kind)
+        print(path.relative_to(ROOT), *lines, sep='\n  ')
+
+
+if __name__ == '__main__':
+    main()

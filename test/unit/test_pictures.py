@@ -1,0 +1,78 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The pictures of the task types are there, are shown, and can be drawn anew."""
+
+import importlib.util
+from pathlib import Path
+import re
+
+from PIL import Image
+import pytest
+from robots import urdf_path
+from tp_controller import Stack
+from tp_controller.tasks import task_types
+
+DOCS = Path(__file__).resolve().parents[2] / 'docs'
+SECTION = re.compile(r'^### (\w+)\n(.*?)(?=^##)', re.MULTILINE | re.DOTALL)
+PICTURE = re.compile(r'^!\[([^\]]+)\]\(images/tasks/(\w+)\.png\)$', re.MULTILINE)
+
+
+@pytest.fixture(scope='module')
+def pictures():
+    """Return docs/pictures.py as a module."""
+    spec = importlib.util.spec_from_file_location('pictures', DOCS / 'pictures.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def shown():
+    """Return {task type: names of the pictures in its section} of the page about tasks."""
+    text = (DOCS / 'tasks.md').read_text(encoding='utf-8')
+    return {kind: [name for _, name in PICTURE.findall(section)]
+            for kind, section in SECTION.findall(text) if PICTURE.search(section)}
+
+
+def test_every_scene_has_a_picture_and_is_shown_with_its_task_type(pictures):
+    assert shown() == {kind: [kind] for kind in pictures.SCENES}
+    assert {path.stem for path in pictures.FOLDER.iterdir()} == set(pictures.SCENES)
+    assert set(pictures.SCENES) <= set(task_types())
+
+
+def test_pictures_have_one_size_and_are_small(pictures):
+    for path in pictures.FOLDER.iterdir():
+        with Image.open(path) as picture:
+            assert picture.size == (902, 379), path
+        assert path.stat().st_size < 70_000, path
+
+
+@pytest.mark.parametrize('kind', shown())
+def test_every_scene_is_about_its_task_type(pictures, kind):
+    scene = pictures.SCENES[kind]
+    if scene.robot in ('baxter', 'panda with masses'):
+        urdf_path('baxter')  # skips where those robots are missing
+    stack = Stack.from_yaml(scene.stack, pictures.ROBOTS[scene.robot]())
+    assert [task.type_name for task in stack.tasks.values()].count(kind) == 1
+    assert {name for _, name, _ in scene.goals} <= set(stack.tasks)
+
+
+def test_a_picture_drawn_again_is_the_same_and_its_bounds_are_kept(pictures, tmp_path):
+    paths = [pictures.draw('keep_out', tmp_path / folder)[0] for folder in ('first', 'second')]
+    assert paths[0] == tmp_path / 'first' / 'keep_out.png'
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    plot, _ = pictures.SCENES['keep_out'].plots
+    with_task, without = (pictures.Run(pictures.SCENES['keep_out'], 'keep_out', without=off)
+                          for off in (False, True))
+    assert plot.values(with_task).min() > plot.lower > 0.0 > plot.values(without).min()
