@@ -72,4 +72,8 @@ def _load(name, limits):
     installed = distribution('example-robot-data')
     path = next(installed.locate_file(file) for file in installed.files
                 if file.name == file_name)
-    return Robot.from_urdf(str(path), joints=joints, limits=limits)
+    # Their meshes are beside them, not in a ROS workspace.
+    share = next(folder for folder in Path(path).parents if folder.name == 'example-robot-data')
+    urdf = Path(path).read_text(encoding='utf-8').replace('package://example-robot-data',
+                                                          str(share))
+    return Robot.from_urdf(urdf, joints=joints, limits=limits)

@@ -294,13 +294,19 @@ class _Cascade:
     def _violate_least(self, Z_rows, lower, upper, weights):
         """Move x to where rows violate their bounds least; return the multipliers."""
         count, width = Z_rows.shape
-        # One more variable for each row: what is missing to its bound. Exactly, or it would
-        # depend on x, and so on levels below, how much that is.
+        # One more variable for each row: what is missing to its bound.
         directions = np.hstack([self._Z, np.zeros((len(self._Z), count))])
         slack_rows = np.hstack([Z_rows, np.eye(count)])
-        stiffness = np.concatenate([np.zeros(width), weights * weights])
+        stiffness = np.concatenate([np.full(width, self._regularisation), weights * weights])
+        # The rest is what would be best without these bounds, whatever the levels below want.
+        target = np.concatenate([self._to_rest(self._Z), np.zeros(count)])
         program = self._program(directions, slack_rows, lower, upper)
-        return self._move(directions, *exact(stiffness, np.zeros(width + count), *program))
+        return self._move(directions, *exact(stiffness, target, *program))
+
+    def _to_rest(self, Z):
+        """Return the step (k,) along Z to the smallest velocity."""
+        cost = np.diagonal(self._start)
+        return -Z.T.dot(self.x / (cost * cost))
 
     def finish(self, unbounded):
         """Among what is left take the smallest velocity."""
@@ -312,8 +318,7 @@ class _Cascade:
             Z = self._unreleased(projections)
         if not Z.shape[1]:
             return
-        cost = np.diagonal(self._start)
-        aim = -Z.T.dot(self.x / (cost * cost))
+        aim = self._to_rest(Z)
         if not aim.any() or self._take(self.x + Z.dot(aim)):
             return
         found = nearest_point(aim, *self._program(Z.copy()))

@@ -1152,3 +1152,20 @@ def test_bounds_of_which_little_is_left_do_not_make_the_joints_race():
             np.testing.assert_allclose(task @ velocity, 0.0, atol=1e-9)
             fastest[index] = max(fastest[index], np.linalg.norm(velocity))
     assert fastest[0] > 20.0 and fastest[1] < 0.5 * fastest[0]
+
+
+def test_bounds_that_cannot_be_met_do_not_make_joints_race_for_little():
+    """Two ends of a link in an obstacle: turning one out of it turns the other one in."""
+    ends = Level(np.array([[0.010, 0.0], [-0.009, 0.0]]), lower=np.array([0.2, 0.2]))
+    wish = (np.eye(2), np.array([0.3, 0.5]))
+    box = -2.0 * np.ones(2), 2.0 * np.ones(2)
+    exact = redistribute([ends, wish], *box).velocity
+    # The least violation, worked out: Σ w² (0.2 − J q̇)² with w = 1.
+    assert exact[0] == pytest.approx(0.2 * (0.010 - 0.009) / (0.010 ** 2 + 0.009 ** 2), rel=1e-6)
+    calm = redistribute([ends, wish], *box, regularisation=0.05).velocity
+    # The rows are 2 % of the regularisation, so nearly all is left to rest, whatever is below.
+    stiff = 0.010 ** 2 + 0.009 ** 2
+    assert calm[0] == pytest.approx(0.2 * (0.010 - 0.009) / (stiff + 0.05 ** 2), abs=1e-6)
+    for other in (np.array([-1.0, 0.5]), np.array([1.5, 0.5])):
+        again = redistribute([ends, (np.eye(2), other)], *box, regularisation=0.05).velocity
+        np.testing.assert_allclose(ends.J @ again, ends.J @ calm, atol=1e-9)

@@ -23,6 +23,9 @@ from tp_controller.tasks.base import DEFAULT_TIMEOUT, positive, Task
 
 DEFAULT_BOUND_GAIN = 10.0
 DEFAULT_RETURN_SPEED = 0.2
+# No joint has to be faster than this on the way back of one row, however little it moves the
+# value [rad/s or m/s].
+RETURN_JOINT_SPEED = 0.5
 
 
 class BoundedTask(Task):
@@ -34,8 +37,8 @@ class BoundedTask(Task):
 
         γ (lower − σ) ≤ J q_dot ≤ γ (upper − σ)
 
-    A value that is outside comes back, at the same rate but never faster than `return_speed`: it
-    may be far outside when the task begins. Where the bounds themselves move, their velocity is
+    A value that is outside comes back, at the same rate but never faster than `return_speed`, nor
+    so fast that joints would race: it may be far outside when the task begins. Where the bounds themselves move, their velocity is
     added to both sides.
 
     A command is held for a period T, in which J changes, and the curvature of the way leads beyond
@@ -112,8 +115,9 @@ class BoundedTask(Task):
         value, J = self.observe(state)
         self.last_error = self._way_back(value)
         motion, curved = self.own_motion(state, now), self._curved(J, state.velocity)
-        lower = np.minimum(self.gain * (self.lower - value), self.return_speed) - motion
-        upper = np.maximum(self.gain * (self.upper - value), -self.return_speed) - motion
+        back = np.minimum(self.return_speed, RETURN_JOINT_SPEED * np.sqrt((J * J).sum(axis=1)))
+        lower = np.minimum(self.gain * (self.lower - value), back) - motion
+        upper = np.maximum(self.gain * (self.upper - value), -back) - motion
         # Only what leads outwards needs room, as far as there is any.
         return Level(J, lower=np.minimum(lower - np.minimum(curved, 0.0), upper),
                      upper=np.maximum(upper - np.maximum(curved, 0.0), lower))
