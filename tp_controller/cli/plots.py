@@ -214,11 +214,10 @@ def plot_bounds(path, times, curves, *, title):
         axis.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
         for bound, end in zip((lower, upper), axis.get_ylim()):
             if np.isfinite(bound):
-                axis.axhline(bound, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1)
-                axis.axhspan(bound, end, color=LIMIT_COLOUR, alpha=0.06, zorder=0, linewidth=0.0)
+                mark_bound(axis, bound, end - bound)
         axis.set_title(label, fontsize='medium', loc='left')
     _finish_time_axes(axes, times)
-    return _save(figure, path)
+    return save(figure, path)
 
 
 def plot_tool_path(path, points, goals=None, *, title='Tool path', times=None):

@@ -38,8 +38,8 @@ class BoundedTask(Task):
         γ (lower − σ) ≤ J q_dot ≤ γ (upper − σ)
 
     A value that is outside comes back, at the same rate but never faster than `return_speed`, nor
-    so fast that joints would race: it may be far outside when the task begins. Where the bounds themselves move, their velocity is
-    added to both sides.
+    so fast that joints would race: it may be far outside when the task begins. Where the bounds
+    themselves move, their velocity is added to both sides.
 
     A command is held for a period T, in which J changes, and the curvature of the way leads beyond
     the bound by ½ T² q_dotᵀ ∂²σ/∂q² q_dot. Half of what J has changed by since the last cycle,
