@@ -26,6 +26,8 @@ BAXTER_JOINTS = [f'{side}_{joint}' for side in ('left', 'right')
 TALOS_JOINTS = [f'torso_{number}_joint' for number in (1, 2)] + \
     [f'head_{number}_joint' for number in (1, 2)] + \
     [f'arm_{side}_{number}_joint' for side in ('left', 'right') for number in range(1, 8)]
+LEG_JOINTS = [f'leg_{side}_{number}_joint' for side in ('left', 'right')
+              for number in range(1, 7)]
 ARM_READY = (0.3, 0.5, -0.4, -1.4, 0.2, 0.1, 0.1)
 TALOS_READY = (0.1, 0.2, 0.05, 0.1, *ARM_READY, *(-value for value in ARM_READY[:3]),
                *ARM_READY[3:])
@@ -34,7 +36,8 @@ PLANAR = [{'name': f'joint{number}', 'a': 0.2, 'lower': -2.0, 'upper': 2.0, 'vel
           for number in range(1, 11)]
 # {name: (file name in example-robot-data, joints)}
 URDFS = {'UR5': ('ur5_robot.urdf', None), 'Baxter': ('baxter.urdf', BAXTER_JOINTS),
-         'Talos': ('talos_reduced.urdf', TALOS_JOINTS)}
+         'Talos': ('talos_reduced.urdf', TALOS_JOINTS),
+         'Talos, 30 joints': ('talos_reduced.urdf', LEG_JOINTS + TALOS_JOINTS)}
 
 
 def load_robot(name, acceleration=None, limits=None):

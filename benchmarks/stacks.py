@@ -1,0 +1,166 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""
+Time control cycles of larger stacks, in microseconds: tasks that keep bounds, and thirty joints.
+
+Run as ``python benchmarks/stacks.py`` (or ``make bench``). Every stack is run in closed loops with
+an ideal robot, 1,000 cycles a second: to a goal that the bounds allow, and to one beyond them,
+where they hold the tool back in nearly every cycle. Each figure is the processor time of
+`Controller.update`, a mean over the cycles of a run; shown are the median over the rounds, with
+the fastest and the slowest round. Everything is measured in turns in one process. The textbook is
+the recursion with `np.linalg.pinv` and uniform scaling, for the levels that want a velocity.
+"""
+
+import argparse
+import time
+
+from _robots import CONFIG, load_robot, PANDA_READY, TALOS_READY
+import numpy as np
+from tp_controller import Controller, Settings, Stack
+
+PERIOD = 1e-3
+CYCLES = 300
+# The tool has come to its bounds after so many cycles.
+APPROACH = 1500
+TOOL = 'panda_hand_tcp'
+CAPSULES = CONFIG / 'panda_capsules.yaml'
+THINGS = ('{table: {shape: half_space, at: [0, 0, -0.05]}, '
+          'post: {shape: {cylinder: [0.08, 1.2]}, at: [0.45, 0.35, 0.6]}, '
+          'box: {shape: {box: [0.2, 0.2, 0.2]}, at: [0.5, -0.4, 0.5]}}')
+# What stands above tool and posture, and a goal for the tool beyond it [m].
+BOUNDS = {
+    'nothing above': ('', [0.45, 0.35, 0.6]),
+    'joint_limits': ('- guard: {type: joint_limits, joints: panda_joint1, margin: 2.5}',
+                     [0.25, 0.45, 0.5]),
+    'keep_out': (f'- guard: {{type: keep_out, frame: {TOOL}, radius: 0.05, '
+                 'shape: {cylinder: [0.08, 1.2]}, at: [0.45, 0.35, 0.6]}', [0.45, 0.35, 0.6]),
+    'field_of_view': ('- guard: {type: field_of_view, frame: panda_link7, half_angle: 0.4, '
+                      'target: [0.5, 0.15, 0.0]}', [0.4, -0.4, 0.5]),
+    'manipulability_above': (f'- guard: {{type: manipulability_above, frame: {TOOL}, '
+                             'minimum: 0.075}', [0.8, 0.3, 0.5]),
+    'speed_limit': (f'- guard: {{type: speed_limit, frame: {TOOL}, linear: 0.02}}',
+                    [0.45, 0.35, 0.6]),
+    'obstacles, three': (f'- guard: {{type: obstacles, capsules: {CAPSULES}, '
+                         f'obstacles: {THINGS}}}', [0.45, 0.35, 0.6]),
+    'self_collision': (f'- guard: {{type: self_collision, capsules: {CAPSULES}}}',
+                       [0.05, 0.1, 0.2]),
+}
+TALOS = """
+- [left_foot: {type: pose, frame: leg_left_6_link},
+   right_foot: {type: pose, frame: leg_right_6_link}]
+- balance: {type: center_of_mass, axes: xy}
+- left: {type: pose, frame: arm_left_7_link}
+- right: {type: pose, frame: arm_right_7_link}
+- eyes: {type: look_at, frame: head_2_link, axis: x, target: [1.5, 0.3, 0.5]}
+- posture: {type: posture, gain: 0.5}
+"""
+LEG_READY = (0.0, 0.0, -0.4, 0.8, -0.4, 0.0)
+
+
+class Loop:
+    """A closed loop with an ideal robot that begins anew whenever it is run."""
+
+    def __init__(self, robot, ready, text, task, goal, approach=0):
+        self.robot, self.text = robot, text
+        self.start = np.array(ready, dtype=float)
+        self.task, self.goal, self.approach = task, goal, approach
+
+    def run(self):
+        """Return microseconds of processor time per cycle."""
+        controller = Controller(self.robot, Stack.from_yaml(self.text, self.robot),
+                                Settings(period=PERIOD))
+        q = self.start
+        controller.update(q, 0.0)
+        controller.set_goal(self.task, self.goal, 0.0)
+        spent = 0
+        for cycle in range(1, self.approach + CYCLES):
+            began = time.thread_time_ns()
+            velocity = controller.update(q, cycle * PERIOD).velocity
+            if cycle >= self.approach:
+                spent += time.thread_time_ns() - began
+            q = q + PERIOD * velocity
+        return spent / CYCLES / 1e3
+
+    def textbook(self):
+        """Return microseconds per cycle of the textbook recursion, at the start."""
+        robot, state = self.robot, self.robot.state(self.start)
+        stack = Stack.from_yaml(self.text, robot)
+        stack.start(state)
+        began = time.thread_time_ns()
+        for _ in range(CYCLES):
+            state.update(self.start)
+            zeta, P = np.zeros(robot.n), np.eye(robot.n)
+            for level in stack.levels(state, 0.0):
+                J_bar = level.J @ P
+                inverse = np.linalg.pinv(J_bar, rcond=1e-9)
+                zeta = zeta + inverse @ (level.v - level.J @ zeta)
+                P = P - inverse @ J_bar
+            scale = np.max(np.abs(zeta) / robot.velocity)
+            zeta = zeta / scale if scale > 1.0 else zeta
+        return (time.thread_time_ns() - began) / CYCLES / 1e3
+
+
+def loops():
+    """Return {name: (Loop whose goal is allowed, Loop whose goal is beyond the bounds)}."""
+    found = {}
+    panda = load_robot('Panda')
+    for name, (bounds, goal) in BOUNDS.items():
+        text = (f'{bounds}\n- tool: {{type: position, frame: {TOOL}, gain: 2.0}}\n'
+                '- posture: {type: posture, gain: 0.5}\n')
+        here = panda.state(np.array(PANDA_READY)).position(TOOL)
+        found[f'Panda: {name} > position > posture'] = (
+            Loop(panda, PANDA_READY, text, 'tool', here + [0.0, 0.0, 0.01]),
+            Loop(panda, PANDA_READY, text, 'tool', goal, APPROACH))
+    talos = load_robot('Talos, 30 joints')
+    ready = np.array([*LEG_READY, *LEG_READY, *TALOS_READY])
+    hand = talos.state(ready).pose('arm_left_7_link').copy()
+    near, far = hand.copy(), hand.copy()
+    near[2, 3] += 0.01
+    far[:3, 3] += [0.8, 0.3, 0.4]
+    found['Talos: 30 joints, 6 levels'] = (Loop(talos, ready, TALOS, 'left', near),
+                                           Loop(talos, ready, TALOS, 'left', far, APPROACH))
+    return found
+
+
+def main():
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--rounds', type=int, default=7)
+    rounds = parser.parse_args().rounds
+    pairs = loops()
+    panda = next(iter(pairs.values()))[0]
+    talos = pairs['Talos: 30 joints, 6 levels'][0]
+    times = {name: [] for name in pairs}
+    books = {'Panda': [], 'Talos': []}
+    for _ in range(rounds):
+        for name, (free, held) in pairs.items():
+            times[name].append((free.run(), held.run()))
+        books['Panda'].append(panda.textbook())
+        books['Talos'].append(talos.textbook())
+    print('| stack | bounds not reached | share | at the bounds | share |')
+    print('| --- | --- | --- | --- | --- |')
+    for name, measured in times.items():
+        book = np.median(books[name.partition(':')[0]])
+        cells = [f'{np.median(column):.0f} ({min(column):.0f} to {max(column):.0f}) | '
+                 f'{np.median(column) / book:.2f}' for column in zip(*measured)]
+        print(f'| {name} | {" | ".join(cells)} |')
+    for name, column in books.items():
+        print(f'| {name}: textbook pinv, levels that want a velocity | {np.median(column):.0f} '
+              f'({min(column):.0f} to {max(column):.0f}) | 1.00 | | |')
+
+
+if __name__ == '__main__':
+    main()
