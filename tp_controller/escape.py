@@ -16,7 +16,7 @@
 
 import numpy as np
 from tp_controller.tasks.base import norm
-from tp_controller.transition import Transition
+from tp_controller.transition import kept_above, Transition
 
 # A joint slower than this stands still, and a task velocity below it is not worth a motion.
 STILL = 1e-3
@@ -76,8 +76,7 @@ class Escape:
         """
         if self._upper:
             # Without the levels below, which may want to stay where they are.
-            upper = solution.hierarchy[:self._upper] + [
-                level for level in solution.hierarchy[self._upper:] if level.v is None]
+            upper = kept_above(solution.hierarchy, self._upper)
             levels = self._nudge.levels(upper, solve(upper).velocity, now)
             if levels is not None:
                 return levels

@@ -14,6 +14,7 @@
 
 """How the links of a robot hang together, and which of them may touch."""
 
+from pathlib import Path
 from xml.etree import ElementTree
 
 from tp_controller.resources import read_source
@@ -87,6 +88,8 @@ def srdf_pairs(source):
         It cannot be read.
 
     """
+    if not isinstance(source, (str, Path)):
+        raise ValueError(f'needs text or the name of a file, got {source!r}')
     try:
         tree = ElementTree.fromstring(read_source(source, lambda text: '<' in text).encode())
     except (OSError, UnicodeDecodeError) as error:

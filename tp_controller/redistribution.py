@@ -37,6 +37,7 @@ import numpy as np
 from tp_controller.least_distance import nearest_point, nearest_point_if_any
 from tp_controller.level import identity
 from tp_controller.programs import exact, regularised
+from tp_controller.projection import REACTION
 from tp_controller.solution import Stage
 
 # What a velocity may exceed a bound by and be cut off, relative to its size.
@@ -45,12 +46,15 @@ ROUNDING = 1e-12
 FEASIBLE = 1e-11
 # A row of length 1 counts as taken by the levels above where so much of it is left.
 NEGLIGIBLE = 1e-9
+# Speed along a row of length 1 from which on it counts as one that asks for motion [rad/s].
+ASKING = 0.02
+TINY = 1e-30
 # Pushes a joint with a multiplier the last bit onto its bound.
 PUSH = 1e6
 
 
 def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation, period,
-                 damping):
+                 row_damping):
     """
     Carry out levels within bounds.
 
@@ -70,9 +74,9 @@ def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation
         μ, in the units of J; 0: exact.
     period : float
         How long the velocity will be held [s].
-    damping : tp_controller.projection.Damping
-        Of the directions in which levels with bounds can hardly move, below the first level
-        that wants a velocity.
+    row_damping : float
+        Share of a row that is left by the levels above it, below which its level asks for less;
+        0: never.
 
     Returns
     -------
@@ -84,7 +88,7 @@ def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation
     """
     nearest = next((stage.velocity for stage in unbounded if stage.projection is not None),
                    np.zeros(len(start)))
-    cascade = _Cascade(nearest, bounds, start, regularisation, period, damping)
+    cascade = _Cascade(nearest, bounds, start, regularisation, period, row_damping)
     stages, first = [], True
     for level, stage in zip(levels, unbounded):
         if level.v is None:
@@ -121,7 +125,7 @@ def clip(x, lower, upper):
 class _Cascade:
     """The velocity x that the levels so far agree on, what they left free, and what bounds it."""
 
-    def __init__(self, x, bounds, start, regularisation, period, damping):
+    def __init__(self, x, bounds, start, regularisation, period, row_damping):
         self.x = clip(x, *bounds)
         self._lower, self._upper = bounds
         self._start = start
@@ -129,7 +133,7 @@ class _Cascade:
         self._rows = np.zeros((0, len(start)))
         self._row_lower = self._row_upper = self._row_units = np.zeros(0)
         self._regularisation, self._period = regularisation * regularisation, period
-        self._damping = damping
+        self._row_damping = row_damping
         # The most curvature of what has pushed so far.
         self._curvature = 0.0
 
@@ -220,7 +224,10 @@ class _Cascade:
         values = rows.dot(self.x)
         multipliers = ()
         if np.count_nonzero(values > upper) or np.count_nonzero(values < lower):
-            multipliers = self._meet(rows, lower - values, upper - values, lengths)
+            # How many rows ask for motion; one that only begins to counts less.
+            asked = np.maximum(lower, 0.0) + np.maximum(-upper, 0.0)
+            many = max(np.minimum(asked / ASKING, 1.0).sum(), 1.0)
+            multipliers = self._meet(rows, lower - values, upper - values, lengths, many)
             values = rows.dot(self.x)
             lower, upper = np.minimum(lower, values), np.maximum(upper, values)
         self._rows = np.concatenate([self._rows, rows])
@@ -228,7 +235,7 @@ class _Cascade:
         self._row_upper = np.concatenate([self._row_upper, upper])
         return Stage(self.x, None, *multipliers)
 
-    def _meet(self, rows, lower, upper, weights):
+    def _meet(self, rows, lower, upper, weights, many):
         """
         Move x to within bounds on rows, as far as there is a way.
 
@@ -240,6 +247,8 @@ class _Cascade:
             Bounds on what it gains.
         weights : ndarray (r,)
             Of what is missing in the end, before it is squared.
+        many : float
+            How many rows ask for motion.
 
         Returns
         -------
@@ -250,24 +259,24 @@ class _Cascade:
         Z_rows = rows.dot(self._Z)
         # What is left of a row that the levels above have taken is rounding, no way to anywhere.
         Z_rows[(Z_rows * Z_rows).sum(axis=1) < NEGLIGIBLE * NEGLIGIBLE] = 0.0
-        if self._Z is not self._start:
-            lower, upper = self._damped(Z_rows, lower, upper)
+        if self._row_damping and self._Z is not self._start:
+            lower, upper = self._damped(rows, Z_rows, lower, upper)
         # Mostly there is a way, and one program finds it.
         found = nearest_point_if_any(np.zeros(self._Z.shape[1]),
                                      *self._program(self._Z, Z_rows, lower, upper))
         if found is None:
-            return self._violate_least(Z_rows, lower, upper, weights)
+            return self._violate_least(Z_rows, lower, upper, weights, many)
         self._move(self._Z, *found)
         return ()
 
-    def _damped(self, Z_rows, lower, upper):
+    def _damped(self, rows, Z_rows, lower, upper):
         """
-        Ask for less where the levels above left hardly a way to move.
+        Ask for less where the levels above have left hardly a way to move.
 
         Parameters
         ----------
-        Z_rows : ndarray (r, k)
-            Rows in the coordinates that are left.
+        rows, Z_rows : ndarray (r, n), (r, k)
+            What is bounded, and the same in the coordinates that are left.
         lower, upper : ndarray (r,)
             Bounds on what they gain.
 
@@ -276,32 +285,33 @@ class _Cascade:
         lower, upper : ndarray (r,)
 
         """
-        missing = np.maximum(lower, 0.0) + np.minimum(upper, 0.0)
-        short = np.flatnonzero(missing)
-        U, s, _ = np.linalg.svd(Z_rows[short], full_matrices=False)
-        movable = s > NEGLIGIBLE
-        U, s = U[:, movable], s[movable]
-        wish = U.T.dot(missing[short])
-        if not len(s) or self._damping.spares(s[-1], math.sqrt(wish.dot(wish))):
-            return lower, upper
-        gained = np.zeros(len(missing))
-        gained[short] = U.dot(s * self._damping.inverse(s, wish) * wish)
-        # Never the other way, and never more than is missing.
-        gained = clip(gained, np.minimum(missing, 0.0), np.maximum(missing, 0.0))
-        return np.minimum(lower, np.maximum(gained, 0.0)), np.maximum(
-            upper, np.minimum(gained, 0.0))
+        whole = rows.dot(self._start)
+        squares = (Z_rows * Z_rows).sum(axis=1) / np.maximum((whole * whole).sum(axis=1), TINY)
+        # s² / (s² + λ² (1 − (s/ε)²)) with λ = ε.
+        share = np.minimum(squares / (self._row_damping * self._row_damping), 1.0)
+        return (share * np.maximum(lower, 0.0) + np.minimum(lower, 0.0),
+                share * np.minimum(upper, 0.0) + np.maximum(upper, 0.0))
 
-    def _violate_least(self, Z_rows, lower, upper, weights):
+    def _violate_least(self, Z_rows, lower, upper, weights, many):
         """Move x to where rows violate their bounds least; return the multipliers."""
         count, width = Z_rows.shape
         # One more variable for each row: what is missing to its bound.
         directions = np.hstack([self._Z, np.zeros((len(self._Z), count))])
         slack_rows = np.hstack([Z_rows, np.eye(count)])
-        stiffness = np.concatenate([np.full(width, self._regularisation), weights * weights])
+        # Many rows about the same must not push harder than one.
+        soft = many * self._regularisation
+        stiffness = np.concatenate([np.full(width, soft), weights * weights])
         # The rest is what would be best without these bounds, whatever the levels below want.
         target = np.concatenate([self._to_rest(self._Z), np.zeros(count)])
         program = self._program(directions, slack_rows, lower, upper)
-        return self._move(directions, *exact(stiffness, target, *program))
+        found = exact(stiffness, target, *program)
+        # As in `programs.regularised`: what misses much turns quickly.
+        missed = weights * found[0][width:]
+        curvature = self._period * REACTION * math.sqrt(many * missed.dot(missed))
+        if 0.0 < soft < curvature:
+            stiffness[:width] = curvature
+            found = exact(stiffness, target, *program)
+        return self._move(directions, *found)
 
     def _to_rest(self, Z):
         """Return the step (k,) along Z to the smallest velocity."""

@@ -141,17 +141,20 @@ class Report:
         """Return the report of a task that is rows `rows` of a level."""
         wanted, achieved = level.wanted[rows] / task.stretch, level.achieved[rows] / task.stretch
         errors = task.reported_errors(error, wanted - achieved)
+        J = self._solution.hierarchy[number - 1].J[rows]
+        stuck = task.bounded and bool(error.any()) and not J[error != 0.0].any()
         return TaskReport(
             task.name, task.type_name, number, errors,
             all(value <= tolerance for value, _, tolerance in errors), norm(wanted),
-            norm(achieved), self._reason(number, task, level, wanted, achieved), task.bounded)
+            norm(achieved), self._reason(number, task, level, wanted, achieved, stuck),
+            task.bounded)
 
-    def _reason(self, number, task, level, wanted, achieved):
+    def _reason(self, number, task, level, wanted, achieved, stuck):
         """Return what holds a task back."""
         speed = norm(wanted)
         enough = max(NEGLIGIBLE, NOTABLE * speed)
         if norm(wanted - achieved) <= enough:
-            return ''
+            return 'no joint moves it' if stuck else ''
         reasons = []
         in_the_way = [*(self._limit(joint, level) for joint in level.limited_by[:NAMED]),
                       *self._bounds_of_tasks(task, level)[:NAMED]]
@@ -162,7 +165,8 @@ class Report:
         if norm(level.unreachable) > enough:
             reasons.append(self._missing_directions(number, level))
         if task.bounded and not reasons:
-            reasons.append('in conflict with higher levels')
+            reasons.append('its bounds contradict each other' if number == 1
+                           else 'in conflict with higher levels')
         if self._eased:
             reasons.append(self._eased)
         return ', '.join(reasons)

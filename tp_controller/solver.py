@@ -54,9 +54,9 @@ SCALINGS = ('redistribute', 'uniform')
 # itself: of a level that repeats the one above, J P is rounding errors only, and their inverse
 # would be a velocity of 1e16.
 RANK_TOLERANCE = 1e-9
-# λ and ε of levels with bounds, whose rows are of length 1: where the levels above leave so little
-# of a row, less is asked for, or the joints would race for hardly any gain.
-ROW_DAMPING = 0.1
+# λ and ε of levels with bounds, as a share of a row: where the levels above leave so little of it,
+# less is asked for, or the joints would race for hardly any gain.
+ROW_DAMPING = 0.3
 
 
 def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='uniform', *,
@@ -179,8 +179,7 @@ method, rank_tolerance
         self._recursion = _sequential if method == 'sequential' else _recursive
         self._uniform = scaling == 'uniform'
         self._damping = Damping(damping, singular_region, period)
-        exact = damping == 0.0 or singular_region == 0.0
-        self._row_damping = Damping(0.0 if exact else ROW_DAMPING, ROW_DAMPING, period)
+        self._row_damping = 0.0 if damping == 0.0 or singular_region == 0.0 else ROW_DAMPING
         self._release_region = release_region
         self._regularisation, self._period = regularisation, period
         self._rank_tolerance = rank_tolerance
@@ -192,7 +191,6 @@ method, rank_tolerance
         """Take another period [s] from now on."""
         self._period = period
         self._damping.hold(period)
-        self._row_damping.hold(period)
 
     def solve(self, levels, lower=None, upper=None, speed_cap=None):
         """
@@ -233,7 +231,7 @@ method, rank_tolerance
         # Uniform scaling comes afterwards; the levels know of their own bounds only.
         boxed = lower is not None and not self._uniform
         bounds = (lower, upper) if boxed else self._no_bounds
-        shared = bounds if speed_cap is None or len(asking) < 2 else (
+        shared = bounds if speed_cap is None or self._uniform or len(asking) < 2 else (
             clip(-speed_cap, *bounds), clip(speed_cap, *bounds))
         fitting, stages = within(velocity, *shared), None
         if fitting is None or not all(meets(level, fitting) for level in rows):

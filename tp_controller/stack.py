@@ -236,7 +236,10 @@ class _Reader:
                 self._fault(key, f'{name}, {key.value}', 'the key is given twice')
             lines[key.value] = value.start_mark.line + 1
             try:
-                values[key.value] = constructor.construct_object(value, deep=True)
+                built = constructor.construct_object(value, deep=True)
+                # What cannot be shown cannot be told to be wrong: a number of a thousand digits.
+                repr(built)
+                values[key.value] = built
             except (yaml.YAMLError, ValueError, LookupError, AttributeError) as error:
                 # PyYAML lets the errors of a date or number it cannot read through.
                 self._fault(value, f'{name}, {key.value}', _first_line(error))
@@ -249,11 +252,13 @@ class _Reader:
             self._faults.append(Fault(lines[other], name,
                                       unknown('key', other, ['type', *accepted])))
             del values[other]
+        # Those whose value could not be read are noted already.
         missing = [needed for needed, default in accepted.items()
-                   if default is inspect.Parameter.empty and needed not in lines]
+                   if default is inspect.Parameter.empty and needed not in values]
         for needed in missing:
-            self._fault(key, name, f'needs the key {needed!r}: '
-                                   f'{task_type.described_keys()[needed]}')
+            if needed not in lines:
+                self._fault(key, name, f'needs the key {needed!r}: '
+                                       f'{task_type.described_keys()[needed]}')
         try:
             # Missing keys are tried as None, so that faults of the other ones are found too.
             return task_type(self._robot, name, **dict.fromkeys(missing), **values)

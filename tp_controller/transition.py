@@ -124,10 +124,20 @@ class Transition:
             return None
         share = (now - self._began) / self.duration
         left = 1.0 - share * share * (3.0 - 2.0 * share)
-        # Bounds of the new stack hold at once: they are there for safety.
-        return levels[:self._shared] + [level for level in levels[self._shared:]
-                                        if level.v is None] + [
+        return kept_above(levels, self._shared) + [
             Level(identity(len(velocity)), velocity + left * self._offset)]
+
+
+def kept_above(levels, count):
+    """
+    Return the first `count` levels, and the bounds that follow them at once.
+
+    Bounds hold as soon as they are in the stack, they are there for safety. Those farther down
+    stand below tasks, which must not be disturbed by them.
+    """
+    while count < len(levels) and levels[count].v is None:
+        count += 1
+    return levels[:count]
 
 
 def shared_levels(before, after):

@@ -616,3 +616,10 @@ def test_initial_positions_say_where_the_base_is():
         initial_positions('{base_z: 1.0}', robot)
     with pytest.raises(RobotError, match='base_x must be a finite number'):
         initial_positions('{base_x: far}', robot)
+
+
+@pytest.mark.parametrize('kind', ['posture', 'joint_velocity', 'joint_limits'])
+def test_joint_tasks_of_a_vehicle_without_joints_are_refused(kind):
+    vehicle = Robot.from_urdf('<robot name="car"><link name="base_link"/></robot>', base='planar')
+    with pytest.raises(StackError, match='car has no driven joints'):
+        Stack.from_yaml(f'- task: {{type: {kind}}}\n', vehicle)

@@ -41,9 +41,26 @@ def test_nothing_that_must_not_happen_happens_in_closed_loops(closed_loops, robo
     assert np.isfinite(result.change)
 
 
+@pytest.fixture
+def inequalities(monkeypatch):
+    """Return the module of the benchmark."""
+    monkeypatch.syspath_prepend(robots.REPOSITORY / 'benchmarks')
+    return importlib.import_module('inequalities')
+
+
+@pytest.mark.parametrize('kind', [
+    'joint_limits', 'keep_in', 'keep_out', 'field_of_view', 'manipulability_above', 'speed_limit',
+    'self_collision', 'obstacles'])
+def test_bounds_are_kept_in_closed_loops_drawn_at_random(inequalities, kind):
+    runs = [inequalities.run(kind, number) for number in range(2001, 2007)]
+    assert list(inequalities.findings(runs)) == []
+    assert all(each.reversals < 20.0 for each in runs)
+
+
 @pytest.mark.parametrize('command', [
     ['limits.py', '--states', '5'], ['paths.py', '--paths', '1', '--seconds', '0.1'],
-    ['solver.py', '--rounds', '1'], ['closed_loops.py', '--cycles', '400', '--jobs', '2']])
+    ['solver.py', '--rounds', '1'], ['closed_loops.py', '--cycles', '400', '--jobs', '2'],
+    ['inequalities.py', '--runs', '1', '--jobs', '2'], ['stacks.py', '--rounds', '1']])
 def test_benchmark_runs_and_prints_a_table(command):
     name, *options = command
     done = subprocess.run([sys.executable, str(robots.REPOSITORY / 'benchmarks' / name), *options],

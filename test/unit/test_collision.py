@@ -15,6 +15,7 @@
 """Links that keep apart and away from obstacles: distances, their derivatives, whole motions."""
 
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -430,10 +431,12 @@ def test_jump_of_the_nearest_points_is_not_taken_for_a_curve():
                 obstacles={'wall': {'shape': 'half_space', 'at': [0.0, 0.2, 0.0, 0.7071068, 0.0,
                                                                   0.0, 0.7071068]}})
 
+    cycle = itertools.count()
+
     def level(angle):
         state = robot.state([angle, 0.0, 0.0])
         state.velocity = np.array([1.0, 0.0, 0.0])
-        return task.level(state, 0.0), 10.0 * -task.observe(state)[0]
+        return task.level(state, next(cycle)), 10.0 * -task.observe(state)[0]
 
     # Against a wall at y > 0.2 the box touches with one end, then with the other.
     before, _ = level(-0.01)
@@ -445,7 +448,7 @@ def test_jump_of_the_nearest_points_is_not_taken_for_a_curve():
     curved = 0.5 * (later.J - after.J)[0, 0]
     assert curved != 0.0
     np.testing.assert_allclose(later.lower, free - min(curved, 0.0))
-    task.start(robot.state(np.zeros(3)))
+    task.release()
     level(0.02)
     back, free = level(0.01)
     np.testing.assert_allclose(back.lower, free - min(0.5 * (back.J - later.J)[0, 0], 0.0))

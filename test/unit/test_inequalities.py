@@ -605,3 +605,84 @@ def test_region_that_comes_nearer_pushes_the_robot_away():
         ball = np.array([max(1.2 - 0.2 * (cycle + 1) * PERIOD, 0.2), 0.05, 0.5])
         distances.append(np.linalg.norm(tool - ball))
     assert min(distances) > 0.15 - 1e-3 and min(distances) < 0.16
+
+
+@pytest.mark.parametrize('change', ['goal', 'setting', 'halt'])
+def test_bounds_below_a_task_stay_below_it_while_a_change_fades_out(change):
+    robot = robots.panda()
+    stack = Stack.from_yaml(f"""
+- tool: {{type: position, frame: {TOOL}}}
+- cell: {{type: keep_in, frame: {TOOL}, shape: {{sphere: 0.1}}, at: [0.3, 0.3, 0.3]}}
+- posture: {{type: posture, gain: 0.5}}
+""", robot)
+    controller, q = Controller(robot, stack, Settings(period=PERIOD)), np.array(robots.PANDA_READY)
+    start = robot.state(q).position(TOOL)
+    for cycle in range(100):
+        now = cycle * PERIOD
+        if cycle == 50:
+            if change == 'goal':
+                controller.set_goal('tool', start + [1e-5, 0.0, 0.0], now)
+            elif change == 'setting':
+                controller.settings = Settings(period=PERIOD, blend=0.3)
+            else:
+                controller.halt(now)
+        q = q + PERIOD * controller.update(q, now).velocity
+        assert np.linalg.norm(robot.state(q).position(TOOL) - start) < 2e-5
+
+
+def test_region_that_is_told_where_it_is_in_every_cycle_is_kept_as_well():
+    robot, q, centre = robots.panda(), np.array(robots.PANDA_READY), np.array([0.31, 0.0, 0.49])
+    stack = Stack.from_yaml(f"""
+- ball: {{type: keep_in, frame: {TOOL}, shape: {{sphere: 0.15}}, at: {centre.tolist()}}}
+- tool: {{type: twist, frame: {TOOL}, axes: xyz, timeout: 10}}
+""", robot)
+    controller, outside = Controller(robot, stack, Settings(period=PERIOD)), []
+    for cycle in range(300):
+        now, way = cycle * PERIOD, robot.state(q).position(TOOL) - centre
+        outward = way / max(np.linalg.norm(way), 1e-6)
+        controller.set_goal('ball', [*centre, 0.0, 0.0, 0.0, 1.0], now)
+        controller.set_feed_forward('tool', [*np.cross([0.3, 1.0, 0.2], outward) + 0.5 * outward,
+                                             0.0, 0.0, 0.0], now)
+        q = q + PERIOD * controller.update(q, now).velocity
+        outside.append(np.linalg.norm(robot.state(q).position(TOOL) - centre) - 0.15)
+    assert -1e-4 < max(outside) < 3e-4
+
+
+def test_level_that_is_made_twice_in_a_cycle_is_the_same():
+    """As while a change of the stack fades out, when the levels before are compared."""
+    task = make('keep_in', CASES['keep_in'][1])
+    first, second = list(random_states(task, 2))
+    second.velocity = (task.jacobian(second) - task.jacobian(first))[0] * 0.1
+    task.level(first, 0.0)
+    once, again = task.level(second, PERIOD), task.level(second, PERIOD)
+    np.testing.assert_array_equal(once.upper, again.upper)
+
+
+def test_what_no_joint_moves_is_outside_for_a_reason():
+    robot = robots.panda()
+    stack = Stack.from_yaml('- stand: {type: keep_out, frame: panda_link0, shape: {sphere: 0.2}, '
+                            'at: [0.05, 0, 0]}\n', robot)
+    controller = Controller(robot, stack)
+    task = controller.update(robots.PANDA_READY, 0.0).report.tasks[0]
+    assert task.status == 'held back' and task.reason == 'no joint moves it'
+
+
+def test_bounds_of_a_level_that_contradict_each_other_are_reported_as_that():
+    robot = robots.panda()
+    stack = Stack.from_yaml(f"""
+- [left: {{type: keep_in, frame: {TOOL}, shape: {{sphere: 0.1}}, at: [0.3, 0.4, 0.5]}},
+   right: {{type: keep_in, frame: {TOOL}, shape: {{sphere: 0.1}}, at: [0.3, -0.4, 0.5]}}]
+""", robot)
+    controller, q = Controller(robot, stack, Settings(period=PERIOD)), np.array(robots.PANDA_READY)
+    for cycle in range(100):
+        command = controller.update(q, cycle * PERIOD)
+        q = q + PERIOD * command.velocity
+    left, right = command.report.tasks
+    assert left.status == right.status == 'held back'
+    assert 'higher levels' not in left.reason + right.reason
+
+
+def test_speed_limit_goes_with_any_period():
+    robot = robots.panda()
+    stack = Stack.from_yaml(f'- slow: {{type: speed_limit, frame: {TOOL}, linear: 0.1}}\n', robot)
+    Controller(robot, stack, Settings(period=0.5, braking_gain=1.0))

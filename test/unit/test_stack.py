@@ -362,3 +362,17 @@ def test_tasks_that_share_a_level_need_the_same_mode():
             '   b: {type: joint, joints: joint1}]\n')
     assert 'need the same mode, not least_squares and scale' in fault(text)[2]
     assert read(text.replace('joint1', 'joint1, mode: scale')).groups[0][1].mode == 'scale'
+
+
+HUGE = '0x' + 'f' * 5000
+
+
+@pytest.mark.parametrize('keys', [
+    'pointing, frame: link3, towards: []', 'pointing, frame: link3, towards: {}',
+    'self_collision, srdf: true', 'self_collision, srdf: 1', 'position, frame: {[1]: 2}',
+    'keep_out, frame: link3, shape: {[1]: 2}',
+    'field_of_view, frame: link3, half_angle: {[1]: 2}', HUGE,
+    f'position, frame: link3, gain: {HUGE}', 'look_at, frame: link3, target: link3'])
+def test_odd_values_are_faults_of_the_stack_and_nothing_else(keys):
+    with pytest.raises(StackError):
+        Stack.from_yaml(f'- task: {{type: {keys}}}\n', robots.planar())

@@ -252,8 +252,11 @@ def test_bounds_of_the_new_stack_hold_while_a_change_fades_out():
     transition.begin(np.ones(2), 0.0, 1)
     first, wish = (Level(np.eye(2)[:1], np.array([wanted])) for wanted in (0.1, 0.2))
     bound = Level(np.eye(2)[1:], upper=np.array([0.3]), lower=np.array([-0.3]))
-    eased = transition.levels([first, wish, bound], np.zeros(2), 0.1)
+    eased = transition.levels([first, bound, wish], np.zeros(2), 0.1)
     assert len(eased) == 3 and eased[0] is first and eased[1] is bound
+    # Below a task that changes they do not, or they would push it aside meanwhile.
+    below = transition.levels([first, wish, bound], np.zeros(2), 0.1)
+    assert len(below) == 2 and below[0] is first and below[1].v is not None
 
 
 @pytest.mark.parametrize('pause', [0.0, 0.05])

@@ -207,7 +207,7 @@ class AimedTask(MovingGoalTask):
         self.frame = keys.check('frame', robot.check_frame, frame)
         self.axis = keys.check('axis', parse_axis, axis)
         if towards == 'point' and isinstance(target, str):
-            keys.check('target', _check_alone, reference)
+            keys.check('target', _check_alone, target, reference, frame)
             reference, target = keys.check('target', robot.check_frame, target), np.zeros(3)
         else:
             reference = keys.check('reference', robot.check_frame,
@@ -244,10 +244,12 @@ class AimedTask(MovingGoalTask):
     def means_the_same(self, other):
         """Say whether a goal of `other` is one of this task, too."""
         return super().means_the_same(other) and self.frame == other.frame \
-            and self.goal_type == other.goal_type
+            and self.goal_type == other.goal_type and np.array_equal(self.axis, other.axis)
 
 
-def _check_alone(reference):
-    """Raise ValueError where a reference is given beside a target that is a frame itself."""
+def _check_alone(target, reference, frame):
+    """Raise ValueError where a target that is a frame itself is none to point at."""
+    if target == frame:
+        raise ValueError(f'a frame cannot point at itself: {target}')
     if reference is not None:
         raise ValueError('a frame as target is its own reference: leave the key reference out')

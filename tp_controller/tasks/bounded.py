@@ -62,6 +62,8 @@ class BoundedTask(Task):
 
     bounded = True
     row_keys = None
+    # Share of a row from which on a change of it in one cycle is a jump.
+    jump = 0.5
     keys = {
         'gain': 'γ: how fast a bound may be approached, per distance to it; at most 1/period '
                 '[1/s]',
@@ -77,8 +79,8 @@ class BoundedTask(Task):
                          timeout=timeout)
         self.return_speed = keys.check('return_speed', positive, return_speed)
         self.lower, self.upper = lower, upper
-        # Jacobian of the cycle before, and what its rows were about.
-        self._before = None
+        # Time of a cycle, its Jacobian, and what its rows were about; this one and the one before.
+        self._latest = self._before = None
 
     @abstractmethod
     def observe(self, state):
@@ -114,6 +116,7 @@ class BoundedTask(Task):
         """Return the `Level` at a state, and remember the error for the report."""
         value, J = self.observe(state)
         self.last_error = self._way_back(value)
+        self._remember(J, now)
         motion, curved = self.own_motion(state, now), self._curved(J, state.velocity)
         back = np.minimum(self.return_speed, RETURN_JOINT_SPEED * np.sqrt((J * J).sum(axis=1)))
         lower = np.minimum(self.gain * (self.lower - value), back) - motion
@@ -128,10 +131,9 @@ class BoundedTask(Task):
 
     def _curved(self, J, velocity):
         """Return the speed (m,) that the curvature of the way adds until the next cycle."""
-        before, self._before = self._before, (J, self.row_keys)
-        if before is None:
+        if self._before is None:
             return np.zeros(len(J))
-        J_before, keys_before = before
+        _, J_before, keys_before = self._before
         if self.row_keys == keys_before:
             return 0.5 * self.change(J, J_before).dot(velocity)
         known = [key in keys_before for key in self.row_keys]
@@ -141,18 +143,34 @@ class BoundedTask(Task):
         return curved
 
     def change(self, J, J_before):
-        """Return by how much rows (k, n) of the Jacobian have turned since the last cycle."""
-        return J - J_before
+        """
+        Return by how much rows (k, n) of the Jacobian have turned since the last cycle.
+
+        Not at all where they have jumped, as where the nearest point changes sides.
+        """
+        change = J - J_before
+        change[(change * change).sum(axis=1) > self.jump ** 2 * (J * J).sum(axis=1)] = 0.0
+        return change
+
+    def _remember(self, J, now):
+        """Keep a Jacobian for the next cycle; a level may be made twice in one."""
+        if self._latest is None or self._latest[0] != now:
+            self._before = self._latest
+        self._latest = now, J, self.row_keys
 
     def start(self, state):
-        """Begin anew; there is nothing to hold."""
-        self._before = None
+        """There is nothing to hold."""
 
-    def set_goal(self, goal, now):
-        """Take a goal as `parse_goal` returned it."""
-        super().set_goal(goal, now)
-        # The Jacobian before belongs to another place.
-        self._before = None
+    def release(self):
+        """Forget the cycles before, so that the next one begins anew."""
+        super().release()
+        self._latest = self._before = None
+
+    def take_over(self, other):
+        """Go on with the goal of a task that this one replaces, and with what it knows."""
+        super().take_over(other)
+        if self.means_the_same(other):
+            self._latest, self._before = other._latest, other._before
 
     def parse_goal(self, goal):
         """Raise `GoalError`: a task with bounds has no goal, unless its type says otherwise."""

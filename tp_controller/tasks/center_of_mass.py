@@ -26,6 +26,8 @@ from tp_controller.tasks.base import (
 from tp_controller.tasks.frame import MovingGoalTask, parse_axes
 
 AXES = ('x', 'y', 'z')
+# A centre of mass that moves by less than this has no more than rounding to be stretched [m/rad].
+LEAST = 0.01
 
 
 class CenterOfMass(MovingGoalTask):
@@ -52,8 +54,8 @@ class CenterOfMass(MovingGoalTask):
         super().__init__(robot, name, ['m'] * len(self.axes), keys, gain=gain,
                          tolerance=tolerance, timeout=timeout, mode=mode)
         keys.raise_faults(name)
-        self.stretch = 1.0 / np.linalg.norm(
-            robot.state(robot.neutral()).center_of_mass()[1], 2)
+        self.stretch = 1.0 / max(LEAST, np.linalg.norm(
+            robot.state(robot.neutral()).center_of_mass()[1], 2))
 
     def value(self, state):
         """Return the centre of mass (3,) in the root [m]."""

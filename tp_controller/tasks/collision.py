@@ -39,8 +39,6 @@ DEFAULT_DISTANCE = 0.02
 DEFAULT_WITHIN = 0.2
 # What is nearer than this beyond `distance` is measured tilted as well [m].
 CLOSE = 0.02
-# A Jacobian does not change by more than this share of it in a cycle, unless it jumps.
-JUMP = 0.06
 # How many postures are tried to find pairs whose shapes overlap by design.
 POSTURES = 100
 # Joints without limits are tried within this [rad or m].
@@ -65,6 +63,8 @@ class CollisionTask(BoundedTask):
     two spheres around them.
     """
 
+    # The nearest points of flat sides jump from one end to the other.
+    jump = 0.06
     keys = {
         'distance': 'distance that is kept at least [m]',
         'within': 'only what is nearer than this is looked at closely [m]',
@@ -148,14 +148,6 @@ class CollisionTask(BoundedTask):
         if still.any():
             return Level(level.J, lower=np.where(still, -np.inf, level.lower), upper=level.upper)
         return level
-
-    def change(self, J, J_before):
-        """Return by how much rows have turned; not at all where they have jumped."""
-        change = J - J_before
-        # Nearest points on another side: what was before tells nothing.
-        jumped = (change * change).sum(axis=1) > JUMP * JUMP * (J * J).sum(axis=1)
-        change[jumped] = 0.0
-        return change
 
 
 class SelfCollision(CollisionTask):

@@ -98,8 +98,9 @@ class GradientTask(Task):
         raise GoalError(f'task {self.name!r} takes no goal: it climbs a function')
 
     def reported_errors(self, error, residual):
-        """Return how fast the function is climbed, along its gradient; see `Task`."""
+        """Return how fast the function changes, along its gradient; see `Task`."""
         speed = norm(error)
         climbing = float(error.dot(error - residual)) / speed if speed > 0.0 else 0.0
         (_, unit, tolerance), = self.groups
-        return (max(climbing, 0.0), f'{unit}/s', tolerance),
+        # Falling, because the tasks above need it, is no rest at the top either.
+        return (abs(climbing), f'{unit}/s', tolerance),

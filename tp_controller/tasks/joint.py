@@ -47,7 +47,9 @@ class JointTask(Task):
 
     def __init__(self, robot, name, keys, joints, **options):
         self.joints = keys.check('joints', _joints, robot, joints) or robot.joint_names
-        self._indices = np.array([robot.joint_index(joint) for joint in self.joints])
+        if not robot.joint_names:
+            keys.faults.append(('joints', f'{robot.name} has no driven joints'))
+        self._indices = np.array([robot.joint_index(joint) for joint in self.joints], dtype=int)
         # Handed out as it is in every cycle, hence protected. The shared identity tells the
         # solver that all joints are meant, and there is no base besides.
         whole = self.joints == robot.velocity_names

@@ -171,7 +171,7 @@ class LookAt(AxisTask):
 
 def _towards(kind):
     """Return what is pointed at, or raise ValueError."""
-    if kind not in AIMS:
+    if not isinstance(kind, str) or kind not in AIMS:
         raise ValueError(unknown('kind of goal', kind, AIMS))
     return kind
 

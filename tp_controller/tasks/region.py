@@ -105,6 +105,10 @@ class RegionTask(MovingGoalTask, BoundedTask):
         if self.goal is None:
             self.goal = np.eye(4)
 
+    def means_the_same(self, other):
+        """Say whether a goal of `other` is one of this task, too."""
+        return super().means_the_same(other) and self.frame == other.frame
+
     def parse_goal(self, goal):
         """Return a pose (4, 4); raise `GoalError` if it cannot be one."""
         return parse_pose(goal, f'the goal of task {self.name!r}')

@@ -68,6 +68,8 @@ class SpeedLimit(BoundedTask):
         bounds = INSCRIBED * np.array([limits[unit] for unit in units])
         super().__init__(robot, name, units, keys, -bounds, bounds, tolerance=tolerance)
         keys.raise_faults(name)
+        # It is the speed itself that is bounded: there is no way to a bound.
+        self.gain = 0.0
         self._parts = [slice(0, 3) if unit == 'm' else slice(3, 6) for unit in limits]
         self._motion = RelativeFrame(robot, self.frame, self.reference)
 
@@ -84,6 +86,9 @@ class SpeedLimit(BoundedTask):
 
     def reported_errors(self, error, residual):
         """Return for each unit how much too fast the frame is; see `Task`."""
+        # Beyond the limit itself, which the bounds keep a share below.
+        allowed = (1.0 / INSCRIBED - 1.0) * self.upper
+        residual = np.maximum(np.abs(residual) - allowed, 0.0)
         return tuple((value, f'{unit}/s', tolerance)
                      for value, unit, tolerance in super().reported_errors(residual, residual))
 
