@@ -218,7 +218,7 @@ def plot_bounds(path, times, curves, *, title):
                 axis.axhspan(bound, end, color=LIMIT_COLOUR, alpha=0.06, zorder=0, linewidth=0.0)
         axis.set_title(label, fontsize='medium', loc='left')
     _finish_time_axes(axes, times)
-    return _save(figure, path)
+    return save(figure, path)
 
 
 def plot_tool_path(path, points, goals=None, *, title='Tool path', times=None):
