@@ -54,7 +54,7 @@ FLAT = 1e-6
 # Of a scene in space: shortest side per longest, and how much of the picture it fills, a cube and
 # by how much more others.
 LEAST_SIDE = 0.5
-ZOOM, ENLARGED = 0.9, 0.2
+ZOOM, ENLARGED = 0.9, 0.1
 # Ticks of the longest side.
 TICKS = 6
 
