@@ -23,8 +23,12 @@ from matplotlib.colors import to_rgb
 import numpy as np
 from PIL import Image
 import pytest
-from robots import panda, planar, urdf_robot
+from robots import CONFIG, panda, planar, urdf_robot
+from tp_controller import Robot
 from tp_controller.cli import plots
+from tp_controller.cli.outlines import base_outline, outline
+from tp_controller.shapes import Box, Cylinder, HalfSpace, Sphere
+from tp_controller.spatial import pose, rotation_from_rpy
 
 TIMES = np.linspace(0.0, 10.0, 300)
 ERRORS = [('tool', 'm', np.exp(-TIMES)), ('tool', 'rad', 2.0 * np.exp(-TIMES)),
@@ -152,6 +156,49 @@ def test_animation_in_space_is_small(tmp_path, name):
         assert picture.n_frames == 30
         assert picture.info['duration'] == 100
     assert path.stat().st_size < 3_000_000
+
+
+def test_animation_shows_the_base_what_is_held_and_what_stands_around(tmp_path):
+    robot = Robot.from_file(CONFIG / 'robots' / 'mobile_arm.urdf', base='planar')
+    q = np.tile(robot.neutral(), (20, 1))
+    q[:, 0] = np.linspace(0.0, 1.0, 20)
+    bare = plots.animate_arm(tmp_path / 'bare.gif', robot, q, TIMES[:20])
+    full = plots.animate_arm(
+        tmp_path / 'full.gif', robot, q, TIMES[:20], held=[('laser', 'tool')],
+        around=[outline(Cylinder(0.2, 1.0), np.eye(4))])
+    for colour in (plots.THING_COLOUR, plots.AROUND_COLOUR):
+        assert count(pixels(bare), colour) < 10
+        assert count(pixels(full), colour) > 100
+    # It is seen to move.
+    assert np.abs(pixels(bare) - pixels(bare, 19)).max() > 0.5
+
+
+def test_legend_of_many_joints_is_not_cut_off(tmp_path):
+    names = [f'joint{index}' for index in range(18)]
+    path = plots.plot_velocities(tmp_path / 'velocities.png', TIMES,
+                                 np.zeros((300, 18)), np.arange(1.0, 19.0), names, changes=[1.0])
+    assert_shows_something(path)
+
+
+@pytest.mark.parametrize('shape, half', [
+    (Box(0.4, 0.2, 0.6), (0.2, 0.1, 0.3)), (Cylinder(0.3, 0.8), (0.3, 0.3, 0.4)),
+    (Sphere(0.5), (0.5, 0.5, 0.5))])
+def test_outlines_are_on_the_surface_of_their_shape_from_end_to_end(shape, half):
+    T = pose(rotation_from_rpy(0.3, -0.5, 1.0), np.array([1.0, -2.0, 0.5]))
+    points = outline(shape, T)
+    points = points[np.isfinite(points).all(axis=1)]
+    own = (points - T[:3, 3]) @ T[:3, :3]
+    assert max(abs(shape.distance(point)[0]) for point in own) < 1e-12
+    np.testing.assert_allclose(np.abs(own).max(axis=0), half)
+
+
+def test_outline_of_a_base_is_that_of_its_shapes_or_three_axes():
+    robot = Robot.from_file(CONFIG / 'robots' / 'mobile_arm.urdf', base='differential')
+    low, high = (limit(base_outline(robot), axis=0) for limit in (np.nanmin, np.nanmax))
+    np.testing.assert_allclose(low, [-0.25, -0.23, 0.03])
+    np.testing.assert_allclose(high, [0.25, 0.23, 0.71])
+    np.testing.assert_allclose(np.nanmax(base_outline(panda()), axis=0), 0.3)
+    assert not len(outline(HalfSpace(), np.eye(4)))
 
 
 @pytest.mark.parametrize('samples', [1, 2])

@@ -26,19 +26,30 @@ from tp_controller.errors import TpControllerError
 EXAMPLES = """\
 examples:
   tp_controller demo                     a 7-DoF arm carries out a stack of tasks, over ROS 2
+  tp_controller demo mobile              an arm on wheels carries a tray past obstacles
   tp_controller demo drill               five rows of drilling, and what is done besides
   tp_controller demo lab1                motion in the null space of a planar arm, no ROS needed
   tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 3.14 0 0
   tp_controller goal --help              how to send goals of every kind
 """
+DEMOS = {
+    'panda': 'a 7-DoF arm over ROS 2 topics (default)',
+    'mobile': 'an arm on wheels carries a tray past obstacles',
+    'underwater': 'a vehicle with an arm works on a panel',
+    'two_arms': 'two hands carry one thing',
+    'drill': 'five rows of drilling above tasks that keep bounds',
+    'lab1': 'null-space motion',
+    'lab2': 'two tasks in both orders',
+}
 DEMO_EXAMPLES = """\
 examples:
   tp_controller demo                         figures and animation go to ./tp_demo
   tp_controller demo --output /tmp/figures
+  tp_controller demo underwater              a vehicle with an arm, beside a riser
   tp_controller demo lab2 --seed 3           exercise 2 of the lab with other random goals
 
-The demo `panda` starts its own controller and simulator; they talk on this machine only, in a
-ROS domain of their own. drill, lab1 and lab2 need no ROS.
+The demos panda, mobile, underwater and two_arms start a controller and a simulator of their own,
+which talk on this machine only, in a ROS domain of their own. drill, lab1 and lab2 need no ROS.
 """
 GOAL_EXAMPLES = """\
 examples:
@@ -68,10 +79,8 @@ def make_parser():
         description='Run a demonstration, print a table and write figures.',
         formatter_class=argparse.RawDescriptionHelpFormatter)
     demo.add_argument('name', nargs='?', default='panda',
-                      choices=('panda', 'drill', 'lab1', 'lab2'),
-                      help='panda: a 7-DoF arm over ROS 2 topics (default); drill: five rows of '
-                      'drilling above tasks that keep bounds; lab1: null-space motion; lab2: two '
-                      'tasks in both orders')
+                      choices=tuple(DEMOS),
+                      help='; '.join(f'{name}: {what}' for name, what in DEMOS.items()))
     demo.add_argument('--output', type=Path, default=Path('tp_demo'), metavar='FOLDER',
                       help='where the figures go (default: ./tp_demo)')
     demo.add_argument('--seed', type=_seed, default=1,
@@ -186,14 +195,17 @@ def _demo(options):
         print(f'tp_controller: --output: {error}', file=sys.stderr)
         return 2
     # Imported here: figures take a second to import, and goals do not need them.
-    if options.name == 'panda':
-        from tp_controller.cli.demo import panda
-        return 0 if panda(options.output) else 1
     if options.name == 'drill':
         from tp_controller.cli.drill import drill
-        return 0 if drill(options.output) else 1
-    from tp_controller.cli.lab import lab1, lab2
-    passed = lab1(options.output) if options.name == 'lab1' else lab2(options.output, options.seed)
+        passed = drill(options.output)
+    elif options.name in ('lab1', 'lab2'):
+        from tp_controller.cli.lab import lab1, lab2
+        passed = lab1(options.output) if options.name == 'lab1' \
+            else lab2(options.output, options.seed)
+    else:
+        from tp_controller.cli.demo import DEMOS as RUNNING
+        from tp_controller.cli.demo import run_demo
+        passed = run_demo(RUNNING[options.name], options.output)
     return 0 if passed else 1
 
 

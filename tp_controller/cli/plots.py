@@ -26,8 +26,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 import numpy as np
 from PIL import Image
+from tp_controller.cli.outlines import base_outline
+from tp_controller.cli.outlines import joined as joined_lines
 
 # Okabe and Ito's colours, which the colour-blind can tell apart; their yellow is too light for
 # lines.
@@ -39,10 +42,21 @@ PATH_COLOUR = '#0072B2'
 LIMIT_COLOUR = '#B00020'
 FAINT = '#B8BEC6'
 SHADOW_COLOUR = '#DDE1E6'
+AROUND_COLOUR = '#8C5A2B'
+THING_COLOUR = '#009E73'
+MEANINGFUL = (GOAL_COLOUR, PATH_COLOUR, ARM_COLOUR, AROUND_COLOUR, THING_COLOUR)
 DPI = 110
+# Height of a line of a legend [in].
+LEGEND_LINE = 0.24
 MAX_FRAMES = 80
 # Spread [m] below which a motion counts as lying in a plane.
 FLAT = 1e-6
+# Of a scene in space: shortest side per longest, and how much of the picture it fills, a cube and
+# by how much more others.
+LEAST_SIDE = 0.5
+ZOOM, ENLARGED = 0.9, 0.1
+# Ticks of the longest side.
+TICKS = 6
 
 
 def plot_errors(path, times, errors, *, title='Task errors', changes=(), log=False):
@@ -118,7 +132,8 @@ def plot_velocities(path, times, velocities, limits, names, *, units=None,
     limited = np.flatnonzero(np.isfinite(limits) & (limits > 0.0))
     free = np.setdiff1d(np.arange(len(names)), limited)
     groups = [group for group in (limited, free) if len(group)]
-    figure, axes = _figure(title, len(groups), height=2.0 + 2.4 * len(groups))
+    figure, axes = _figure(title, len(groups), height=2.0 + len(groups) * max(
+        2.4, LEGEND_LINE * max(map(len, groups))))
     for axis, group in zip(axes, groups):
         alike = len({(limits[joint], units[joint]) for joint in group}) == 1
         unit = '/'.join(dict.fromkeys(units[joint] for joint in group))
@@ -266,12 +281,14 @@ def plot_tool_path(path, points, goals=None, *, title='Tool path', times=None):
     return save(figure, path)
 
 
-def animate_arm(path, robot, qs, times, frames=None, goals=None, fps=None, *, title=None):
+def animate_arm(path, robot, qs, times, frames=None, goals=None, fps=None, *, title=None,
+                held=(), around=()):
     """
     Write an animation of the moving robot as a GIF of at most `MAX_FRAMES` pictures.
 
-    Links are drawn as straight lines between their origins. The view is from above where the
-    robot moves in a horizontal plane, else in space, with its shadow on the ground.
+    Links are drawn as straight lines between their origins, and a base that moves by its outline.
+    The view is from above where the robot moves in a horizontal plane, else in space, with its
+    shadow on the ground.
 
     Parameters
     ----------
@@ -279,8 +296,8 @@ def animate_arm(path, robot, qs, times, frames=None, goals=None, fps=None, *, ti
         See `plot_errors`.
     robot : Robot
         Whose links are drawn.
-    qs : ndarray (T, n)
-        Positions [rad or m].
+    qs : ndarray (T, nq)
+        Configurations [rad or m].
     times : ndarray (T,)
         [s]
     frames : sequence of str, optional
@@ -292,22 +309,27 @@ def animate_arm(path, robot, qs, times, frames=None, goals=None, fps=None, *, ti
         more than ten seconds.
     title : str, optional
         The robot's name by default.
+    held : sequence of (str, str), optional
+        Pairs of frames that hold one thing, which is drawn as a line between them.
+    around : sequence of ndarray (k, 3), optional
+        Outlines of what stands around, in the root frame; see `tp_controller.cli.outlines` [m].
 
     Returns
     -------
     pathlib.Path
 
     """
-    times = np.asarray(times, dtype=float)
+    times, qs = np.asarray(times, dtype=float), np.asarray(qs, dtype=float)
     links, moving = links_of(robot)
     frames = [_tip(robot, links)] if frames is None else list(frames)
-    segments, tools, joints = _positions(robot, np.asarray(qs, dtype=float), links, frames,
-                                         moving)
+    segments, tools, joints = _positions(robot, qs, links, frames, moving)
+    things, bases = _things(robot, qs, held), _bases(robot, qs)
     goals = np.full((len(times), 3), np.nan) if goals is None \
         else np.broadcast_to(np.asarray(goals, dtype=float), (len(times), 3))
-    everything = np.concatenate([segments.reshape(-1, 3), tools.reshape(-1, 3),
-                                 goals[np.isfinite(goals).all(axis=1)]])
-    scene = _ArmScene(everything, tools, title or robot.name)
+    everything = np.concatenate([points.reshape(-1, 3) for points in (
+        segments, tools, goals, bases, *around)])
+    scene = _ArmScene(everything[np.isfinite(everything).all(axis=1)], tools,
+                      title or robot.name, around, bool(held))
     # The samples nearest to moments equally spaced in time, which the samples need not be.
     moments = np.linspace(times[0], times[-1], min(len(times), MAX_FRAMES))
     shown = np.unique(np.searchsorted((times[1:] + times[:-1]) / 2.0, moments))
@@ -315,26 +337,33 @@ def animate_arm(path, robot, qs, times, frames=None, goals=None, fps=None, *, ti
     seconds = len(shown) / fps if fps else min(max(duration, 0.1), 10.0)
     speed = duration / seconds
     note = f'   ({speed:.1f} × real time)' if speed > 1.05 else ''
-    pictures = [scene.picture(k, segments[k], joints[k], goals[k], f't = {times[k]:.1f} s{note}')
-                for k in shown]
+    pictures = [scene.picture(k, segments[k], joints[k], goals[k], f't = {times[k]:.1f} s{note}',
+                              bases[k], things[k]) for k in shown]
     return _save_gif(path, pictures, 1000.0 * seconds / len(shown))
 
 
 class _ArmScene:
     """Axes with everything that stays, and the lines that move, drawn over a kept background."""
 
-    def __init__(self, everything, tools, title):
+    def __init__(self, everything, tools, title, around, holds):
         self._figure, self._axis, self._width = _scene(everything, title, size=(5.2, 5.4), dpi=88)
         self._tools = tools
         self._floor = None if self._width == 2 else self._axis.get_zlim()[0]
         blank = [[np.nan]] * self._width
         plot = self._axis.plot
+        for index, line in enumerate(around):
+            plot(*_columns(line[:, :self._width]), color=AROUND_COLOUR, linewidth=1.0,
+                 label=None if index else 'obstacle')
         self._shadow = plot(*blank, color=SHADOW_COLOUR, linewidth=4, solid_capstyle='round')[0]
+        paths = 'paths' if tools.shape[1] > 1 else 'tool path'
         self._paths = [plot(*blank, color=PATH_COLOUR, linewidth=1.2,
-                            label=None if index else 'tool path')[0]
+                            label=None if index else paths)[0]
                        for index in range(tools.shape[1])]
+        self._base = plot(*blank, color=ARM_COLOUR, linewidth=1.0)[0]
         self._arm = plot(*blank, color=ARM_COLOUR, linewidth=4, solid_capstyle='round',
                          label='robot')[0]
+        self._thing = plot(*blank, color=THING_COLOUR, linewidth=5, solid_capstyle='round',
+                           label='thing' if holds else None)[0]
         self._joints = plot(*blank, 'o', color='white', markersize=6.5, markeredgewidth=2,
                             markeredgecolor=ARM_COLOUR, label='joints')[0]
         self._ends = plot(*blank, 'o', color=ARM_COLOUR, markersize=7)[0]
@@ -344,19 +373,24 @@ class _ArmScene:
             if self._width == 3 else self._axis.text(0.02, 0.96, '',
                                                      transform=self._axis.transAxes)
         self._figure.legend(*self._axis.get_legend_handles_labels(), loc='outside lower center',
-                            ncols=4, frameon=False)
-        self._moving = [self._shadow, *self._paths, self._arm, self._joints, self._ends,
-                        self._goal, self._clock]
+                            ncols=5, columnspacing=1.2, frameon=False)
+        self._moving = [self._shadow, *self._paths, self._base, self._arm, self._joints,
+                        self._thing, self._ends, self._goal, self._clock]
         for artist in self._moving:
             artist.set_animated(True)
         self._figure.canvas.draw()
         self._background = self._figure.canvas.copy_from_bbox(self._figure.bbox)
 
-    def picture(self, sample, segments, joints, goal, clock):
-        """Return the picture of one sample; `segments` (k, 2, 3) are the ends of the links."""
-        gap = np.full((len(segments), 1, 3), np.nan)
-        chain = np.concatenate((segments, gap), axis=1).reshape(-1, 3)
+    def picture(self, sample, segments, joints, goal, clock, base, thing):
+        """
+        Return the picture of one sample.
+
+        The ends of the links are `segments` (k, 2, 3); `base` and `thing` (k, 3) are lines.
+        """
+        chain = joined_lines(segments)
         self._set(self._arm, chain)
+        self._set(self._base, base)
+        self._set(self._thing, thing)
         self._set(self._joints, joints)
         self._set(self._ends, self._tools[sample])
         if self._floor is not None:
@@ -421,6 +455,30 @@ def _positions(robot, qs, links, frames, joints):
     return segments[:, lengths > FLAT], tools, axes
 
 
+def _things(robot, qs, held):
+    """Return lines between the frames of pairs at each time (T, k, 3) [m]."""
+    state, gap = robot.state(qs[0]), np.full(3, np.nan)
+    lines = np.empty((len(qs), 3 * len(held), 3))
+    for sample, q in enumerate(qs):
+        state.update(q)
+        lines[sample] = np.reshape([(state.position(one), state.position(other), gap)
+                                    for one, other in held], (-1, 3))
+    return lines
+
+
+def _bases(robot, qs):
+    """Return the outline of a base that moves at each time (T, k, 3) [m]; none of another."""
+    if not robot.moves:
+        return np.empty((len(qs), 0, 3))
+    own, state = base_outline(robot), robot.state(qs[0])
+    lines = np.empty((len(qs), *own.shape))
+    for sample, q in enumerate(qs):
+        state.update(q)
+        T = state.pose(robot.base_frame)
+        lines[sample] = own @ T[:3, :3].T + T[:3, 3]
+    return lines
+
+
 def _scene(points, title, size=(6.4, 6.0), dpi=DPI):
     """Return a figure, an axis with equal scales around points (k, 3), and its dimensions."""
     lower, upper = points.min(axis=0), points.max(axis=0)
@@ -430,17 +488,23 @@ def _scene(points, title, size=(6.4, 6.0), dpi=DPI):
     axis = figure.add_subplot() if flat else figure.add_subplot(projection='3d')
     axis.set_title(title)
     axis.set(xlabel='x [m]', ylabel='y [m]')
-    half = 0.55 * max((upper - lower).max(), FLAT)
-    middle = (lower + upper) / 2.0
-    axis.set_xlim(middle[0] - half, middle[0] + half)
-    axis.set_ylim(middle[1] - half, middle[1] + half)
+    longest = max((upper - lower).max(), FLAT)
+    # In space a side is as long as is needed: what moves far would be tiny in a cube.
+    sides = np.full(3, longest) if flat else np.maximum(upper - lower, LEAST_SIDE * longest)
+    half, middle = 0.55 * sides, (lower + upper) / 2.0
+    axis.set_xlim(middle[0] - half[0], middle[0] + half[0])
+    axis.set_ylim(middle[1] - half[1], middle[1] + half[1])
     if flat:
         axis.set_aspect('equal')
         tidy(axis)
         return figure, axis, 2
-    axis.set_zlim(lower[2], lower[2] + 2.0 * half)
+    axis.set_zlim(lower[2], lower[2] + 2.0 * half[2])
     axis.set_zlabel('z [m]')
-    axis.set_box_aspect((1.0, 1.0, 1.0), zoom=0.9)
+    # A cube has the longest diagonal: what is flatter, or thinner, may be drawn larger.
+    shape = half / half.max()
+    axis.set_box_aspect(shape, zoom=ZOOM * (np.sqrt(3.0) / np.linalg.norm(shape)) ** ENLARGED)
+    for each, side in zip((axis.xaxis, axis.yaxis, axis.zaxis), shape):
+        each.set_major_locator(MaxNLocator(max(round(TICKS * side), 2)))
     axis.view_init(elev=22.0, azim=-55.0)
     return figure, axis, 3
 
@@ -564,11 +628,12 @@ def _save_gif(path, pictures, milliseconds):
     # One palette for all: what does not change between two pictures then takes no space. The
     # last picture has every colour in it. What is almost white shall not tint the background,
     # and the colours that carry meaning shall not be mixed with others.
-    palette = pictures[-1].quantize(60, dither=Image.Dither.NONE)
-    colours = np.array(palette.getpalette()[:180]).reshape(-1, 3)
+    # 64 colours in all need 6 bits.
+    others = 64 - len(MEANINGFUL)
+    palette = pictures[-1].quantize(others, dither=Image.Dither.NONE)
+    colours = np.array(palette.getpalette()[:3 * others]).reshape(-1, 3)
     colours[colours.min(axis=1) > 245] = 255
-    kept = [round(255.0 * part) for colour in (GOAL_COLOUR, PATH_COLOUR, ARM_COLOUR)
-            for part in to_rgb(colour)]
+    kept = [round(255.0 * part) for colour in MEANINGFUL for part in to_rgb(colour)]
     palette.putpalette(colours.ravel().tolist() + kept)
     first, *others = (picture.quantize(palette=palette, dither=Image.Dither.NONE)
                       for picture in pictures)

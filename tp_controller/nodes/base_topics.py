@@ -157,10 +157,8 @@ class MovingBase:
 
     def _on_odometry(self, message):
         """Take odometry, or say why not."""
-        point, turn = message.pose.pose.position, message.pose.pose.orientation
         fault = self._buffer.put(message.header.frame_id, message.child_frame_id,
-                                 (point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w),
-                                 self._clock())
+                                 placement_of(message), self._clock())
         if fault:
             self._node.get_logger().warning(f'odometry ignored: {fault}',
                                             throttle_duration_sec=1.0)
@@ -196,6 +194,12 @@ def twist_of(message):
     """Return the twist (6,) of a message."""
     linear, angular = message.linear, message.angular
     return np.array((linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
+
+
+def placement_of(message):
+    """Return the placement (7,) of odometry: x, y, z [m] and a quaternion ``xyzw``."""
+    point, turn = message.pose.pose.position, message.pose.pose.orientation
+    return point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w
 
 
 def fill_odometry(message, placement, twist):

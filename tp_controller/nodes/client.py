@@ -14,7 +14,7 @@
 
 """The other side of the controller's topics: sends goals, listens to the status."""
 
-import math
+import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -22,9 +22,12 @@ from geometry_msgs.msg import (
     PointStamped,
     PoseStamped,
     QuaternionStamped,
+    Twist,
     TwistStamped,
     Vector3Stamped,
 )
+from nav_msgs.msg import Odometry
+import numpy as np
 from rclpy import init, try_shutdown
 from rclpy.context import Context
 from rclpy.duration import Duration
@@ -34,10 +37,18 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tp_controller.errors import GoalError, TpControllerError, unknown
+from tp_controller.nodes.base_topics import (
+    ODOMETRY_QOS,
+    OdometryBuffer,
+    placement_of,
+    twist_of,
+)
 from tp_controller.nodes.joint_states import JointStateBuffer
 
 # How long to wait, on leaving, for goals to arrive [s].
 LEAVE_SECONDS = 5.0
+# Anything that was heard at all was heard within this [s].
+EVER = sys.float_info.max
 # What of a goal each message can carry, and must.
 FIELDS = {
     PointStamped: ('xyz',),
@@ -248,19 +259,30 @@ class Client:
 
 class Recorder:
     """
-    Records joint states, commands and task errors of a running controller.
+    Records configurations, commands and task errors of a running controller.
 
     Parameters
     ----------
     client : Client
         Node that listens.
-    joints : sequence of str
-        Driven joints, in the order of the commands.
+    robot : Robot
+        Its driven joints are in the order of the commands.
+
+    Attributes
+    ----------
+    states : list of (float, ndarray (nq,))
+        Time [s] and configuration.
+    commands : list of (float, ndarray (n,))
+        Time [s] and commanded velocities, those of the base included.
+    errors : list of (float, dict)
+        Time [s] and {(task, unit): error}.
 
     """
 
-    def __init__(self, client, joints):
-        self._buffer = JointStateBuffer(joints, (), ())
+    def __init__(self, client, robot):
+        self._robot = robot
+        self._buffer = JointStateBuffer(robot.joint_names, (), ())
+        self._velocity = np.full(robot.n, np.nan)
         self._start = time.monotonic()
         self.states, self.commands, self.errors = [], [], []
         node = client.node
@@ -269,10 +291,18 @@ class Recorder:
                                  self._on_command, 50)
         node.create_subscription(DiagnosticArray, f'/{client.controller}/status',
                                  self._on_status, 50)
+        if robot.moves:
+            self._odometry = OdometryBuffer(robot)
+            node.create_subscription(Odometry, '/odom', self._on_odometry, ODOMETRY_QOS)
+            node.create_subscription(Twist, '/cmd_vel', self._on_base_command, 50)
 
     def now(self):
         """Return the time since the recording began [s]."""
         return time.monotonic() - self._start
+
+    def hears(self):
+        """Say whether something came in from everyone who is listened to."""
+        return bool(self.states and self.commands and self.errors)
 
     def cut(self, first, zero):
         """Forget what was before `first`, and count time from `zero` [s]."""
@@ -280,14 +310,37 @@ class Recorder:
             rows[:] = [(moment - zero, value) for moment, value in rows if moment >= first]
 
     def _on_state(self, message):
-        """Record the driven joints."""
-        if not self._buffer.put(message.name, message.position, self.now()) \
-                and not self._buffer.missing(self.now(), math.inf):
-            self.states.append((self.now(), self._buffer.q.copy()))
+        """Record the configuration, once all of it is known."""
+        fault = self._buffer.put(message.name, message.position, self.now())
+        if fault or self._buffer.missing(self.now(), EVER):
+            return
+        joints = self._buffer.q.copy()
+        if not self._robot.moves:
+            self.states.append((self.now(), joints))
+        elif not self._odometry.missing(self.now(), EVER):
+            self.states.append((self.now(), self._odometry.configuration(joints)))
+
+    def _on_odometry(self, message):
+        """Take the pose of the base."""
+        self._odometry.put(message.header.frame_id, message.child_frame_id,
+                           placement_of(message), self.now())
 
     def _on_command(self, message):
-        """Record a command."""
-        self.commands.append((self.now(), list(message.data)))
+        """Record a command of the joints; that of a base follows it."""
+        self._velocity[self._robot.joint_columns] = message.data
+        if not self._robot.moves:
+            self._record_command()
+
+    def _on_base_command(self, message):
+        """Record a command of the base."""
+        base = slice(0, self._robot.joint_columns.start)
+        self._velocity[base] = self._robot.base_velocities(twist_of(message))
+        self._record_command()
+
+    def _record_command(self):
+        """Record the velocities, once all of them are known."""
+        if not np.isnan(self._velocity).any():
+            self.commands.append((self.now(), self._velocity.copy()))
 
     def _on_status(self, message):
         """Record the error of every task: {(task, unit): error}."""

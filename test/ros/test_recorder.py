@@ -1,0 +1,67 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The recorder of the demos hears all of a robot, its base included."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from robots import CONFIG, PLANAR_DH
+from sensor_msgs.msg import JointState
+from tp_controller import Robot
+from tp_controller.nodes.client import Recorder
+
+
+def recorder_of(harness, robot):
+    """Return a recorder that listens with the node of the harness."""
+    return Recorder(SimpleNamespace(node=harness.node, controller='tp_controller'), robot)
+
+
+def test_configurations_and_commands_of_a_base_and_its_joints_are_recorded(harness):
+    file = str(CONFIG / 'robots' / 'mobile_arm.urdf')
+    robot = Robot.from_file(file, base='differential')
+    recorder = recorder_of(harness, robot)
+    assert not recorder.hears()
+    given = {'robot': file, 'base': 'differential'}
+    harness.controller(**given, stack='- park: {type: base_pose}\n'
+                                      '- swing: {type: joint, joints: arm_1, target: [1.0]}\n')
+    harness.simulator(**given, initial_positions='{base_x: 2.0, base_yaw: 1.0, arm_4: 0.5}')
+    harness.spin_until(recorder.hears, 'all that is recorded')
+    arm = robot.joint_index('arm_1')
+    harness.spin_until(lambda: recorder.commands[-1][1][arm] > 0.1, 'motion')
+    q, velocity = np.array(recorder.states[0][1]), np.array(recorder.commands[-1][1])
+    assert q.shape == (robot.nq,) and velocity.shape == (robot.n,)
+    np.testing.assert_allclose(q[:3], [2.0, 0.0, 1.0], atol=0.05)
+    assert q[robot.joint_rows][robot.joint_names.index('arm_4')] == pytest.approx(0.5, abs=0.05)
+    assert all(np.isfinite(values).all() for rows in (recorder.states, recorder.commands)
+               for _, values in rows)
+
+
+def test_nothing_is_recorded_of_a_base_whose_odometry_is_missing(harness):
+    # The simulator has the robot on a fixed base, so there is no odometry.
+    file = str(CONFIG / 'robots' / 'mobile_arm.urdf')
+    recorder = recorder_of(harness, Robot.from_file(file, base='planar'))
+    states = harness.record(JointState, '/joint_states')
+    harness.simulator(robot=file)
+    harness.spin_until(lambda: len(states) > 5, 'joint states')
+    assert recorder.states == [] and not recorder.hears()
+
+
+def test_arm_on_a_fixed_base_is_recorded_without_odometry(harness):
+    recorder = recorder_of(harness, Robot.from_file(PLANAR_DH))
+    harness.controller()
+    harness.simulator()
+    harness.spin_until(recorder.hears, 'all that is recorded')
+    assert len(recorder.states[-1][1]) == len(recorder.commands[-1][1]) == 3
