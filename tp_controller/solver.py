@@ -56,7 +56,7 @@ SCALINGS = ('redistribute', 'uniform')
 RANK_TOLERANCE = 1e-9
 # λ and ε of levels with bounds, as a share of a row: where the levels above leave so little of it,
 # less is asked for, or the joints would race for hardly any gain.
-ROW_DAMPING = 0.3
+ROW_DAMPING = 0.1
 
 
 def solve(levels, lower=None, upper=None, weights=None, damping=0.0, scaling='uniform', *,

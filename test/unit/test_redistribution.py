@@ -1131,8 +1131,8 @@ def test_bounds_of_which_little_is_left_ask_for_less_instead_of_racing(degrees):
         np.testing.assert_allclose(exact, [0.0, 0.2 / s], rtol=1e-6)
         damped = solve([task, row], scaling='redistribute', damping=0.1,
                        singular_region=0.1).velocity
-        # Damped as λ² (1 − (s/ε)²) with λ = ε = 0.3.
-        squared = 0.09 * max(1.0 - (s / 0.3) ** 2, 0.0)
+        # Damped as λ² (1 − (s/ε)²) with λ = ε = 0.1.
+        squared = 0.01 * max(1.0 - (s / 0.1) ** 2, 0.0)
         np.testing.assert_allclose(damped, [0.0, 0.2 * s / (s * s + squared)], rtol=1e-6)
         # Above all tasks bounds are met, whatever that takes.
         first = solve([row, task], scaling='redistribute', damping=0.1, singular_region=0.1)
