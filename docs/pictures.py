@@ -475,6 +475,11 @@ def value(run, row=0):
     return run.of_states(run.task.value)[:, row]
 
 
+def nearest(run):
+    """Return the distance of the nearest pair of a run's task (T,) [m]."""
+    return run.of_states(lambda state: run.task.value(state).min())
+
+
 def angle(run):
     """Return the angle of a camera's task (T,) [deg]."""
     return np.degrees(value(run))
@@ -568,6 +573,12 @@ def pillar(canvas, run, without):
     for shape, style in ((task.shape, {}), (Cylinder(radius + task.radius, 2.0 * half),
                                             {'linestyle': '--', 'opacity': 0.06})):
         canvas.body(moved(corners(shape), task.goal), plots.LIMIT_COLOUR, linewidth=1.3, **style)
+
+
+def things(canvas, run, without):
+    """Draw the obstacles of a task."""
+    for thing in run.task.obstacles.values():
+        canvas.body(moved(corners(thing.shape), thing.pose), plots.LIMIT_COLOUR, linewidth=1.3)
 
 
 def axes_of_tool(canvas, run, without):
@@ -731,6 +742,27 @@ SCENES = {
         goals=((0.0, 'tool', [0.28, -0.6, 0.4]),),
         frames=(TOOL,), view=ABOVE, draw=pillar, compare=True,
         plots=(Plot('distance from the pillar [m]', value, lower=0.06), error('tool'))),
+    'self_collision': Scene(
+        'panda', READY, f"""
+- apart: {{type: self_collision, within: 1.5,
+          capsules: package://tp_controller/config/panda_capsules.yaml}}
+- tool: {{type: position, frame: {TOOL}}}
+- posture: {{type: posture, gain: 0.5}}
+""",
+        goals=((0.0, 'tool', [0.1, 0.0, 0.2]),), frames=(TOOL,), view=SIDE, compare=True,
+        plots=(Plot('nearest pair of links [m]', nearest, lower=0.02), error('tool'))),
+    'obstacles': Scene(
+        'panda', (0.7, 0.0, 0.0, -2.0, 0.0, 2.0, 0.785), f"""
+- clear: {{type: obstacles, within: 1.5,
+          capsules: package://tp_controller/config/panda_capsules.yaml,
+          links: [panda_link5, panda_link6, panda_link7, panda_hand],
+          obstacles: {{pole: {{shape: {{cylinder: [0.05, 1.0]}}, at: [0.55, 0.08, 0.3]}}}}}}
+- tool: {{type: position, frame: {TOOL}}}
+- posture: {{type: posture, gain: 0.5}}
+""",
+        goals=((0.0, 'tool', [0.35, -0.45, 0.45]),), frames=(TOOL,), view=ABOVE, draw=things,
+        compare=True,
+        plots=(Plot('nearest link to the pole [m]', nearest, lower=0.02), error('tool'))),
     'field_of_view': Scene(
         'panda', READY, f"""
 - view: {{type: field_of_view, frame: panda_link7, half_angle: 0.4, target: [0.5, 0.0, 0.0]}}
