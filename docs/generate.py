@@ -105,9 +105,10 @@ STATUS = {
     'limiting': 'joint and limit most in the way of the uppermost task that is limited',
     'type': 'type of the task',
     'level': 'level in the stack, 1 is the highest; `disabled` for a task that is left out',
-    'status': '`reached`, `moving`, `held back`, `disabled` or `on hold` (zeros are commanded)',
-    'error [m]': 'norm of the error; one key for each unit: `[m]`, `[rad]`, for velocity tasks '
-                 '`[m/s]`, `[rad/s]`',
+    'status': '`reached`, `kept` (bounds), `moving`, `held back`, `disabled` or `on hold` (zeros '
+              'are commanded)',
+    'error [m]': 'norm of the error, or how far outside of its bounds; one key for each unit: '
+                 '`[m]`, `[rad]`, `[1]` for ratios, for velocity tasks `[m/s]`, `[rad/s]`',
     'tolerance [m]': 'error below which the goal counts as reached; one key for each unit',
     'wanted speed': 'norm of the velocity that the task asks for',
     'achieved speed': 'norm of its part that the command carries out',
