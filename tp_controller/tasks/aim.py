@@ -20,7 +20,7 @@ import numpy as np
 from tp_controller.errors import GoalError
 from tp_controller.spatial import pose, rotation_from_vector, skew
 from tp_controller.tasks.base import finite_vector
-from tp_controller.tasks.frame import MovingGoalTask
+from tp_controller.tasks.frame import MovingGoalTask, parse_reference
 
 # The axis of a task without a goal is taken to point at what is so far away [m].
 HELD_DISTANCE = 1.0
@@ -210,8 +210,7 @@ class AimedTask(MovingGoalTask):
             keys.check('target', _check_alone, target, reference, frame)
             reference, target = keys.check('target', robot.check_frame, target), np.zeros(3)
         else:
-            reference = keys.check('reference', robot.check_frame,
-                                   robot.root if reference is None else reference)
+            reference = keys.check('reference', parse_reference, robot, reference)
         self.reference = reference
         self.aim = AIMS[towards](self.frame, reference)
         self.goal_type, self.twist_rows = self.aim.goal_type, self.aim.twist_rows

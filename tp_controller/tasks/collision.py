@@ -33,6 +33,7 @@ from tp_controller.resources import load_yaml, read_source
 from tp_controller.shapes import parse_shape
 from tp_controller.tasks.base import finite_vector, Keys, non_negative, positive
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
+from tp_controller.tasks.frame import parse_reference
 from tp_controller.tasks.region import parse_place
 
 DEFAULT_DISTANCE = 0.02
@@ -269,8 +270,7 @@ class Obstacles(CollisionTask):
                  within=DEFAULT_WITHIN, links=None, capsules=None, gain=DEFAULT_BOUND_GAIN,
                  return_speed=DEFAULT_RETURN_SPEED, tolerance=None):
         keys = Keys()
-        self.reference = keys.check('reference', robot.check_frame,
-                                    robot.root if reference is None else reference)
+        self.reference = keys.check('reference', parse_reference, robot, reference)
         super().__init__(robot, name, keys, distance=distance, within=within, links=links,
                          capsules=capsules, gain=gain, return_speed=return_speed,
                          tolerance=tolerance)

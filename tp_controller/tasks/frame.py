@@ -143,8 +143,7 @@ class FrameTask(MovingGoalTask):
                  tolerance=None, timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
         keys = Keys()
         self.frame = keys.check('frame', robot.check_frame, frame)
-        self.reference = keys.check('reference', robot.check_frame,
-                                    robot.root if reference is None else reference)
+        self.reference = keys.check('reference', parse_reference, robot, reference)
         self.axes = keys.check('axes', parse_axes, axes, self.axis_names()) or self.axis_names()
         rows = [TWIST_AXES.index(axis) for axis in _twist_names(self.axes, self.twist_rows)]
         units = ['m' if row < 3 else 'rad' for row in rows]
@@ -193,6 +192,11 @@ def _twist_names(axes, rows):
     """Return the names in `TWIST_AXES` of axes of a type, in their order there."""
     names = TWIST_AXES[rows]
     return [name for name in names if name in axes or (len(names) == 3 and name[-1] in axes)]
+
+
+def parse_reference(robot, reference):
+    """Return the frame that a key `reference` names, None the root; raise `RobotError` else."""
+    return robot.check_frame(robot.root if reference is None else reference)
 
 
 def parse_axes(axes, valid):

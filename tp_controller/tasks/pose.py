@@ -22,7 +22,25 @@ from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.orientation import parse_rotation, WayRound
 
 
-class Pose(FrameTask):
+class PoseGoal:
+    """What tasks have in common whose goal is a pose, to be inherited from before their base."""
+
+    goal_type = 'pose'
+
+    def parse_goal(self, goal):
+        """Return a pose (4, 4); raise `GoalError` if it cannot be one."""
+        return parse_pose(goal, f'the goal of task {self.name!r}')
+
+    def goal_in_reference(self, goal, T_reference_frame):
+        """Return a pose given in another frame."""
+        return T_reference_frame.dot(goal)
+
+    def goal_pose(self, state):
+        """Return the goal (4, 4)."""
+        return self.goal
+
+
+class Pose(PoseGoal, FrameTask):
     """
     Bring a frame to a pose: position and orientation in one task (lecture 3.4).
 
@@ -31,7 +49,6 @@ class Pose(FrameTask):
     """
 
     type_name = 'pose'
-    goal_type = 'pose'
 
     def __init__(self, robot, name, **keys):
         super().__init__(robot, name, **keys)
@@ -52,18 +69,6 @@ class Pose(FrameTask):
         """Take a goal; the shorter way to it is chosen anew."""
         super().set_goal(goal, now)
         self._way.forget()
-
-    def parse_goal(self, goal):
-        """Return a pose (4, 4); raise `GoalError` if it cannot be one."""
-        return parse_pose(goal, f'the goal of task {self.name!r}')
-
-    def goal_in_reference(self, goal, T_reference_frame):
-        """Return a pose given in another frame."""
-        return T_reference_frame.dot(goal)
-
-    def goal_pose(self, state):
-        """Return the goal (4, 4)."""
-        return self.goal
 
 
 def parse_pose(goal, what):

@@ -27,11 +27,11 @@ from tp_controller.tasks.base import (
     non_negative,
 )
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
-from tp_controller.tasks.frame import MovingGoalTask, RelativeFrame
-from tp_controller.tasks.pose import parse_pose
+from tp_controller.tasks.frame import MovingGoalTask, parse_reference, RelativeFrame
+from tp_controller.tasks.pose import parse_pose, PoseGoal
 
 
-class RegionTask(MovingGoalTask, BoundedTask):
+class RegionTask(PoseGoal, MovingGoalTask, BoundedTask):
     """
     A sphere around the origin of a frame, and a shape that has a place in a reference frame.
 
@@ -39,7 +39,6 @@ class RegionTask(MovingGoalTask, BoundedTask):
     ``x, y, z`` [m] and a quaternion ``xyzw`` (7,). A twist says how it moves.
     """
 
-    goal_type = 'pose'
     keys = {
         'frame': 'frame of the robot whose origin the task is about',
         'shape': '{box: [x, y, z]}, {sphere: radius}, {cylinder: [radius, length]} along z, or '
@@ -56,8 +55,7 @@ class RegionTask(MovingGoalTask, BoundedTask):
                  timeout=DEFAULT_TIMEOUT):
         keys = Keys()
         self.frame = keys.check('frame', robot.check_frame, frame)
-        self.reference = keys.check('reference', robot.check_frame,
-                                    robot.root if reference is None else reference)
+        self.reference = keys.check('reference', parse_reference, robot, reference)
         self.shape = keys.check('shape', parse_shape, shape)
         self.radius = keys.check('radius', non_negative, radius)
         bounds = None
@@ -108,18 +106,6 @@ class RegionTask(MovingGoalTask, BoundedTask):
     def means_the_same(self, other):
         """Say whether a goal of `other` is one of this task, too."""
         return super().means_the_same(other) and self.frame == other.frame
-
-    def parse_goal(self, goal):
-        """Return a pose (4, 4); raise `GoalError` if it cannot be one."""
-        return parse_pose(goal, f'the goal of task {self.name!r}')
-
-    def goal_in_reference(self, goal, T_reference_frame):
-        """Return a pose given in another frame."""
-        return T_reference_frame.dot(goal)
-
-    def goal_pose(self, state):
-        """Return where the shape is (4, 4)."""
-        return self.goal
 
 
 class KeepIn(RegionTask):

@@ -18,7 +18,7 @@ import numpy as np
 from tp_controller.level import Level
 from tp_controller.tasks.base import Keys, positive
 from tp_controller.tasks.bounded import BoundedTask
-from tp_controller.tasks.frame import RelativeFrame
+from tp_controller.tasks.frame import parse_reference, RelativeFrame
 
 GOLDEN = (1.0 + 5.0 ** 0.5) / 2.0
 # Directions to the corners of an icosahedron and of the dodecahedron about its faces, one of each
@@ -58,8 +58,7 @@ class SpeedLimit(BoundedTask):
                  tolerance=None):
         keys = Keys()
         self.frame = keys.check('frame', robot.check_frame, frame)
-        self.reference = keys.check('reference', robot.check_frame,
-                                    robot.root if reference is None else reference)
+        self.reference = keys.check('reference', parse_reference, robot, reference)
         keys.check('linear' if angular is None else 'angular', _one_of, linear, angular)
         limits = {unit: keys.check(key, positive, limit) or 1.0
                   for key, limit, unit in (('linear', linear, 'm'), ('angular', angular, 'rad'))
