@@ -59,6 +59,8 @@ FASTEST = 0.2
 ALLOWED = {'m': 1e-3, 'rad': np.radians(0.2), '1': 5e-3, 'm/s': 1e-3}
 SHOWN = {'m': (1e3, 'mm'), 'rad': (180.0 / np.pi, '°'), '1': (100.0, '%'), 'm/s': (1e3, 'mm/s')}
 TURNED = 0.01
+# How deep a link may be in a thing at the start [m], and how much joints have to move it [m/rad].
+DEEPEST, LEAST_MOVED = 0.05, 0.1
 REPEATED = 5
 
 
@@ -179,11 +181,22 @@ def _self_collision(scene):
 
 
 def _obstacles(scene):
-    """Keep links away from three things of any shape."""
-    things = ', '.join(f'thing{number}: {{{scene.region(scene.near(scene.tool, 0.2, 0.7))}}}'
-                       for number in range(3))
-    scene.at = None
-    return f'- guard: {{type: obstacles, {_shapes(scene)}, obstacles: {{{things}}}}}'
+    """Keep links away from three things of any shape, which they may touch in the beginning."""
+    while True:
+        things = ', '.join(f'thing{number}: {{{scene.region(scene.near(scene.tool, 0.2, 0.7))}}}'
+                           for number in range(3))
+        scene.at = None
+        text = f'- guard: {{type: obstacles, {_shapes(scene)}, obstacles: {{{things}}}}}'
+        if _can_leave(Stack.from_yaml(text, scene.robot).tasks['guard'], scene.state):
+            return text
+
+
+def _can_leave(task, state):
+    """Say whether what is outside is not far outside, and not the foot of the robot."""
+    distances, J = task.observe(state)
+    excess = task.distance - distances
+    moved = np.linalg.norm(J, axis=1)
+    return (excess < DEEPEST).all() and (moved[excess > 0.0] > LEAST_MOVED).all()
 
 
 def _shapes(scene):

@@ -28,8 +28,12 @@ the level itself with what it misses (Nocedal and Wright, Numerical Optimization
 Hessian of the Lagrangian). A velocity that is held for a period T overshoots where T times that
 is larger than s²: where the level pushes hard and what is soft turns quickly, as beside a
 singularity, the robot would swing from side to side. The curvature is not known; the second
-program takes κ T (‖misses‖ + ‖multipliers‖) for it, and what is missing to that pulls towards
-rest.
+program takes κ T (‖misses‖ + ‖multipliers‖) for it, and what is missing to that pulls back.
+
+The share of it that belongs to levels above pulls towards rest, as Levenberg and Marquardt do, so
+that where the robot stands still nothing is biased. What belongs to limits of the joints pulls
+towards a = 0: towards the velocity there was, cut off at the limits. It may be fast there, for
+limits do not curve.
 """
 
 import math
@@ -48,7 +52,7 @@ EXACT_REPETITIONS = 20
 CONVERGED = 1e-12
 
 
-def regularised(stiffness, target, A, lower, upper, regularisation, period):
+def regularised(stiffness, target, A, lower, upper, regularisation, period, joints, rest=None):
     """
     Return the a that minimises Σ stiffness_i (a_i − target_i)² within bounds.
 
@@ -64,6 +68,10 @@ def regularised(stiffness, target, A, lower, upper, regularisation, period):
         μ²; 0: exact.
     period : float
         T, how long the velocity will be held [s].
+    joints : int
+        How many of the rows, the first ones, are limits of joints.
+    rest : ndarray (k,), optional
+        Where the robot stands still; not needed where all rows are limits of joints.
 
     Returns
     -------
@@ -83,11 +91,16 @@ def regularised(stiffness, target, A, lower, upper, regularisation, period):
         return *_no_motion(A), 0.0
     a, multipliers = first
     missed = math.sqrt(stiffness.dot((a - target) ** 2))
-    curvature = period * (REACTION * missed + PUSHING * math.sqrt(multipliers.dot(multipliers)))
+    limits, rows = multipliers[:joints], multipliers[joints:]
+    of_rows = period * PUSHING * math.sqrt(rows.dot(rows))
+    curvature = of_rows + period * (REACTION * missed + PUSHING * math.sqrt(limits.dot(limits)))
     stiffer = np.maximum(stiff, curvature)
     if not np.count_nonzero(stiffer > stiffness):
         return a, multipliers, curvature
-    centre = (stiffness * target + (stiff - stiffness) * a) / stiffer
+    centre = stiffness * target + (stiff - stiffness) * a
+    if of_rows > 0.0:
+        centre += (stiffer - stiff) * (of_rows / curvature) * rest
+    centre /= stiffer
     return *(_nearest(stiffer, centre, A, lower, upper, unit) or first), curvature
 
 

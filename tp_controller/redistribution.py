@@ -348,7 +348,8 @@ class _Cascade:
     def _solve(self, directions, stiffness, target):
         """Move x within its bounds as a level would like best; return the multipliers."""
         a, multipliers, curvature = regularised(
-            stiffness, target, *self._program(directions), self._regularisation, self._period)
+            stiffness, target, *self._program(directions), self._regularisation, self._period,
+            len(self.x), self._to_rest(directions) if len(self._rows) else None)
         self._curvature = max(self._curvature, curvature)
         return self._move(directions, a, multipliers)
 

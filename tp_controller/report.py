@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 from tp_controller.solver import RANK_TOLERANCE
 from tp_controller.tasks.base import norm
+from tp_controller.tasks.bounded import STILL
 
 # A part of the wanted velocity below this is rounding, not something that was held back.
 NEGLIGIBLE = 1e-6
@@ -98,9 +99,9 @@ class Report:
     @cached_property
     def tasks(self):
         """Return a `TaskReport` for every task."""
-        reports = [self._task(number, task, error, rows, level)
+        reports = [self._task(number, task, error, names, rows, level)
                    for number, level in enumerate(self._solution.levels, 1)
-                   for task, error, _, rows in self._members(number - 1)]
+                   for task, error, names, rows in self._members(number - 1)]
         reports.extend(TaskReport(task.name, task.type_name, None, (), False, 0.0, 0.0,
                                   'disabled') for task in self._disabled)
         return tuple(reports)
@@ -137,25 +138,36 @@ class Report:
         name = self._bounds.name(joint, level.limited_velocity[joint], up)
         return f'{self._robot.velocity_names[joint]} at its {name}'
 
-    def _task(self, number, task, error, rows, level):
+    def _task(self, number, task, error, names, rows, level):
         """Return the report of a task that is rows `rows` of a level."""
         wanted, achieved = level.wanted[rows] / task.stretch, level.achieved[rows] / task.stretch
         errors = task.reported_errors(error, wanted - achieved)
-        J = self._solution.hierarchy[number - 1].J[rows]
-        stuck = task.bounded and bool(error.any()) and not J[error != 0.0].any()
+        stuck = self._stuck(number, error, names, rows) if task.bounded else ''
         return TaskReport(
             task.name, task.type_name, number, errors,
             all(value <= tolerance for value, _, tolerance in errors), norm(wanted),
             norm(achieved), self._reason(number, task, level, wanted, achieved, stuck),
             task.bounded)
 
+    def _stuck(self, number, error, names, rows):
+        """Return what no joint can bring back to within its bounds, as text; mostly nothing."""
+        outside = np.flatnonzero(error)
+        if not len(outside):
+            return ''
+        J = self._solution.hierarchy[number - 1].J[rows][outside]
+        still = outside[(J * J).sum(axis=1) < STILL * STILL]
+        if not len(still):
+            return ''
+        which = list(dict.fromkeys(names[row] for row in still))[:NAMED] if names else ['it']
+        return f'no joint moves {", ".join(which)}'
+
     def _reason(self, number, task, level, wanted, achieved, stuck):
         """Return what holds a task back."""
         speed = norm(wanted)
         enough = max(NEGLIGIBLE, NOTABLE * speed)
         if norm(wanted - achieved) <= enough:
-            return 'no joint moves it' if stuck else ''
-        reasons = []
+            return stuck
+        reasons = [stuck] if stuck else []
         in_the_way = [*(self._limit(joint, level) for joint in level.limited_by[:NAMED]),
                       *self._bounds_of_tasks(task, level)[:NAMED]]
         if in_the_way:

@@ -411,7 +411,7 @@ def test_what_no_joint_can_change_is_reported_but_not_asked_for():
     floor = {'floor': {'shape': 'half_space', 'at': [0.0, 0.0, -0.09]}}
     task = make('obstacles', robot, obstacles=floor, links=['upper'])
     level = task.level(robot.state(np.zeros(3)), 0.0)
-    assert level.lower.tolist() == [-math.inf]
+    assert level.lower < -1e6
     assert task.last_error == pytest.approx([0.03])
 
 

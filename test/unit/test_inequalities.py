@@ -28,6 +28,7 @@ from scipy.spatial.transform import Rotation
 from tp_controller import (
     Controller,
     GoalError,
+    Robot,
     Settings,
     SettingsError,
     Stack,
@@ -129,14 +130,41 @@ def test_bounds_are_approached_and_come_back_to_at_the_rate_of_the_gain(name, ke
     gain = keys.get('gain', 10.0)
     for state in random_states(task, 40):
         level, value = task.level(state, 0.0), task.value(state)
+        moved = np.linalg.norm(level.J, axis=1)
         # Nor does it ask for more than 0.5 rad/s of all joints together.
-        most = np.minimum(0.3, 0.5 * np.linalg.norm(level.J, axis=1))
-        np.testing.assert_allclose(level.lower, np.minimum(gain * (task.lower - value), most))
-        np.testing.assert_allclose(level.upper, np.maximum(gain * (task.upper - value), -most))
+        most = np.minimum(0.3, 0.5 * moved)
+        rate = (np.minimum(gain * (task.lower - value), most),
+                np.maximum(gain * (task.upper - value), -most))
+        strong = moved > 0.02
+        np.testing.assert_allclose(level.lower[strong], rate[0][strong])
+        np.testing.assert_allclose(level.upper[strong], rate[1][strong])
+        assert (level.lower <= rate[0]).all() and (level.upper >= rate[1]).all()
         way_back = np.clip(value, task.lower, task.upper) - value
         np.testing.assert_allclose(task.last_error, way_back)
         (error, unit, tolerance), = task.reported_errors(task.last_error, None)
         assert error == np.abs(way_back).max() and unit == task.units[0] and tolerance > 0.0
+
+
+def test_row_that_hardly_moves_asks_for_little_and_one_that_moves_less_leaves_the_joint_free():
+    def joint_bounds(arm):
+        """Return bounds on the joint by a wall at which a tool is 0.1 m too far, `arm` long."""
+        robot = Robot.from_dh([{'name': 'joint', 'a': arm, 'velocity': 1.0}])
+        task = make('keep_in', {'frame': robot.frame_names[-1], 'shape': 'half_space', 'at': [
+            0.0, -0.1, 0.0, -np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]}, robot)
+        level = task.level(robot.state([0.0]), 0.0)
+        assert task.last_error == pytest.approx([-0.1])
+        return sorted((side / level.J[0, 0] for side in (level.lower[0], level.upper[0])),
+                      key=abs)
+
+    # All bounds are on turning further; only the side that can be finite is.
+    asked = {arm: joint_bounds(arm)[0] for arm in (2.0, 0.5, 0.3, 0.02, 0.01, 0.0021)}
+    assert asked == {2.0: pytest.approx(-0.1), 0.5: pytest.approx(-0.4),
+                     0.3: pytest.approx(-0.5), 0.02: pytest.approx(-0.5),
+                     0.01: pytest.approx(-0.25), 0.0021: pytest.approx(-0.0525)}
+    # Free to turn further, and more so the less that means.
+    free = [joint_bounds(arm)[0] for arm in (0.0019, 0.0015, 0.001, 1e-5)]
+    assert free == sorted(free) and 0.0 < free[0] < 0.3
+    assert free[2] == pytest.approx(4.0, abs=0.1) and free[3] > 1e4
 
 
 @pytest.mark.parametrize('name, keys', WITH_VALUE)
@@ -346,7 +374,8 @@ def test_view_without_a_target_keeps_what_is_straight_ahead():
     task.start(state)
     assert task.value(state) == pytest.approx([0.0], abs=1e-9)
     level = task.level(state, 0.0)
-    assert not level.J.any() and level.upper == pytest.approx([4.0])
+    # Nothing moves it, so nothing is asked for.
+    assert not level.J.any() and level.upper > 1e6
 
 
 # Speed
@@ -532,6 +561,25 @@ def test_bounds_are_kept_at_speed_because_the_curvature_of_the_way_is_known():
     assert -1e-4 < max(outside) < 3e-4
 
 
+def test_tool_that_presses_against_a_wall_beside_a_singularity_does_not_swing():
+    """By 2 rad/s from one cycle to the next, and 2 cm outside, if nothing pulled towards rest."""
+    robot = robots.urdf_robot('ur5')
+    centre = np.array([-0.184, -0.621, -0.491])
+    text = f"""
+- ball: {{type: keep_in, frame: tool0, shape: {{sphere: 0.133}}, at: {centre.tolist()}}}
+- tool: {{type: pose, frame: tool0, gain: 2.0}}
+- posture: {{type: posture, gain: 0.5}}
+"""
+    goal = [-0.015, -0.114, 0.813, 0.944, 0.062, 0.278, -0.166]
+    _, states, commands, _ = loop(
+        robot, text, np.array([1.456, 2.5701, -0.5744, -1.2002, -2.0321, -1.8904]), [goal], 2.5)
+    outside = [np.linalg.norm(state.position('tool0') - centre) - 0.133 for state in states]
+    assert -1e-4 < max(outside) < 1e-4
+    change = np.diff(commands, axis=0)
+    turned = (change[1:] * change[:-1] < 0.0) & (np.abs(change[1:]) > 0.1)
+    assert turned.sum() < 10
+
+
 def test_beginning_anew_forgets_how_the_value_curved_before():
     task = make('keep_in', CASES['keep_in'][1])
     first, second = list(random_states(task, 2))
@@ -665,6 +713,26 @@ def test_what_no_joint_moves_is_outside_for_a_reason():
     controller = Controller(robot, stack)
     task = controller.update(robots.PANDA_READY, 0.0).report.tasks[0]
     assert task.status == 'held back' and task.reason == 'no joint moves it'
+
+
+def test_link_that_only_turns_about_itself_is_named_and_keeps_no_joint_from_moving():
+    """A thing at the foot of the arm; the sign of a row of 1e-4 m/rad says where joint 1 may go."""
+    robot, q = robots.panda(), np.array(robots.PANDA_READY)
+    stack = Stack.from_yaml(f"""
+- clear: {{type: obstacles, capsules: {robots.CONFIG / 'panda_capsules.yaml'},
+          obstacles: {{foot: {{shape: {{box: [0.3, 0.3, 0.1]}}, at: [0.2, 0.0, 0.15]}}}}}}
+- tool: {{type: position, frame: {TOOL}, gain: 3.0}}
+""", robot)
+    controller = Controller(robot, stack, Settings(period=PERIOD))
+    controller.update(q, 0.0)
+    start = robot.state(q).position(TOOL)
+    for number, side in enumerate((1.0, -1.0)):
+        controller.set_goal('tool', [0.7 * start[0], 0.7 * side * start[0], start[2]], 5.0 * number)
+        for cycle in range(500):
+            command = controller.update(q, 5.0 * number + cycle * PERIOD)
+            q = q + PERIOD * command.velocity
+        assert command.report.tasks[1].reached
+        assert command.report.tasks[0].reason == 'no joint moves panda_link1 – foot'
 
 
 def test_bounds_of_a_level_that_contradict_each_other_are_reported_as_that():

@@ -26,6 +26,11 @@ DEFAULT_RETURN_SPEED = 0.2
 # No joint has to be faster than this on the way back of one row, however little it moves the
 # value [rad/s or m/s].
 RETURN_JOINT_SPEED = 0.5
+# Slower yet for a row that joints move by less than this. One that they move by less than `STILL`
+# is let go, smoothly, so that by half of that they are free [unit/rad or unit/m].
+WEAK, STILL = 0.02, 2e-3
+FREE_JOINT_SPEED = 4.0
+TINY = 1e-12
 
 
 class BoundedTask(Task):
@@ -38,8 +43,10 @@ class BoundedTask(Task):
         γ (lower − σ) ≤ J q_dot ≤ γ (upper − σ)
 
     A value that is outside comes back, at the same rate but never faster than `return_speed`, nor
-    so fast that joints would race: it may be far outside when the task begins. Where the bounds
-    themselves move, their velocity is added to both sides.
+    so fast that joints would race: it may be far outside when the task begins. A row that hardly
+    moves, as of a link that turns about its own axis, is let go, or the sign of next to nothing
+    would decide where a joint may go. Where the bounds themselves move, their velocity is added
+    to both sides.
 
     A command is held for a period T, in which J changes, and the curvature of the way leads beyond
     the bound by ½ T² q_dotᵀ ∂²σ/∂q² q_dot. Half of what J has changed by since the last cycle,
@@ -118,9 +125,13 @@ class BoundedTask(Task):
         self.last_error = self._way_back(value)
         self._remember(J, now)
         motion, curved = self.own_motion(state, now), self._curved(J, state.velocity)
-        back = np.minimum(self.return_speed, RETURN_JOINT_SPEED * np.sqrt((J * J).sum(axis=1)))
-        lower = np.minimum(self.gain * (self.lower - value), back) - motion
-        upper = np.maximum(self.gain * (self.upper - value), -back) - motion
+        moved = np.sqrt((J * J).sum(axis=1))
+        back = np.minimum(self.return_speed,
+                          RETURN_JOINT_SPEED * moved * np.minimum(moved / WEAK, 1.0))
+        lost = 0.5 * STILL * FREE_JOINT_SPEED * np.maximum(
+            STILL / np.maximum(moved, TINY) - 1.0, 0.0)
+        lower = np.minimum(self.gain * (self.lower - value), back) - lost - motion
+        upper = np.maximum(self.gain * (self.upper - value), -back) + lost - motion
         # Only what leads outwards needs room, as far as there is any.
         return Level(J, lower=np.minimum(lower - np.minimum(curved, 0.0), upper),
                      upper=np.maximum(upper - np.maximum(curved, 0.0), lower))

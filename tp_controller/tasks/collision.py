@@ -27,7 +27,6 @@ from tp_controller.geometry import (
     solid,
     urdf_solids,
 )
-from tp_controller.level import Level
 from tp_controller.links import srdf_pairs, Tree
 from tp_controller.resources import load_yaml, read_source
 from tp_controller.shapes import parse_shape
@@ -44,8 +43,6 @@ CLOSE = 0.02
 POSTURES = 100
 # Joints without limits are tried within this [rad or m].
 WIDEST = math.pi
-# What no joint moves by more than this is not asked to move [m/rad].
-STILL = 1e-9
 # Every obstacle costs time in every cycle.
 MOST_OBSTACLES = 100
 # In an update of obstacles, the name of all there are so far.
@@ -140,15 +137,6 @@ class CollisionTask(BoundedTask):
         """Return the `Nearness` at a state."""
         poses = [state.pose(frame) for frame in self._clearance.frames]
         return self._clearance.nearest(np.array(poses).reshape(-1, 4, 4), *within)
-
-    def level(self, state, now):
-        """Return the `Level` at a state, and remember the error for the report."""
-        level = super().level(state, now)
-        # What no joint can change is only reported, or the solver would look for a way forever.
-        still = (np.abs(level.J) <= STILL).all(axis=1)
-        if still.any():
-            return Level(level.J, lower=np.where(still, -np.inf, level.lower), upper=level.upper)
-        return level
 
 
 class SelfCollision(CollisionTask):
