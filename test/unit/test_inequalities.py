@@ -716,7 +716,7 @@ def test_what_no_joint_moves_is_outside_for_a_reason():
 
 
 def test_link_that_only_turns_about_itself_is_named_and_keeps_no_joint_from_moving():
-    """A thing at the foot of the arm; the sign of a row of 1e-4 m/rad says where joint 1 may go."""
+    """Or the sign of a row of 1e-4 m/rad would say where joint 1 may go."""
     robot, q = robots.panda(), np.array(robots.PANDA_READY)
     stack = Stack.from_yaml(f"""
 - clear: {{type: obstacles, capsules: {robots.CONFIG / 'panda_capsules.yaml'},
@@ -726,10 +726,10 @@ def test_link_that_only_turns_about_itself_is_named_and_keeps_no_joint_from_movi
     controller = Controller(robot, stack, Settings(period=PERIOD))
     controller.update(q, 0.0)
     start = robot.state(q).position(TOOL)
-    for number, side in enumerate((1.0, -1.0)):
-        controller.set_goal('tool', [0.7 * start[0], 0.7 * side * start[0], start[2]], 5.0 * number)
+    for began, side in ((0.0, 1.0), (5.0, -1.0)):
+        controller.set_goal('tool', [0.7 * start[0], 0.7 * side * start[0], start[2]], began)
         for cycle in range(500):
-            command = controller.update(q, 5.0 * number + cycle * PERIOD)
+            command = controller.update(q, began + cycle * PERIOD)
             q = q + PERIOD * command.velocity
         assert command.report.tasks[1].reached
         assert command.report.tasks[0].reason == 'no joint moves panda_link1 – foot'
