@@ -27,7 +27,7 @@ import numpy as np
 from tp_controller.errors import RobotError, unknown
 from tp_controller.resources import find_file
 from tp_controller.shapes import Box, Cylinder, HalfSpace, Sphere
-from tp_controller.spatial import pose, rotation_from_rpy
+from tp_controller.spatial import cross, pose, rotation_from_rpy, skews
 from tp_controller.urdf import parse
 
 FILE_SCHEME = 'file://'
@@ -38,10 +38,6 @@ EXACT_APART, EXACT_OVERLAPPING = 1e-9, 1e-6
 # for half a millimetre at 0.1 m from the middle.
 TILT = 0.005
 TILTS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-# [a]× of the unit vectors a, so that a.dot(CROSS) is that of any vector.
-CROSS = np.zeros((3, 3, 3))
-for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    CROSS[_i, _j, _k], CROSS[_i, _k, _j] = 1.0, -1.0
 
 
 @dataclass(eq=False)
@@ -432,13 +428,3 @@ def _rounded_box(geometry):
 def _read(result):
     """Return the normal and the nearest points of Coal's result."""
     return result.normal, result.getNearestPoint1(), result.getNearestPoint2()
-
-
-def skews(vectors):
-    """Return the matrices [a]× (…, 3, 3) of vectors (…, 3): [a]× b = a × b."""
-    return vectors.dot(CROSS)
-
-
-def cross(a, b):
-    """Return the cross products of rows (m, 3); several times as fast as numpy for a few."""
-    return (skews(a) @ b[:, :, np.newaxis])[:, :, 0]

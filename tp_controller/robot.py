@@ -23,6 +23,7 @@ from tp_controller.base import BASES, DEFAULT_VELOCITY, DEFAULT_WORLD
 from tp_controller.dh import urdf_from_dh
 from tp_controller.errors import RobotError, unknown
 from tp_controller.resources import read_source
+from tp_controller.spatial import cross
 from tp_controller.urdf import (
     build_model,
     check_tree,
@@ -605,13 +606,13 @@ class RobotState:
                                        pinocchio.LOCAL_WORLD_ALIGNED).reshape(6, -1)
         if robot._expand is not None:
             weights = weights.dot(robot._expand.T)
-        v, w = J[:3], J[3:]
+        v, w, of_v, of_w = J[:3].T, J[3:].T, weights[:3].T, weights[3:].T
         # Column j of J is (v_j, ω_j). Where motion k comes before motion j it turns both,
         # ∂J_j/∂q_k = (ω_k × v_j, ω_k × ω_j); otherwise it moves the frame, by ω_j × v_k.
-        turns = np.cross(v, weights[:3], axis=0) + np.cross(w, weights[3:], axis=0)
-        shifts = np.cross(weights[:3], w, axis=0)
+        turns = cross(v, of_v) + cross(w, of_w)
+        shifts = cross(of_v, w)
         turned = robot._turned
-        gradient = (w.T.dot(turns) * turned + v.T.dot(shifts) * (1.0 - turned)).sum(axis=1)
+        gradient = (w.dot(turns.T) * turned + v.dot(shifts.T) * (1.0 - turned)).sum(axis=1)
         return gradient if robot._expand is None else robot._expand.T.dot(gradient)
 
     def center_of_mass(self):

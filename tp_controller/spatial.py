@@ -31,6 +31,10 @@ ROTATION_TOLERANCE = 1e-3
 # Within this angle of half a turn both ways round are equally short, and noise alone would
 # choose between them [rad].
 HALF_TURN_BAND = 0.1
+# [a]× of the unit vectors a, so that a.dot(CROSS) is that of any vector.
+CROSS = np.zeros((3, 3, 3))
+for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    CROSS[_i, _j, _k], CROSS[_i, _k, _j] = 1.0, -1.0
 
 
 def wrap_angle(angle):
@@ -77,6 +81,16 @@ def rotation_from_vector(vector):
 def skew(vector):
     """Return the matrix [a]× (3, 3) of a vector (3,): [a]× b = a × b."""
     return pinocchio.skew(vector)
+
+
+def skews(vectors):
+    """Return the matrices [a]× (…, 3, 3) of vectors (…, 3)."""
+    return vectors.dot(CROSS)
+
+
+def cross(a, b):
+    """Return the cross products of rows (m, 3); several times as fast as numpy for a few."""
+    return (skews(a) @ b[:, :, np.newaxis])[:, :, 0]
 
 
 def shorter_way(vector, previous):

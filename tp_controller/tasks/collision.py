@@ -19,17 +19,11 @@ import math
 
 import numpy as np
 from tp_controller.errors import GoalError, RobotError, unknown
-from tp_controller.geometry import (
-    capsule,
-    Clearance,
-    cross,
-    skews,
-    solid,
-    urdf_solids,
-)
+from tp_controller.geometry import capsule, Clearance, solid, urdf_solids
 from tp_controller.links import srdf_pairs, Tree
 from tp_controller.resources import load_yaml, read_source
 from tp_controller.shapes import parse_shape
+from tp_controller.spatial import cross, skews
 from tp_controller.tasks.base import finite_vector, Keys, non_negative, positive
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
 from tp_controller.tasks.frame import parse_reference

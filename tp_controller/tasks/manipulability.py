@@ -47,6 +47,7 @@ class Mobility:
 
     def __init__(self, robot, frame, rows):
         self._frame, self._rows = frame, rows
+        self._own = np.eye(len(rows), dtype=bool)
         self._weights = np.zeros((6, robot.n))
 
     def measure(self, state):
@@ -63,7 +64,7 @@ class Mobility:
         """
         U, s, V_T = np.linalg.svd(state.jacobian(self._frame)[self._rows], full_matrices=False)
         # w J⁺ without the division, which a singularity would not stand.
-        others = np.array([np.prod(np.delete(s, index)) for index in range(len(s))])
+        others = np.where(self._own, 1.0, s).prod(axis=1)
         self._weights[self._rows] = (U * others).dot(V_T)
         return float(np.prod(s)), state.jacobian_gradient(self._frame, self._weights)
 
