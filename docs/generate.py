@@ -42,6 +42,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))
 REGION = re.compile(r'(<!-- begin generated: (?P<name>[\w ]+) -->\n).*?(<!-- end generated -->)',
                     re.DOTALL)
+SECTION = re.compile(r'^### (\w+)$', re.MULTILINE)
 PANDA = ROOT / 'config' / 'robots' / 'panda.yaml'
 # Packages of the types that every node's own topics and services have.
 EVERY_NODE = ('rcl_interfaces', 'type_description_interfaces')
@@ -155,11 +156,20 @@ def summary(thing):
 # What needs no ROS -----------------------------------------------------------------------
 
 
+@cache
+def types_in_order():
+    """Return {name: class} of this package's task types, in the order of their sections."""
+    sections = SECTION.findall((ROOT / 'docs' / 'tasks.md').read_text(encoding='utf-8'))
+    known = task_types()
+    return {name: known[name] for name in sections
+            if name in known and known[name].__module__.startswith('tp_controller.')}
+
+
 def tasks():
     """Return the table of task types."""
     rows = [(f'[`{name}`](docs/tasks.md#{name})', summary(kind).partition(':')[0],
              ', or '.join(GOALS[goal][0] for goal in goal_types(kind)) or 'none')
-            for name, kind in task_types().items() if kind.__module__.startswith('tp_controller.')]
+            for name, kind in types_in_order().items()]
     return table(('`type`', 'what it does', 'goal'), rows)
 
 
@@ -235,7 +245,7 @@ def goals():
     from tp_controller.nodes import goal_messages as messages
     rows = []
     for kind, entry in (*messages.GOALS.items(), *messages.FEED_FORWARD.items()):
-        takers = [f'`{name}`' for name, task in task_types().items()
+        takers = [f'`{name}`' for name, task in types_in_order().items()
                   if kind in (task.feed_forward_type,) * (entry.topic == 'twist')
                   or (entry.topic != 'twist' and kind in goal_types(task))]
         rows.append((', '.join(takers), f'`~/<task>/{entry.topic}`',

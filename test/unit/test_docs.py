@@ -176,6 +176,18 @@ def test_every_table_is_shown(generate):
     assert {*generate.REGIONS, *generate.ROS_REGIONS} == shown
 
 
+def test_every_task_type_has_a_section_with_its_keys_and_an_example(generate):
+    own = {name for name, kind in generate.task_types().items()
+           if kind.__module__.startswith('tp_controller.')}
+    assert set(generate.types_in_order()) == own
+    text = (DOCS / 'tasks.md').read_text(encoding='utf-8')
+    for section in re.split(r'^### ', text, flags=re.MULTILINE)[1:]:
+        name = section.partition('\n')[0]
+        if name in own:
+            assert re.search(rf'type: {name}\b', section), name
+            assert f'begin generated: keys {name} ' in section, name
+
+
 def test_generator_notices_a_table_that_is_out_of_date(generate, tmp_path):
     page = tmp_path / 'page.md'
     page.write_text('<!-- begin generated: settings -->\nold\n<!-- end generated -->\n',

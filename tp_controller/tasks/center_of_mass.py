@@ -16,21 +16,16 @@
 
 import numpy as np
 from tp_controller.errors import RobotError
-from tp_controller.tasks.base import (
-    DEFAULT_GAIN,
-    DEFAULT_MODE,
-    DEFAULT_TIMEOUT,
-    finite_vector,
-    Keys,
-)
+from tp_controller.tasks.base import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Keys
 from tp_controller.tasks.frame import MovingGoalTask, parse_axes
+from tp_controller.tasks.position import PointGoal
 
 AXES = ('x', 'y', 'z')
 # A centre of mass that moves by less than this has no more than rounding to be stretched [m/rad].
 LEAST = 0.01
 
 
-class CenterOfMass(MovingGoalTask):
+class CenterOfMass(PointGoal, MovingGoalTask):
     """
     Bring the centre of mass of the robot to a point, σ = Σ m_i c_i / Σ m_i.
 
@@ -40,8 +35,6 @@ class CenterOfMass(MovingGoalTask):
     """
 
     type_name = 'center_of_mass'
-    goal_type = 'point'
-    twist_rows = slice(0, 3)
     keys = {'axes': 'axes of the root that count: some of x, y, z (default: all)'}
 
     def __init__(self, robot, name, *, axes=None, gain=DEFAULT_GAIN, tolerance=None,
@@ -78,14 +71,6 @@ class CenterOfMass(MovingGoalTask):
     def set_feed_forward(self, velocity, now):
         """Take the rows of a twist (6,) that count, until it times out."""
         super().set_feed_forward(velocity[self._rows], now)
-
-    def parse_goal(self, goal):
-        """Return a point (3,) [m]; raise `GoalError` if it is none."""
-        return finite_vector(goal, 3, f'the goal of task {self.name!r} (a point x, y, z)')
-
-    def goal_in_reference(self, goal, T_reference_frame):
-        """Return a point given in another frame."""
-        return T_reference_frame[:3, :3].dot(goal) + T_reference_frame[:3, 3]
 
 
 def _check_mass(robot):

@@ -19,24 +19,11 @@ from tp_controller.tasks.base import finite_vector
 from tp_controller.tasks.frame import FrameTask
 
 
-class Position(FrameTask):
-    """
-    Bring the origin of a frame to a point: σ = η₁, error η₁,d − η₁, Jacobian J_v (lecture 3.2).
+class PointGoal:
+    """What tasks have in common whose goal is a point, to be inherited from before their base."""
 
-    The goal is a point (3,) in the reference frame [m].
-    """
-
-    type_name = 'position'
     goal_type = 'point'
     twist_rows = slice(0, 3)
-
-    def value(self, state):
-        """Return the origin of the frame (3,), in the reference frame [m]."""
-        return self.position(state)
-
-    def error(self, state):
-        """Return the way to the goal along the axes that count (rows,) [m]."""
-        return (self.goal - self.position(state))[self._mask]
 
     def parse_goal(self, goal):
         """Return a point (3,) [m]; raise `GoalError` if it is none."""
@@ -45,6 +32,24 @@ class Position(FrameTask):
     def goal_in_reference(self, goal, T_reference_frame):
         """Return a point given in another frame."""
         return T_reference_frame[:3, :3].dot(goal) + T_reference_frame[:3, 3]
+
+
+class Position(PointGoal, FrameTask):
+    """
+    Bring the origin of a frame to a point: σ = η₁, error η₁,d − η₁, Jacobian J_v (lecture 3.2).
+
+    The goal is a point (3,) in the reference frame [m].
+    """
+
+    type_name = 'position'
+
+    def value(self, state):
+        """Return the origin of the frame (3,), in the reference frame [m]."""
+        return self.position(state)
+
+    def error(self, state):
+        """Return the way to the goal along the axes that count (rows,) [m]."""
+        return (self.goal - self.position(state))[self._mask]
 
     def goal_pose(self, state):
         """Return the goal with the attitude of the frame (4, 4)."""
