@@ -34,9 +34,9 @@ FILE_SCHEME = 'file://'
 # How exact distances are [m]. With 1e-6 apart, as Coal has it, normals at a cylinder are wrong by
 # up to 0.03; overlapping, its iteration finds no end for some cylinders below 1e-6.
 EXACT_APART, EXACT_OVERLAPPING = 1e-9, 1e-6
-# Angle of the tilted copies of a solid [rad]: more than a robot turns in a cycle, little enough
-# for half a millimetre at 0.1 m from the middle.
-TILT = 0.005
+# Angle of the tilted copies of a solid [rad]: more than a robot mostly turns in a cycle, little
+# enough for less than a millimetre at 0.1 m from the middle.
+TILT = 0.0075
 TILTS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 
