@@ -31,9 +31,10 @@ singularity, the robot would swing from side to side. The curvature is not known
 program takes κ T (‖misses‖ + ‖multipliers‖) for it, and what is missing to that pulls back.
 
 The share of it that belongs to levels above pulls towards rest, as Levenberg and Marquardt do, so
-that where the robot stands still nothing is biased. What belongs to limits of the joints pulls
-towards a = 0: towards the velocity there was, cut off at the limits. It may be fast there, for
-limits do not curve.
+that where the robot stands still nothing is biased. A row turns the faster the shorter it is, and
+counts with its multiplier per length. What belongs to limits of the joints pulls towards a = 0:
+towards the velocity there was, cut off at the limits. It may be fast there, for limits do not
+curve.
 """
 
 import math
@@ -52,7 +53,8 @@ EXACT_REPETITIONS = 20
 CONVERGED = 1e-12
 
 
-def regularised(stiffness, target, A, lower, upper, regularisation, period, joints, rest=None):
+def regularised(stiffness, target, A, lower, upper, regularisation, period, lengths=(),
+                rest=None):
     """
     Return the a that minimises Σ stiffness_i (a_i − target_i)² within bounds.
 
@@ -68,8 +70,9 @@ def regularised(stiffness, target, A, lower, upper, regularisation, period, join
         μ²; 0: exact.
     period : float
         T, how long the velocity will be held [s].
-    joints : int
-        How many of the rows, the first ones, are limits of joints.
+    lengths : array_like (r',)
+        How long the last rows of A, which belong to levels above, were before they were made 1
+        long; the first ones are limits of joints.
     rest : ndarray (k,), optional
         Where the robot stands still; not needed where all rows are limits of joints.
 
@@ -91,7 +94,8 @@ def regularised(stiffness, target, A, lower, upper, regularisation, period, join
         return *_no_motion(A), 0.0
     a, multipliers = first
     missed = math.sqrt(stiffness.dot((a - target) ** 2))
-    limits, rows = multipliers[:joints], multipliers[joints:]
+    joints = len(A) - len(lengths)
+    limits, rows = multipliers[:joints], multipliers[joints:] / lengths
     of_rows = period * PUSHING * math.sqrt(rows.dot(rows))
     curvature = of_rows + period * (REACTION * missed + PUSHING * math.sqrt(limits.dot(limits)))
     stiffer = np.maximum(stiff, curvature)

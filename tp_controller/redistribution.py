@@ -48,6 +48,8 @@ FEASIBLE = 1e-11
 NEGLIGIBLE = 1e-9
 # Speed along a row of length 1 from which on it counts as one that asks for motion [rad/s].
 ASKING = 0.02
+# A row that is shorter than this turns so much faster than one of length 1 that it matters.
+SHORT = 0.2
 TINY = 1e-30
 # Pushes a joint with a multiplier the last bit onto its bound.
 PUSH = 1e6
@@ -349,7 +351,8 @@ class _Cascade:
         """Move x within its bounds as a level would like best; return the multipliers."""
         a, multipliers, curvature = regularised(
             stiffness, target, *self._program(directions), self._regularisation, self._period,
-            len(self.x), self._to_rest(directions) if len(self._rows) else None)
+            np.minimum(self._row_units / SHORT, 1.0),
+            self._to_rest(directions) if len(self._rows) else None)
         self._curvature = max(self._curvature, curvature)
         return self._move(directions, a, multipliers)
 

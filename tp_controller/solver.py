@@ -228,9 +228,10 @@ method, rank_tolerance
             raise SolverError('the levels hold numbers that are not finite')
         if lower is None and not rows and speed_cap is None:
             return Solution(velocity, levels, self._start, unbounded)
-        # Uniform scaling comes afterwards; the levels know of their own bounds only.
-        boxed = lower is not None and not self._uniform
-        bounds = (lower, upper) if boxed else self._no_bounds
+        bounds = self._no_bounds if lower is None else (lower, upper)
+        if self._uniform and lower is not None:
+            # Uniform scaling comes afterwards.
+            bounds = _enlarged(velocity, lower, upper) if rows else self._no_bounds
         shared = bounds if speed_cap is None or self._uniform or len(asking) < 2 else (
             clip(-speed_cap, *bounds), clip(speed_cap, *bounds))
         fitting, stages = within(velocity, *shared), None
@@ -295,6 +296,18 @@ def _sequential(levels, start, project):
         P = P.dot(projection.remaining.dot(projection.remaining.T / cost))
         stages.append(Stage(zeta, projection))
     return stages
+
+
+def _enlarged(velocity, lower, upper):
+    """
+    Return bounds for levels that are scaled uniformly afterwards, by as much as a velocity needs.
+
+    Only to keep bounds of levels no joint shall be faster than all of that.
+    """
+    largest = np.maximum(-lower, upper)
+    largest[largest <= 0.0] = np.inf
+    largest *= max(1.0, (np.abs(velocity) / largest).max(initial=0.0))
+    return -largest, largest
 
 
 def _check_numbers(**numbers):

@@ -135,7 +135,7 @@ def test_bounds_are_approached_and_come_back_to_at_the_rate_of_the_gain(name, ke
         most = np.minimum(0.3, 0.5 * moved)
         rate = (np.minimum(gain * (task.lower - value), most),
                 np.maximum(gain * (task.upper - value), -most))
-        strong = moved > 0.02
+        strong = moved > 0.05
         np.testing.assert_allclose(level.lower[strong], rate[0][strong])
         np.testing.assert_allclose(level.upper[strong], rate[1][strong])
         assert (level.lower <= rate[0]).all() and (level.upper >= rate[1]).all()
@@ -145,26 +145,72 @@ def test_bounds_are_approached_and_come_back_to_at_the_rate_of_the_gain(name, ke
         assert error == np.abs(way_back).max() and unit == task.units[0] and tolerance > 0.0
 
 
-def test_row_that_hardly_moves_asks_for_little_and_one_that_moves_less_leaves_the_joint_free():
-    def joint_bounds(arm):
-        """Return bounds on the joint by a wall at which a tool is 0.1 m too far, `arm` long."""
+def test_row_that_hardly_moves_asks_for_little_and_is_let_go_where_its_bound_is_out_of_reach():
+    def joint_bound(arm, outside):
+        """Return how fast a joint has to turn back from a wall that a tool is beyond."""
         robot = Robot.from_dh([{'name': 'joint', 'a': arm, 'velocity': 1.0}])
         task = make('keep_in', {'frame': robot.frame_names[-1], 'shape': 'half_space', 'at': [
-            0.0, -0.1, 0.0, -np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]}, robot)
+            0.0, -outside, 0.0, -np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]}, robot)
         level = task.level(robot.state([0.0]), 0.0)
-        assert task.last_error == pytest.approx([-0.1])
-        return sorted((side / level.J[0, 0] for side in (level.lower[0], level.upper[0])),
-                      key=abs)
+        assert task.last_error == pytest.approx([-outside])
+        assert level.lower[0] == -np.inf and level.J[0, 0] == pytest.approx(arm)
+        return -level.upper[0] / arm
 
-    # All bounds are on turning further; only the side that can be finite is.
-    asked = {arm: joint_bounds(arm)[0] for arm in (2.0, 0.5, 0.3, 0.02, 0.01, 0.0021)}
-    assert asked == {2.0: pytest.approx(-0.1), 0.5: pytest.approx(-0.4),
-                     0.3: pytest.approx(-0.5), 0.02: pytest.approx(-0.5),
-                     0.01: pytest.approx(-0.25), 0.0021: pytest.approx(-0.0525)}
-    # Free to turn further, and more so the less that means.
-    free = [joint_bounds(arm)[0] for arm in (0.0019, 0.0015, 0.001, 1e-5)]
-    assert free == sorted(free) and 0.0 < free[0] < 0.3
-    assert free[2] == pytest.approx(4.0, abs=0.1) and free[3] > 1e4
+    assert [joint_bound(arm, 0.1) for arm in (2.0, 0.5, 0.3, 0.11)] == pytest.approx(
+        [0.1, 0.4, 0.5, 0.5])
+    # Where a rad would do, the way back is only slower.
+    assert [joint_bound(arm, 0.9 * arm) for arm in (0.05, 0.025, 0.01, 0.001)] == pytest.approx(
+        [0.5, 0.25, 0.1, 0.01])
+    # Where it would not, the joint is free to turn further, and more so the less that means.
+    free = [joint_bound(arm, 0.1) for arm in (0.0205, 0.019, 0.015, 0.01, 1e-3)]
+    assert free[0] == pytest.approx(0.205) and free[1] == pytest.approx(0.162, abs=1e-3)
+    assert free == sorted(free, reverse=True) and -1.0 < free[3] < -0.8 and free[4] < -100.0
+    # Without a jump in between.
+    nearly = [joint_bound(0.01, outside) for outside in (0.01, 0.0101, 0.0199, 0.02)]
+    assert nearly[0] == pytest.approx(0.1) and nearly[0] - 0.02 < nearly[1] < nearly[0]
+    assert nearly[3] == pytest.approx(free[3]) and nearly[3] < nearly[2] < nearly[3] + 0.02
+
+
+def slips(commands):
+    """Return in how many cycles a velocity jumps; what presses may slip once in a while."""
+    return np.count_nonzero(np.abs(np.diff(commands, axis=0)).max(axis=1) > 0.5)
+
+
+@pytest.mark.parametrize('minimum', [0.12, 0.14, 0.5])
+@pytest.mark.parametrize('scaling', ['redistribute', 'uniform'])
+def test_minimum_that_no_posture_has_is_missed_without_rattling(minimum, scaling):
+    """At the ridge of the measure its gradient turns round with every step that crosses it."""
+    robot, q = robots.panda(), np.array(robots.PANDA_READY)
+    text = f"""
+- mobile: {{type: manipulability_above, frame: {TOOL}, minimum: {minimum}}}
+- tool: {{type: position, frame: {TOOL}}}
+- posture: {{type: posture}}
+"""
+    settings = Settings(period=PERIOD, scaling=scaling)
+    _, _, commands, reports = loop(robot, text, q, [robot.state(q).position(TOOL)], 8.0, settings)
+    assert slips(commands[300:]) < 10
+    mobile = reports[-1].tasks[0]
+    assert mobile.status == ('kept' if minimum < 0.13 else 'held back')
+    assert mobile.status == 'kept' or mobile.reason
+
+
+@pytest.mark.parametrize('region', [
+    'type: keep_in, shape: {sphere: 0.2}, at: [2, 0.3, 0.5]',
+    'type: keep_in, shape: {box: [0.2, 0.2, 0.2]}, at: [2, 0.3, 0.5]',
+    'type: keep_out, shape: {sphere: 2}, at: [0.1, 0.1, 0.1]',
+    'type: keep_out, shape: half_space, at: [0, 0, 3]'])
+@pytest.mark.parametrize('scaling', ['redistribute', 'uniform'])
+def test_region_that_is_out_of_reach_does_not_make_the_robot_rattle(region, scaling):
+    robot, q = robots.panda(), np.array(robots.PANDA_READY)
+    text = f"""
+- guard: {{frame: {TOOL}, {region}}}
+- tool: {{type: position, frame: {TOOL}}}
+- posture: {{type: posture}}
+"""
+    settings = Settings(period=PERIOD, scaling=scaling)
+    _, _, commands, reports = loop(robot, text, q, [robot.state(q).position(TOOL)], 10.0, settings)
+    assert slips(commands[500:]) < 10
+    assert 'held back' in {report.tasks[0].status for report in reports[-100:]}
 
 
 @pytest.mark.parametrize('name, keys', WITH_VALUE)
@@ -186,6 +232,8 @@ def test_a_row_that_curves_outwards_keeps_room_for_that(name, keys):
         # What a period of this velocity adds to the value, beyond J q_dot, per second.
         curved = task.value(moved(1)) - 2 * task.value(now) + task.value(moved(-1))
         curved /= 2 * period
+        # A bound that is more than a rad of all joints away is in nobody's way.
+        curved[np.abs(task.last_error) > 2.0 * np.linalg.norm(level.J, axis=1)] = 0.0
         np.testing.assert_allclose(
             level.upper, np.maximum(free.upper - np.maximum(curved, 0.0), free.lower),
             rtol=1e-3, atol=1e-6)
@@ -193,7 +241,7 @@ def test_a_row_that_curves_outwards_keeps_room_for_that(name, keys):
             level.lower, np.minimum(free.lower - np.minimum(curved, 0.0), free.upper),
             rtol=1e-3, atol=1e-6)
         seen = max(seen, np.abs(curved).max())
-    assert name == 'joint_limits' or seen > 1e-5
+    assert name == 'joint_limits' or seen > 5e-6
 
 
 @pytest.mark.parametrize('name', CASES)
@@ -374,8 +422,7 @@ def test_view_without_a_target_keeps_what_is_straight_ahead():
     task.start(state)
     assert task.value(state) == pytest.approx([0.0], abs=1e-9)
     level = task.level(state, 0.0)
-    # Nothing moves it, so nothing is asked for.
-    assert not level.J.any() and level.upper > 1e6
+    assert not level.J.any() and level.upper == pytest.approx([4.0])
 
 
 # Speed

@@ -127,7 +127,7 @@ def test_program_that_defeats_both_methods_moves_nothing(monkeypatch, regularisa
     program = WEDGE, np.array([-2.175, -2.61]), np.zeros(2)
     assert nearest_point(np.array([1.2177, 0.0]), *program) is None
     a, multipliers, curvature = regularised(np.ones(2), np.array([1.2177, 0.0]), *program,
-                                            regularisation, 0.01, joints=2)
+                                            regularisation, 0.01)
     assert a.tolist() == multipliers.tolist() == [0.0, 0.0] and curvature == 0.0
 
 
@@ -145,7 +145,7 @@ def test_answer_is_kept_where_a_later_program_defeats_both_methods(monkeypatch, 
     # a_1 wants 3 and may have 1 + 0.3 a_2, which costs nothing.
     a, multipliers, _ = regularised(
         np.array([1.5, 0.0]), np.array([3.0, 0.0]), np.array([[1.0, -0.3]]),
-        np.array([-np.inf]), np.array([1.0]), regularisation, 0.0, joints=1)
+        np.array([-np.inf]), np.array([1.0]), regularisation, 0.0)
     assert a[0] > 2.9 and multipliers[0] > 0.0
 
 
@@ -191,20 +191,21 @@ def test_soft_direction_that_helps_a_stiff_one_is_the_formula(soft, period, of_a
     target = np.array([3.0, 0.0])
     first, multiplier = line(stiff, target)
     missed = math.sqrt(stiffness @ (first - target) ** 2)
-    curved = period * (4.0 * missed + 16.0 * multiplier)
+    # A row that was 0.5 long turns twice as fast.
+    pushes = 2.0 * multiplier if of_a_level_above else multiplier
+    curved = period * (4.0 * missed + 16.0 * pushes)
     stiffer = np.maximum(stiff, curved)
     # Towards the target, towards the first answer, and what is left towards zero, or, in its
     # share, towards rest.
     rest = np.array([-0.4, 0.7])
-    share = period * 16.0 * multiplier / curved if of_a_level_above and curved else 0.0
+    share = period * 16.0 * pushes / curved if of_a_level_above and curved else 0.0
     centre = (stiffness * target + (stiff - stiffness) * first
               + (stiffer - stiff) * share * rest) / stiffer
     second, multiplier = line(stiffer, centre)
     a, multipliers, curvature = regularised(
         stiffness, target, np.array([[1.0, -rho]]), np.array([-np.inf]), np.array([1.0]),
-        squared, period, 0 if of_a_level_above else 1, rest)
-    first_multiplier = line(stiff, target)[1]
-    assert curvature == pytest.approx(period * (4.0 * missed + 16.0 * first_multiplier))
+        squared, period, [0.5] if of_a_level_above else [], rest)
+    assert curvature == pytest.approx(curved)
     np.testing.assert_allclose(a, second, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(multipliers, [multiplier], rtol=1e-9, atol=1e-9)
 
@@ -212,12 +213,12 @@ def test_soft_direction_that_helps_a_stiff_one_is_the_formula(soft, period, of_a
 def test_stiff_program_is_not_regularised_at_all():
     stiffness, target = np.array([1.0, 1.0]), np.array([3.0, 1.0])
     a, multipliers, _ = regularised(stiffness, target, np.eye(2), np.full(2, -np.inf),
-                                    np.array([0.5, 9.0]), 0.0025, 0.01, joints=2)
+                                    np.array([0.5, 9.0]), 0.0025, 0.01)
     np.testing.assert_allclose(a, [0.5, 1.0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(multipliers, [2.5, 0.0], rtol=0, atol=1e-12)
     # Held longer it is: what it misses and its multiplier are 2.5 each, 50 T = 2.
     a, _, _ = regularised(stiffness, target, np.eye(2), np.full(2, -np.inf),
-                          np.array([0.5, 9.0]), 0.0025, 0.04, joints=2)
+                          np.array([0.5, 9.0]), 0.0025, 0.04)
     np.testing.assert_allclose(a, [0.5, 0.5], rtol=0, atol=1e-12)
 
 
@@ -232,8 +233,7 @@ def test_however_hard_it_pushes_the_answer_is_never_worse_than_rest(seed):
     target = 3.0 * rng.standard_normal(k)
     at_rest = stiffness @ target ** 2
     for period in (0.0, 0.01, 0.1, 1.0, 10.0, 1e9):
-        a, _, _ = regularised(stiffness, target, A, lower, upper, 0.0025, period,
-                              joints=len(A))
+        a, _, _ = regularised(stiffness, target, A, lower, upper, 0.0025, period)
         assert stiffness @ (a - target) ** 2 <= at_rest + 1e-6
     # In the end it is rest, where anything is in the way.
     free = (A @ target <= upper).all() and (A @ target >= lower).all()
@@ -245,7 +245,7 @@ def test_exact_program_is_met_however_soft_a_direction_is(ratio):
     # a_1 + a_2 = 0.5 is in the way of (1, 1): the soft one gives way by its stiffness.
     stiffness, target = np.array([1.0, ratio]), np.ones(2)
     a, multipliers, _ = regularised(stiffness, target, np.ones((1, 2)), np.array([-np.inf]),
-                                    np.array([0.5]), 0.0, 1.0, joints=1)
+                                    np.array([0.5]), 0.0, 1.0)
     multiplier = 1.5 / (1.0 + 1.0 / ratio)
     np.testing.assert_allclose(a, 1.0 - multiplier / stiffness, rtol=0, atol=1e-7)
     np.testing.assert_allclose(multipliers, [multiplier], rtol=1e-6)

@@ -712,17 +712,35 @@ def test_uniform_scaling_slows_what_the_bounds_of_levels_left(seed):
                  upper=rng.uniform(0.1, 0.5, 2))
     wish = (rng.normal(size=(3, n)), rng.normal(size=3))
     limit = rng.uniform(0.05, 0.5, n)
+    plain = solve([wish], -limit, limit, scaling='uniform').scale
     for levels in ([rows, wish], [wish, rows]):
         free = solve(levels, scaling='uniform').velocity
         whole = solve(levels, scaling='redistribute').velocity
         np.testing.assert_allclose(free, whole, atol=1e-12)
         solution = solve(levels, -limit, limit, scaling='uniform')
-        factor = min(1.0, np.min(limit / np.abs(free)))
-        np.testing.assert_allclose(solution.velocity, factor * free, atol=1e-9)
-        assert solution.scale == pytest.approx(factor)
+        # The bounds never slow the joints more than the wish alone does.
+        factor = np.min(limit / np.abs(free))
+        if factor >= plain:
+            np.testing.assert_allclose(solution.velocity, min(factor, 1.0) * free, atol=1e-9)
+            assert solution.scale == pytest.approx(min(factor, 1.0))
+        assert solution.scale >= plain - 1e-9
+        assert (np.abs(solution.velocity) <= limit).all()
         values = rows.J @ solution.velocity
         if levels[0] is rows:
             assert (values <= rows.upper + 1e-9).all() and (values >= rows.lower - 1e-9).all()
+        else:
+            np.testing.assert_allclose(wish[0] @ solution.velocity, solution.scale * wish[1],
+                                       atol=1e-9)
+
+
+def test_bounds_below_a_wish_never_slow_it_when_all_joints_are_slowed_alike():
+    # The row could be met with ten times the speed of joint 2.
+    wish, row = ([[1.0, 0.0]], [0.5]), Level(np.array([[0.0, 0.1]]), lower=np.array([1.0]))
+    solution = solve([wish, row], -np.ones(2), np.ones(2), scaling='uniform')
+    assert solution.velocity == pytest.approx([0.5, 1.0]) and solution.scale == 1.0
+    # A joint that may not move at all has no say in that.
+    locked = solve([wish, row], [-1.0, 0.0], [1.0, 0.0], scaling='uniform')
+    assert locked.velocity.tolist() == [0.0, 0.0]
 
 
 @pytest.mark.parametrize('weights', [[1.0], [1.0, 0.0], [1.0, -1.0], [1.0, math.nan],

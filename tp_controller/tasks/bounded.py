@@ -26,10 +26,12 @@ DEFAULT_RETURN_SPEED = 0.2
 # No joint has to be faster than this on the way back of one row, however little it moves the
 # value [rad/s or m/s].
 RETURN_JOINT_SPEED = 0.5
-# Slower yet for a row that joints move by less than this. One that they move by less than `STILL`
-# is let go, smoothly, so that by half of that they are free [unit/rad or unit/m].
-WEAK, STILL = 0.02, 2e-3
-FREE_JOINT_SPEED = 4.0
+# Slower yet for a row that joints move by less than this [unit/rad or unit/m].
+WEAK = 0.05
+# A bound is out of reach where all joints together would have to move by more than this, along a
+# row that does not change [rad or m]. Then a row that they move by less than `STILL` is let go,
+# smoothly: at half of that it may get away at `DRIFT` [unit/rad, unit/s].
+FAR, STILL, DRIFT = 1.0, 2e-2, 1e-2
 TINY = 1e-12
 
 
@@ -124,17 +126,22 @@ class BoundedTask(Task):
         value, J = self.observe(state)
         self.last_error = self._way_back(value)
         self._remember(J, now)
-        motion, curved = self.own_motion(state, now), self._curved(J, state.velocity)
         moved = np.sqrt((J * J).sum(axis=1))
+        far = self._out_of_reach(moved)
+        motion, curved = self.own_motion(state, now), (1.0 - far) * self._curved(J, state.velocity)
         back = np.minimum(self.return_speed,
                           RETURN_JOINT_SPEED * moved * np.minimum(moved / WEAK, 1.0))
-        lost = 0.5 * STILL * FREE_JOINT_SPEED * np.maximum(
-            STILL / np.maximum(moved, TINY) - 1.0, 0.0)
+        lost = far * DRIFT * np.maximum(STILL / np.maximum(moved, TINY) - 1.0, 0.0)
         lower = np.minimum(self.gain * (self.lower - value), back) - lost - motion
         upper = np.maximum(self.gain * (self.upper - value), -back) + lost - motion
         # Only what leads outwards needs room, as far as there is any.
         return Level(J, lower=np.minimum(lower - np.minimum(curved, 0.0), upper),
                      upper=np.maximum(upper - np.maximum(curved, 0.0), lower))
+
+    def _out_of_reach(self, moved):
+        """Return from 0 to 1 whether bounds are too far away for rows of a length (m,)."""
+        travel = np.abs(self.last_error) / np.maximum(moved, TINY)
+        return np.minimum(np.maximum(travel / FAR - 1.0, 0.0), 1.0)
 
     def _way_back(self, value):
         """Return the way back to between the bounds (m,)."""
