@@ -92,7 +92,7 @@ def srdf_pairs(source):
         raise ValueError(f'needs text or the name of a file, got {source!r}')
     try:
         tree = ElementTree.fromstring(read_source(source, lambda text: '<' in text).encode())
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
         raise ValueError(str(error)) from error
     except ElementTree.ParseError as error:
         raise ValueError(f'no XML: {error}') from error

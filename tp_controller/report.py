@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 from tp_controller.solver import RANK_TOLERANCE
 from tp_controller.tasks.base import norm
-from tp_controller.tasks.bounded import STILL
+from tp_controller.tasks.bounded import out_of_reach, STILL
 
 # A part of the wanted velocity below this is rounding, not something that was held back.
 NEGLIGIBLE = 1e-6
@@ -151,15 +151,15 @@ class Report:
 
     def _stuck(self, number, error, names, rows):
         """Return what no joint can bring back to within its bounds, as text; mostly nothing."""
-        outside = np.flatnonzero(error)
-        if not len(outside):
+        if not error.any():
             return ''
-        J = self._solution.hierarchy[number - 1].J[rows][outside]
-        still = outside[(J * J).sum(axis=1) < STILL * STILL]
+        J = self._solution.hierarchy[number - 1].J[rows]
+        moved = np.sqrt((J * J).sum(axis=1))
+        still = np.flatnonzero((moved < STILL) & (out_of_reach(error, moved) > 0.0))
         if not len(still):
             return ''
         which = list(dict.fromkeys(names[row] for row in still))[:NAMED] if names else ['it']
-        return f'no joint moves {", ".join(which)}'
+        return f'no joint brings {", ".join(which)} back'
 
     def _reason(self, number, task, level, wanted, achieved, stuck):
         """Return what holds a task back."""

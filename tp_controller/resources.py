@@ -146,8 +146,14 @@ def read_source(source, is_text):
     ------
     FileNotFoundError
         `source` is no text and there is no such file.
+    ValueError
+        The file is none of text in UTF-8.
 
     """
     if isinstance(source, str) and is_text(source):
         return source
-    return find_file(source).read_text(encoding='utf-8')
+    path = find_file(source)
+    try:
+        return path.read_text(encoding='utf-8')
+    except UnicodeDecodeError as error:
+        raise ValueError(f'{path} is not text in UTF-8') from error

@@ -164,7 +164,7 @@ class Robot:
         """
         try:
             urdf = read_source(source, lambda text: '<' in text)
-        except (OSError, UnicodeDecodeError) as error:
+        except (OSError, ValueError) as error:
             raise RobotError(f'robot description: {error}') from error
         return cls(urdf, joints, limits, base, world_frame)
 

@@ -71,8 +71,8 @@ class Stack:
 
         """
         try:
-            text = read_source(source, lambda text: any(mark in text for mark in '\n[{'))
-        except (OSError, UnicodeDecodeError) as error:
+            text = read_source(source, _is_stack)
+        except (OSError, ValueError) as error:
             raise StackError([Fault(0, '', str(error))]) from error
         return cls(_Reader(robot).read(text))
 
@@ -120,6 +120,11 @@ class Stack:
         self.active = tuple(group for group in enabled if group)
         self.active_tasks = tuple(task for group in self.active for task in group)
         self.inactive = tuple(task for name, task in self.tasks.items() if name in self.disabled)
+
+
+def _is_stack(text):
+    """Say whether a text is a stack, and not the name of a file."""
+    return text.startswith('- ') or any(mark in text for mark in '\n[{')
 
 
 def levels_of(groups, state, now):

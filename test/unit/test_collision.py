@@ -42,6 +42,7 @@ TOOL = robots.PANDA_TOOL
 TYPES = ('self_collision', 'obstacles')
 CAPSULES = str(robots.CONFIG / 'panda_capsules.yaml')
 ARM = ['panda_link4', 'panda_link5', 'panda_link6', 'panda_link7', 'panda_hand']
+BALL = {'shape': {'sphere': 0.1}, 'at': [0.0, 0.0, 0.0]}
 TABLE = {'shape': {'box': [1.0, 1.0, 0.2]}, 'at': [0.5, 0.0, 0.2]}
 # An arm of two joints that turn about z, each with a box of its own kind.
 ARM_URDF = """
@@ -477,8 +478,34 @@ def test_shapes_that_overlap_by_design_are_left_out_and_named():
     task = make('self_collision')
     assert task.left_out == ['panda_link5 – panda_link7']
     assert not set(task.left_out) & set(task.pairs)
+    assert task.remarks == ('not kept apart, as nearer than distance = 0.02 in most postures: '
+                            'panda_link5 – panda_link7',)
     near = make('self_collision', distance=0.0, within=0.2)
     assert not near.left_out or near.left_out == task.left_out
+
+
+def test_task_that_would_watch_nothing_is_refused():
+    assert faults('self_collision', links='panda_hand')['links'].startswith(
+        'no two of them can come near each other, or all pairs are ignored')
+    assert faults('self_collision', links='panda_hand')['links'].endswith('got panda_hand')
+    message = faults('self_collision', links=['panda_link5', 'panda_link7'])['links']
+    assert message == ('all pairs are nearer than distance = 0.02 in most postures: '
+                       'panda_link5 – panda_link7')
+
+
+def test_half_space_is_the_floor_where_it_has_no_place():
+    task = make('obstacles', obstacles={'floor': {'shape': 'half_space'}})
+    np.testing.assert_array_equal(task.obstacles['floor'].pose, np.eye(4))
+
+
+def test_file_that_is_no_text_or_no_yaml_is_named(tmp_path):
+    file = tmp_path / 'shapes.yaml'
+    file.write_bytes(b'\xff\xfe')
+    assert faults('self_collision', capsules=str(file))['capsules'] == (
+        f'{file} is not text in UTF-8')
+    assert f'{file} is not text in UTF-8' in faults('self_collision', srdf=str(file))['srdf']
+    file.write_text('panda_hand: {from: [')
+    assert faults('self_collision', capsules=str(file))['capsules'].startswith(f'{file}: ')
 
 
 def test_pairs_that_an_srdf_or_ignore_names_are_left_alone():
@@ -607,8 +634,10 @@ CAPSULE = {'from': [0, 0, 0], 'to': [0, 0, 1], 'radius': 0.1}
     ({'capsules': []}, 'capsules', 'needs a mapping'),
     ({'capsules': {'base': []}}, 'capsules', 'base needs {from'),
     ({'capsules': {'base': {'radius': 1.0}}}, 'capsules', 'base needs {from'),
-    ({'capsules': {'base': {**CAPSULE, 'length': 1.0}}}, 'capsules', 'base needs {from'),
-    ({'capsules': {'base': {**CAPSULE, 'radius': 0}}}, 'capsules', 'base: must be positive'),
+    ({'capsules': {'base': {**CAPSULE, 'too': [1, 0, 0]}}}, 'capsules',
+     "base: unknown key 'too' (did you mean 'to'?)"),
+    ({'capsules': {'base': {**CAPSULE, 'radius': 0}}}, 'capsules',
+     'base: radius must be positive'),
     ({'capsules': {'base': [CAPSULE, {**CAPSULE, 'to': [1]}]}}, 'capsules', 'base[2]: to needs'),
     ({'capsules': '/nowhere/capsules.yaml'}, 'capsules', 'no file /nowhere/capsules.yaml'),
     ({'capsules': '{'}, 'capsules', 'expected'),
@@ -640,8 +669,11 @@ def test_pairs_that_are_none_are_refused(keys, key, told):
     ({'table': {'at': [0, 0, 0]}}, 'table needs {shape'),
     ({'table': {'shape': {'cone': 1.0}}}, "table: unknown shape 'cone'"),
     ({'table': {'shape': {'box': [1, 0, 1]}}}, 'table: box needs x, y, z, positive numbers'),
-    ({'table': {**TABLE, 'at': [0, 0]}}, 'table: '),
-    ({'table': {**TABLE, 'at': [0, 0, math.nan]}}, 'table: a place (x, y, z) must be finite'),
+    ({'table': {**TABLE, 'at': [0, 0]}}, 'needs 3 or 7 numbers, got [0, 0]'),
+    ({'table': {'shape': {'box': [1, 1, 1]}}}, 'table: needs a place'),
+    ({'table': {'shape': {'box': [1, 1, 1]}, 'at': None}}, 'table: needs a place'),
+    ({'table': {'shap': {'box': [1, 1, 1]}}}, "unknown key 'shap' (did you mean 'shape'?)"),
+    ({'table': {**TABLE, 'at': [0, 0, math.nan]}}, 'must be finite'),
     ({'table': {**TABLE, 'place': [0, 0, 0]}}, "table: unknown key 'place'"),
     ({5: TABLE}, 'needs a name, got 5'), ({'': TABLE}, 'needs a name'), ({'*': TABLE}, 'needs a'),
     ({str(number): TABLE for number in range(MOST_OBSTACLES + 1)}, 'at most 100 obstacles'),
@@ -657,7 +689,7 @@ def test_bad_obstacle_is_refused_in_the_stack_and_as_a_goal(obstacles, told):
 def test_lifetime_is_for_goals_only_and_positive():
     assert 'unknown key' in faults('obstacles', arm(),
                                    obstacles={'table': {**TABLE, 'lifetime': 1.0}})['obstacles']
-    with pytest.raises(GoalError, match='table: must be positive'):
+    with pytest.raises(GoalError, match='table: lifetime must be positive'):
         make('obstacles', arm()).parse_goal({'table': {**TABLE, 'lifetime': 0.0}})
 
 
@@ -714,10 +746,10 @@ def test_goals_put_obstacles_there_move_them_and_take_them_away():
 def test_obstacle_is_gone_after_its_lifetime_and_no_earlier():
     task = make('obstacles', links='panda_hand', obstacles={'table': TABLE})
     state = task.robot.state(robots.PANDA_READY)
-    task.set_goal(task.parse_goal({'ball': {'shape': {'sphere': 0.1}, 'lifetime': 0.5}}), 10.0)
+    task.set_goal(task.parse_goal({'ball': {**BALL, 'lifetime': 0.5}}), 10.0)
     task.level(state, 10.49)
     assert around(task) == ['ball', 'table']
-    task.set_goal(task.parse_goal({'ball': {'shape': {'sphere': 0.1}, 'lifetime': 0.5}}), 10.4)
+    task.set_goal(task.parse_goal({'ball': {**BALL, 'lifetime': 0.5}}), 10.4)
     task.level(state, 10.8)
     assert around(task) == ['ball', 'table']
     task.level(state, 10.91)
@@ -736,7 +768,7 @@ def test_goal_in_another_frame_stands_where_that_frame_is():
     np.testing.assert_allclose(stack.tasks['clear'].obstacles['ball'].pose[:3, 3],
                                T[:3, 3] + 0.3 * T[:3, 2])
     with pytest.raises(GoalError, match="unknown frame 'cup'"):
-        controller.set_goal('clear', {'ball': {'shape': {'sphere': 0.1}}}, 0.0, frame='cup')
+        controller.set_goal('clear', {'ball': BALL}, 0.0, frame='cup')
 
 
 def test_obstacles_move_with_their_reference():
@@ -762,9 +794,10 @@ def test_too_many_obstacles_are_refused_and_those_there_stay():
 def test_obstacles_that_came_as_goals_outlive_a_new_stack():
     robot = robots.panda()
     text = (f'- clear: {{type: obstacles, capsules: {CAPSULES}, links: [panda_hand], '
-            'obstacles: {table: {shape: {box: [1, 1, 0.2]}}, pole: {shape: {sphere: 0.1}}}}')
+            'obstacles: {table: {shape: {box: [1, 1, 0.2]}, at: [0, 0, 0]}, '
+            'pole: {shape: {sphere: 0.1}, at: [1, 0, 0]}}}')
     controller = Controller(robot, Stack.from_yaml(text, robot))
-    controller.set_goal('clear', {'ball': {'shape': {'sphere': 0.1}}, 'pole': None}, 0.0)
+    controller.set_goal('clear', {'ball': BALL, 'pole': None}, 0.0)
     controller.replace_stack(Stack.from_yaml(text, robot))
     task = controller.stack.tasks['clear']
     assert around(task) == ['ball', 'pole', 'table']

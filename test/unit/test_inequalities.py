@@ -759,7 +759,7 @@ def test_what_no_joint_moves_is_outside_for_a_reason():
                             'at: [0.05, 0, 0]}\n', robot)
     controller = Controller(robot, stack)
     task = controller.update(robots.PANDA_READY, 0.0).report.tasks[0]
-    assert task.status == 'held back' and task.reason == 'no joint moves it'
+    assert task.status == 'held back' and task.reason == 'no joint brings it back'
 
 
 def test_link_that_only_turns_about_itself_is_named_and_keeps_no_joint_from_moving():
@@ -779,7 +779,7 @@ def test_link_that_only_turns_about_itself_is_named_and_keeps_no_joint_from_movi
             command = controller.update(q, began + cycle * PERIOD)
             q = q + PERIOD * command.velocity
         assert command.report.tasks[1].reached
-        assert command.report.tasks[0].reason == 'no joint moves panda_link1 – foot'
+        assert command.report.tasks[0].reason == 'no joint brings panda_link1 – foot back'
 
 
 def test_bounds_of_a_level_that_contradict_each_other_are_reported_as_that():

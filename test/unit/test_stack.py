@@ -171,6 +171,7 @@ def test_all_faults_are_told_at_once_in_order_of_their_lines():
 
 @pytest.mark.parametrize('text, line, where, pattern', [
     ('', 0, '', 'no file'),
+    ('- room: joint_limits', 1, 'room', 'mapping'),
     ('no/such/stack.yaml', 0, '', 'no file no/such/stack.yaml'),
     ('~no_such_user_here/stack.yaml', 0, '', 'no file'),
     ('\n', 1, '', 'a stack is a list'),

@@ -211,6 +211,9 @@ class ControllerNode(Node):
         self._topics.follow_stack()
         names = ' > '.join(', '.join(task.name for task in group) for group in stack.groups)
         self.get_logger().info(f'stack: {names or "empty"}')
+        for task in stack.tasks.values():
+            for remark in task.remarks:
+                self.get_logger().warning(f'task {task.name}: {remark}')
 
     def _check_parameters(self, parameters):
         """Refuse what the method would refuse; what it knows nothing of is not its business."""

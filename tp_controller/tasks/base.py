@@ -55,6 +55,8 @@ class Task(ABC):
         The task keeps bounds instead of wanting a velocity; see `BoundedTask`.
     row_names : tuple of str or None
         What each row is about, for the report, where a name of the task does not say it all.
+    remarks : tuple of str
+        What who reads the stack should know, which is no fault.
     goal : object or None
         Goal in force, as `parse_goal` returns it; None before the task has started.
     held : bool
@@ -85,6 +87,7 @@ class Task(ABC):
     reference = None
     bounded = False
     row_names = None
+    remarks = ()
     stretch = 1.0
     keys = {
         'gain': 'gain K, one number or one for each row [1/s]',

@@ -127,7 +127,7 @@ class BoundedTask(Task):
         self.last_error = self._way_back(value)
         self._remember(J, now)
         moved = np.sqrt((J * J).sum(axis=1))
-        far = self._out_of_reach(moved)
+        far = out_of_reach(self.last_error, moved)
         motion, curved = self.own_motion(state, now), (1.0 - far) * self._curved(J, state.velocity)
         back = np.minimum(self.return_speed,
                           RETURN_JOINT_SPEED * moved * np.minimum(moved / WEAK, 1.0))
@@ -137,11 +137,6 @@ class BoundedTask(Task):
         # Only what leads outwards needs room, as far as there is any.
         return Level(J, lower=np.minimum(lower - np.minimum(curved, 0.0), upper),
                      upper=np.maximum(upper - np.maximum(curved, 0.0), lower))
-
-    def _out_of_reach(self, moved):
-        """Return from 0 to 1 whether bounds are too far away for rows of a length (m,)."""
-        travel = np.abs(self.last_error) / np.maximum(moved, TINY)
-        return np.minimum(np.maximum(travel / FAR - 1.0, 0.0), 1.0)
 
     def _way_back(self, value):
         """Return the way back to between the bounds (m,)."""
@@ -198,3 +193,21 @@ class BoundedTask(Task):
         """Return for each unit how far outside the value is; see `Task`."""
         return tuple((float(np.abs(error[rows]).max(initial=0.0)), unit, tolerance)
                      for rows, unit, tolerance in self.groups)
+
+
+def out_of_reach(way_back, moved):
+    """
+    Return from 0 to 1 whether bounds are too far away for their rows.
+
+    Parameters
+    ----------
+    way_back, moved : ndarray (m,)
+        How far it is back to the bounds, and how long the rows are.
+
+    Returns
+    -------
+    ndarray (m,)
+
+    """
+    travel = np.abs(way_back) / np.maximum(moved, TINY)
+    return np.minimum(np.maximum(travel / FAR - 1.0, 0.0), 1.0)

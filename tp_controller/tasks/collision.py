@@ -22,7 +22,7 @@ from tp_controller.errors import GoalError, RobotError, unknown
 from tp_controller.geometry import capsule, Clearance, solid, urdf_solids
 from tp_controller.links import srdf_pairs, Tree
 from tp_controller.resources import load_yaml, read_source
-from tp_controller.shapes import parse_shape
+from tp_controller.shapes import HalfSpace, parse_shape
 from tp_controller.spatial import cross, skews
 from tp_controller.tasks.base import finite_vector, Keys, non_negative, positive
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
@@ -41,6 +41,8 @@ WIDEST = math.pi
 MOST_OBSTACLES = 100
 # In an update of obstacles, the name of all there are so far.
 ALL = '*'
+CAPSULE_KEYS = ('from', 'to', 'radius')
+OBSTACLE_KEYS = ('shape', 'at', 'lifetime')
 CAPSULE_FORM = '{from: [x, y, z], to: [x, y, z], radius: …} [m]'
 OBSTACLE_FORM = '{shape: {box: [x, y, z]}, at: [x, y, z]} [m]'
 
@@ -176,6 +178,21 @@ class SelfCollision(CollisionTask):
         self._arrange(self._solids, [pair for index, pair in enumerate(self._clearance.pairs)
                                      if index not in near])
         self.pairs = list(self._names)
+        if not self.pairs:
+            keys.faults.append(('links', self._nothing_left()))
+        keys.raise_faults(name)
+        if near:
+            self.remarks = (f'not kept apart, as nearer than distance = {self.distance:g} in most '
+                            f'postures: {", ".join(self.left_out)}',)
+
+    def _nothing_left(self):
+        """Return why there are no pairs."""
+        if self.left_out:
+            return (f'all pairs are nearer than distance = {self.distance:g} in most postures: '
+                    f'{", ".join(self.left_out)}')
+        links = list(dict.fromkeys(each.frame for each in self._solids))
+        return ('no two of them can come near each other, or all pairs are ignored: name all '
+                f'links that are to be kept apart, got {", ".join(links)}')
 
     def _candidates(self, harmless):
         """Return the pairs of solids (int, int) whose links can move against each other."""
@@ -243,8 +260,8 @@ class Obstacles(CollisionTask):
     type_name = 'obstacles'
     goal_type = 'obstacles'
     keys = {
-        'obstacles': '{name: {shape: …, at: …}}, shapes and places as for keep_out (default: '
-                     'none, they come as goals)',
+        'obstacles': '{name: {shape: …, at: …}}, shapes and places as for keep_out, but only a '
+                     'half_space needs no place (default: none, they come as goals)',
         'reference': 'frame that the obstacles belong to and move with (default: the root)',
     }
 
@@ -349,10 +366,7 @@ def _pairs(robot, pairs):
 def _capsules(robot, capsules):
     """Return {link: list of Solid}, or raise; `capsules` may be the name of a file."""
     if isinstance(capsules, str):
-        try:
-            capsules = load_yaml(read_source(capsules, lambda text: '{' in text))
-        except OSError as error:
-            raise ValueError(str(error)) from error
+        capsules = _file(capsules)
     if not isinstance(capsules, dict):
         raise ValueError(f'needs a mapping {{link: {CAPSULE_FORM}}}, got {capsules!r}')
     solids = {}
@@ -367,15 +381,25 @@ def _capsules(robot, capsules):
     return solids
 
 
+def _file(source):
+    """Return what YAML, or the file of that name, says, or raise ValueError."""
+    try:
+        text = read_source(source, lambda text: '{' in text)
+    except OSError as error:
+        raise ValueError(str(error)) from error
+    try:
+        return load_yaml(text)
+    except ValueError as error:
+        raise ValueError(str(error) if text is source else f'{source}: {error}') from error
+
+
 def _capsule(name, link, keys):
     """Return the solid of one capsule, or raise."""
-    needed = {'from', 'radius'}
-    if not isinstance(keys, dict) or not needed <= set(keys) <= needed | {'to'}:
-        raise ValueError(f'{name} needs {CAPSULE_FORM}, got {keys!r}')
+    _check_form(name, keys, CAPSULE_KEYS, {'from', 'radius'}, CAPSULE_FORM)
     try:
         start = finite_vector(keys['from'], 3, 'from')
         end = finite_vector(keys.get('to', start), 3, 'to')
-        return capsule(name, link, start, end, positive(keys['radius']))
+        return capsule(name, link, start, end, _positive('radius', keys['radius']))
     except (GoalError, ValueError) as error:
         raise ValueError(f'{name}: {error}') from error
 
@@ -402,14 +426,36 @@ def _obstacle(name, keys, removals):
     """Return one obstacle, or raise."""
     if removals and keys is None:
         return None
-    valid = ('shape', 'at', 'lifetime') if removals else ('shape', 'at')
-    if not isinstance(keys, dict) or 'shape' not in keys:
-        raise ValueError(f'{name} needs {OBSTACLE_FORM}, got {keys!r}')
+    _check_form(name, keys, OBSTACLE_KEYS if removals else OBSTACLE_KEYS[:2], {'shape'},
+                OBSTACLE_FORM)
+    try:
+        shape, lifetime = parse_shape(keys['shape']), math.inf
+        if 'lifetime' in keys:
+            lifetime = _positive('lifetime', keys['lifetime'])
+        if keys.get('at') is not None:
+            return Obstacle(shape, parse_place(keys['at']), lifetime)
+        # Only of the floor one would say nothing.
+        if not isinstance(shape, HalfSpace):
+            raise ValueError(f'needs a place, {OBSTACLE_FORM}')
+        return Obstacle(shape, np.eye(4), lifetime)
+    except (GoalError, ValueError, RobotError) as error:
+        raise ValueError(f'{name}: {error}') from error
+
+
+def _check_form(name, keys, valid, needed, form):
+    """Raise ValueError unless there are the needed keys, and no others than are valid."""
+    if not isinstance(keys, dict):
+        raise ValueError(f'{name} needs {form}, got {keys!r}')
     for key in keys:
         if key not in valid:
             raise ValueError(f'{name}: {unknown("key", key, valid)}')
+    if not needed <= set(keys):
+        raise ValueError(f'{name} needs {form}, got {keys!r}')
+
+
+def _positive(key, value):
+    """Return a positive float, or raise ValueError that names the key."""
     try:
-        return Obstacle(parse_shape(keys['shape']), parse_place(keys.get('at', (0.0, 0.0, 0.0))),
-                        positive(keys['lifetime']) if 'lifetime' in keys else math.inf)
-    except (GoalError, ValueError, RobotError) as error:
-        raise ValueError(f'{name}: {error}') from error
+        return positive(value)
+    except ValueError as error:
+        raise ValueError(f'{key} {error}') from error

@@ -17,6 +17,7 @@
 from abc import abstractmethod
 
 import numpy as np
+from tp_controller.errors import GoalError
 from tp_controller.shapes import parse_shape
 from tp_controller.spatial import pose
 from tp_controller.tasks.base import (
@@ -29,6 +30,8 @@ from tp_controller.tasks.base import (
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
 from tp_controller.tasks.frame import MovingGoalTask, parse_reference, RelativeFrame
 from tp_controller.tasks.pose import parse_pose, PoseGoal
+
+PLACE = 'a place (x, y, z, or x, y, z, qx, qy, qz, qw)'
 
 
 class RegionTask(PoseGoal, MovingGoalTask, BoundedTask):
@@ -153,5 +156,7 @@ class KeepOut(RegionTask):
 def parse_place(place):
     """Return a pose (4, 4) of one, or of x, y, z alone; raise `GoalError` otherwise."""
     if has_shape(place, (3,)):
-        return pose(np.eye(3), finite_vector(place, 3, 'a place (x, y, z)'))
-    return parse_pose(place, 'a place')
+        return pose(np.eye(3), finite_vector(place, 3, PLACE))
+    if has_shape(place, (4, 4)) or has_shape(place, (7,)):
+        return parse_pose(place, 'a place')
+    raise GoalError(f'{PLACE} needs 3 or 7 numbers, got {place!r}')
