@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
+import robots
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from tp_controller.errors import SettingsError
@@ -398,3 +399,11 @@ def test_a_faulty_value_at_the_start_is_refused_with_its_name(harness, values, t
 def test_weights_that_do_not_fit_the_robot_are_refused_at_the_start(harness):
     with pytest.raises(SettingsError, match='weights needs 3 numbers'):
         harness.controller(weights=[1.0])
+
+
+def test_what_a_task_leaves_out_is_a_warning(harness, log):
+    shapes = robots.CONFIG / 'panda_capsules.yaml'
+    harness.controller(robot=str(robots.PANDA_DH),
+                       stack=f'- apart: {{type: self_collision, capsules: {shapes}}}\n')
+    lines = [line for line in log().splitlines() if 'task apart: not kept apart' in line]
+    assert len(lines) == 1 and 'WARN' in lines[0] and 'panda_link5 – panda_link7' in lines[0]

@@ -232,8 +232,6 @@ def test_a_row_that_curves_outwards_keeps_room_for_that(name, keys):
         # What a period of this velocity adds to the value, beyond J q_dot, per second.
         curved = task.value(moved(1)) - 2 * task.value(now) + task.value(moved(-1))
         curved /= 2 * period
-        # A bound that is more than a rad of all joints away is in nobody's way.
-        curved[np.abs(task.last_error) > 2.0 * np.linalg.norm(level.J, axis=1)] = 0.0
         np.testing.assert_allclose(
             level.upper, np.maximum(free.upper - np.maximum(curved, 0.0), free.lower),
             rtol=1e-3, atol=1e-6)
@@ -241,7 +239,7 @@ def test_a_row_that_curves_outwards_keeps_room_for_that(name, keys):
             level.lower, np.minimum(free.lower - np.minimum(curved, 0.0), free.upper),
             rtol=1e-3, atol=1e-6)
         seen = max(seen, np.abs(curved).max())
-    assert name == 'joint_limits' or seen > 5e-6
+    assert name == 'joint_limits' or seen > 1e-5
 
 
 @pytest.mark.parametrize('name', CASES)

@@ -127,11 +127,11 @@ class BoundedTask(Task):
         self.last_error = self._way_back(value)
         self._remember(J, now)
         moved = np.sqrt((J * J).sum(axis=1))
-        far = out_of_reach(self.last_error, moved)
-        motion, curved = self.own_motion(state, now), (1.0 - far) * self._curved(J, state.velocity)
+        motion, curved = self.own_motion(state, now), self._curved(J, state.velocity)
         back = np.minimum(self.return_speed,
                           RETURN_JOINT_SPEED * moved * np.minimum(moved / WEAK, 1.0))
-        lost = far * DRIFT * np.maximum(STILL / np.maximum(moved, TINY) - 1.0, 0.0)
+        lost = out_of_reach(self.last_error, moved) * DRIFT * np.maximum(
+            STILL / np.maximum(moved, TINY) - 1.0, 0.0)
         lower = np.minimum(self.gain * (self.lower - value), back) - lost - motion
         upper = np.maximum(self.gain * (self.upper - value), -back) + lost - motion
         # Only what leads outwards needs room, as far as there is any.
