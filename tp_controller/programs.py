@@ -71,8 +71,8 @@ def regularised(stiffness, target, A, lower, upper, regularisation, period, leng
     period : float
         T, how long the velocity will be held [s].
     lengths : array_like (r',)
-        How long the last rows of A, which belong to levels above, were before they were made 1
-        long; the first ones are limits of joints.
+        Of the last rows of A, which belong to levels above, where they were short before they
+        were made 1 long; else 1. The first rows are limits of joints.
     rest : ndarray (k,), optional
         Where the robot stands still; not needed where all rows are limits of joints.
 

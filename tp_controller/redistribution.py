@@ -48,7 +48,7 @@ FEASIBLE = 1e-11
 NEGLIGIBLE = 1e-9
 # Speed along a row of length 1 from which on it counts as one that asks for motion [rad/s].
 ASKING = 0.02
-# A row that is shorter than this turns so much faster than one of length 1 that it matters.
+# A row that is shorter than this counts as one that turns the faster for it [unit/rad].
 SHORT = 0.2
 TINY = 1e-30
 # Pushes a joint with a multiplier the last bit onto its bound.
@@ -349,10 +349,12 @@ class _Cascade:
 
     def _solve(self, directions, stiffness, target):
         """Move x within its bounds as a level would like best; return the multipliers."""
+        lengths, rest = (), None
+        if len(self._rows):
+            lengths, rest = np.minimum(self._row_units / SHORT, 1.0), self._to_rest(directions)
         a, multipliers, curvature = regularised(
             stiffness, target, *self._program(directions), self._regularisation, self._period,
-            np.minimum(self._row_units / SHORT, 1.0),
-            self._to_rest(directions) if len(self._rows) else None)
+            lengths, rest)
         self._curvature = max(self._curvature, curvature)
         return self._move(directions, a, multipliers)
 

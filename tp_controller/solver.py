@@ -228,10 +228,12 @@ method, rank_tolerance
             raise SolverError('the levels hold numbers that are not finite')
         if lower is None and not rows and speed_cap is None:
             return Solution(velocity, levels, self._start, unbounded)
-        bounds = self._no_bounds if lower is None else (lower, upper)
-        if self._uniform and lower is not None:
+        bounds = self._no_bounds
+        if lower is not None and not self._uniform:
+            bounds = lower, upper
+        elif lower is not None and rows:
             # Uniform scaling comes afterwards.
-            bounds = _enlarged(velocity, lower, upper) if rows else self._no_bounds
+            bounds = _enlarged(velocity, lower, upper)
         shared = bounds if speed_cap is None or self._uniform or len(asking) < 2 else (
             clip(-speed_cap, *bounds), clip(speed_cap, *bounds))
         fitting, stages = within(velocity, *shared), None
@@ -300,9 +302,9 @@ def _sequential(levels, start, project):
 
 def _enlarged(velocity, lower, upper):
     """
-    Return bounds for levels that are scaled uniformly afterwards, by as much as a velocity needs.
+    Return bounds for what is scaled uniformly afterwards, as far as a velocity has to be anyway.
 
-    Only to keep bounds of levels no joint shall be faster than all of that.
+    Within them the bounds of levels make no joint so fast that all are slowed more for it.
     """
     largest = np.maximum(-lower, upper)
     largest[largest <= 0.0] = np.inf
