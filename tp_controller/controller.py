@@ -331,7 +331,7 @@ class Controller:
 
     def _task(self, name):
         """Return a task by name."""
-        if name not in self.stack.tasks:
+        if not isinstance(name, str) or name not in self.stack.tasks:
             raise GoalError(unknown('task', name, self.stack.tasks))
         return self.stack.tasks[name]
 

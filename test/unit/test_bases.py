@@ -460,6 +460,33 @@ def test_tiago_reaches_a_place_across_the_room(base):
     assert distance < 2e-3 and angle < 5e-3
 
 
+def test_tiago_drives_to_a_place_and_turns_there_while_its_tool_stays():
+    robot = Robot.from_urdf(robots.urdf_path('tiago'), base='planar', joints=[
+        'torso_lift_joint', *(f'arm_{number}_joint' for number in range(1, 8))])
+    tool = robots.TOOLS['tiago']
+    q = initial_positions('{torso_lift_joint: 0.15, arm_1_joint: 0.6, arm_2_joint: 0.2, '
+                          'arm_3_joint: -1.5, arm_4_joint: 1.4, arm_5_joint: -1.2}', robot)
+    stack = Stack.from_yaml(f"""
+- hand: {{type: position, frame: {tool}, gain: 3.0}}
+- heading: {{type: base_orientation, axes: z, gain: 1.0}}
+- place: {{type: base_pose, axes: xy, gain: 1.0}}
+""", robot)
+    controller = Controller(robot, stack, Settings(period=0.01))
+    controller.update(q, 0.0)
+    start, furthest = robot.state(q).position(tool), 0.0
+    controller.set_goal('heading', [0.0, 0.0, np.sin(0.1), np.cos(0.1)], 0.0)
+    controller.set_goal('place', [0.1, -0.05, 0.0, 0.0, 0.0, 0.0, 1.0], 0.0)
+    for cycle in range(1500):
+        command = controller.update(q, 0.01 * cycle)
+        assert (np.abs(command.velocity) <= robot.velocity).all()
+        q = robot.integrate(q, command.velocity, 0.01)
+        furthest = max(furthest, np.linalg.norm(robot.state(q).position(tool) - start))
+    assert furthest < 1e-3 and all(task.reached for task in command.report.tasks)
+    T = robot.state(q).pose(robot.base_frame)
+    np.testing.assert_allclose(T[:2, 3], [0.1, -0.05], atol=2e-3)
+    assert np.arctan2(T[1, 0], T[0, 0]) == pytest.approx(0.2, abs=5e-3)
+
+
 def test_underwater_arm_takes_its_vehicle_along_even_where_that_is_tilted():
     robot = make('underwater_arm', 'underwater')
     T = np.eye(4)

@@ -226,6 +226,7 @@ def test_goal_in_the_reference_frame_itself_needs_no_positions_yet():
 
 @pytest.mark.parametrize('name, goal, frame, message', [
     ('tol', [0, 0, 0], None, "unknown task 'tol' .did you mean 'tool'"),
+    (['tool'], [0, 0, 0], None, 'unknown task'),
     ('tool', [0, 0], None, "goal of task 'tool' .a point x, y, z. needs 3 numbers"),
     ('tool', [0, 0, math.nan], None, 'must be finite'),
     ('tool', [0, 0, 0], 'panda_link88', "unknown frame 'panda_link88'"),
