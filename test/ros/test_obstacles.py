@@ -164,7 +164,7 @@ def test_obstacle_is_gone_after_its_lifetime(scene):
     ({'at': (math.nan, 0.0, 0.0)}, 'bad: a place (a pose x, y, z, qx, qy, qz, qw) must be finite'),
     ({'kind': Marker.TEXT_VIEW_FACING}, 'unknown type 9'),
     ({'frame': 'cup'}, "frame 'cup'"),
-    ({'seconds': -1.0}, 'bad: must be positive, got -1'),
+    ({'seconds': -1.0}, 'bad: lifetime must be positive, got -1'),
 ])
 def test_message_with_a_bad_marker_is_refused_as_a_whole(scene, bad, told):
     scene.send(marker('good', frame='panda_hand', at=(0.0, 0.0, 0.05)), marker('bad', **bad),
