@@ -141,6 +141,8 @@ def test_the_description_can_come_from_the_simulator(start, listener):
              start('simulator_node', robot=PANDA_DH))
     listener.wait(lambda: listener.client.task_status('rest').get('status') == 'reached',
                   'the posture', nodes)
+    # Status and commands are topics of their own, and the other one may be found first.
+    listener.wait(lambda: listener.commands, 'a command', nodes)
     assert len(listener.commands[-1]) == 7
 
 
