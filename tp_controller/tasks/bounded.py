@@ -46,9 +46,9 @@ class BoundedTask(Task):
 
     A value that is outside comes back, at the same rate but never faster than `return_speed`, nor
     so fast that joints would race: it may be far outside when the task begins. A row that hardly
-    moves, as of a link that turns about its own axis, is let go, or the sign of next to nothing
-    would decide where a joint may go. Where the bounds themselves move, their velocity is added
-    to both sides.
+    moves and whose bound is out of reach, as of a link that turns about its own axis, is let go,
+    or the sign of next to nothing would decide where a joint may go. Where the bounds themselves
+    move, their velocity is added to both sides.
 
     A command is held for a period T, in which J changes, and the curvature of the way leads beyond
     the bound by ½ T² q_dotᵀ ∂²σ/∂q² q_dot. Half of what J has changed by since the last cycle,
