@@ -39,9 +39,10 @@ from _robots import load_robot
 import daqp
 import numpy as np
 from scipy.optimize import lsq_linear
-from tp_controller import Controller, least_distance, Settings, Stack
-from tp_controller.least_distance import by_least_squares
-from tp_controller.limits import VelocityLimits
+from tp_controller import Controller, Settings, Stack
+from tp_controller.control.limits import VelocityLimits
+from tp_controller.solver import qp as least_distance
+from tp_controller.solver.qp import by_least_squares
 
 # {robot: (frames tasks are about, frame that some are relative to, axes of a pose task)}
 ROBOTS = {
@@ -106,7 +107,7 @@ class Result:
 
 
 class Methods:
-    """Stands in for both methods of `tp_controller.least_distance`, and counts their programs."""
+    """Stands in for both methods of `tp_controller.solver.qp`, and counts their programs."""
 
     def __init__(self, result):
         self._result = result

@@ -37,7 +37,7 @@ from _robots import CONFIG, load_robot
 import numpy as np
 from scipy.spatial.transform import Rotation
 from tp_controller import Controller, Settings, Stack
-from tp_controller.spatial import pose, quaternion_from_rotation
+from tp_controller.model.spatial import pose, quaternion_from_rotation
 
 PERIOD = 0.01
 LEG = 250

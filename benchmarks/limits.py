@@ -25,8 +25,8 @@ import argparse
 from _robots import load_robot
 import numpy as np
 from tp_controller import Settings, Stack
-from tp_controller.level import Level
-from tp_controller.limits import VelocityLimits
+from tp_controller.control.limits import VelocityLimits
+from tp_controller.solver.level import Level
 
 SEED = 0
 STATES = 1000

@@ -34,10 +34,10 @@ import numpy as np
 from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.task import Future
-from tp_controller.cli.processes import NodeProcess, own_domain
+from tp_controller.demos.processes import NodeProcess, own_domain
+from tp_controller.model.spatial import quaternion_from_rotation
 from tp_controller.nodes.controller_node import ControllerNode
 from tp_controller.nodes.runner import make_executor
-from tp_controller.spatial import quaternion_from_rotation
 
 RATE = 1000.0
 ROBOT = 'package://tp_controller/config/robots/panda.yaml'

@@ -26,8 +26,8 @@ import argparse
 from _robots import load_robot
 import numpy as np
 from tp_controller import Settings
-from tp_controller.level import identity, Level
-from tp_controller.limits import VelocityLimits
+from tp_controller.control.limits import VelocityLimits
+from tp_controller.solver.level import identity, Level
 
 SEED = 0
 PATHS = 20

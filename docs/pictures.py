@@ -35,8 +35,8 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from tp_controller import Controller, Robot, Settings, Stack
-from tp_controller.cli import plots
-from tp_controller.shapes import Box, Cylinder, Sphere
+from tp_controller.demos import plots
+from tp_controller.model.shapes import Box, Cylinder, Sphere
 from tp_controller.tasks.manipulability import Mobility
 
 ROOT = Path(__file__).resolve().parents[1]

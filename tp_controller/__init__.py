@@ -23,7 +23,8 @@ Prioritized velocity control of redundant robots.
     command = controller.update(q, now)
 """
 
-from tp_controller.controller import Command, Controller
+from tp_controller.control.controller import Command, Controller
+from tp_controller.control.settings import Settings
 from tp_controller.errors import (
     GoalError,
     RobotError,
@@ -33,13 +34,12 @@ from tp_controller.errors import (
     TaskError,
     TpControllerError,
 )
-from tp_controller.level import Level
-from tp_controller.robot import Robot, RobotState
-from tp_controller.settings import Settings
-from tp_controller.simulator import Imperfections, KinematicSimulator
-from tp_controller.solution import LevelSolution, Solution
-from tp_controller.solver import solve
-from tp_controller.stack import Stack
+from tp_controller.model.robot import Robot, RobotState
+from tp_controller.model.simulator import Imperfections, KinematicSimulator
+from tp_controller.solver.level import Level
+from tp_controller.solver.solution import LevelSolution, Solution
+from tp_controller.solver.solve import solve
+from tp_controller.tasks.stack import Stack
 
 __all__ = [
     'Command', 'Controller', 'GoalError', 'Imperfections', 'KinematicSimulator', 'Level',

@@ -29,13 +29,14 @@ Every message names the thing that is wrong and says what is valid.
 """
 
 from dataclasses import dataclass
-import difflib
+
+from tp_controller.solver.errors import SolverError, TpControllerError, unknown
+
+__all__ = [
+    'Fault', 'GoalError', 'RobotError', 'SettingsError', 'SolverError', 'StackError', 'TaskError',
+    'TpControllerError', 'unknown']
 
 LONGEST = 2000
-
-
-class TpControllerError(Exception):
-    """Base of all errors raised by this package."""
 
 
 class RobotError(TpControllerError):
@@ -61,10 +62,6 @@ class TaskError(TpControllerError):
 
 class GoalError(TpControllerError):
     """A goal was refused; the goal in force before stays in force."""
-
-
-class SolverError(TpControllerError):
-    """The levels, bounds or weights handed to the solver do not fit together."""
 
 
 @dataclass(frozen=True)
@@ -101,11 +98,3 @@ class StackError(TpControllerError):
     def __init__(self, faults):
         self.faults = tuple(sorted(faults, key=lambda fault: fault.line))
         super().__init__('; '.join(str(fault) for fault in self.faults))
-
-
-def unknown(what, name, valid):
-    """Return a message that says what is unknown, what was meant perhaps, and what is valid."""
-    valid = list(valid)
-    near = difflib.get_close_matches(str(name), valid, n=1)
-    hint = f' (did you mean {near[0]!r}?)' if near else ''
-    return f'unknown {what} {name!r}{hint}; valid: {", ".join(valid) or "none"}'

@@ -23,8 +23,8 @@ import numpy as np
 import pytest
 from robots import panda, PANDA_DH, PANDA_READY, PANDA_TOOL
 from sensor_msgs.msg import JointState
+from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
 from tp_controller.nodes.client import make_message
-from tp_controller.spatial import quaternion_from_rotation, rotation_from_rpy
 
 STACK = f"""
 - place: {{type: position, frame: {PANDA_TOOL}, gain: 2.0}}

@@ -27,9 +27,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tp_controller import Robot
 from tp_controller.errors import RobotError, SettingsError
+from tp_controller.model.spatial import inverse_pose
 from tp_controller.nodes.base_topics import OdometryBuffer
 from tp_controller.nodes.client import make_message
-from tp_controller.spatial import inverse_pose
 
 FILE = CONFIG / 'robots' / 'mobile_arm.urdf'
 ROBOT = {'robot': str(FILE), 'base': 'differential'}

@@ -53,7 +53,7 @@ def domain(environment, tmp_path_factory):
         # The generator of the messages' Python code has a dependency that is behind the times.
         warnings.filterwarnings('ignore', "module 'sre_", DeprecationWarning)
         import rosidl_generator_py  # noqa: F401
-    from tp_controller.cli.processes import own_domain
+    from tp_controller.demos.processes import own_domain
     profiles = tmp_path_factory.mktemp('discovery') / 'profiles.xml'
     profiles.write_text(DISCOVERY)
     with own_domain() as given, pytest.MonkeyPatch.context() as patch:
@@ -75,7 +75,7 @@ def listener(domain):
 @pytest.fixture
 def start(domain, tmp_path):
     """Return what starts a node with the planar arm, or another; all are ended at last."""
-    from tp_controller.cli.processes import NodeProcess
+    from tp_controller.demos.processes import NodeProcess
     nodes = []
 
     def start(executable, *arguments, robot=PLANAR_DH):

@@ -40,7 +40,7 @@ STACK = (CONFIG / 'demo_stack.yaml').read_text().replace(
 @pytest.fixture(scope='module')
 def robot(domain, tmp_path_factory):
     """Return a listener to the robot of the demo, which runs for all tests of this file."""
-    from tp_controller.cli.processes import NodeProcess
+    from tp_controller.demos.processes import NodeProcess
     folder = tmp_path_factory.mktemp('robot')
     (folder / 'stack.yaml').write_text(STACK)
     arguments = ['--params-file', str(CONFIG / 'demo.yaml')]

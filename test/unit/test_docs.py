@@ -198,7 +198,7 @@ def test_generator_notices_a_table_that_is_out_of_date(generate, tmp_path):
 
 
 def test_robot_page_names_every_key_of_a_dh_table():
-    from tp_controller.dh import CONVENTIONS, FRAME_KEYS, JOINT_KEYS, JOINT_TYPES, TABLE_KEYS
+    from tp_controller.model.dh import CONVENTIONS, FRAME_KEYS, JOINT_KEYS, JOINT_TYPES, TABLE_KEYS
     text = (DOCS / 'robots.md').read_text(encoding='utf-8')
     for word in {*CONVENTIONS, *FRAME_KEYS, *JOINT_KEYS, *JOINT_TYPES, *TABLE_KEYS}:
         assert f'`{word}`' in text, word

@@ -26,17 +26,9 @@ import robots
 import tp_controller
 
 PACKAGE = robots.REPOSITORY / 'tp_controller'
-# Every module of the method may import from those before it only.
-ORDER = [
-    'errors', 'spatial', 'shapes', 'resources', 'urdf', 'geometry', 'links', 'dh', 'level', 'base',
-    'robot', 'tasks.base', 'tasks.bounded', 'tasks.gradient', 'tasks.frame', 'tasks.velocity',
-    'tasks.joint', 'tasks.joint_limits', 'tasks.joint_limit_distance', 'tasks.position',
-    'tasks.orientation', 'tasks.pose', 'tasks.relative', 'tasks.base_pose', 'tasks.twist',
-    'tasks.aim', 'tasks.pointing', 'tasks.field_of_view', 'tasks.region', 'tasks.collision',
-    'tasks.speed_limit', 'tasks.manipulability', 'tasks.center_of_mass', 'tasks',
-    'stack', 'transition', 'limits', 'solution', 'projection', 'uniform', 'least_distance',
-    'programs', 'redistribution', 'stacked', 'solver', 'escape', 'settings', 'report',
-    'controller', 'simulator', '']
+# The rooms, in the order in which they stand on each other: a room imports only what is before it.
+ROOMS = ['solver', 'errors', 'resources', 'model', 'tasks', 'control', '', 'nodes', 'demos', 'cli']
+WITH_ROS = ('nodes', 'demos', 'cli')
 # What the method may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'daqp', 'tp_controller'}
 OPTIONAL = {('resources', 'ament_index_python')}
@@ -48,10 +40,15 @@ def module_name(path):
     return '.'.join(part for part in parts if part != '__init__')
 
 
-def method_modules():
-    """Return {name: path} of all modules outside nodes and cli."""
-    return {module_name(path): path for path in sorted(PACKAGE.rglob('*.py'))
-            if path.relative_to(PACKAGE).parts[0] not in ('nodes', 'cli')}
+MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob('*.py'))}
+
+
+def room(module):
+    """Return the room of a module: the first part of its name below the package."""
+    return module.partition('.')[0]
+
+
+METHOD = [name for name in MODULES if room(name) not in WITH_ROS]
 
 
 def imported(path):
@@ -70,44 +67,57 @@ def imported(path):
     return found
 
 
-def test_every_module_of_the_method_has_its_place_in_the_order():
-    assert set(method_modules()) == set(ORDER)
+def own_imports(name):
+    """Return the modules of the package that a module imports, named below the package."""
+    found = {module.partition('.')[2] for module in imported(MODULES[name])
+             if module.split('.')[0] == 'tp_controller'}
+    # A name that a module defines is imported from the module.
+    return {module if module in MODULES else module.rpartition('.')[0] for module in found}
 
 
-@pytest.mark.parametrize('name', [name or 'tp_controller' for name in ORDER])
-def test_module_imports_only_what_lies_below_it(name):
-    name = '' if name == 'tp_controller' else name
-    below = set(ORDER[:ORDER.index(name)])
-    for module in imported(method_modules()[name]):
-        if module.split('.')[0] == 'tp_controller':
-            assert module.partition('.')[2] in below, module
+def named(name):
+    """Return how a module is called in the names of tests."""
+    return name or 'tp_controller'
 
 
-@pytest.mark.parametrize('name', [name or 'tp_controller' for name in ORDER])
+def test_every_module_stands_in_a_room():
+    assert {room(name) for name in MODULES} == set(ROOMS)
+
+
+@pytest.mark.parametrize('name', MODULES, ids=named)
+def test_module_imports_only_from_rooms_below(name):
+    allowed = ROOMS[:ROOMS.index(room(name)) + 1]
+    assert {room(module) for module in own_imports(name)} <= set(allowed)
+
+
+def test_solver_imports_nothing_of_the_rest():
+    for name in MODULES:
+        if room(name) == 'solver':
+            assert {room(module) for module in own_imports(name)} <= {'solver'}, name
+
+
+def test_no_module_needs_itself_to_be_imported():
+    # Peeling off, again and again, what imports nothing that is left leaves the circles.
+    left = {name: own_imports(name) - {name} for name in MODULES}
+    while left:
+        free = [name for name, needed in left.items() if not needed & set(left)]
+        assert free, f'these import each other in a circle: {sorted(left)}'
+        for name in free:
+            del left[name]
+
+
+@pytest.mark.parametrize('name', METHOD, ids=named)
 def test_method_uses_its_libraries_and_nothing_of_ros(name):
-    name = '' if name == 'tp_controller' else name
-    for module in imported(method_modules()[name]):
+    for module in imported(MODULES[name]):
         top = module.split('.')[0]
         assert top in sys.stdlib_module_names | LIBRARIES or (name, top) in OPTIONAL, module
 
 
 def test_only_the_nodes_speak_ros():
-    for path in sorted(PACKAGE.rglob('*.py')):
-        if path.relative_to(PACKAGE).parts[0] == 'nodes':
-            continue
-        for module in imported(path):
+    for name, path in MODULES.items():
+        for module in imported(path) if room(name) != 'nodes' else ():
             top = module.split('.')[0]
             assert top != 'rclpy' and not top.endswith(('_msgs', '_srvs', '_interfaces')), path
-
-
-def test_nodes_are_imported_by_nothing_but_nodes_and_command_line():
-    for path in sorted(PACKAGE.rglob('*.py')):
-        folder = path.relative_to(PACKAGE).parts[0]
-        for module in imported(path):
-            if module.startswith('tp_controller.nodes'):
-                assert folder in ('nodes', 'cli'), path
-            if module.startswith('tp_controller.cli'):
-                assert folder == 'cli', path
 
 
 def test_importing_the_package_leaves_ros_alone():
@@ -141,10 +151,9 @@ def test_public_names_are_all_that_the_package_imports():
     assert names == set(tp_controller.__all__)
 
 
-@pytest.mark.parametrize('name', [name or 'tp_controller' for name in ORDER])
+@pytest.mark.parametrize('name', METHOD, ids=named)
 def test_public_functions_classes_and_methods_say_what_they_do(name):
-    tree = ast.parse(method_modules()['' if name == 'tp_controller' else name].read_text(
-        encoding='utf-8'))
+    tree = ast.parse(MODULES[name].read_text(encoding='utf-8'))
     assert ast.get_docstring(tree)
     classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
     for node in [*tree.body, *(member for each in classes for member in each.body)]:
@@ -165,19 +174,18 @@ def test_page_about_tests_names_tests_that_exist():
     page = (robots.REPOSITORY / 'docs' / 'testing.md').read_text(encoding='utf-8')
     named = set(re.findall(r'`(test_\w+)`', page))
     assert len(named) > 40
-    assert named <= {node.name for path in Path(__file__).parent.glob('test_*.py')
+    assert named <= {node.name for path in Path(__file__).parent.rglob('test_*.py')
                      for node in ast.parse(path.read_text(encoding='utf-8')).body
                      if isinstance(node, ast.FunctionDef)}
 
 
 def test_tests_here_need_no_ros():
-    for path in sorted(Path(__file__).parent.glob('*.py')):
+    for path in sorted(Path(__file__).parent.rglob('*.py')):
         for module in imported(path):
             top = module.split('.')[0]
             assert top != 'rclpy' and not top.endswith('_msgs'), path
             assert not module.startswith('tp_controller.nodes'), path
 
 
-def test_only_the_geometry_knows_the_collision_library():
-    assert [name for name, path in method_modules().items() if 'coal' in imported(path)] == [
-        'geometry']
+def test_only_one_module_knows_the_collision_library():
+    assert [name for name in METHOD if 'coal' in imported(MODULES[name])] == ['model.collision']

@@ -19,7 +19,7 @@ import math
 import sys
 import time
 
-from tp_controller.spatial import quaternion_from_rotation, rotation_from_rpy
+from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
 
 # Velocities time out at the controller, so they are repeated at this period [s].
 REPEAT = 0.05

@@ -196,15 +196,15 @@ def _demo(options):
         return 2
     # Imported here: figures take a second to import, and goals do not need them.
     if options.name == 'drill':
-        from tp_controller.cli.drill import drill
+        from tp_controller.demos.drill import drill
         passed = drill(options.output)
     elif options.name in ('lab1', 'lab2'):
-        from tp_controller.cli.lab import lab1, lab2
+        from tp_controller.demos.lab import lab1, lab2
         passed = lab1(options.output) if options.name == 'lab1' \
             else lab2(options.output, options.seed)
     else:
-        from tp_controller.cli.demo import DEMOS as RUNNING
-        from tp_controller.cli.demo import run_demo
+        from tp_controller.demos.over_topics import DEMOS as RUNNING
+        from tp_controller.demos.over_topics import run_demo
         passed = run_demo(RUNNING[options.name], options.output)
     return 0 if passed else 1
 

@@ -19,7 +19,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from tp_controller.errors import GoalError
-from tp_controller.spatial import inverse_pose
+from tp_controller.model.spatial import inverse_pose
 from tp_controller.tasks.pose import parse_pose
 
 # As joint states: what is lost need not be repeated, the next one is newer.

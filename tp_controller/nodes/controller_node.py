@@ -29,7 +29,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
-from tp_controller.controller import Controller
+from tp_controller.control.controller import Controller
 from tp_controller.errors import RobotError, SettingsError, TpControllerError
 from tp_controller.nodes.base_topics import FixedBase, MovingBase
 from tp_controller.nodes.joint_states import JointStateBuffer
@@ -46,7 +46,7 @@ from tp_controller.nodes.parameters import (
 from tp_controller.nodes.runner import run
 from tp_controller.nodes.status import diagnostics, markers
 from tp_controller.nodes.task_topics import TaskTopics
-from tp_controller.stack import Stack
+from tp_controller.tasks.stack import Stack
 from visualization_msgs.msg import MarkerArray
 
 NAME = 'tp_controller'

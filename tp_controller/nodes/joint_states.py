@@ -17,7 +17,7 @@
 import math
 
 import numpy as np
-from tp_controller.tasks.base import LARGEST
+from tp_controller.tasks.task import LARGEST
 
 
 class JointStateBuffer:

@@ -32,10 +32,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tp_controller.errors import RobotError
+from tp_controller.model.simulator import Imperfections, initial_positions, KinematicSimulator
 from tp_controller.nodes.base_topics import fill_odometry, twist_of
 from tp_controller.nodes.parameters import declare, ROBOT, robot_from, Spec, STRINGS, warn_unknown
 from tp_controller.nodes.runner import run
-from tp_controller.simulator import Imperfections, initial_positions, KinematicSimulator
 
 NAME = 'tp_simulator'
 PARAMETERS = (

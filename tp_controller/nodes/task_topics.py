@@ -21,8 +21,8 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from std_srvs.srv import SetBool
 from tp_controller.errors import GoalError
-from tp_controller.nodes.foreign_frames import ForeignFrames
 from tp_controller.nodes.goal_messages import messages_of
+from tp_controller.nodes.tf_frames import ForeignFrames
 from tp_controller.tasks.collision import ALL
 
 # Time to the next try where a topic could not be opened [s], and how many tries are strange.

@@ -24,7 +24,6 @@ from functools import lru_cache
 from importlib.metadata import entry_points
 
 from tp_controller.errors import TpControllerError
-from tp_controller.tasks.base import Keys, Task
 from tp_controller.tasks.base_pose import BaseOrientation, BasePose
 from tp_controller.tasks.bounded import BoundedTask
 from tp_controller.tasks.center_of_mass import CenterOfMass
@@ -43,6 +42,7 @@ from tp_controller.tasks.position import Position
 from tp_controller.tasks.region import KeepIn, KeepOut
 from tp_controller.tasks.relative import RelativePose, RelativePosition
 from tp_controller.tasks.speed_limit import SpeedLimit
+from tp_controller.tasks.task import Keys, Task
 from tp_controller.tasks.twist import Twist
 
 ENTRY_POINTS = 'tp_controller.tasks'

@@ -18,9 +18,9 @@ import math
 
 import numpy as np
 from tp_controller.errors import GoalError
-from tp_controller.spatial import pose, rotation_from_vector, skew
-from tp_controller.tasks.base import finite_vector
+from tp_controller.model.spatial import pose, rotation_from_vector, skew
 from tp_controller.tasks.frame import MovingGoalTask, parse_reference
+from tp_controller.tasks.task import finite_vector
 
 # The axis of a task without a goal is taken to point at what is so far away [m].
 HELD_DISTANCE = 1.0

@@ -15,9 +15,9 @@
 """Tasks about where the base of the robot is, as it is for the lecture's vehicles (3.1)."""
 
 from tp_controller.errors import TaskError
-from tp_controller.tasks.base import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
 from tp_controller.tasks.orientation import Orientation
 from tp_controller.tasks.pose import Pose
+from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
 
 
 class BaseTask:

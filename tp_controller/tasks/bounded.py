@@ -18,8 +18,8 @@ from abc import abstractmethod
 
 import numpy as np
 from tp_controller.errors import GoalError
-from tp_controller.level import Level
-from tp_controller.tasks.base import DEFAULT_TIMEOUT, positive, Task
+from tp_controller.solver.level import Level
+from tp_controller.tasks.task import DEFAULT_TIMEOUT, positive, Task
 
 DEFAULT_BOUND_GAIN = 10.0
 DEFAULT_RETURN_SPEED = 0.2

@@ -16,9 +16,9 @@
 
 import numpy as np
 from tp_controller.errors import RobotError
-from tp_controller.tasks.base import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Keys
 from tp_controller.tasks.frame import MovingGoalTask, parse_axes
 from tp_controller.tasks.position import PointGoal
+from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Keys
 
 AXES = ('x', 'y', 'z')
 # A centre of mass that moves by less than this has no more than rounding to be stretched [m/rad].

@@ -19,15 +19,15 @@ import math
 
 import numpy as np
 from tp_controller.errors import GoalError, RobotError, unknown
-from tp_controller.geometry import capsule, Clearance, solid, urdf_solids
-from tp_controller.links import srdf_pairs, Tree
+from tp_controller.model.collision import capsule, Clearance, solid, urdf_solids
+from tp_controller.model.kinematic_tree import srdf_pairs, Tree
+from tp_controller.model.shapes import HalfSpace, parse_shape
+from tp_controller.model.spatial import cross, skews
 from tp_controller.resources import load_yaml, read_source
-from tp_controller.shapes import HalfSpace, parse_shape
-from tp_controller.spatial import cross, skews
-from tp_controller.tasks.base import finite_vector, Keys, non_negative, positive
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
 from tp_controller.tasks.frame import parse_reference
 from tp_controller.tasks.region import parse_place
+from tp_controller.tasks.task import finite_vector, Keys, non_negative, positive
 
 DEFAULT_DISTANCE = 0.02
 DEFAULT_WITHIN = 0.2
@@ -229,7 +229,7 @@ class Obstacle:
     Attributes
     ----------
     shape : object
-        One of `tp_controller.shapes`.
+        One of `tp_controller.model.shapes`.
     pose : ndarray (4, 4)
         In the reference frame.
     lifetime : float

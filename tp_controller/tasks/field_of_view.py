@@ -18,8 +18,8 @@ import math
 
 import numpy as np
 from tp_controller.tasks.aim import AimedTask, turn_between
-from tp_controller.tasks.base import DEFAULT_TIMEOUT, Keys, positive
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
+from tp_controller.tasks.task import DEFAULT_TIMEOUT, Keys, positive
 
 # Nearer to the middle of the view than this there is no way out of it to be bounded [rad].
 MIDDLE = 1e-9

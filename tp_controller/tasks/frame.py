@@ -15,8 +15,8 @@
 """Tasks about where a frame of the robot is, seen from another frame."""
 
 import numpy as np
-from tp_controller.spatial import skew
-from tp_controller.tasks.base import (
+from tp_controller.model.spatial import skew
+from tp_controller.tasks.task import (
     DEFAULT_GAIN,
     DEFAULT_MODE,
     DEFAULT_TIMEOUT,

@@ -18,8 +18,8 @@ from abc import abstractmethod
 
 import numpy as np
 from tp_controller.errors import GoalError
-from tp_controller.level import identity, Level
-from tp_controller.tasks.base import DEFAULT_GAIN, DEFAULT_MODE, norm, positive, Task
+from tp_controller.solver.level import identity, Level
+from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, norm, positive, Task
 
 DEFAULT_SPEED = 0.5
 

@@ -18,9 +18,9 @@ import math
 
 import numpy as np
 from tp_controller.errors import GoalError, unknown
-from tp_controller.level import identity
-from tp_controller.spatial import wrap_angle
-from tp_controller.tasks.base import (
+from tp_controller.model.spatial import wrap_angle
+from tp_controller.solver.level import identity
+from tp_controller.tasks.task import (
     DEFAULT_GAIN,
     DEFAULT_MODE,
     DEFAULT_TIMEOUT,

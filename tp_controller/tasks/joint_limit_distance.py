@@ -16,8 +16,8 @@
 
 import numpy as np
 from tp_controller.errors import RobotError
-from tp_controller.tasks.base import Keys
 from tp_controller.tasks.gradient import GradientTask
+from tp_controller.tasks.task import Keys
 
 # Share of half a range, from its middle, within which the measure is as written; beyond it goes
 # on straight, or the gradient would grow without end and the joint swing about its best place.

@@ -15,9 +15,9 @@
 """Joints that keep away from their position limits, as a task of the stack."""
 
 import numpy as np
-from tp_controller.tasks.base import Keys, positive, Task
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
 from tp_controller.tasks.joint import JointTask
+from tp_controller.tasks.task import Keys, positive, Task
 
 DEFAULT_MARGIN = 0.05
 

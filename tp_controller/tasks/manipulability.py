@@ -15,10 +15,10 @@
 """How well a frame can move: a measure of the way to singularities, and tasks about it."""
 
 import numpy as np
-from tp_controller.tasks.base import Keys, positive
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
 from tp_controller.tasks.frame import parse_axes, TWIST_AXES
 from tp_controller.tasks.gradient import GradientTask
+from tp_controller.tasks.task import Keys, positive
 
 # Where the measure is below this, its logarithm is as steep as there.
 FLAT = 1e-6

@@ -16,15 +16,15 @@
 
 import numpy as np
 from tp_controller.errors import GoalError
-from tp_controller.spatial import (
+from tp_controller.model.spatial import (
     check_rotation,
     pose,
     rotation_from_quaternion,
     rotation_vector,
     shorter_way,
 )
-from tp_controller.tasks.base import finite_vector
 from tp_controller.tasks.frame import FrameTask
+from tp_controller.tasks.task import finite_vector
 
 
 class Orientation(FrameTask):

@@ -18,10 +18,10 @@ import math
 
 import numpy as np
 from tp_controller.errors import unknown
-from tp_controller.level import Level
+from tp_controller.solver.level import Level
 from tp_controller.tasks.aim import across, AimedTask, AIMS, parse_axis, turn_between
-from tp_controller.tasks.base import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Keys
 from tp_controller.tasks.orientation import WayRound
+from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Keys
 
 UP = np.array([0.0, 0.0, 1.0])
 # Where the sine of the angle between an axis and the vertical is below this, what is up about the

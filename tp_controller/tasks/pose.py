@@ -16,10 +16,10 @@
 
 import numpy as np
 from tp_controller.errors import GoalError
-from tp_controller.spatial import pose
-from tp_controller.tasks.base import finite_vector, has_shape
+from tp_controller.model.spatial import pose
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.orientation import parse_rotation, WayRound
+from tp_controller.tasks.task import finite_vector, has_shape
 
 
 class PoseGoal:

@@ -14,9 +14,9 @@
 
 """The end-effector position task (lecture 3.2)."""
 
-from tp_controller.spatial import pose
-from tp_controller.tasks.base import finite_vector
+from tp_controller.model.spatial import pose
 from tp_controller.tasks.frame import FrameTask
+from tp_controller.tasks.task import finite_vector
 
 
 class PointGoal:

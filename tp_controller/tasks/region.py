@@ -18,18 +18,18 @@ from abc import abstractmethod
 
 import numpy as np
 from tp_controller.errors import GoalError
-from tp_controller.shapes import parse_shape
-from tp_controller.spatial import pose
-from tp_controller.tasks.base import (
+from tp_controller.model.shapes import parse_shape
+from tp_controller.model.spatial import pose
+from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
+from tp_controller.tasks.frame import MovingGoalTask, parse_reference, RelativeFrame
+from tp_controller.tasks.pose import parse_pose, PoseGoal
+from tp_controller.tasks.task import (
     DEFAULT_TIMEOUT,
     finite_vector,
     has_shape,
     Keys,
     non_negative,
 )
-from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
-from tp_controller.tasks.frame import MovingGoalTask, parse_reference, RelativeFrame
-from tp_controller.tasks.pose import parse_pose, PoseGoal
 
 PLACE = 'a place (x, y, z, or x, y, z, qx, qy, qz, qw)'
 

@@ -15,10 +15,10 @@
 """A frame that is never faster than allowed (slides (1)-(5): velocities of a link)."""
 
 import numpy as np
-from tp_controller.level import Level
-from tp_controller.tasks.base import Keys, positive
+from tp_controller.solver.level import Level
 from tp_controller.tasks.bounded import BoundedTask
 from tp_controller.tasks.frame import parse_reference, RelativeFrame
+from tp_controller.tasks.task import Keys, positive
 
 GOLDEN = (1.0 + 5.0 ** 0.5) / 2.0
 # Directions to the corners of an icosahedron and of the dodecahedron about its faces, one of each

@@ -14,8 +14,8 @@
 
 """A wanted velocity of a frame (slides (1)-(5): linear and angular velocity of a link)."""
 
-from tp_controller.tasks.base import DEFAULT_MODE, DEFAULT_TIMEOUT
 from tp_controller.tasks.frame import FrameTask
+from tp_controller.tasks.task import DEFAULT_MODE, DEFAULT_TIMEOUT
 from tp_controller.tasks.velocity import VelocityTask
 
 

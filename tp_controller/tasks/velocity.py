@@ -15,7 +15,7 @@
 """What tasks without a value of their own have in common: only a velocity is wanted."""
 
 import numpy as np
-from tp_controller.tasks.base import norm, Task
+from tp_controller.tasks.task import norm, Task
 
 
 class VelocityTask(Task):

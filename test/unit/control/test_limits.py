@@ -1,0 +1,275 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The velocities that joints may have, from their velocity, position and acceleration limits."""
+
+import math
+from types import SimpleNamespace
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from tp_controller.control.limits import VelocityLimits
+
+SEEDS = st.integers(0, 2 ** 32 - 1)
+PERIODS = st.floats(1e-3, 0.05)
+SHARES = st.floats(0.02, 1.0)
+STRATEGIES = ('upper', 'lower', 'alternating', 'random', 'extremes', 'change of mind')
+
+
+def limits_of(lower, upper, velocity, acceleration, period=0.01, gain=None):
+    """Return `VelocityLimits` of joints with these limits; gain 1/period by default."""
+    robot = SimpleNamespace(
+        lower=np.array(lower, float), upper=np.array(upper, float),
+        velocity=np.array(velocity, float), acceleration=np.array(acceleration, float))
+    return VelocityLimits(robot, period, 1.0 / period if gain is None else gain)
+
+
+def stopping_distance(speed, acceleration, period, gain):
+    """Return how far a joint moves until it stands, command by command, from the definition."""
+    distance = 0.0
+    while speed > acceleration / gain * (1.0 + 1e-12):
+        distance += speed * period
+        speed -= acceleration * period
+    # From here on along v = g d, which takes the joint just to the limit.
+    return distance + speed / gain
+
+
+def settled(limits, q, period, up=True):
+    """Return the bound on the velocities at `q` that the acceleration has no part in."""
+    previous = np.zeros(len(q))
+    for _ in range(100000):
+        bounds = limits.at(q, previous, period)
+        reached = bounds.upper if up else bounds.lower
+        if (reached == previous).all():
+            return reached
+        previous = reached
+    raise AssertionError('the bound did not settle')
+
+
+def chosen(strategy, bounds, step, rng):
+    """Return velocities between bounds."""
+    lower, upper = bounds.lower, bounds.upper
+    share = {'upper': 1.0, 'lower': 0.0, 'alternating': step % 2,
+             'random': rng.uniform(0.0, 1.0, len(lower)),
+             'extremes': rng.integers(0, 2, len(lower)),
+             'change of mind': (step // 40) % 2}[strategy]
+    return np.where(share == 1.0, upper, lower + share * (upper - lower))
+
+
+@given(SEEDS, PERIODS, SHARES, st.sampled_from(STRATEGIES), st.booleans(), st.booleans())
+def test_no_choice_within_the_bounds_leaves_a_limit(seed, period, share, strategy, hurried, some):
+    rng = np.random.default_rng(seed)
+    n = 6
+    middle, reach = rng.uniform(-2.0, 2.0, n), 10.0 ** rng.uniform(-3.0, 0.5, n)
+    lower, upper = middle - reach, middle + reach
+    velocity, acceleration = 10.0 ** rng.uniform(-1, 1, n), 10.0 ** rng.uniform(-0.5, 2.0, n)
+    if some:
+        acceleration[rng.integers(0, 2, n) == 0] = math.inf
+        lower[0], upper[1] = -math.inf, math.inf
+    limits = limits_of(lower, upper, velocity, acceleration, period, share / period)
+    q, previous = middle + rng.uniform(-1.0, 1.0, n) * reach, np.zeros(n)
+    elapsed = period
+    for step in range(250):
+        bounds = limits.at(q, previous, elapsed)
+        assert (bounds.lower <= bounds.upper).all()
+        command = chosen(strategy, bounds, step, rng)
+        assert (np.abs(command) <= velocity).all()
+        assert (np.abs(command - previous) <= acceleration * elapsed + 1e-12 * velocity).all()
+        elapsed = period * rng.uniform(0.05, 1.0) if hurried else period
+        q, previous = q + command * elapsed, command
+        assert (q <= upper + 1e-12).all() and (q >= lower - 1e-12).all()
+
+
+@given(SEEDS, PERIODS, st.sampled_from(STRATEGIES))
+def test_joints_without_an_acceleration_limit_keep_their_ranges_too(seed, period, strategy):
+    rng = np.random.default_rng(seed)
+    lower, upper = np.array([-1.0, -math.inf, -0.001]), np.array([0.5, 2.0, math.inf])
+    velocity = np.array([3.0, 10.0, 0.3])
+    limits = limits_of(lower, upper, velocity, [math.inf] * 3, period)
+    q, previous = np.zeros(3), np.zeros(3)
+    for step in range(250):
+        bounds = limits.at(q, previous, period)
+        assert (bounds.lower <= bounds.upper).all()
+        command = chosen(strategy, bounds, step, rng)
+        assert (np.abs(command) <= velocity).all()
+        q, previous = q + command * period, command
+        assert (q <= upper + 1e-12).all() and (q >= lower - 1e-12).all()
+
+
+@given(st.floats(0.0, 3.0), st.floats(0.5, 50.0), st.floats(2e-3, 0.05))
+@example(0.0, 1.0, 0.01)
+@example(3e-4, 1.0, 0.01)
+@example(1.0, 2.0, 0.05)
+def test_full_gain_is_the_exact_discrete_stopping_distance(room, acceleration, period):
+    # METHOD: u = d / (a T²), M = floor((√(1 + 8u) − 1) / 2), v = a T (M/2 + u / (M + 1)).
+    u = room / (acceleration * period ** 2)
+    M = math.floor((math.sqrt(1.0 + 8.0 * u) - 1.0) / 2.0)
+    exact = acceleration * period * (M / 2.0 + u / (M + 1.0))
+    limits = limits_of([-50.0], [0.0], [1e3], [acceleration], period)
+    assert settled(limits, np.array([-room]), period) == pytest.approx(exact, rel=1e-9, abs=1e-12)
+    mirrored = limits_of([0.0], [50.0], [1e3], [acceleration], period)
+    assert settled(mirrored, np.array([room]), period, up=False) == pytest.approx(
+        -exact, rel=1e-9, abs=1e-12)
+
+
+@given(st.floats(1e-6, 3.0), st.floats(0.5, 50.0), st.floats(2e-3, 0.05), SHARES)
+@example(0.1, 5.0, 0.01, 0.5)
+def test_allowed_speed_is_the_one_whose_stopping_distance_is_the_room(room, acceleration, period,
+                                                                      share):
+    gain = share / period
+    limits = limits_of([-1e5], [0.0], [1e4], [acceleration], period, gain)
+    speed = float(settled(limits, np.array([-room]), period)[0])
+    assert stopping_distance(speed, acceleration, period, gain) == pytest.approx(room, rel=1e-8)
+
+
+def test_stopping_distance_worked_out_by_hand():
+    # T = 0.1, a = 1, g = 10: from 0.3 the joint moves 0.03 + 0.02 + 0.01 until it stands.
+    limits = limits_of([-1.0], [1.0], [2.0], [1.0], 0.1, 10.0)
+    assert settled(limits, np.array([1.0 - 0.06]), 0.1) == pytest.approx(0.3)
+    # g = 5: below a/g = 0.2 by v = 5 d; from 0.3 it moves 0.03 and then 0.2 / 5.
+    limits = limits_of([-1.0], [1.0], [2.0], [1.0], 0.1, 5.0)
+    assert settled(limits, np.array([1.0 - 0.02]), 0.1) == pytest.approx(0.1)
+    assert settled(limits, np.array([1.0 - 0.07]), 0.1) == pytest.approx(0.3)
+    assert settled(limits, np.array([0.0]), 0.1, up=False) == pytest.approx(
+        -settled(limits, np.array([0.0]), 0.1))
+
+
+def test_without_acceleration_limits_the_speed_is_proportional_to_the_distance():
+    limits = limits_of([-1.0] * 3, [1.0] * 3, [2.0] * 3, [math.inf] * 3, 0.01, 4.0)
+    bounds = limits.at(np.array([0.75, -0.9, 0.0]), np.zeros(3), 0.01)
+    assert bounds.upper == pytest.approx([1.0, 2.0, 2.0])
+    assert bounds.lower == pytest.approx([-2.0, -0.4, -2.0])
+
+
+def test_joint_without_an_acceleration_limit_beside_one_that_has_one():
+    limits = limits_of([-1.0] * 2, [1.0] * 2, [2.0] * 2, [math.inf, 10.0], 0.01, 4.0)
+    bounds = limits.at(np.array([0.75, 0.0]), np.array([0.0, 0.5]), 0.01)
+    assert bounds.upper == pytest.approx([1.0, 0.6])
+    assert bounds.lower == pytest.approx([-2.0, 0.4])
+
+
+def test_velocity_may_change_as_far_as_the_time_since_the_last_command_allows():
+    limits = limits_of([-10.0], [10.0], [5.0], [20.0], 0.01)
+    for elapsed, change in ((0.01, 0.2), (0.004, 0.08), (7.0, 0.2), (0.0, 0.0), (-1.0, 0.0)):
+        bounds = limits.at(np.zeros(1), np.array([1.0]), elapsed)
+        assert bounds.upper == pytest.approx(1.0 + change, abs=1e-7)
+        assert bounds.lower == pytest.approx(1.0 - change, abs=1e-7)
+
+
+def test_clock_that_stands_still_does_not_freeze_the_joints():
+    bounds = limits_of([-10.0], [10.0], [5.0], [20.0]).at(np.zeros(1), np.ones(1), 0.0)
+    assert bounds.lower[0] < 1.0 < bounds.upper[0]
+
+
+def test_infinite_limits_do_not_get_in_the_way():
+    infinite = [math.inf]
+    bounds = limits_of([-math.inf], infinite, [3.0], infinite).at(np.zeros(1), np.zeros(1), 0.01)
+    assert (bounds.lower[0], bounds.upper[0]) == (-3.0, 3.0)
+    limits = limits_of([-math.inf], infinite, [3.0], [5.0])
+    assert settled(limits, np.array([1e9]), 0.01) == 3.0
+    assert settled(limits, np.array([-1e9]), 0.01, up=False) == -3.0
+
+
+# Where limits contradict each other
+
+@given(SEEDS, st.sampled_from(STRATEGIES), st.booleans(), SHARES)
+def test_joint_outside_its_range_is_led_back_at_a_bounded_speed(seed, strategy, accelerated,
+                                                                share):
+    rng = np.random.default_rng(seed)
+    n, period = 6, 0.01
+    lower, upper, velocity = -np.ones(n), np.ones(n), rng.uniform(0.5, 8.0, n)
+    acceleration = np.full(n, rng.uniform(5.0, 50.0) if accelerated else math.inf)
+    limits = limits_of(lower, upper, velocity, acceleration, period, share / period)
+    side = np.array([1.0, -1.0] * 3)
+    q, previous = side * (1.0 + rng.uniform(0.0, 0.3, n)), np.zeros(n)
+    slowest = np.minimum(0.2 * velocity, 1.0)
+    for step in range(6000):
+        bounds = limits.at(q, previous, period)
+        assert (bounds.lower <= bounds.upper).all()
+        demanded = np.where(side > 0.0, -bounds.upper, bounds.lower)
+        outside = side * q > 1.0
+        assert (demanded[outside] <= slowest[outside] + 1e-12).all()
+        # As slowly as it may: never outwards, and inwards unless it is about there.
+        command = np.where(outside, -side * demanded, chosen(strategy, bounds, step, rng))
+        assert (side * command)[outside].max(initial=0.0) <= 0.0
+        assert (np.abs(command) <= velocity).all()
+        assert (np.abs(command - previous) <= acceleration * period + 1e-12).all()
+        q, previous = q + command * period, command
+        if (np.abs(q) <= 1.0 + 1e-6).all():
+            break
+    assert (np.abs(q) <= 1.0 + 1e-6).all()
+
+
+def test_joint_far_outside_has_to_come_back_at_a_fifth_of_its_speed_and_one_at_most():
+    limits = limits_of([-1.0] * 2, [1.0] * 2, [2.0, 30.0], [math.inf] * 2)
+    bounds = limits.at(np.array([1.5, 1.5]), np.zeros(2), 0.01)
+    assert bounds.upper == pytest.approx([-0.4, -1.0])
+    assert bounds.lower == pytest.approx([-2.0, -30.0])
+    bounds = limits.at(np.array([-1.5, -1.002]), np.zeros(2), 0.01)
+    assert bounds.lower == pytest.approx([0.4, 0.2])
+
+
+@given(st.floats(0.0, 1.0), st.floats(-2.0, 2.0), st.floats(-5.0, 5.0), st.floats(0.01, 50.0),
+       PERIODS, SHARES)
+@example(0.0, 0.5, -0.36, 0.1, 0.01, 1.0)
+@example(0.0, 0.5, 0.0, 50.0, 0.01, 1.0)
+def test_bounds_never_cross_wherever_a_joint_is_and_however_fast(width, q, previous, acceleration,
+                                                                 period, share):
+    limits = limits_of([0.0], [width], [2.0], [acceleration], period, share / period)
+    bounds = limits.at(np.array([q]), np.array([previous]), period)
+    assert bounds.lower <= bounds.upper
+    free = limits_of([0.0], [width], [2.0], [math.inf], period, share / period)
+    bounds = free.at(np.array([q]), np.array([previous]), period)
+    assert bounds.lower <= bounds.upper
+
+
+def test_acceleration_is_kept_where_the_limits_contradict_each_other():
+    limits = limits_of([-1.0] * 3, [1.0] * 3, [2.0] * 3, [10.0] * 3, 0.01)
+    # Too fast; too close to the limit to stop; and outside while moving outwards.
+    bounds = limits.at(np.array([0.0, 1.0, 1.2]), np.array([3.0, 1.0, 0.5]), 0.01)
+    assert bounds.upper == pytest.approx([2.9, 0.9, 0.4])
+    assert bounds.lower == pytest.approx([2.9, 0.9, 0.4])
+
+
+# Names
+
+def test_limit_that_a_joint_is_at_is_named():
+    limits = limits_of([-1.0] * 4, [1.0] * 4, [2.0] * 4, [100.0, 100.0, 100.0, 10.0], 0.01, 10.0)
+    q, previous = np.array([0.0, 0.95, -0.95, 0.0]), np.array([2.0, 0.0, 0.0, 0.5])
+    bounds = limits.at(q, previous, 0.01)
+    assert bounds.upper == pytest.approx([2.0, 0.5, 1.0, 0.6])
+    assert bounds.lower == pytest.approx([1.0, -1.0, -0.5, 0.4])
+    assert bounds.name(0, 2.0, True) == 'velocity limit'
+    assert bounds.name(0, 1.0, False) == 'acceleration limit'
+    assert bounds.name(1, 0.5, True) == 'upper position limit'
+    assert bounds.name(1, -1.0, False) == 'acceleration limit'
+    assert bounds.name(2, -0.5, False) == 'lower position limit'
+    assert bounds.name(2, 1.0, True) == 'acceleration limit'
+    assert bounds.name(3, 0.6, True) == 'acceleration limit'
+    assert bounds.name(3, 0.4, False) == 'acceleration limit'
+    for joint, up in ((0, True), (1, True), (3, True)):
+        assert bounds.name(joint, 0.3, up) == 'speed reserve for the first level'
+    assert bounds.name(2, -0.3, False) == 'speed reserve for the first level'
+
+
+def test_limit_is_named_without_acceleration_limits_and_outside_the_range():
+    limits = limits_of([-1.0] * 3, [1.0] * 3, [2.0] * 3, [math.inf] * 3, 0.01, 10.0)
+    bounds = limits.at(np.array([0.95, 1.5, -1.5]), np.zeros(3), 0.01)
+    assert bounds.name(0, -2.0, False) == 'velocity limit'
+    assert bounds.name(0, 0.5, True) == 'upper position limit'
+    assert bounds.name(1, bounds.upper[1], True) == 'upper position limit'
+    assert bounds.name(2, bounds.lower[2], False) == 'lower position limit'
+    assert bounds.name(0, 0.3, True) == 'speed reserve for the first level'

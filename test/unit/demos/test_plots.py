@@ -1,0 +1,238 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Figures are written, show what they should, and leave the rest of matplotlib alone."""
+
+import os
+import subprocess
+import sys
+from threading import Thread
+
+from matplotlib.colors import to_rgb
+import numpy as np
+from PIL import Image
+import pytest
+from robots import CONFIG, panda, planar, urdf_robot
+from tp_controller import Robot
+from tp_controller.demos import plots
+from tp_controller.demos.outlines import base_outline, outline
+from tp_controller.model.shapes import Box, Cylinder, HalfSpace, Sphere
+from tp_controller.model.spatial import pose, rotation_from_rpy
+
+TIMES = np.linspace(0.0, 10.0, 300)
+ERRORS = [('tool', 'm', np.exp(-TIMES)), ('tool', 'rad', 2.0 * np.exp(-TIMES)),
+          ('elbow', 'm', np.full(300, 0.3))]
+
+
+def swing(robot, amplitude=0.4):
+    """Return positions (300, n) of a slow swing."""
+    rates = np.linspace(0.4, 1.0, robot.n)
+    return robot.neutral() + amplitude * np.sin(TIMES[:, None] * rates)
+
+
+def pixels(path, frame=0):
+    """Return the picture (h, w, 3) in 0 to 1."""
+    with Image.open(path) as picture:
+        picture.seek(frame)
+        return np.asarray(picture.convert('RGB')) / 255.0
+
+
+def count(picture, colour, tolerance=0.06):
+    """Return how many pixels have a colour."""
+    return int((np.abs(picture - np.array(to_rgb(colour))).max(axis=2) < tolerance).sum())
+
+
+def assert_shows_something(path):
+    picture = pixels(path)
+    assert picture.std() > 0.04
+    # The margin is white, and nothing is cut off at the edge.
+    for edge in (picture[0], picture[-1], picture[:, 0], picture[:, -1]):
+        assert edge.min() > 0.95
+
+
+@pytest.mark.parametrize('log', [False, True])
+def test_errors_are_drawn_in_the_colour_of_their_task(tmp_path, log):
+    path = plots.plot_errors(tmp_path / 'new' / 'errors.png', TIMES, ERRORS, changes=[4.0],
+                             log=log)
+    assert path == tmp_path / 'new' / 'errors.png'
+    assert_shows_something(path)
+    picture = pixels(path)
+    assert count(picture, plots.COLOURS[0]) > 500
+    assert count(picture, plots.COLOURS[1]) > 300
+
+
+@pytest.mark.parametrize('values', [np.zeros(300), np.full(300, np.nan),
+                                    np.where(TIMES < 5.0, np.nan, 1e-12)])
+@pytest.mark.parametrize('log', [False, True])
+def test_errors_that_are_zero_or_missing_can_be_drawn(tmp_path, values, log):
+    assert_shows_something(plots.plot_errors(tmp_path / 'errors.png', TIMES,
+                                             [('tool', 'm', values)], log=log))
+
+
+@pytest.mark.parametrize('limits, marked', [
+    ([1.0, 1.0, 1.0], True), ([1.0, 2.0, 0.5], True), ([1.0, 2.0, np.inf], True),
+    ([0.0, 1.0, 1.0], True), ([np.inf, np.inf, np.inf], False)])
+def test_velocity_limits_are_marked_where_there_are_any(tmp_path, limits, marked):
+    velocities = 0.4 * np.cos(TIMES[:, None] * [0.5, 1.0, 1.5])
+    path = plots.plot_velocities(tmp_path / 'velocities.png', TIMES, velocities, limits,
+                                 planar().joint_names, units=['rad', 'm', 'rad'], changes=[2.0])
+    assert_shows_something(path)
+    assert (count(pixels(path), plots.LIMIT_COLOUR, 0.2) > 500) is marked
+
+
+def test_every_joint_has_its_line(tmp_path):
+    robot = panda()
+    velocities = np.cos(TIMES[:, None] * np.linspace(0.5, 1.5, robot.n))
+    path = plots.plot_velocities(tmp_path / 'velocities.png', TIMES, velocities, robot.velocity,
+                                 robot.joint_names)
+    for joint in range(robot.n):
+        assert count(pixels(path), plots.COLOURS[joint]) > 200
+
+
+def test_position_limits_are_marked_where_there_are_any(tmp_path):
+    for robot, marked in ((panda(), True), (planar(), False)):
+        path = plots.plot_positions(tmp_path / f'{robot.name}.png', TIMES, swing(robot),
+                                    robot.joint_names, robot.lower, robot.upper,
+                                    units=robot.joint_units, changes=[1.0])
+        assert_shows_something(path)
+        assert (count(pixels(path), plots.LIMIT_COLOUR, 0.2) > 500) is marked
+
+
+@pytest.mark.parametrize('n', [1, 3])
+def test_positions_of_any_number_of_joints_can_be_drawn(tmp_path, n):
+    names = [f'joint{index}' for index in range(n)]
+    q = np.sin(TIMES[:30, None] * np.linspace(0.5, 1.0, n))
+    lower, upper = np.full(n, -2.0), np.full(n, 2.0)
+    upper[0] = np.inf
+    for limits in ((), (lower, upper)):
+        assert_shows_something(plots.plot_positions(tmp_path / 'q.png', TIMES[:30], q, names,
+                                                    *limits))
+
+
+@pytest.mark.parametrize('height', [0.0, 0.3])
+def test_tool_path_and_goals_are_drawn_flat_and_in_space(tmp_path, height):
+    points = np.column_stack((np.cos(TIMES), np.sin(TIMES), height * TIMES))
+    goals = np.array([[0.5, 0.5, 0.0], [np.nan, 0.0, 0.0]])
+    with_goals = plots.plot_tool_path(tmp_path / 'goals.png', points, goals, times=TIMES)
+    without = plots.plot_tool_path(tmp_path / 'path.png', points)
+    for path in (with_goals, without):
+        assert_shows_something(path)
+    assert count(pixels(with_goals), plots.GOAL_COLOUR) > count(pixels(without),
+                                                                plots.GOAL_COLOUR) + 50
+
+
+def test_animation_of_a_planar_arm_shows_arm_path_and_goal(tmp_path):
+    goals = np.tile([1.0, 0.5, 0.0], (300, 1))
+    goals[:150] = np.nan
+    path = plots.animate_arm(tmp_path / 'arm.gif', planar(), swing(planar()), TIMES, goals=goals)
+    with Image.open(path) as picture:
+        assert 50 < picture.n_frames <= plots.MAX_FRAMES
+        assert picture.n_frames * picture.info['duration'] == pytest.approx(10000, rel=0.1)
+    first, last = pixels(path), pixels(path, 79)
+    assert np.abs(first - last).max() > 0.5
+    assert count(last, plots.GOAL_COLOUR, 0.2) > count(first, plots.GOAL_COLOUR, 0.2) + 30
+    assert count(last, plots.PATH_COLOUR, 0.25) > count(first, plots.PATH_COLOUR, 0.25) + 30
+    assert count(last, plots.ARM_COLOUR, 0.1) > 300
+    assert path.stat().st_size < 1_000_000
+
+
+@pytest.mark.parametrize('name', ['panda', 'tiago'])
+def test_animation_in_space_is_small(tmp_path, name):
+    robot = urdf_robot(name)
+    path = plots.animate_arm(tmp_path / 'arm.gif', robot, swing(robot, 0.2)[::10], TIMES[::10],
+                             frames=[robot.frame_names[-1]], goals=[0.4, 0.0, 0.6], fps=10)
+    with Image.open(path) as picture:
+        assert picture.n_frames == 30
+        assert picture.info['duration'] == 100
+    assert path.stat().st_size < 3_000_000
+
+
+def test_animation_shows_the_base_what_is_held_and_what_stands_around(tmp_path):
+    robot = Robot.from_file(CONFIG / 'robots' / 'mobile_arm.urdf', base='planar')
+    q = np.tile(robot.neutral(), (20, 1))
+    q[:, 0] = np.linspace(0.0, 1.0, 20)
+    bare = plots.animate_arm(tmp_path / 'bare.gif', robot, q, TIMES[:20])
+    full = plots.animate_arm(
+        tmp_path / 'full.gif', robot, q, TIMES[:20], held=[('laser', 'tool')],
+        around=[outline(Cylinder(0.2, 1.0), np.eye(4))])
+    for colour in (plots.THING_COLOUR, plots.AROUND_COLOUR):
+        assert count(pixels(bare), colour) < 10
+        assert count(pixels(full), colour) > 100
+    # It is seen to move.
+    assert np.abs(pixels(bare) - pixels(bare, 19)).max() > 0.5
+
+
+def test_legend_of_many_joints_is_not_cut_off(tmp_path):
+    names = [f'joint{index}' for index in range(18)]
+    path = plots.plot_velocities(tmp_path / 'velocities.png', TIMES,
+                                 np.zeros((300, 18)), np.arange(1.0, 19.0), names, changes=[1.0])
+    assert_shows_something(path)
+
+
+@pytest.mark.parametrize('shape, half', [
+    (Box(0.4, 0.2, 0.6), (0.2, 0.1, 0.3)), (Cylinder(0.3, 0.8), (0.3, 0.3, 0.4)),
+    (Sphere(0.5), (0.5, 0.5, 0.5))])
+def test_outlines_are_on_the_surface_of_their_shape_from_end_to_end(shape, half):
+    T = pose(rotation_from_rpy(0.3, -0.5, 1.0), np.array([1.0, -2.0, 0.5]))
+    points = outline(shape, T)
+    points = points[np.isfinite(points).all(axis=1)]
+    own = (points - T[:3, 3]) @ T[:3, :3]
+    assert max(abs(shape.distance(point)[0]) for point in own) < 1e-12
+    np.testing.assert_allclose(np.abs(own).max(axis=0), half)
+
+
+def test_outline_of_a_base_is_that_of_its_shapes_or_three_axes():
+    robot = Robot.from_file(CONFIG / 'robots' / 'mobile_arm.urdf', base='differential')
+    low, high = (limit(base_outline(robot), axis=0) for limit in (np.nanmin, np.nanmax))
+    np.testing.assert_allclose(low, [-0.25, -0.23, 0.03])
+    np.testing.assert_allclose(high, [0.25, 0.23, 0.71])
+    np.testing.assert_allclose(np.nanmax(base_outline(panda()), axis=0), 0.3)
+    assert not len(outline(HalfSpace(), np.eye(4)))
+
+
+@pytest.mark.parametrize('samples', [1, 2])
+def test_the_shortest_recordings_can_be_drawn(tmp_path, samples):
+    robot, times = planar(), TIMES[:samples]
+    q = swing(robot)[:samples]
+    points = np.column_stack((q[:, 0], q[:, 1], np.zeros(samples)))
+    plots.plot_errors(tmp_path / 'a.png', times, [('tool', 'm', times)])
+    plots.plot_velocities(tmp_path / 'b.png', times, q, robot.velocity, robot.joint_names)
+    plots.plot_positions(tmp_path / 'c.png', times, q, robot.joint_names)
+    plots.plot_tool_path(tmp_path / 'd.png', points)
+    with Image.open(plots.animate_arm(tmp_path / 'e.gif', robot, q, times)) as picture:
+        assert picture.n_frames == samples
+
+
+def test_a_figure_can_be_drawn_in_another_thread(tmp_path):
+    thread = Thread(target=plots.plot_errors, args=(tmp_path / 'errors.png', TIMES, ERRORS))
+    thread.start()
+    thread.join()
+    assert_shows_something(tmp_path / 'errors.png')
+
+
+def test_neither_pyplot_nor_the_global_settings_are_touched(tmp_path):
+    # In a process of its own: other tests may have loaded pyplot.
+    code = """
+import sys
+import matplotlib
+before = matplotlib.rcParams.copy()
+from tp_controller.demos import plots
+plots.plot_errors(sys.argv[1], [0.0, 1.0], [('tool', 'm', [1.0, 0.5])])
+assert 'matplotlib.pyplot' not in sys.modules
+raw = dict.__getitem__  # rcParams['backend'] would choose one
+assert all(raw(matplotlib.rcParams, key) == raw(before, key) for key in before)
+"""
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, '-c', code, str(tmp_path / 'errors.png')], check=True,
+                   env=environment, timeout=60)

@@ -1,0 +1,374 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The controller: joint positions in, joint velocities and a report out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from tp_controller.control.escape import Escape
+from tp_controller.control.limits import VelocityLimits
+from tp_controller.control.report import Report
+from tp_controller.control.settings import Settings
+from tp_controller.control.transition import Transition
+from tp_controller.errors import GoalError, SettingsError, unknown
+from tp_controller.model.spatial import inverse_pose
+from tp_controller.tasks.pose import parse_pose
+
+# Share of each new measurement in the mean time between commands.
+SMOOTHING = 0.05
+ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """
+    What one cycle gives.
+
+    Attributes
+    ----------
+    velocity : ndarray (n,)
+        Velocities of the base, if it moves, and the driven joints [rad/s or m/s], within every
+        limit; see `Robot.velocity_names`.
+    report : Report
+
+    """
+
+    velocity: np.ndarray
+    report: Report
+
+
+class Controller:
+    """
+    Carries out a stack of tasks on a robot, one `update` a cycle.
+
+    Time is whatever clock the caller has, in seconds.
+
+    Parameters
+    ----------
+    robot : Robot
+    stack : Stack
+    settings : Settings, optional
+
+    Raises
+    ------
+    SettingsError
+        The settings do not fit the robot or the stack; see `check_settings`.
+
+    """
+
+    def __init__(self, robot, stack, settings=None):
+        self.robot = robot
+        self.stack = stack
+        self._state = None
+        self._started = False
+        # What was commanded last, and when; at rest before the first command.
+        self._velocity = np.zeros(robot.n)
+        self._last_update = None
+        self._transition = Transition(0.0)
+        self._settings = None
+        self._escape = Escape(robot.n)
+        self.settings = settings or Settings()
+
+    def replace_stack(self, stack, settings=None):
+        """
+        Carry out another stack from the next cycle on; goals of tasks it keeps go on.
+
+        Parameters
+        ----------
+        stack : Stack
+            To be carried out.
+        settings : Settings, optional
+            That go with it; those in force by default.
+
+        Raises
+        ------
+        SettingsError
+            The settings do not fit it; what was in force before stays in force.
+
+        """
+        settings = settings or self._settings
+        self.check_settings(settings, stack)
+        self._announce_stack()
+        stack.take_over(self.stack)
+        self.stack = stack
+        self._started = False
+        self.settings = settings
+
+    def restart(self):
+        """Let tasks without a goal hold, from the next cycle on, what they find then."""
+        for task in self.stack.tasks.values():
+            task.release()
+        self._started = False
+
+    def halt(self, now):
+        """Say that no motion is commanded now, whatever the last update returned."""
+        self._velocity = np.zeros(self.robot.n)
+        self._last_update = now
+        self._transition.announce(0)
+
+    @property
+    def settings(self):
+        """Return the settings; they can be replaced between two cycles."""
+        return self._settings
+
+    @settings.setter
+    def settings(self, settings):
+        self.check_settings(settings)
+        if settings == self._settings:
+            return
+        self._settings = settings
+        self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain)
+        self._speed_cap = settings.speed_cap(self.robot)
+        self._solver = settings.solver(self.robot.n)
+        # How long commands are held; commands may well come faster than they need to.
+        self._held = settings.period
+        self._transition.duration = settings.blend
+        self._transition.announce(0)
+
+    def check_settings(self, settings, stack=None):
+        """
+        Check whether settings fit the robot and a stack, the one in force by default.
+
+        Raises
+        ------
+        SettingsError
+            There is not one weight for each joint, a bound would be approached faster than the
+            period allows, or the method knows no bounds.
+
+        """
+        faults = []
+        weights = settings.weights
+        if weights and len(weights) != self.robot.n:
+            faults.append(f'weights needs {self.robot.n} numbers, one for each of '
+                          f'{", ".join(self.robot.velocity_names)}, got {len(weights)}')
+        for task in (self.stack if stack is None else stack).tasks.values():
+            if task.bounded and settings.method != 'recursive':
+                faults.append(f'method {settings.method} knows no tasks that keep bounds, as '
+                              f'{task.name} does')
+            elif task.bounded and np.max(task.gain) * settings.period > 1.0 + ROUNDING:
+                faults.append(f'gain {np.max(task.gain):g} of task {task.name} must be at most '
+                              f'1/period = {1.0 / settings.period:g}, or its bounds would be '
+                              'crossed')
+        if faults:
+            raise SettingsError(faults)
+
+    def set_goal(self, name, goal, now, frame=None):
+        """
+        Set the goal of a task.
+
+        Parameters
+        ----------
+        name : str
+            Task.
+        goal : array_like or dict
+            What the type of the task takes; see `tp_controller.tasks`.
+        now : float
+            [s]
+        frame : str or ndarray (4, 4), optional
+            Frame of the robot that the goal is expressed in, where it is now, or the pose
+            T_root_frame of a frame that is not on the robot; the task's reference frame by
+            default.
+
+        Raises
+        ------
+        GoalError
+            The task or frame is unknown, or the goal is not finite or has the wrong shape. The
+            goal before stays in force.
+
+        """
+        task = self._task(name)
+        goal = task.parse_goal(goal)
+        if frame is not None:
+            goal = task.goal_in_reference(goal, self._pose_in(task, frame))
+        self._announce_goal(task, now)
+        task.set_goal(goal, now)
+
+    def set_feed_forward(self, name, velocity, now, frame=None):
+        """
+        Set the feed-forward velocity of a task, in force until its timeout.
+
+        Parameters
+        ----------
+        name, now, frame
+            See `set_goal`.
+        velocity : array_like or dict
+            Twist (6,), linear then angular [m/s, rad/s], or joint velocities.
+
+        Raises
+        ------
+        GoalError
+            As `set_goal`.
+
+        """
+        task = self._task(name)
+        velocity = task.parse_feed_forward(velocity)
+        if frame is not None:
+            velocity = task.feed_forward_in_reference(velocity,
+                                                      self._pose_in(task, frame)[:3, :3])
+        self._announce_goal(task, now)
+        task.set_feed_forward(velocity, now)
+
+    def enable(self, name, enabled):
+        """
+        Take a task into the stack, or leave it out.
+
+        A task that comes back without a goal holds what it finds then.
+
+        Raises
+        ------
+        GoalError
+            There is no such task.
+
+        """
+        task = self._task(name)
+        if enabled == (name not in self.stack.disabled):
+            return
+        self._announce_stack()
+        if enabled:
+            task.release()
+            self._started = False
+        self.stack.enable(name, enabled)
+
+    def update(self, q, now, passive=None, elapsed=None):
+        """
+        Return the command at positions `q`.
+
+        Parameters
+        ----------
+        q : array_like (nq,)
+            Configuration: where the base is, if it moves, then positions of the driven joints
+            [rad or m].
+        now : float
+            [s]
+        passive : array_like (p,), optional
+            Positions of the passive joints [rad or m]; unchanged where left out.
+        elapsed : float, optional
+            Time since the last command, which acceleration limits count with, where another
+            clock than that of `now` is the robot's, as in a simulation [s].
+
+        Returns
+        -------
+        Command
+
+        Raises
+        ------
+        RobotError
+            `q` has the wrong shape, is not finite, or its quaternion is none.
+
+        """
+        if self._state is None:
+            self._state = self.robot.state(q, passive)
+        else:
+            self._state.update(q, passive)
+        state = self._state
+        state.velocity = self._velocity
+        if not self._started:
+            self.stack.start(state)
+            self._started = True
+        levels = self.stack.levels(state, now)
+        if self._last_update is None:
+            elapsed = self._settings.period
+        elif elapsed is None:
+            elapsed = now - self._last_update
+        self._held += SMOOTHING * (min(max(elapsed, 0.0), self._settings.period) - self._held)
+        self._solver.hold(self._held)
+        bounds = self._limits.at(state.positions, self._velocity, elapsed)
+
+        def solve(levels):
+            return self._solver.solve(levels, bounds.lower, bounds.upper, self._speed_cap)
+
+        solution, why = self._lead_over(state, now, levels, bounds, solve)
+        if solution is None:
+            solution = solve(levels)
+            way_out = self._escape.levels(solution, now, solve)
+            if way_out is not None:
+                solution, why = solution.moved_to(solve(way_out).velocity), 'leaving a singularity'
+        self._velocity, self._last_update = solution.velocity, now
+        return Command(solution.velocity, Report(self.robot, self.stack, bounds, solution, why))
+
+    def _lead_over(self, state, now, levels, bounds, solve):
+        """Return a solution that leads over from before a change, and why; None if need not."""
+        shared = self._transition.pending(state, now, levels)
+        if shared is not None:
+            self._escape.reset()
+        if self._last_update is None or not (shared is not None or self._transition.active(now)):
+            return None, ''
+        # Where it is to lead: acceleration limits only say how fast to get there.
+        aim = self._solver.solve(levels, *bounds.settled, self._speed_cap)
+        if shared is not None:
+            self._transition.begin(self._velocity - aim.velocity,
+                                   max(self._last_update, now - self._settings.period), shared)
+        eased = self._transition.levels(levels, aim.velocity, now)
+        if eased is None:
+            return None, ''
+        return aim.moved_to(solve(eased).velocity), 'taking over from what was before a change'
+
+    def _announce_stack(self):
+        """Tell the transition that the stack will change."""
+        if self._started:
+            self._transition.announce_stack(self.stack.active)
+        else:
+            # Its tasks may have no goals yet, so nothing can be said about its levels.
+            self._transition.announce(0)
+
+    def _announce_goal(self, task, now):
+        """Tell the transition that a task gets a goal."""
+        for index, group in enumerate(self.stack.active):
+            if task in group:
+                self._transition.announce_goal(task.name, index, now)
+
+    def _task(self, name):
+        """Return a task by name."""
+        if not isinstance(name, str) or name not in self.stack.tasks:
+            raise GoalError(unknown('task', name, self.stack.tasks))
+        return self.stack.tasks[name]
+
+    def goal_poses(self):
+        """
+        Return where the tasks about a frame want it to be.
+
+        Returns
+        -------
+        list of (str, ndarray (4, 4), ndarray (4, 4))
+            For each such task: its name, T_root_goal and T_root_frame.
+
+        """
+        if self._state is None:
+            return []
+        found = []
+        for group in self.stack.active:
+            for task in group:
+                # A task that has not started yet may have no goal.
+                T_reference_goal = None if task.goal is None else task.goal_pose(self._state)
+                if T_reference_goal is not None:
+                    found.append((task.name,
+                                  self._state.pose(task.reference).dot(T_reference_goal),
+                                  self._state.pose(task.frame)))
+        return found
+
+    def _pose_in(self, task, frame):
+        """Return T_reference_frame (4, 4), as the robot stands now."""
+        if task.reference is None:
+            raise GoalError(f'task {task.name!r} takes no frame')
+        if isinstance(frame, str) and frame not in self.robot.frame_names:
+            raise GoalError(unknown('frame', frame, self.robot.frame_names))
+        if isinstance(frame, str) and frame == task.reference:
+            return np.eye(4)
+        if self._state is None:
+            raise GoalError('a goal in another frame needs joint positions, '
+                            'and there were none yet')
+        T_root_frame = self._state.pose(frame) if isinstance(frame, str) else parse_pose(
+            frame, f'the frame of a goal for task {task.name!r}')
+        return inverse_pose(self._state.pose(task.reference)).dot(T_root_frame)

@@ -1,0 +1,131 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Settings of the controller, with defaults that are safe for a real arm."""
+
+from dataclasses import dataclass, field, fields
+import math
+
+import numpy as np
+from tp_controller.errors import SettingsError
+from tp_controller.solver.solve import METHODS, RANK_TOLERANCE, SCALINGS, Solver
+
+
+def _number(default, lower, upper, unit, description):
+    """Return a field with its range and description."""
+    return field(default=default, metadata={
+        'lower': lower, 'upper': upper, 'unit': unit, 'description': description})
+
+
+def _choice(default, valid, description):
+    """Return a field with its valid values and description."""
+    return field(default=default, metadata={
+        'valid': valid, 'unit': '', 'description': description})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """
+    Settings of a `Controller`; each field carries its unit, range and description.
+
+    Raises
+    ------
+    SettingsError
+        All that are out of range.
+
+    """
+
+    period: float = _number(
+        0.01, 1e-5, 1.0, 's', 'longest time between two commands; braking ahead of position '
+        'limits relies on it')
+    damping: float = _number(
+        0.1, 0.0, 10.0, '',
+        'damping λ of the task inverses, in the units of the Jacobian (0: undamped)')
+    singular_region: float = _number(
+        0.1, 0.0, math.inf, '', 'singular value below which a direction is damped (inf: all '
+        'directions are, which is damped least squares as in the lecture)')
+    braking_gain: float = _number(
+        10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; '
+        'at most 1/period')
+    release_region: float = _number(
+        0.02, 0.0, 10.0, '', 'singular value below which a direction is given up to the lower '
+        'tasks, smoothly, and wholly below a tenth of it (0: never)')
+    scaling: str = _choice(
+        'redistribute', SCALINGS, 'what is done where a velocity exceeds a limit: other joints '
+        'take over and lower tasks give way first, or all joints are slowed alike')
+    regularisation: float = _number(
+        0.05, 0.0, 10.0, '', 'scaling redistribute: what keeps the command from jumping between '
+        'equally good ones, in the units of the Jacobian (0: exact)')
+    reserve: float = _number(
+        0.4, 0.0, 1.0, '', 'scaling redistribute: share of its speed limit that the tasks below '
+        'the first level leave to it, of every joint with an acceleration limit')
+    blend: float = _number(
+        0.4, 0.0, 60.0, 's', 'time in which a change of the stack, a goal or a setting takes '
+        'over from what was before (0: at once)')
+    method: str = _choice(
+        'recursive', METHODS, 'sequential is for comparison only: lower tasks suffer')
+    rank_tolerance: float = _number(
+        RANK_TOLERANCE, 1e-14, 1e-3, '',
+        'singular values below this times the norm of the level count as zero')
+    weights: tuple = field(default=None, metadata={
+        'unit': '', 'description': 'cost of each velocity, those of a moving base before those '
+        'of the joints, all positive: the higher, the less it is used (empty: all equal)'})
+
+    def __post_init__(self):
+        """Check everything, and raise one error for all faults."""
+        faults = [fault for item in fields(self) for fault in self._faults(item)]
+        if not faults and self.braking_gain * self.period > 1.0 + 1e-12:
+            faults.append(f'braking_gain {self.braking_gain:g} must be at most 1/period = '
+                          f'{1.0 / self.period:g}, or position limits would be crossed')
+        if self.method == 'sequential' and self.scaling != 'uniform':
+            faults.append('method sequential goes with scaling uniform only')
+        if faults:
+            raise SettingsError(faults)
+
+    def solver(self, n):
+        """Return the `Solver` for a robot with n joints that these settings make."""
+        return Solver(
+            n, self.weights or None, damping=self.damping, scaling=self.scaling,
+            singular_region=self.singular_region, release_region=self.release_region,
+            regularisation=self.regularisation, period=self.period, method=self.method,
+            rank_tolerance=self.rank_tolerance)
+
+    def speed_cap(self, robot):
+        """
+        Return the speeds (n,) that levels below the first may use; None for all there are.
+
+        Only a joint that needs time to get faster has to be kept ready.
+        """
+        slow = np.isfinite(robot.acceleration)
+        if not slow.any():
+            return None
+        return np.where(slow, (1.0 - self.reserve) * robot.velocity, robot.velocity)
+
+    def _faults(self, item):
+        """Return what is wrong with one field."""
+        value = getattr(self, item.name)
+        if 'valid' in item.metadata:
+            if value not in item.metadata['valid']:
+                yield (f'{item.name} must be one of {", ".join(item.metadata["valid"])}, '
+                       f'not {value!r}')
+        elif 'lower' in item.metadata:
+            lower, upper = item.metadata['lower'], item.metadata['upper']
+            if isinstance(value, bool) or not isinstance(value, (int, float)) \
+                    or not lower <= value <= upper:
+                yield f'{item.name} must be a number from {lower:g} to {upper:g}, not {value!r}'
+        elif value is not None and not (
+                isinstance(value, (list, tuple)) and
+                all(isinstance(weight, (int, float)) and 0.0 < weight < math.inf
+                    for weight in value)):
+            yield f'{item.name} must be positive numbers, one for each joint, not {value!r}'

@@ -1,0 +1,152 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From one stack to another while the robot moves."""
+
+import numpy as np
+from tp_controller.solver.level import identity, Level
+from tp_controller.tasks.stack import levels_of
+
+
+class Transition:
+    """
+    Takes the jump out of a change of the stack, of a goal or of a setting.
+
+    What is about to change is announced, and taken account of in the next cycle.
+
+    At a change the velocity differs from the one before by an offset. The offset is added to the
+    new velocity and fades out; levels that old and new stack share are carried out exactly all
+    the same, because the faded velocity becomes the goal of a closing level below them. It is
+    solved within the same bounds.
+
+    Parameters
+    ----------
+    duration : float
+        Time until the offset has gone [s]; 0 lets changes act at once.
+
+    """
+
+    def __init__(self, duration):
+        self.duration = duration
+        self._offset = None
+        self._began = 0.0
+        self._shared = 0
+        self._announced = None
+        self._groups = None
+        self._goal_times = {}
+
+    def announce_stack(self, groups):
+        """Announce that the stack will not be these groups of tasks any more."""
+        if self._groups is None:
+            self._groups = groups
+
+    def announce(self, shared):
+        """Announce a change that leaves this many of the upper levels as they are."""
+        self._announced = shared if self._announced is None else min(shared, self._announced)
+
+    def announce_goal(self, name, level, now):
+        """
+        Announce a new goal, or feed-forward velocity, of a task on a level, from 0.
+
+        Goals that follow each other faster than changes fade out are the steps of one motion,
+        and fading would only make the robot lag behind it.
+        """
+        if not 0.0 <= now - self._goal_times.get(name, -np.inf) <= self.duration:
+            self.announce(level)
+        self._goal_times[name] = now
+
+    def pending(self, state, now, levels):
+        """
+        Return how many upper levels the announced changes leave as they are; None without any.
+
+        Parameters
+        ----------
+        state : RobotState
+            Where the robot is.
+        now : float
+            [s]
+        levels : list of Level
+            Of the new stack, at that state.
+
+        """
+        if self._groups is not None:
+            self.announce(shared_levels(levels_of(self._groups, state, now), levels))
+        shared, self._announced, self._groups = self._announced, None, None
+        return shared
+
+    def begin(self, offset, began, shared):
+        """
+        Let an offset fade out from now on, in place of one that still does.
+
+        Parameters
+        ----------
+        offset : ndarray (n,)
+            Velocity before the change − velocity after it.
+        began : float
+            Time of the velocity before [s].
+        shared : int
+            How many of the upper levels the change leaves as they are.
+
+        """
+        self._shared = min(shared, self._shared) if self.active(began) else shared
+        self._offset, self._began = offset, began
+
+    def active(self, now):
+        """Return whether an offset still fades out."""
+        return self._offset is not None and 0.0 <= now - self._began < self.duration
+
+    def levels(self, levels, velocity, now):
+        """
+        Return the levels that lead over to `velocity`; None where nothing fades out any more.
+
+        Parameters
+        ----------
+        levels : list of Level
+            Of the new stack.
+        velocity : ndarray (n,)
+            That carries them out.
+        now : float
+            [s]
+
+        """
+        if not self.active(now):
+            return None
+        share = (now - self._began) / self.duration
+        left = 1.0 - share * share * (3.0 - 2.0 * share)
+        return kept_above(levels, self._shared) + [
+            Level(identity(len(velocity)), velocity + left * self._offset)]
+
+
+def kept_above(levels, count):
+    """
+    Return the first `count` levels, and the bounds that follow them at once.
+
+    Bounds hold as soon as they are in the stack, they are there for safety. Those farther down
+    stand below tasks, which must not be disturbed by them.
+    """
+    while count < len(levels) and levels[count].v is None:
+        count += 1
+    return levels[:count]
+
+
+def shared_levels(before, after):
+    """Return how many of the upper levels of two stacks are the same."""
+    count = 0
+    for old, new in zip(before, after):
+        if old.mode != new.mode or not all(
+                np.array_equal(getattr(old, name), getattr(new, name))
+                for name in ('J', 'v', 'lower', 'upper')):
+            break
+        count += 1
+    return count

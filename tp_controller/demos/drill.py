@@ -1,0 +1,186 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""
+``tp_controller demo drill``: five rows of drilling above all that a redundant arm does besides.
+
+The tip of a 7-DoF arm follows a target that moves and turns; the turn about the drill is free.
+What is left keeps markers on the hand in the view of a camera, keeps away from singularities
+and from the ends of the joints, in that order, and gives way where it has to.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
+from tp_controller.demos.outcome import Outcome, Row, tell
+from tp_controller.demos.plots import animate_arm, plot_bounds
+from tp_controller.resources import package_share
+
+PERIOD = 0.01
+DURATION = 40.0
+START = (0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.785)
+TOOL = 'panda_hand_tcp'
+# The target goes round in this time [s]; from then on, at the latest, the drill has caught up.
+ROUND = 20.0
+SETTLED = 3.0
+# What the first level may be off [mm, °].
+TIP, AXIS = 0.5, 0.5
+LOWER = {'markers': 'angle between marker and camera [rad]',
+         'mobile': 'manipulability, share of its minimum [1]',
+         'room': 'joint nearest to its limit: distance [rad]'}
+
+
+def drill(folder):
+    """Run the demonstration, print its outcome, and return whether it is as it should be."""
+    return tell(run_drill(folder))
+
+
+def target(now):
+    """Return where the tip (3,) [m] and the drill (3,), a unit vector, are to be at a time [s]."""
+    turn = 2.0 * np.pi * now / ROUND
+    tip = np.array([0.5 + 0.12 * np.sin(turn), 0.35 * np.sin(2.0 * turn),
+                    0.3 + 0.12 * np.cos(turn)])
+    axis = np.array([0.35 * np.sin(turn + 0.5), 0.5 * np.sin(2.0 * turn), -1.0])
+    return tip, axis / np.linalg.norm(axis)
+
+
+class Recording:
+    """
+    What happened, one sample for each period.
+
+    Attributes
+    ----------
+    robot : Robot
+    stack : Stack
+    times : ndarray (T,)
+        [s]
+    q, velocities : ndarray (T, n)
+        Positions [rad] and commands [rad/s].
+    tips : ndarray (T, 3)
+        Where the tip was to be [m].
+    tip, axis : ndarray (T,)
+        How far tip [mm] and drill [°] were off.
+    values : dict
+        {task below: ndarray (T,)}, as `LOWER` says.
+    outside : dict
+        {task below: ndarray (T,)}, how far outside of its bounds it was.
+
+    """
+
+    def __init__(self, duration=DURATION):
+        config = package_share() / 'config'
+        self.robot = robot = Robot.from_file(config / 'robots' / 'panda.yaml')
+        self.stack = Stack.from_yaml(config / 'drill_stack.yaml', robot)
+        controller = Controller(robot, self.stack, Settings(period=PERIOD))
+        simulator = KinematicSimulator(robot, START)
+        rows = []
+        for step in range(round(duration / PERIOD)):
+            now = step * PERIOD
+            wanted = _follow(controller, now)
+            command = controller.update(simulator.q, now)
+            rows.append((now, simulator.q, command.velocity, wanted[0],
+                         *self._measure(robot.state(simulator.q), *wanted),
+                         [task.errors[0][0] for task in command.report.tasks[2:5]]))
+            simulator.command(command.velocity)
+            simulator.step(PERIOD)
+        (self.times, self.q, self.velocities, self.tips, self.tip, self.axis, values,
+         outside) = map(np.array, zip(*rows))
+        self.values, self.outside = dict(zip(LOWER, values.T)), dict(zip(LOWER, outside.T))
+
+    def _measure(self, state, tip, axis):
+        """Return how far tip [mm] and drill [°] are off, and the values of the tasks below."""
+        shown = state.rotation(TOOL)[:, 2]
+        tasks = self.stack.tasks
+        room = np.minimum(state.q - self.robot.lower, self.robot.upper - state.q).min()
+        return (1e3 * np.linalg.norm(state.position(TOOL) - tip),
+                np.degrees(np.arctan2(np.linalg.norm(np.cross(shown, axis)), shown.dot(axis))),
+                [tasks['markers'].value(state)[0], tasks['mobile'].value(state)[0], room])
+
+
+def run_drill(folder):
+    """
+    Run the demonstration.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        Where the figures are written.
+
+    Returns
+    -------
+    Outcome
+
+    """
+    motion = Recording()
+    settled = motion.times >= SETTLED
+    share = 100.0 * np.abs(motion.velocities / motion.robot.velocity).max()
+    beyond = np.maximum(motion.robot.lower - motion.q, motion.q - motion.robot.upper).max()
+    rows = (
+        Row(f'tip, largest error from {SETTLED:.0f} s on', 'mm', motion.tip[settled].max(), TIP,
+            0.0, bound=True),
+        Row(f'drill, largest error from {SETTLED:.0f} s on', '°', motion.axis[settled].max(),
+            AXIS, 0.0, bound=True),
+        Row('joint speed, share of the limit', '%', share, 100.0, 0.0, bound=True),
+        Row('beyond a position limit', 'rad', beyond, 0.0, 0.0, bound=True))
+    return Outcome('Drilling along a moving target, and what is done besides', rows,
+                   tuple(_given_up(motion)), tuple(_figures(Path(folder), motion)))
+
+
+def _follow(controller, now):
+    """Set the target of a moment, and how it moves; return it."""
+    tip, axis = target(now)
+    next_tip, next_axis = target(now + PERIOD)
+    controller.set_goal('tip', tip, now)
+    controller.set_feed_forward('tip', (next_tip - tip) / PERIOD, now)
+    controller.set_goal('drill', axis, now)
+    controller.set_feed_forward('drill', np.cross(axis, next_axis - axis) / PERIOD, now)
+    return tip, axis
+
+
+def _given_up(motion):
+    """Yield lines that say when a task below was outside of its bounds, and how far."""
+    yield ''
+    yield 'What the tasks below had to give up:'
+    for name, task in list(motion.stack.tasks.items())[2:5]:
+        (_, unit, tolerance), = task.groups
+        outside = motion.outside[name]
+        for first, last in _spells(outside > tolerance):
+            yield (f'  {name:<8} {motion.times[first]:5.1f} s to {motion.times[last]:5.1f} s, '
+                   f'by {outside[first:last + 1].max():.3f} {unit}')
+    yield ''
+
+
+def _spells(holds):
+    """Return (first, last) of every unbroken row of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], holds, [False])).astype(int)))
+    return [(first, last - 1) for first, last in zip(edges[::2], edges[1::2])]
+
+
+def _figures(folder, motion):
+    """Write the figures and yield their paths."""
+    tasks, nothing = motion.stack.tasks, -np.inf
+    settled = motion.times >= SETTLED
+    yield plot_bounds(
+        folder / 'drill.png', motion.times[settled],
+        [(label, values[settled], lower, upper) for label, values, lower, upper in (
+            ('tip off by [mm]', motion.tip, nothing, TIP),
+            ('drill off by [°]', motion.axis, nothing, AXIS),
+            (LOWER['markers'], motion.values['markers'], nothing, tasks['markers'].upper),
+            (LOWER['mobile'], motion.values['mobile'], 1.0, np.inf),
+            (LOWER['room'], motion.values['room'], tasks['room'].margin, np.inf))],
+        title='Drilling > markers in view > away from singularities > room for the joints')
+    yield animate_arm(folder / 'drill.gif', motion.robot, motion.q, motion.times,
+                      frames=[TOOL], goals=motion.tips, title='Drilling along a moving target')

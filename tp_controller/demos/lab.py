@@ -1,0 +1,290 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The two exercises of the lab: the planar arm with three joints, at 60 Hz in simulated time.
+
+The settings are the lab's: gain 1, start at q = [0, 0.6, 0.3], in exercise 2 damped least squares
+with λ = 0.1 and joint speeds of at most 1 rad/s. What is measured is printed beside what it
+should be.
+"""
+
+from dataclasses import dataclass
+import math
+from pathlib import Path
+
+import numpy as np
+from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
+from tp_controller.demos.outcome import Outcome, Row, tell
+from tp_controller.demos.plots import animate_arm, plot_errors, plot_positions, plot_velocities
+from tp_controller.resources import package_share
+
+PERIOD = 1.0 / 60.0
+START = (0.0, 0.6, 0.3)
+TOOL = 'link3'
+GOAL_TIME = 10.0
+GOALS = 6
+# End-effector goals [m]: the first cannot be reached with joint 1 at zero, the second can.
+CONFLICT, COMPATIBLE = (0.5, 1.2), (0.75, 0.9)
+ORDERS = {'end-effector first': 'lab2_end_effector_first', 'joint 1 first': 'lab2_joint_first'}
+# The lecture scales uniformly, gives nothing up near singularities, and its commands jump.
+LECTURE = {'scaling': 'uniform', 'release_region': 0.0, 'blend': 0.0}
+LECTURE_DAMPING = Settings(period=PERIOD, damping=0.1, singular_region=math.inf, **LECTURE)
+UNDAMPED = Settings(period=PERIOD, damping=0.0, **LECTURE)
+# Of exercise 1 after 10 s at 60 Hz, from a program that was written apart from this one. The
+# motion is a property of the step length: at 1 kHz the end-effector error is 0.1 mm.
+REFERENCE_ERROR = 1.733e-3
+REFERENCE_Q = (0.74633, -0.21186, -0.71626)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """
+    A motion; one sample for each period, the start and the end included.
+
+    Attributes
+    ----------
+    robot : Robot
+    times : ndarray (T,)
+        [s]
+    q, velocities : ndarray (T, n)
+        Positions [rad], and the commands given there [rad/s].
+    tool, goals : ndarray (T, 3)
+        The end-effector and its goal [m].
+    errors : dict
+        {task: ndarray (T,)}, the norms that the report states.
+
+    """
+
+    robot: Robot
+    times: np.ndarray
+    q: np.ndarray
+    velocities: np.ndarray
+    tool: np.ndarray
+    goals: np.ndarray
+    errors: dict
+
+    @property
+    def top_speed(self):
+        """Return the largest absolute joint velocity [rad/s]."""
+        return float(np.abs(self.velocities).max())
+
+
+def lab1(folder):
+    """Run exercise 1, print its outcome, and return whether it came out as it should."""
+    return tell(run_lab1(folder))
+
+
+def lab2(folder, seed=1):
+    """Run exercise 2, print its outcome, and return whether it came out as it should."""
+    return tell(run_lab2(folder, seed))
+
+
+def run_lab1(folder):
+    """
+    Run exercise 1: motion in the null space, with the end-effector held where it is.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        Where the figures are written.
+
+    Returns
+    -------
+    Outcome
+
+    """
+    motion = null_space_motion()
+    limits = motion.robot.velocity
+    rows = [
+        Row('end-effector error, largest', 'mm', 1e3 * motion.errors['end_effector'].max(),
+            1e3 * REFERENCE_ERROR, 1e-3),
+        *(Row(f'{name} after {motion.times[-1]:.0f} s', 'rad', measured, reference, 2e-5)
+          for name, measured, reference in zip(motion.robot.joint_names, motion.q[-1],
+                                               REFERENCE_Q)),
+        Row('joint speed, largest', 'rad/s', motion.top_speed, limits.min(), 0.0, bound=True)]
+    error = ('end-effector', 'mm', 1e3 * motion.errors['end_effector'])
+    folder = Path(folder)
+    paths = (
+        animate_arm(folder / 'lab1.gif', motion.robot, motion.q, motion.times,
+                    goals=motion.goals, title='Null-space motion'),
+        plot_positions(folder / 'lab1_positions.png', motion.times, motion.q,
+                       motion.robot.joint_names, title='Null-space motion: joint positions'),
+        plot_errors(folder / 'lab1_error.png', motion.times, [error],
+                    title='Null-space motion: how far the end-effector drifts'))
+    return Outcome('Exercise 1: end-effector held, y(t) = [sin t, cos t, sin t] below it',
+                   tuple(rows), (), paths)
+
+
+def run_lab2(folder, seed=1):
+    """
+    Run exercise 2: end-effector and joint 1 position, in both orders of priority.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        Where the figures are written.
+    seed : int
+        Of the random end-effector goals.
+
+    Returns
+    -------
+    Outcome
+
+    """
+    rows = [row for goal in (CONFLICT, COMPATIBLE) for row in _two_task_rows(goal)]
+    goals = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(GOALS, 2))
+    motions = {order: two_tasks(order, goals) for order in ORDERS}
+    for order, motion in motions.items():
+        rows.append(Row(f'random goals, {order}: joint speed', 'rad/s', motion.top_speed,
+                        motion.robot.velocity.min(), 0.0, bound=True))
+    rows.append(Row('random goals, joint 1 first: joint 1', 'rad',
+                    motions['joint 1 first'].errors['joint1'].max(), 0.0, 1e-9))
+    title = 'Exercise 2: end-effector position and joint 1 position, in both orders'
+    return Outcome(title, tuple(rows), tuple(_goal_lines(goals, motions)),
+                   tuple(_two_task_figures(Path(folder), motions)))
+
+
+def null_space_motion(duration=10.0):
+    """Return the `Recording` of exercise 1."""
+    def goal(controller, now):
+        controller.set_goal('null_space_motion', [math.sin(now), math.cos(now), math.sin(now)],
+                            now)
+
+    return _record('lab1', UNDAMPED, duration, goal)
+
+
+def two_tasks(order, goals, goal_time=GOAL_TIME):
+    """
+    Return the `Recording` of exercise 2.
+
+    Parameters
+    ----------
+    order : str
+        One of `ORDERS`.
+    goals : array_like (k, 2)
+        Goals of the end-effector, one after the other [m].
+    goal_time : float
+        How long each is in force [s].
+
+    Returns
+    -------
+    Recording
+
+    """
+    steps = round(goal_time / PERIOD)
+
+    def goal(controller, now):
+        step = round(now / PERIOD)
+        if step % steps == 0 and step < steps * len(goals):
+            controller.set_goal('end_effector', [*goals[step // steps], 0.0], now)
+
+    return _record(ORDERS[order], LECTURE_DAMPING, goal_time * len(goals), goal)
+
+
+def best_joint1(goal):
+    """
+    Return the least |q₁| with which the end-effector can be at a goal [rad].
+
+    Joints 2 and 3 carry it to any point within a disc around joint 2. Where the goal is not in
+    the disc for q₁ = 0, the least turn stretches the arm: cosine law with sides a₁, |goal| and
+    a₂ + a₃. The goal must be one that the robot can reach.
+    """
+    if best_error(goal) == 0.0:
+        return 0.0
+    upper_arm, reach, distance = 0.75, 1.0, math.hypot(*goal)
+    cosine = (upper_arm ** 2 + distance ** 2 - reach ** 2) / (2.0 * upper_arm * distance)
+    return abs(math.atan2(goal[1], goal[0])) - math.acos(cosine)
+
+
+def best_error(goal):
+    """Return the least end-effector error with joint 1 at zero [m]."""
+    return max(math.hypot(goal[0] - 0.75, goal[1]) - 1.0, 0.0)
+
+
+def _record(stack, settings, duration, set_goals):
+    """Run a stack on the simulated robot; `set_goals(controller, now)` is called every cycle."""
+    config = package_share() / 'config'
+    robot = Robot.from_file(config / 'robots' / 'planar_3r.yaml')
+    controller = Controller(robot, Stack.from_yaml(config / f'{stack}.yaml', robot), settings)
+    simulator = KinematicSimulator(robot, START)
+    state = robot.state(START)
+    rows = []
+    for step in range(round(duration / PERIOD) + 1):
+        now = step * PERIOD
+        set_goals(controller, now)
+        command = controller.update(simulator.q, now)
+        state.update(simulator.q)
+        goal = controller.stack.tasks['end_effector'].goal
+        rows.append((now, simulator.q, command.velocity, state.position(TOOL), goal,
+                     [task.errors[0][0] for task in command.report.tasks]))
+        simulator.command(command.velocity)
+        simulator.step(PERIOD)
+    *columns, errors = map(np.array, zip(*rows))
+    names = [task.name for task in command.report.tasks]
+    return Recording(robot, *columns, dict(zip(names, errors.T)))
+
+
+def _two_task_rows(goal):
+    """Return the rows of one goal, in force for 10 s, in both orders."""
+    where = f'goal ({goal[0]:g}, {goal[1]:g})'
+    best = {'end-effector first': (0.0, best_joint1(goal)),
+            'joint 1 first': (best_error(goal), 0.0)}
+    for order, (error, joint1) in best.items():
+        motion = two_tasks(order, [goal])
+        yield Row(f'{where}, {order}: end-effector', 'mm',
+                  1e3 * motion.errors['end_effector'][-1], 1e3 * error, 0.1)
+        yield Row(f'{where}, {order}: joint 1', 'rad', motion.errors['joint1'][-1], joint1, 2e-4)
+
+
+def _goal_lines(goals, motions):
+    """Return a table of the errors that were left when each random goal was replaced."""
+    first, second = motions.values()
+    yield ''
+    yield ('Random goals: errors after 10 s, and what is possible at best with '
+           'joint 1 at zero')
+    yield (f'{"goal [m]":<18} {"end-effector first":^24}   {"joint 1 first":^24}   '
+           f'{"possible":>8}')
+    yield f'{"":<18} {"mm":>11} {"joint 1 rad":>12}   {"mm":>11} {"joint 1 rad":>12}   {"mm":>8}'
+    steps = round(GOAL_TIME / PERIOD)
+    for index, goal in enumerate(goals):
+        # The sample at the change itself has the new goal already.
+        last = (index + 1) * steps - 1
+        cells = [f'{1e3 * motion.errors["end_effector"][last]:>11.2f} '
+                 f'{motion.errors["joint1"][last]:>12.5f}' for motion in (first, second)]
+        yield (f'({goal[0]:6.3f}, {goal[1]:6.3f})   {cells[0]}   {cells[1]}   '
+               f'{1e3 * best_error(goal):>8.2f}')
+    yield ''
+
+
+def _two_task_figures(folder, motions):
+    """Write the figures of exercise 2 and return their paths."""
+    changes = GOAL_TIME * np.arange(1, GOALS)
+    for order, motion in motions.items():
+        name = ORDERS[order]
+        caption = order[0].upper() + order[1:]
+        names, times = motion.robot.joint_names, motion.times
+        yield animate_arm(folder / f'{name}.gif', motion.robot, motion.q, times,
+                          goals=motion.goals, title=caption)
+        yield plot_positions(folder / f'{name}_positions.png', times, motion.q, names,
+                             title=f'{caption}: joint positions', changes=changes)
+        yield plot_velocities(folder / f'{name}_velocities.png', times, motion.velocities,
+                              motion.robot.velocity, names,
+                              title=f'{caption}: joint velocities', changes=changes)
+    yield plot_errors(
+        folder / 'lab2_errors.png', times,
+        [(order, unit, motion.errors[task]) for task, unit in (('end_effector', 'm'),
+                                                               ('joint1', 'rad'))
+         for order, motion in motions.items()],
+        title='Error of the end-effector (top) and of joint 1 (bottom)', changes=changes)

@@ -1,0 +1,333 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tp_controller demo``: robots carry out stacks of tasks, through real topics."""
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import zip_longest
+import os
+import time
+
+import numpy as np
+from tp_controller.demos.outlines import outline
+from tp_controller.demos.plots import animate_arm, plot_errors, plot_tool_path, plot_velocities
+from tp_controller.demos.processes import ended_by_sigterm, NodeProcess, own_domain
+from tp_controller.errors import TpControllerError
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
+from tp_controller.resources import load_yaml, package_share
+from tp_controller.tasks.stack import Stack
+
+# Discovery mostly takes less than 50 ms, now and then 3 s.
+START_SECONDS = 20.0
+GOAL_SECONDS = 20.0
+# A goal is looked at a little longer than it takes to reach it.
+LINGER_SECONDS = 0.5
+PROGRESS_SECONDS = 1.0
+# A velocity has to be repeated, or it times out.
+REPEAT_SECONDS = 0.1
+# Errors in units that suit their size.
+SHOWN = {'m': '{:8.2f} mm', 'rad': '{:6.2f}°', 'm/s': '{:8.2f} mm/s'}
+FACTORS = {'m': 1e3, 'rad': np.degrees(1.0), 'm/s': 1e3}
+DONE = ('reached', 'kept')
+
+
+@dataclass(frozen=True)
+class Demo:
+    """
+    A robot that carries out a stack of tasks, and what of it is drawn.
+
+    Attributes
+    ----------
+    files : str
+        Start of the names in config/: ``<files>.yaml`` holds the parameters of both nodes,
+        ``<files>_stack.yaml`` the tasks and ``<files>_goals.yaml`` what is asked for.
+    title : str
+        Of the film.
+    leader : str
+        Task whose goals and frame are drawn.
+    frames : tuple of str
+        Other frames whose path is drawn.
+    held : tuple of (str, str)
+        Pairs of frames that hold one thing.
+
+    """
+
+    files: str
+    title: str
+    leader: str
+    frames: tuple = ()
+    held: tuple = ()
+
+    def file(self, ending):
+        """Return the path of a file, by the ending of its name."""
+        return package_share() / 'config' / f'{self.files}{ending}.yaml'
+
+    @cached_property
+    def robot(self):
+        """Return the robot as the nodes are told to have it, limits included."""
+        simulator, controller = (load_yaml(self.file('').read_text())[node]['ros__parameters']
+                                 for node in ('tp_simulator', 'tp_controller'))
+        return Robot.from_file(simulator['robot'], base=simulator.get('base', 'fixed'),
+                               limits=controller.get('limits'))
+
+    @cached_property
+    def stack(self):
+        """Return the stack."""
+        return Stack.from_yaml(self.file('_stack'), self.robot)
+
+    @cached_property
+    def steps(self):
+        """Return the goals, those that are sent at once in one tuple."""
+        return [tuple(step) if isinstance(step, list) else (step,)
+                for step in load_yaml(self.file('_goals').read_text())]
+
+
+DEMOS = {
+    'panda': Demo('demo', 'Panda: tool, elbow, posture', 'tool'),
+    'mobile': Demo('mobile', 'A tray, level, through a room', 'tray', ('base_link',)),
+    'underwater': Demo('underwater', 'Underwater: tool, view, vehicle', 'tool', ('vehicle',)),
+    'two_arms': Demo('two_arms', 'Two hands carry one thing', 'carry', ('right_hand',),
+                     (('left_hand', 'right_hand'),)),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of one task under one goal."""
+
+    goal: str
+    task: str
+    error: str
+    status: str
+    asked: bool
+    reason: str
+
+    @property
+    def reached(self):
+        """Return whether the task has what it wants."""
+        return self.status in DONE
+
+    def __str__(self):
+        """Return a line of the table."""
+        outcome = self.status if self.reached else self.reason or 'moving'
+        if self.asked and not self.reached:
+            outcome = f'not reached: {self.reason or "out of time"}'
+        mark = '>' if self.asked else ' '
+        return f'{self.goal:<42} {mark} {self.task:<8} {self.error:<24} {outcome}'
+
+
+def run_demo(demo, folder):
+    """
+    Run a demo, print its table and write its figures.
+
+    Parameters
+    ----------
+    demo : Demo
+        One of `DEMOS`.
+    folder : pathlib.Path
+        Where figures and logs go.
+
+    Returns
+    -------
+    bool
+        Whether every goal was reached, within the limits.
+
+    """
+    arguments = ['--params-file', str(demo.file(''))]
+    with ExitStack() as stack:
+        all_started = stack.enter_context(ended_by_sigterm())
+        environment = stack.enter_context(own_domain())
+        # The client lives in this process, which has to be in the same domain.
+        os.environ.update(environment)
+        nodes = [stack.enter_context(NodeProcess(name, arguments, environment,
+                                                 folder / f'{name}.log'))
+                 for name in ('simulator_node', 'controller_node')]
+        all_started()
+        from tp_controller.nodes.client import Client, Recorder
+        client = stack.enter_context(Client())
+        recorder = Recorder(client, demo.robot)
+        _wait_until_running(client, recorder, nodes)
+        print(demo.file('_stack').read_text())
+        client.wait(lambda: False, LINGER_SECONDS)
+        rows, changes = [], []
+        for number, step in enumerate(demo.steps, 1):
+            changes.append(recorder.now())
+            rows.extend(_carry_out(client, nodes, step, number))
+    print(f'\n{"goal":<42} {"  task":<10} {"error":<24} outcome')
+    print('\n'.join(map(str, rows)))
+    print('\n> marks the task the goal was for; the others go on with their own, as far as the '
+          'tasks above let them.')
+    within = _check_limits(demo.robot, recorder)
+    print('\nWritten:')
+    for path in _figures(folder, demo, recorder, changes):
+        print(f'  {path}', flush=True)
+    return within and all(row.reached for row in rows if row.asked)
+
+
+def goal_fields(goal):
+    """
+    Return what of a goal in a file goes into its message.
+
+    Parameters
+    ----------
+    goal : dict
+        With ``xyz`` [m], ``rpy`` [rad], ``linear`` [m/s] or ``angular`` [rad/s].
+
+    Returns
+    -------
+    dict
+        As `tp_controller.nodes.client.Client.send` takes it.
+
+    """
+    fields = {key: goal[key] for key in ('xyz', 'linear', 'angular') if key in goal}
+    if 'rpy' in goal:
+        fields['quat_xyzw'] = quaternion_from_rotation(rotation_from_rpy(*goal['rpy']))
+    return fields
+
+
+def _wait_until_running(client, recorder, nodes):
+    """Wait for the first commands, until everything that is recorded comes in."""
+    def ready():
+        _check_alive(nodes)
+        return recorder.hears() and not client.hold() and client.tasks()
+
+    if not client.wait(ready, START_SECONDS):
+        raise TpControllerError(f'the controller did not start: {client.hold()}\n'
+                                + '\n'.join(node.output() for node in nodes))
+
+
+def _check_alive(nodes):
+    """Raise with the output of a node that ended."""
+    for node in nodes:
+        if not node.running():
+            raise TpControllerError(f'a node ended:\n{node.output()}')
+
+
+def _carry_out(client, nodes, step, number):
+    """Send goals, show the progress, and return a row for every task."""
+    titles = {goal['task']: f'{number} {goal["say"]}' for goal in step}
+    for goal in step:
+        client.send(goal['task'], **goal_fields(goal))
+    lasts = max(goal.get('for', 0.0) for goal in step)
+    began = time.monotonic()
+    shown, sent = 0.0, began
+
+    def reached():
+        nonlocal shown, sent
+        _check_alive(nodes)
+        now = time.monotonic()
+        if lasts and now - sent > REPEAT_SECONDS:
+            sent = now
+            client.repeat()
+        if now - shown > PROGRESS_SECONDS:
+            shown = now
+            for task, title in titles.items():
+                print(f'{title:<42}   {task:<8} {_errors(client.task_status(task)):<24} '
+                      f'{now - began:4.1f} s', flush=True)
+        return now - began >= lasts and all(
+            client.task_status(task)['status'] == 'reached' for task in titles)
+
+    client.wait(reached, GOAL_SECONDS)
+    # Asked all the same, or a velocity would not be repeated.
+    client.wait(lambda: reached() and False, LINGER_SECONDS)
+    return [_row(client, title, task, task in titles) for task, title in zip_longest(
+        client.task_names(), titles.values(), fillvalue='')]
+
+
+def _row(client, title, task, asked):
+    """Return the row of a task."""
+    status = client.task_status(task)
+    return Row(title, task, _errors(status), status['status'], asked, status['reason'])
+
+
+def _errors(status):
+    """Return the errors of a task, with units that suit their size."""
+    parts = []
+    for key, value in status.items():
+        unit = key.removeprefix('error [').removesuffix(']')
+        if key.startswith('error [') and unit in SHOWN:
+            parts.append(SHOWN[unit].format(FACTORS[unit] * float(value)))
+    return ', '.join(parts)
+
+
+def _check_limits(robot, recorder):
+    """Say how much of the limits was used; return whether none was exceeded."""
+    velocities = np.array([command for _, command in recorder.commands])
+    positions = np.array([robot.positions(q) for _, q in recorder.states])
+    shares = (np.abs(velocities) / robot.velocity).max(axis=0)
+    margins = np.minimum(positions - robot.lower, robot.upper - positions).min(axis=0)
+    nearest, base = margins.argmin(), shares[:robot.joint_columns.start]
+    of_base = f' ({100.0 * base.max():.0f} % of one of the base)' if robot.moves else ''
+    print(f'\n{len(velocities)} commands, {len(positions)} joint states: at most '
+          f'{100.0 * shares.max():.0f} % of a velocity limit{of_base}, never nearer than '
+          f'{margins[nearest]:.3f} {robot.velocity_units[nearest]} to a position limit')
+    return bool(shares.max() <= 1.0 and margins[nearest] >= 0.0)
+
+
+def _figures(folder, demo, recorder, changes):
+    """Write the figures and yield their paths."""
+    robot, leader = demo.robot, demo.stack.tasks[demo.leader]
+    # Time zero is the first goal; a little of the rest before it is shown, too.
+    recorder.cut(changes[0] - LINGER_SECONDS, changes[0])
+    changes = np.array(changes) - changes[0]
+    times, q = (np.array(column) for column in zip(*recorder.states))
+    command_times, velocities = (np.array(column) for column in zip(*recorder.commands))
+    yield plot_errors(folder / 'errors.png', *_error_curves(recorder), title='Task errors',
+                      changes=changes, log=True)
+    yield plot_velocities(folder / 'velocities.png', command_times, velocities, robot.velocity,
+                          robot.velocity_names, units=robot.velocity_units, changes=changes,
+                          title='Velocities of base and joints' if robot.moves
+                          else 'Joint velocities')
+    state = robot.state(q[0])
+    path = []
+    for configuration in q:
+        state.update(configuration)
+        path.append(state.position(leader.frame))
+    goals = [(change, goal['xyz']) for step, change in zip(demo.steps, changes)
+             for goal in step if goal['task'] == demo.leader]
+    yield plot_tool_path(folder / 'tool_path.png', np.array(path),
+                         np.array([goal for _, goal in goals]), times=times)
+    yield animate_arm(folder / 'arm.gif', robot, q, times, frames=[leader.frame, *demo.frames],
+                      goals=_goals_over_time(times, goals, path[0]), title=demo.title,
+                      held=demo.held, around=list(_around(demo.stack, robot.root)))
+
+
+def _error_curves(recorder):
+    """Return times (T,) and (task, unit, errors (T,)) of all that are not zero throughout."""
+    times = np.array([moment for moment, errors in recorder.errors if errors])
+    kept = [errors for _, errors in recorder.errors if errors]
+    curves = [(task, unit, np.array([errors.get((task, unit), np.nan) for errors in kept]))
+              for task, unit in kept[0] if unit in ('m', 'rad')]
+    return times, [curve for curve in curves if np.nanmax(curve[2]) > 0.0]
+
+
+def _goals_over_time(times, goals, start):
+    """Return the goal in force at each time (T, 3); where it started before the first."""
+    current = np.tile(start, (len(times), 1))
+    for change, goal in goals:
+        current[times >= change] = goal
+    return current
+
+
+def _around(stack, root):
+    """Yield the outlines of what the stack says stands around."""
+    for task in stack.tasks.values():
+        if getattr(task, 'reference', '') == root:
+            if hasattr(task, 'shape'):
+                yield outline(task.shape, task.goal)
+            for obstacle in getattr(task, 'obstacles', {}).values():
+                yield outline(obstacle.shape, obstacle.pose)

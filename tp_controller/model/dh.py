@@ -1,0 +1,249 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Denavit-Hartenberg tables, turned into URDF.
+
+Writing a URDF keeps a single way into the robot model, and gives a DH robot what every other ROS
+tool wants: a ``robot_description``.
+"""
+
+import math
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from tp_controller.errors import RobotError, unknown
+from tp_controller.model.urdf import UNLIMITED
+from tp_controller.resources import load_yaml, read_source
+
+CONVENTIONS = ('standard', 'modified')
+JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
+TABLE_KEYS = ('name', 'convention', 'root', 'joints', 'frames')
+JOINT_KEYS = ('name', 'a', 'alpha', 'd', 'theta', 'type', 'lower', 'upper', 'velocity',
+              'acceleration', 'link')
+FRAME_KEYS = ('name', 'parent', 'xyz', 'rpy')
+LINK_RADIUS = 0.03
+
+
+def urdf_from_dh(table, convention=None):
+    """
+    Return the URDF of a DH table.
+
+    With ``standard`` (the lab's) the transform of row i is Rz(θ) Tz(d) Tx(a) Rx(α), with
+    ``modified`` (Craig's) it is Rx(α) Tx(a) Rz(θ) Tz(d). The joint variable is added to θ for a
+    revolute and to d for a prismatic joint.
+
+    Parameters
+    ----------
+    table : list, dict, str or pathlib.Path
+        Rows ``{name, a, alpha, d, theta, type, lower, upper, velocity, acceleration, link}`` with
+        lengths in metres, angles in radians and seconds; only `name` is needed, `link` names
+        the frame after the joint (default ``link1``, ``link2`` …). Or a mapping ``{name,
+        convention, root, joints: rows, frames: [{name, parent, xyz, rpy}]}``; or one of these as
+        YAML text or file.
+    convention : str, optional
+        ``standard`` (default) or ``modified``; goes before the one in the table.
+
+    Returns
+    -------
+    str
+        URDF text.
+
+    Raises
+    ------
+    RobotError
+        Names the row and key that is wrong, and what is valid.
+
+    """
+    table = _load(table)
+    convention = convention or table.get('convention', 'standard')
+    if convention not in CONVENTIONS:
+        raise RobotError(unknown('DH convention', convention, CONVENTIONS))
+    root = table.get('root', 'base_link')
+    links, joints = [root], []
+    visuals = {}
+    parent = root
+    for number, row in enumerate(_rows(table, 'joints', JOINT_KEYS), start=1):
+        joint = _joint_row(row, number)
+        before, after = _transforms(joint, convention)
+        link = joint['link']
+        moved = link if after is None else f'{link}_axis'
+        joints.append(_moving_joint(joint, parent, moved, before))
+        visuals.setdefault(parent, []).append(before[0])
+        links.append(moved)
+        if after is not None:
+            joints.append(_fixed_joint(link, moved, after))
+            visuals.setdefault(moved, []).append(after[0])
+            links.append(link)
+        parent = link
+    for row in _rows(table, 'frames', FRAME_KEYS):
+        frame = _frame_row(row, links)
+        joints.append(_fixed_joint(frame['name'], frame['parent'], (frame['xyz'], frame['rpy'])))
+        visuals.setdefault(frame['parent'], []).append(frame['xyz'])
+        links.append(frame['name'])
+    _check_unique('frame', links)
+    _check_unique('joint', [row['name'] for row in table['joints']])
+    bodies = [_link(name, visuals.get(name, ())) for name in links]
+    name = quoteattr(str(table.get('name', 'robot')))
+    return '\n'.join(['<?xml version="1.0"?>', f'<robot name={name}>', *bodies, *joints,
+                      '</robot>', ''])
+
+
+def _load(table):
+    """Return the table as a mapping with a list of joints."""
+    if not isinstance(table, (list, tuple, dict)):
+        try:
+            text = read_source(table, lambda text: '\n' in text or '{' in text)
+            table = load_yaml(text)
+        except (OSError, ValueError) as error:
+            raise RobotError(f'DH table: {error}') from error
+    if isinstance(table, (list, tuple)):
+        table = {'joints': list(table)}
+    if not isinstance(table, dict) or not table.get('joints'):
+        raise RobotError('a DH table is a list of joints, or a mapping with the key "joints"')
+    for key in table:
+        if key not in TABLE_KEYS:
+            raise RobotError(unknown('key of a DH table', key, TABLE_KEYS))
+    _check_word(table.get('root', 'base_link'), 'DH table: root')
+    return table
+
+
+def _rows(table, key, valid):
+    """Return the rows under `key`, checked to be mappings with valid keys and a name."""
+    rows = table.get(key) or []
+    if not isinstance(rows, (list, tuple)):
+        raise RobotError(f'DH table, {key}: needs a list, not {rows!r}')
+    for number, row in enumerate(rows, start=1):
+        if not isinstance(row, dict) or not isinstance(row.get('name'), str) \
+                or not row['name']:
+            raise RobotError(f'DH table, {key}, row {number}: needs a mapping with a name')
+        for name in row:
+            if name not in valid:
+                raise RobotError(f'DH table, {row["name"]}: {unknown("key", name, valid)}')
+    return rows
+
+
+def _joint_row(row, number):
+    """Return a row with defaults filled in and numbers checked."""
+    joint = {'a': 0.0, 'alpha': 0.0, 'd': 0.0, 'theta': 0.0, 'type': 'revolute',
+             'lower': -math.inf, 'upper': math.inf, 'velocity': math.inf,
+             'acceleration': math.inf, 'link': f'link{number}', **row}
+    if joint['type'] not in JOINT_TYPES:
+        raise RobotError(
+            f'DH table, {joint["name"]}: {unknown("joint type", joint["type"], JOINT_TYPES)}')
+    _check_word(joint['link'], f'DH table, {joint["name"]}: link')
+    for key in ('a', 'alpha', 'd', 'theta', 'lower', 'upper', 'velocity', 'acceleration'):
+        joint[key] = _number(joint[key], f'DH table, {joint["name"]}: {key}')
+        if key in ('a', 'alpha', 'd', 'theta') and not math.isfinite(joint[key]):
+            raise RobotError(f'DH table, {joint["name"]}: {key} must be finite')
+    if joint['velocity'] < 0.0:
+        raise RobotError(f'DH table, {joint["name"]}: velocity must not be negative')
+    if not joint['acceleration'] > 0.0:
+        raise RobotError(f'DH table, {joint["name"]}: acceleration must be positive')
+    return joint
+
+
+def _frame_row(row, links):
+    """Return an extra frame with defaults filled in, its parent checked."""
+    where = f'DH table, frame {row["name"]}'
+    frame = {'parent': links[-1], 'xyz': (0.0, 0.0, 0.0), 'rpy': (0.0, 0.0, 0.0), **row}
+    if frame['parent'] not in links:
+        raise RobotError(f'{where}: {unknown("parent", frame["parent"], links)}')
+    for key in ('xyz', 'rpy'):
+        if not isinstance(frame[key], (list, tuple)) or len(frame[key]) != 3:
+            raise RobotError(f'{where}: {key} needs three numbers')
+        frame[key] = tuple(_number(value, f'{where}: {key}') for value in frame[key])
+    return frame
+
+
+def _check_word(value, what):
+    """Raise unless `value` can be a name."""
+    if not isinstance(value, str) or not value:
+        raise RobotError(f'{what} must be a name, not {value!r}')
+
+
+def _number(value, what):
+    """Return `value` as a float that is not NaN."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
+        raise RobotError(f'{what} must be a number, not {value!r}')
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise RobotError(f'{what} is too large') from error
+
+
+def _transforms(joint, convention):
+    """Return (xyz, rpy) before the motion of the joint and after it, None for no transform."""
+    a, alpha, d, theta = joint['a'], joint['alpha'], joint['d'], joint['theta']
+    if convention == 'standard':
+        before = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        after = (a * math.cos(theta), a * math.sin(theta), d), (alpha, 0.0, theta)
+    else:
+        before = (a, 0.0, 0.0), (alpha, 0.0, 0.0)
+        after = (0.0, 0.0, d), (0.0, 0.0, theta)
+    return before, after if any(after[0]) or any(after[1]) else None
+
+
+def _check_unique(what, names):
+    """Raise if a name is used twice."""
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise RobotError(f'DH table: {what} names used twice: {", ".join(sorted(twice))}')
+
+
+def _triple(values):
+    """Return three numbers as URDF writes them, without loss."""
+    return '"' + ' '.join(repr(float(value)) for value in values) + '"'
+
+
+def _origin(transform):
+    """Return a URDF origin element."""
+    return f'<origin xyz={_triple(transform[0])} rpy={_triple(transform[1])}/>'
+
+
+def _moving_joint(joint, parent, child, before):
+    """Return the URDF element of a joint that moves about or along z."""
+    unlimited = math.isinf(joint['lower']) and math.isinf(joint['upper'])
+    turning = 'continuous' if unlimited else 'revolute'
+    kind = 'prismatic' if joint['type'] == 'prismatic' else turning
+    limits = (f'effort="0" velocity="{min(joint["velocity"], UNLIMITED)!r}"'
+              f' acceleration="{min(joint["acceleration"], UNLIMITED)!r}"')
+    if kind != 'continuous':
+        limits += (f' lower="{max(joint["lower"], -UNLIMITED)!r}"'
+                   f' upper="{min(joint["upper"], UNLIMITED)!r}"')
+    return (f'  <joint name={quoteattr(joint["name"])} type="{kind}">'
+            f'<parent link={quoteattr(parent)}/><child link={quoteattr(child)}/>'
+            f'{_origin(before)}<axis xyz="0 0 1"/><limit {limits}/></joint>')
+
+
+def _fixed_joint(child, parent, transform):
+    """Return the URDF element of a fixed joint."""
+    return (f'  <joint name={quoteattr(child + "_fixed")} type="fixed">'
+            f'<parent link={quoteattr(parent)}/><child link={quoteattr(child)}/>'
+            f'{_origin(transform)}</joint>')
+
+
+def _link(name, ends):
+    """Return the URDF element of a link, drawn as a rod from its origin to each end."""
+    rods = ''.join(_rod(np.array(end)) for end in ends if any(end))
+    return f'  <link name={quoteattr(name)}>{rods}</link>'
+
+
+def _rod(end):
+    """Return a URDF visual: a cylinder from the origin to `end` (3,) [m]."""
+    length = float(np.linalg.norm(end))
+    pitch = math.atan2(math.hypot(end[0], end[1]), end[2])
+    rpy = (0.0, pitch, math.atan2(end[1], end[0]))
+    return (f'<visual>{_origin((end / 2.0, rpy))}<geometry>'
+            f'<cylinder radius="{LINK_RADIUS}" length="{length!r}"/></geometry></visual>')

@@ -1,0 +1,133 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The base of a robot: where it stands, and how it can move."""
+
+import math
+
+import numpy as np
+from tp_controller.errors import RobotError
+from tp_controller.model.spatial import quaternion_from_rotation, QUATERNION_TOLERANCE
+
+# The degrees of freedom of a rigid body, as the rows of its twist (linear, then angular).
+NAMES = ('base_x', 'base_y', 'base_z', 'base_roll', 'base_pitch', 'base_yaw')
+UNITS = ('m', 'm', 'm', 'rad', 'rad', 'rad')
+# Limit of the velocity along and about every axis, where nothing is said [m/s, rad/s].
+DEFAULT_VELOCITY = 0.5
+# Frame that a base moves in, where nothing is said (REP 105).
+DEFAULT_WORLD = 'odom'
+
+
+class Base:
+    """
+    A base that stands still, and what the kinds that move have in common.
+
+    A placement (7,) is x, y, z [m] and a quaternion ``xyzw``: the pose of the base in the world.
+    The coordinates of the base are the first entries of q, its velocities those of every array
+    of quasi-velocities: the twist of the base in its own axes, x forward, y left, z up (REP 103).
+
+    Attributes
+    ----------
+    moves : bool
+        Whether it does.
+    columns : tuple of int
+        The rows of that twist that are velocities of the base.
+    reach : tuple of int
+        The rows of a twist in the world along which its pose can be changed, if not at once.
+    coordinate_names, names, units : tuple of str
+        Of the coordinates; of the velocities, and the unit of what they are the rate of.
+
+    """
+
+    coordinate_names = ()
+
+    def __init__(self, columns=(), reach=()):
+        self.columns, self.reach = tuple(columns), tuple(reach)
+        self.moves = bool(columns)
+        self.names = tuple(NAMES[row] for row in columns)
+        self.units = tuple(UNITS[row] for row in columns)
+
+    def check(self, q):
+        """Return q if its first entries can be coordinates, else raise `RobotError`."""
+        return q
+
+    def coordinates(self, R, p):
+        """Return the coordinates of an attitude (3, 3) and a position (3,) in the world."""
+        return []
+
+    def placement(self, q):
+        """Return the placement (7,) of the base at q."""
+        return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+    def moved(self, q, placement, displacement):
+        """Return the coordinates after a displacement (6,) from q that led to a placement."""
+        return []
+
+
+class FlatBase(Base):
+    """A base on the ground, whose coordinates are x, y [m] and yaw [rad]."""
+
+    coordinate_names = ('base_x', 'base_y', 'base_yaw')
+
+    def coordinates(self, R, p):
+        """Return x, y and yaw; height, roll and pitch are left out."""
+        return [p[0], p[1], math.atan2(R[1, 0], R[0, 0])]
+
+    def placement(self, q):
+        """Return the placement (7,), level and at height zero."""
+        half = 0.5 * q[2]
+        return np.array([q[0], q[1], 0.0, 0.0, 0.0, math.sin(half), math.cos(half)])
+
+    def moved(self, q, placement, displacement):
+        """Return x, y and yaw, which is not wrapped."""
+        return [placement[0], placement[1], q[2] + displacement[5]]
+
+
+class FreeBase(Base):
+    """A base in space, whose coordinates are its placement (7,)."""
+
+    coordinate_names = ('base_x', 'base_y', 'base_z', 'base_qx', 'base_qy', 'base_qz', 'base_qw')
+
+    def check(self, q):
+        """Return q with its quaternion normalised; `RobotError` where the norm is not near 1."""
+        norm = math.sqrt(q[3:7].dot(q[3:7]))
+        if not abs(norm - 1.0) <= QUATERNION_TOLERANCE:
+            raise RobotError(f'q: the quaternion {", ".join(self.coordinate_names[3:])} needs '
+                             f'norm 1, this one has {norm:.3g}')
+        q = q.copy()
+        q[3:7] /= norm
+        q.setflags(write=False)
+        return q
+
+    def coordinates(self, R, p):
+        """Return the placement."""
+        return [*p, *quaternion_from_rotation(R)]
+
+    def placement(self, q):
+        """Return the placement (7,), its quaternion normalised."""
+        return self.check(q[:7])
+
+    def moved(self, q, placement, displacement):
+        """Return the placement."""
+        return placement
+
+
+# Surge, sway, heave and the turns are x, y, z and the turns about them.
+BASES = {
+    'fixed': Base(),
+    'planar': FlatBase((0, 1, 5), (0, 1, 5)),
+    'differential': FlatBase((0, 5), (0, 1, 5)),
+    'floating': FreeBase(range(6), range(6)),
+    'underwater': FreeBase((0, 1, 2, 5), (0, 1, 2, 5)),
+}

@@ -1,0 +1,72 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Frames that are not on the robot, through tf2 where it is installed."""
+
+import numpy as np
+from tp_controller.errors import GoalError
+from tp_controller.model.spatial import pose, rotation_from_quaternion
+from tp_controller.tasks.task import finite_vector
+
+
+class ForeignFrames:
+    """
+    Looks up where a foreign frame is; listens to tf from the first question on.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    root : str
+        Root frame of the robot.
+
+    """
+
+    def __init__(self, node, root):
+        self._node, self._root = node, root
+        self._buffer = None
+
+    def pose(self, frame):
+        """
+        Return T_root_frame (4, 4), the latest known.
+
+        Raises
+        ------
+        GoalError
+            tf2 is not installed, or does not know the frame (yet).
+
+        """
+        try:
+            import tf2_ros
+        except ImportError as error:
+            raise GoalError(f'frame {frame!r} is not on the robot, and tf2_ros is not installed: '
+                            f'use a frame of the robot or its root {self._root!r}') from error
+        hint = ''
+        if self._buffer is None:
+            self._buffer = tf2_ros.Buffer(node=self._node)
+            self._listener = tf2_ros.TransformListener(self._buffer, self._node)
+            hint = ' (listening to tf only from now on: send the goal again)'
+        try:
+            transform = self._buffer.lookup_transform(self._root, frame, _latest()).transform
+            turn, shift = transform.rotation, transform.translation
+            R = rotation_from_quaternion(np.array([turn.x, turn.y, turn.z, turn.w]))
+            origin = finite_vector((shift.x, shift.y, shift.z), 3, 'its origin')
+        except (tf2_ros.TransformException, ValueError, GoalError) as error:
+            raise GoalError(f'frame {frame!r}: {error}{hint}') from error
+        return pose(R, origin)
+
+
+def _latest():
+    """Return the time that means the latest transform there is."""
+    from rclpy.time import Time
+    return Time()

@@ -1,0 +1,22 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The method: levels in, velocities out. It knows no robot, no task and no clock."""
+
+from tp_controller.solver.errors import SolverError
+from tp_controller.solver.level import Level
+from tp_controller.solver.solution import LevelSolution, Solution
+from tp_controller.solver.solve import solve
+
+__all__ = ['Level', 'LevelSolution', 'Solution', 'SolverError', 'solve']

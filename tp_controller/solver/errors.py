@@ -1,0 +1,33 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The base of all errors of the package, and what the solver raises; `tp_controller.errors`."""
+
+import difflib
+
+
+class TpControllerError(Exception):
+    """Base of all errors raised by this package."""
+
+
+class SolverError(TpControllerError):
+    """The levels, bounds or weights handed to the solver do not fit together."""
+
+
+def unknown(what, name, valid):
+    """Return a message that says what is unknown, what was meant perhaps, and what is valid."""
+    valid = list(valid)
+    near = difflib.get_close_matches(str(name), valid, n=1)
+    hint = f' (did you mean {near[0]!r}?)' if near else ''
+    return f'unknown {what} {name!r}{hint}; valid: {", ".join(valid) or "none"}'

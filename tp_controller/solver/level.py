@@ -1,0 +1,169 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the solver is given: levels of the hierarchy."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from tp_controller.solver.errors import SolverError, unknown
+
+MODES = ('least_squares', 'scale')
+# Squares of larger numbers would overflow.
+LARGEST = 1e100
+
+
+@dataclass(slots=True, eq=False)
+class Level:
+    """
+    One level of the hierarchy: J q_dot = v, or lower ≤ J q_dot ≤ upper.
+
+    Attributes
+    ----------
+    J : ndarray (m, n)
+        Task Jacobian.
+    v : ndarray (m,) or None
+        Wanted task velocity; None where there are bounds instead.
+    mode : str
+        What happens where a limit is in the way of v. ``least_squares``: the level comes as near
+        to v as it can. ``scale``: it keeps its direction and is slowed as little as possible.
+    lower, upper : ndarray (m,) or None
+        Bounds on the task velocity; infinite where there is none.
+
+    """
+
+    J: np.ndarray
+    v: np.ndarray = None
+    mode: str = 'least_squares'
+    lower: np.ndarray = None
+    upper: np.ndarray = None
+
+
+@lru_cache(maxsize=None)
+def identity(n):
+    """
+    Return the n×n identity, the same read-only array every time.
+
+    As Jacobian of the lowest level it tells the solver, without a comparison, that the level
+    asks for a velocity of every joint.
+    """
+    eye = np.eye(n)
+    eye.setflags(write=False)
+    return eye
+
+
+def check_levels(levels):
+    """
+    Return levels as a list of `Level`, their shapes and numbers checked.
+
+    Raises
+    ------
+    SolverError
+        It is no sequence, shapes do not fit together, numbers are not finite or beyond
+        `LARGEST`, bounds contradict themselves, or a mode is unknown or cannot be used.
+
+    """
+    try:
+        levels = list(levels)
+    except TypeError as error:
+        raise SolverError(f'levels must be a sequence of Level or (J, v), not {levels!r}') \
+            from error
+    levels = [_check_level(level, f'level {number}') for number, level in enumerate(levels, 1)]
+    widths = [level.J.shape[1] for level in levels]
+    if len(set(widths)) > 1:
+        raise SolverError(f'levels disagree on the number of joints: {widths}')
+    bounded = None
+    for number, level in enumerate(levels, 1):
+        if level.v is None:
+            bounded = bounded or number
+        elif level.mode == 'scale' and bounded:
+            raise SolverError(
+                f'level {number}: mode scale would stop in front of the bounds of level '
+                f'{bounded} above it instead of sliding along them; use least_squares')
+    return levels
+
+
+def _check_level(level, name):
+    """Return one level, its arrays of floats."""
+    if not isinstance(level, Level):
+        try:
+            level = Level(*level)
+        except TypeError as error:
+            raise SolverError(f'{name}: needs J (m, n) and v (m,): {error}') from error
+    if level.mode not in MODES:
+        raise SolverError(f'{name}: {unknown("mode", level.mode, MODES)}')
+    J = _array(level.J, 2, f'{name}: J must be (m, n)')
+    rows = (J.shape[0],)
+    if level.v is not None:
+        if level.lower is not None or level.upper is not None:
+            raise SolverError(f'{name}: has a wanted velocity v and bounds; it can have one')
+        v = _array(level.v, 1, f'{name}: J must be (m, n) and v (m,)')
+        if v.shape != rows:
+            raise SolverError(f'{name}: J must be (m, n) and v (m,), '
+                              f'got {J.shape} and {v.shape}')
+        checked, moderate = Level(J, v, level.mode), _moderate(v)
+    else:
+        if level.mode != 'least_squares':
+            raise SolverError(f'{name}: bounds have no direction that mode scale could keep')
+        lower, upper = check_bounds(level.lower, level.upper, J.shape[0], name)
+        checked, moderate = Level(J, lower=lower, upper=upper), True
+    if not (moderate and _moderate(J)):
+        raise SolverError(f'{name}: the levels hold numbers that are not finite, or beyond '
+                          f'{LARGEST:g}')
+    return checked
+
+
+def check_bounds(lower, upper, size, name):
+    """
+    Return bounds as arrays (size,) with lower ≤ upper; a missing side is infinite.
+
+    Raises
+    ------
+    SolverError
+        Both sides are missing, a shape is wrong, or nothing lies between them.
+
+    """
+    if lower is None and upper is None:
+        raise SolverError(f'{name}: needs v, or a bound')
+    lower = np.full(size, -np.inf) if lower is None else _array(
+        lower, 1, f'{name}: the lower bound must be ({size},)')
+    upper = np.full(size, np.inf) if upper is None else _array(
+        upper, 1, f'{name}: the upper bound must be ({size},)')
+    if lower.shape != (size,) or upper.shape != (size,):
+        raise SolverError(f'{name}: bounds must be {size} numbers each, got shapes '
+                          f'{lower.shape} and {upper.shape}')
+    if not ((lower <= upper) & (lower < np.inf) & (upper > -np.inf)).all():
+        raise SolverError(f'{name}: bounds need lower ≤ upper, got '
+                          f'{lower.tolist()} and {upper.tolist()}')
+    return lower, upper
+
+
+def _moderate(array):
+    """Say whether all numbers are finite and within `LARGEST`."""
+    return bool((np.abs(array) <= LARGEST).all())
+
+
+def _array(values, dimensions, what):
+    """Return values as an array of floats."""
+    try:
+        array = np.asarray(values)
+        if np.iscomplexobj(array):
+            raise TypeError('complex numbers are no velocities')
+        array = array.astype(float, copy=False)
+    except (TypeError, ValueError) as error:
+        raise SolverError(f'{what}: {error}') from error
+    if array.ndim != dimensions:
+        raise SolverError(f'{what}, got an array of shape {array.shape}')
+    return array

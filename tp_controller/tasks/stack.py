@@ -1,0 +1,290 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The stack: a YAML list of tasks, the highest priority first, turned into levels every cycle."""
+
+import inspect
+import re
+
+import numpy as np
+from tp_controller.errors import Fault, StackError, TaskError, unknown
+from tp_controller.resources import read_source, YamlLoader
+from tp_controller.solver.level import Level
+from tp_controller.tasks import task_types
+import yaml
+
+# Names become parts of topic names.
+NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}\Z')
+LIST_FORM = 'a stack is a list of "- name: {type: …}", the highest priority first'
+
+
+class Stack:
+    """
+    Prioritized tasks.
+
+    Attributes
+    ----------
+    tasks : dict
+        {name: Task}, in order of priority.
+    groups : tuple of tuple of Task
+        The tasks of each level, the highest priority first.
+    disabled : set of str
+        Names of the tasks that are left out until they are enabled again.
+    active, active_tasks, inactive : tuple
+        Enabled tasks by level, the same in one row, and disabled ones.
+
+    """
+
+    def __init__(self, groups):
+        self.groups = tuple(tuple(group) for group in groups)
+        self.tasks = {task.name: task for group in self.groups for task in group}
+        self.disabled = set()
+        self._arrange()
+
+    @classmethod
+    def from_yaml(cls, source, robot):
+        """
+        Return the stack of a YAML list.
+
+        Parameters
+        ----------
+        source : str or pathlib.Path
+            YAML text, a file's path, or ``package://<package>/<path>``.
+        robot : Robot
+            Whose joints and frames the tasks name.
+
+        Raises
+        ------
+        StackError
+            All faults, each with its line.
+
+        """
+        try:
+            text = read_source(source, _is_stack)
+        except (OSError, ValueError) as error:
+            raise StackError([Fault(0, '', str(error))]) from error
+        return cls(_Reader(robot).read(text))
+
+    def enable(self, name, enabled):
+        """Take a task into the stack (True) or leave it out (False)."""
+        (self.disabled.discard if enabled else self.disabled.add)(name)
+        self._arrange()
+
+    def take_over(self, other):
+        """Go on with the goals of another stack, task by task of the same name and kind."""
+        for name, task in self.tasks.items():
+            if name in other.tasks:
+                task.take_over(other.tasks[name])
+        self.disabled = other.disabled & set(self.tasks)
+        self._arrange()
+
+    def start(self, state):
+        """Let every task without a goal hold the value it has at a `RobotState`."""
+        for task in self.tasks.values():
+            task.start(state)
+
+    def levels(self, state, now):
+        """
+        Return the levels at a state, built anew.
+
+        Parameters
+        ----------
+        state : RobotState
+            Where the robot is.
+        now : float
+            [s]
+
+        Returns
+        -------
+        list of Level
+            For each group of `active`.
+
+        """
+        return levels_of(self.active, state, now)
+
+    def _arrange(self):
+        """Sort the tasks into `active`, by level, and `inactive`."""
+        enabled = (tuple(task for task in group if task.name not in self.disabled)
+                   for group in self.groups)
+        self.active = tuple(group for group in enabled if group)
+        self.active_tasks = tuple(task for group in self.active for task in group)
+        self.inactive = tuple(task for name, task in self.tasks.items() if name in self.disabled)
+
+
+def _is_stack(text):
+    """Say whether a text is a stack, and not the name of a file."""
+    return text.startswith('- ') or any(mark in text for mark in '\n[{')
+
+
+def levels_of(groups, state, now):
+    """Return a level for each group of tasks; see `Stack.levels`."""
+    return [group[0].level(state, now) if len(group) == 1 else
+            _joined([task.level(state, now) for task in group]) for group in groups]
+
+
+def _joined(levels):
+    """Return one level with the rows of several."""
+    def all_of(name):
+        parts = [getattr(level, name) for level in levels]
+        return None if parts[0] is None else np.concatenate(parts)
+
+    return Level(all_of('J'), all_of('v'), levels[0].mode, all_of('lower'), all_of('upper'))
+
+
+class _Reader:
+    """Reads a YAML list into groups of tasks and collects all its faults."""
+
+    def __init__(self, robot):
+        self._robot = robot
+        self._types = task_types()
+        self._faults = []
+        self._lines_of_names = {}
+        # Tasks read so far that keep bounds.
+        self._bounded = []
+
+    def read(self, text):
+        """Return the groups of tasks."""
+        try:
+            root = yaml.compose(text, Loader=YamlLoader)
+        except RecursionError as error:
+            raise StackError([Fault(1, '', 'nested too deeply')]) from error
+        except yaml.YAMLError as error:
+            mark = getattr(error, 'problem_mark', None)
+            line = mark.line + 1 if mark else 1
+            raise StackError([Fault(line, '', f'no YAML: {_first_line(error)}')]) from error
+        if not isinstance(root, yaml.SequenceNode):
+            self._fault(root, '', LIST_FORM)
+            groups = []
+        else:
+            groups = [self._group(node) for node in root.value]
+        if self._faults:
+            raise StackError(self._faults)
+        return groups
+
+    def _group(self, node):
+        """Return the tasks of one entry of the list, which may be a list itself."""
+        entries = node.value if isinstance(node, yaml.SequenceNode) else [node]
+        if not entries:
+            self._fault(node, '', 'a level needs at least one task')
+        tasks = [self._task(entry) for entry in entries]
+        read = [task for task in tasks if task is not None]
+        bounded = [task for task in read if task.bounded]
+        modes = {task.mode for task in read}
+        if 0 < len(bounded) < len(read):
+            others = _names(task for task in read if not task.bounded)
+            self._fault(node, '', f'tasks that keep bounds ({_names(bounded)}) and tasks that '
+                                  f'want a velocity ({others}) cannot share a level')
+        elif len(modes) > 1:
+            self._fault(node, '', f'tasks that share a level need the same mode, not '
+                                  f'{" and ".join(sorted(modes))}')
+        if self._bounded and 'scale' in modes:
+            self._fault(node, '', f'mode scale would stop in front of the bounds of '
+                                  f'{_names(self._bounded)} above instead of sliding along '
+                                  'them; use least_squares')
+        self._bounded.extend(bounded)
+        return tasks
+
+    def _task(self, node):
+        """Return the task of one entry, or None and note what is wrong."""
+        if not isinstance(node, yaml.MappingNode) or len(node.value) != 1:
+            self._fault(node, '', LIST_FORM)
+            return None
+        (key, body), = node.value
+        name = key.value
+        self._check_name(key, name)
+        if not isinstance(body, yaml.MappingNode):
+            self._fault(body, str(name), 'needs a mapping such as {type: pose, frame: …}')
+            return None
+        values, lines = self._values(body, name)
+        kind = values.pop('type', None)
+        if 'type' not in lines:
+            self._fault(key, name, f'needs a type; valid: {", ".join(sorted(self._types))}')
+        elif not isinstance(kind, str) or kind not in self._types:
+            self._faults.append(Fault(lines['type'], str(name),
+                                      unknown('type', kind, sorted(self._types))))
+        else:
+            return self._build(self._types[kind], name, key, values, lines)
+        return None
+
+    def _check_name(self, key, name):
+        """Check the name of a task."""
+        if not isinstance(name, str) or not NAME.match(name):
+            shown = repr(name[:80]) if isinstance(name, str) else 'a list or mapping'
+            self._fault(key, '', 'a task is named by a letter, then letters, digits and _, at '
+                                 f'most 64, not {shown}')
+        elif name in self._lines_of_names:
+            self._fault(key, name, 'the name is used already, in line '
+                                   f'{self._lines_of_names[name]}')
+        else:
+            self._lines_of_names[name] = key.start_mark.line + 1
+
+    def _values(self, body, name):
+        """Return {key: value} and {key: line} of a mapping."""
+        values, lines = {}, {}
+        constructor = yaml.constructor.SafeConstructor()
+        for key, value in body.value:
+            if not isinstance(key, yaml.ScalarNode) or key.value == '<<':
+                self._fault(key, str(name), 'a key must be a word; merging (<<) is not supported')
+                continue
+            if key.value in lines:
+                self._fault(key, f'{name}, {key.value}', 'the key is given twice')
+            lines[key.value] = value.start_mark.line + 1
+            try:
+                built = constructor.construct_object(value, deep=True)
+                # What cannot be shown cannot be told to be wrong: a number of a thousand digits.
+                repr(built)
+                values[key.value] = built
+            except (yaml.YAMLError, ValueError, LookupError, AttributeError) as error:
+                # PyYAML lets the errors of a date or number it cannot read through.
+                self._fault(value, f'{name}, {key.value}', _first_line(error))
+        return values, lines
+
+    def _build(self, task_type, name, key, values, lines):
+        """Return a task of a type, or None and note what is wrong with its keys."""
+        accepted = task_type.accepted_keys()
+        for other in set(values) - set(accepted):
+            self._faults.append(Fault(lines[other], name,
+                                      unknown('key', other, ['type', *accepted])))
+            del values[other]
+        # Those whose value could not be read are noted already.
+        missing = [needed for needed, default in accepted.items()
+                   if default is inspect.Parameter.empty and needed not in values]
+        for needed in missing:
+            if needed not in lines:
+                self._fault(key, name, f'needs the key {needed!r}: '
+                                       f'{task_type.described_keys()[needed]}')
+        try:
+            # Missing keys are tried as None, so that faults of the other ones are found too.
+            return task_type(self._robot, name, **dict.fromkeys(missing), **values)
+        except TaskError as error:
+            own_line = key.start_mark.line + 1
+            self._faults.extend(
+                Fault(lines.get(fault_key, own_line), f'{name}, {fault_key}', message)
+                for fault_key, message in error.faults if fault_key not in missing)
+            return None
+
+    def _fault(self, node, where, message):
+        """Note a fault at the line of a YAML node."""
+        line = node.start_mark.line + 1 if node is not None else 1
+        self._faults.append(Fault(line, where, message))
+
+
+def _names(tasks):
+    """Return the names of tasks as text."""
+    return ', '.join(task.name for task in tasks)
+
+
+def _first_line(error):
+    """Return what a YAML error says, in one line."""
+    return getattr(error, 'problem', None) or (str(error).splitlines() or ['cannot be read'])[0]
