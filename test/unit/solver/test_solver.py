@@ -15,13 +15,14 @@
 """The solver, against references that share no code with it."""
 
 import math
+import sys
 
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 from reference import lexicographic, null_of, projector, random_levels, residual_norms
-from tp_controller import Level, solve, solver, SolverError
+from tp_controller import Level, solve, SolverError
 from tp_controller.solver.level import identity
 from tp_controller.solver.min_norm import solve_stacked
 from tp_controller.solver.null_space import Damping
@@ -234,7 +235,7 @@ def test_short_way_leaves_singular_and_damped_levels_to_the_recursion():
 
 def test_short_way_is_not_tried_again_while_bounds_are_in_the_way(monkeypatch):
     tries = []
-    monkeypatch.setattr(solver, 'solve_stacked',
+    monkeypatch.setattr(sys.modules['tp_controller.solver.solve'], 'solve_stacked',
                         lambda *given: tries.append(given) or solve_stacked(*given))
     rng = np.random.default_rng(5)
     levels = [Level(J, v) for J, v in random_levels(rng, 7, [3, 2])]
