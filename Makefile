@@ -38,12 +38,13 @@ test: $(STAMP)  ## run all tests (PYTEST_FLAGS='-k solver' for some)
 bench: $(STAMP)  ## measure times on this machine (benchmarks/)
 	@set -e; for file in benchmarks/[a-z]*.py; do $(BIN)/python "$$file"; done
 
-lint: $(STAMP)  ## check the code style
+lint: $(STAMP)  ## check code style and types
 	@$(BIN)/python -m ruff check .
+	@$(BIN)/python -m mypy
 
 clean:  ## remove .venv and everything built
 	@rm -rf $(VENV) build install log tp_demo *.egg-info
-	@rm -rf .pytest_cache .ruff_cache .hypothesis
+	@rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(STAMP): setup.py

@@ -42,6 +42,7 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(exclude=['test*']),
+    package_data={package_name: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
@@ -55,7 +56,7 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'plots': plots,
         'test': [*plots, 'pytest', 'hypothesis', 'example-robot-data', 'ruff<0.18',
-                 'catkin_pkg', 'setuptools>=70.1'],
+                 'mypy<2.5', 'types-PyYAML', 'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',
     zip_safe=True,

@@ -258,6 +258,7 @@ def test_wheel_holds_every_file(wheel):
             f'share/ament_index/resource_index/packages/{PACKAGE}'} <= set(modes)
     sources = {str(path.relative_to(ROOT)) for path in (ROOT / PACKAGE).rglob('*.py')}
     assert sources == {name for name in modes if name.endswith('.py') and 'share/' not in name}
+    assert f'{PACKAGE}/py.typed' in modes, 'type checkers would ignore the annotations'
     for name in EXECUTABLES:
         assert modes[f'lib/{PACKAGE}/{name}'] & stat.S_IXUSR
 
