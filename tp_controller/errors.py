@@ -28,6 +28,7 @@ The errors a user can meet.
 Every message names the thing that is wrong and says what is valid.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from tp_controller.solver.errors import SolverError, TpControllerError, unknown
@@ -46,7 +47,7 @@ class RobotError(TpControllerError):
 class SettingsError(TpControllerError):
     """One or more settings are out of range; ``faults`` lists them all."""
 
-    def __init__(self, faults):
+    def __init__(self, faults: Iterable[str]) -> None:
         self.faults = tuple(faults)
         super().__init__('; '.join(self.faults))
 
@@ -54,7 +55,7 @@ class SettingsError(TpControllerError):
 class TaskError(TpControllerError):
     """Keys of one task are wrong; ``faults`` is a tuple of (key, message)."""
 
-    def __init__(self, name, faults):
+    def __init__(self, name: str, faults: Iterable[tuple[str, str]]) -> None:
         self.faults = tuple(faults)
         lines = '; '.join(f'{key}: {message}' for key, message in self.faults)
         super().__init__(f'task {name}: {lines}')
@@ -84,7 +85,7 @@ class Fault:
     where: str
     message: str
 
-    def __str__(self):
+    def __str__(self) -> str:
         """Return the fault as one line."""
         where = f'{self.where}: ' if self.where else ''
         text = f'line {self.line}: {where}{self.message}'
@@ -95,6 +96,6 @@ class Fault:
 class StackError(TpControllerError):
     """A stack has faults; ``faults`` is a tuple of `Fault`, in order of their lines."""
 
-    def __init__(self, faults):
+    def __init__(self, faults: Iterable[Fault]) -> None:
         self.faults = tuple(sorted(faults, key=lambda fault: fault.line))
         super().__init__('; '.join(str(fault) for fault in self.faults))

@@ -14,8 +14,10 @@
 
 """Files by name: paths, ``package://`` names, and text given in place of a file."""
 
+from collections.abc import Callable
 from pathlib import Path
 import re
+from typing import Any
 
 import yaml
 
@@ -23,7 +25,7 @@ PACKAGE = 'tp_controller'
 SCHEME = 'package://'
 
 
-def package_share(package=PACKAGE):
+def package_share(package: str = PACKAGE) -> Path:
     """
     Return the share directory of a ROS package.
 
@@ -68,7 +70,7 @@ YamlLoader.add_implicit_resolver('tag:yaml.org,2002:float',
                                  list('-+0123456789'))
 
 
-def load_yaml(text):
+def load_yaml(text: str) -> Any:
     """
     Return what a YAML text says.
 
@@ -95,7 +97,7 @@ def load_yaml(text):
         raise ValueError(str(error)) from error
 
 
-def find_file(name):
+def find_file(name: str | Path) -> Path:
     """
     Return the path of a file.
 
@@ -127,7 +129,7 @@ def find_file(name):
     return path
 
 
-def read_source(source, is_text):
+def read_source(source: str | Path, is_text: Callable[[str], bool]) -> str:
     """
     Return the text of `source`, which is a file's name or the text itself.
 

@@ -18,14 +18,19 @@ import argparse
 import math
 import sys
 import time
+from typing import Any, TYPE_CHECKING
 
 from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
+
+if TYPE_CHECKING:
+    # Imported when a goal is sent: the help needs no ROS.
+    from tp_controller.nodes.client import Client
 
 # Velocities time out at the controller, so they are repeated at this period [s].
 REPEAT = 0.05
 
 
-def add_goal_arguments(parser):
+def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command to its parser."""
     parser.add_argument('task', help='name of the task in the stack')
     parser.add_argument('--xyz', nargs=3, type=_finite, metavar=('X', 'Y', 'Z'),
@@ -57,7 +62,7 @@ def add_goal_arguments(parser):
                         help='how long to look for the controller (default: 10)')
 
 
-def send_goal(options):
+def send_goal(options: argparse.Namespace) -> int:
     """
     Send a goal.
 
@@ -93,7 +98,7 @@ def send_goal(options):
     return 0
 
 
-def _fields(options):
+def _fields(options: argparse.Namespace) -> dict[str, Any]:
     """Return the parts of the goal that were given."""
     quat_xyzw = options.quat
     if options.rpy:
@@ -104,7 +109,7 @@ def _fields(options):
     return {name: value for name, value in fields.items() if value}
 
 
-def _repeat(client, duration):
+def _repeat(client: 'Client', duration: float) -> None:
     """Send the goal again and again, for `duration` seconds."""
     end = time.monotonic() + duration
     while time.monotonic() < end:
@@ -112,7 +117,7 @@ def _repeat(client, duration):
         client.repeat()
 
 
-def _reach(client, options):
+def _reach(client: 'Client', options: argparse.Namespace) -> bool:
     """Wait for the goal, and say what became of it."""
     reached = client.wait(
         lambda: client.task_status(options.task).get('status') in ('reached', 'kept'),
@@ -129,7 +134,7 @@ def _reach(client, options):
     return reached
 
 
-def _finite(text):
+def _finite(text: str) -> float:
     """Return a finite number of the command line."""
     try:
         value = float(text)
@@ -140,7 +145,7 @@ def _finite(text):
     return value
 
 
-def _seconds(text):
+def _seconds(text: str) -> float:
     """Return a positive time of the command line."""
     value = _finite(text)
     if value <= 0.0:
@@ -148,7 +153,7 @@ def _seconds(text):
     return value
 
 
-def _assignment(text):
+def _assignment(text: str) -> tuple[str, float]:
     """Return (name, value) of NAME=VALUE."""
     name, equals, value = text.partition('=')
     if not equals or not name:

@@ -157,7 +157,8 @@ def run_demo(demo, folder):
                                                  folder / f'{name}.log'))
                  for name in ('simulator_node', 'controller_node')]
         all_started()
-        from tp_controller.nodes.client import Client, Recorder
+        from tp_controller.nodes.client import Client
+        from tp_controller.nodes.recorder import Recorder
         client = stack.enter_context(Client())
         recorder = Recorder(client, demo.robot)
         _wait_until_running(client, recorder, nodes)

@@ -14,15 +14,23 @@
 
 """The base of a robot behind its topics: odometry in, velocities of the base out."""
 
+from collections.abc import Callable, Sequence
+
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import numpy as np
+from numpy.typing import NDArray
+from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from tp_controller.errors import GoalError
+from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import inverse_pose
 from tp_controller.tasks.pose import parse_pose
 
 # As joint states: what is lost need not be repeated, the next one is newer.
+Array = NDArray[np.float64]
+
 ODOMETRY_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -40,7 +48,7 @@ class OdometryBuffer:
 
     """
 
-    def __init__(self, robot):
+    def __init__(self, robot: Robot) -> None:
         self._robot = robot
         fixed = ((frame, robot.fixed_to_base(frame)) for frame in robot.frame_names)
         self._carried = {frame: T for frame, T in fixed if T is not None}
@@ -48,7 +56,7 @@ class OdometryBuffer:
         self._T_root_base = np.eye(4)
         self._received = -np.inf
 
-    def put(self, frame, child, placement, now):
+    def put(self, frame: str, child: str, placement: Sequence[float], now: float) -> str:
         """
         Take odometry.
 
@@ -82,15 +90,15 @@ class OdometryBuffer:
         self._child, self._received = child, now
         return ''
 
-    def missing(self, now, timeout):
+    def missing(self, now: float, timeout: float) -> bool:
         """Return whether nothing was heard for `timeout` seconds."""
         return now - self._received > timeout
 
-    def configuration(self, joints):
+    def configuration(self, joints: Array) -> Array:
         """Return the configuration (nq,) of the base and driven positions."""
         return self._robot.configuration(joints, self._T_root_base)
 
-    def twist(self, velocity):
+    def twist(self, velocity: Array) -> Array:
         """
         Return the twist of the frame that the odometry is about, in its own axes.
 
@@ -131,31 +139,32 @@ class MovingBase:
 
     """
 
-    def __init__(self, node, robot, clock, arrived):
+    def __init__(self, node: Node, robot: Robot, clock: Callable[[], float],
+                 arrived: Callable[[], None]) -> None:
         self._node, self._clock, self._arrived = node, clock, arrived
         self._buffer = OdometryBuffer(robot)
         self._message = Twist()
         self._commands = node.create_publisher(Twist, 'cmd_vel', 10)
         node.create_subscription(Odometry, 'odom', self._on_odometry, ODOMETRY_QOS)
 
-    def configuration(self, joints):
+    def configuration(self, joints: Array) -> Array:
         """Return the configuration (nq,) with the driven positions."""
         return self._buffer.configuration(joints)
 
-    def reason_to_hold(self, now, timeout):
+    def reason_to_hold(self, now: float, timeout: float) -> str:
         """Return why the base cannot move; empty if nothing speaks against it."""
         return 'no odometry' if self._buffer.missing(now, timeout) else ''
 
-    def publish(self, velocity):
+    def publish(self, velocity: Array) -> None:
         """Command the base's part of velocities (n,)."""
         fill_twist(self._message, self._buffer.twist(velocity))
         self._commands.publish(self._message)
 
-    def wait_for_all_acked(self, timeout):
+    def wait_for_all_acked(self, timeout: Duration) -> None:
         """Wait until every subscriber has the last command."""
         self._commands.wait_for_all_acked(timeout)
 
-    def _on_odometry(self, message):
+    def _on_odometry(self, message: Odometry) -> None:
         """Take odometry, or say why not."""
         fault = self._buffer.put(message.header.frame_id, message.child_frame_id,
                                  placement_of(message), self._clock())
@@ -169,40 +178,40 @@ class MovingBase:
 class FixedBase:
     """What `MovingBase` is for a base that stands still: nothing to hear and to say."""
 
-    def configuration(self, joints):
+    def configuration(self, joints: Array) -> Array:
         """Return the driven positions: they are the configuration."""
         return joints
 
-    def reason_to_hold(self, now, timeout):
+    def reason_to_hold(self, now: float, timeout: float) -> str:
         """Return that nothing speaks against motion."""
         return ''
 
-    def publish(self, velocity):
+    def publish(self, velocity: Array) -> None:
         """Do nothing."""
 
-    def wait_for_all_acked(self, timeout):
+    def wait_for_all_acked(self, timeout: Duration) -> None:
         """Do nothing."""
 
 
-def fill_twist(message, twist):
+def fill_twist(message: Twist, twist: Array) -> None:
     """Put a twist (6,) into a message."""
     linear, angular = message.linear, message.angular
     linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = twist.tolist()
 
 
-def twist_of(message):
+def twist_of(message: Twist) -> Array:
     """Return the twist (6,) of a message."""
     linear, angular = message.linear, message.angular
     return np.array((linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
 
 
-def placement_of(message):
+def placement_of(message: Odometry) -> Sequence[float]:
     """Return the placement (7,) of odometry: x, y, z [m] and a quaternion ``xyzw``."""
     point, turn = message.pose.pose.position, message.pose.pose.orientation
     return point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w
 
 
-def fill_odometry(message, placement, twist):
+def fill_odometry(message: Odometry, placement: Array, twist: Array) -> None:
     """Put a placement (7,) and a twist (6,) into a message."""
     point, turn = message.pose.pose.position, message.pose.pose.orientation
     point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w = placement.tolist()

@@ -14,43 +14,41 @@
 
 """The other side of the controller's topics: sends goals, listens to the status."""
 
-import sys
+from collections.abc import Callable, Iterable, Mapping
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import (
+    Point,
     PointStamped,
     PoseStamped,
+    Quaternion,
     QuaternionStamped,
-    Twist,
     TwistStamped,
+    Vector3,
     Vector3Stamped,
 )
-from nav_msgs.msg import Odometry
-import numpy as np
 from rclpy import init, try_shutdown
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 from tp_controller.errors import GoalError, TpControllerError, unknown
-from tp_controller.nodes.base_topics import (
-    ODOMETRY_QOS,
-    OdometryBuffer,
-    placement_of,
-    twist_of,
-)
-from tp_controller.nodes.joint_states import JointStateBuffer
+from tp_controller.nodes.goal_messages import Message
+
+# What a message is filled with, by the names that `FIELDS` lists.
+Fields = Mapping[str, Any]
 
 # How long to wait, on leaving, for goals to arrive [s].
 LEAVE_SECONDS = 5.0
-# Anything that was heard at all was heard within this [s].
-EVER = sys.float_info.max
+# What stands for the answers to goals where the task is not there.
+ABSENT = '', ''
 # What of a goal each message can carry, and must.
-FIELDS = {
+FIELDS: dict[type, tuple[str, ...]] = {
     PointStamped: ('xyz',),
     Vector3Stamped: ('xyz',),
     QuaternionStamped: ('quat_xyzw',),
@@ -58,7 +56,7 @@ FIELDS = {
     JointState: ('joints', 'velocities'),
     TwistStamped: ('linear', 'angular'),
 }
-TYPES = {f'geometry_msgs/msg/{kind.__name__}' if kind is not JointState
+TYPES: dict[str, type] = {f'geometry_msgs/msg/{kind.__name__}' if kind is not JointState
          else 'sensor_msgs/msg/JointState': kind for kind in FIELDS}
 
 
@@ -80,7 +78,7 @@ class Client:
 
     """
 
-    def __init__(self, controller='tp_controller', context=None):
+    def __init__(self, controller: str = 'tp_controller', context: Context | None = None) -> None:
         self._own = context is None
         self._context = context or Context()
         if self._own:
@@ -92,9 +90,9 @@ class Client:
         self.node = Node('tp_client', context=self._context, use_global_arguments=False)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
-        self._publishers = {}
-        self._last = None
-        self.status = None
+        self._publishers: dict[tuple[str, str], Publisher] = {}
+        self._last: tuple[Publisher, Message] | None = None
+        self.status: DiagnosticArray | None = None
         try:
             self.node.create_subscription(DiagnosticArray, f'/{self.controller}/status',
                                           self._on_status, 10)
@@ -102,7 +100,7 @@ class Client:
             self.close()
             raise TpControllerError(f'{controller!r} is no name of a node') from error
 
-    def close(self):
+    def close(self) -> None:
         """Leave, once everything that was sent has arrived."""
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=LEAVE_SECONDS))
@@ -111,19 +109,19 @@ class Client:
         if self._own:
             try_shutdown(context=self._context)
 
-    def __enter__(self):
+    def __enter__(self) -> 'Client':
         """Return the client."""
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         """Leave."""
         self.close()
 
-    def spin(self, seconds):
+    def spin(self, seconds: float) -> None:
         """Take what arrives, for at most `seconds`."""
         self._executor.spin_once(timeout_sec=seconds)
 
-    def wait(self, condition, seconds):
+    def wait(self, condition: Callable[[], object], seconds: float) -> bool:
         """
         Spin until a condition holds.
 
@@ -148,10 +146,10 @@ class Client:
             self.spin(min(left, 0.1))
         return True
 
-    def tasks(self):
+    def tasks(self) -> dict[str, dict[str, type]]:
         """Return {task: {topic: message type}} of the goal topics that the graph shows."""
         prefix = f'/{self.controller}/'
-        found = {}
+        found: dict[str, dict[str, type]] = {}
         for topic, types in self.node.get_topic_names_and_types():
             name, _, last = topic.removeprefix(prefix).partition('/')
             if topic.startswith(prefix) and last in ('goal', 'twist') and types[0] in TYPES \
@@ -159,12 +157,12 @@ class Client:
                 found.setdefault(name, {})[last] = TYPES[types[0]]
         return found
 
-    def task_names(self):
+    def task_names(self) -> list[str]:
         """Return the names of all tasks by priority, as the status has them."""
         return [status.name.partition(': ')[2] for status in self.status.status[1:]] \
             if self.status else []
 
-    def send(self, task, frame='', wait=10.0, **fields):
+    def send(self, task: str, frame: str = '', wait: float = 10.0, **fields: Any) -> None:
         """
         Publish a goal, or a velocity, for a task.
 
@@ -189,7 +187,7 @@ class Client:
         """
         topic = 'twist' if {'linear', 'angular'} & set(fields) else 'goal'
 
-        def found():
+        def found() -> bool:
             return topic in self.tasks().get(task, {})
 
         self.wait(lambda: found() or task not in (self.task_names() or [task]), wait)
@@ -207,40 +205,42 @@ class Client:
         before = self._answers(task)
         self._last = publisher, message
         publisher.publish(message)
-        if not self.wait(lambda: self._answers(task) not in (None, before), wait):
+        if not self.wait(lambda: self._answers(task) not in (ABSENT, before), wait):
             raise GoalError(f'the controller did not answer to the goal for task {task!r}')
         if self._answers(task)[1] != before[1]:
             raise GoalError(f'refused: {self.task_status(task)["last refusal"]}')
 
-    def repeat(self):
+    def repeat(self) -> None:
         """Publish once more what was sent last; no answer is waited for."""
-        self._last[0].publish(self._last[1])
+        if self._last is not None:
+            publisher, message = self._last
+            publisher.publish(message)
 
-    def task_status(self, task):
+    def task_status(self, task: str) -> dict[str, str]:
         """Return {key: value} of the latest status of a task; empty before the first."""
         for status in self.status.status if self.status else ():
             if status.name == f'{self.controller}: {task}':
                 return {value.key: value.value for value in status.values}
         return {}
 
-    def _answers(self, task):
-        """Return how many goals of a task were accepted and refused; None if it is not there."""
+    def _answers(self, task: str) -> tuple[str, str]:
+        """Return how many goals of a task were accepted and refused, or `ABSENT`."""
         status = self.task_status(task)
-        return (status['goals accepted'], status['goals refused']) if status else None
+        return (status['goals accepted'], status['goals refused']) if status else ABSENT
 
-    def hold(self):
+    def hold(self) -> str:
         """Return why the controller commands zeros; empty while it runs."""
         head = self.status.status[0].message if self.status else 'no status yet'
         return '' if head == 'running' else head
 
-    def _publisher(self, task, topic, kind):
+    def _publisher(self, task: str, topic: str, kind: type) -> Publisher:
         """Return the publisher of a topic, made at the first use."""
         if (task, topic) not in self._publishers:
             self._publishers[task, topic] = self.node.create_publisher(
                 kind, f'/{self.controller}/{task}/{topic}', 10)
         return self._publishers[task, topic]
 
-    def _absence(self, task, topic):
+    def _absence(self, task: str, topic: str) -> str:
         """Return what is missing where a topic of a task was not found."""
         tasks = self.tasks()
         names = self.task_names() or sorted(tasks)
@@ -252,108 +252,12 @@ class Client:
         return (f'task {task!r} takes no {topic}; valid: '
                 f'{", ".join(sorted(tasks.get(task, []))) or "none"}')
 
-    def _on_status(self, message):
+    def _on_status(self, message: DiagnosticArray) -> None:
         """Keep the latest status."""
         self.status = message
 
 
-class Recorder:
-    """
-    Records configurations, commands and task errors of a running controller.
-
-    Parameters
-    ----------
-    client : Client
-        Node that listens.
-    robot : Robot
-        Its driven joints are in the order of the commands.
-
-    Attributes
-    ----------
-    states : list of (float, ndarray (nq,))
-        Time [s] and configuration.
-    commands : list of (float, ndarray (n,))
-        Time [s] and commanded velocities, those of the base included.
-    errors : list of (float, dict)
-        Time [s] and {(task, unit): error}.
-
-    """
-
-    def __init__(self, client, robot):
-        self._robot = robot
-        self._buffer = JointStateBuffer(robot.joint_names, (), ())
-        self._velocity = np.full(robot.n, np.nan)
-        self._start = time.monotonic()
-        self.states, self.commands, self.errors = [], [], []
-        node = client.node
-        node.create_subscription(JointState, '/joint_states', self._on_state, 50)
-        node.create_subscription(Float64MultiArray, '/velocity_controller/commands',
-                                 self._on_command, 50)
-        node.create_subscription(DiagnosticArray, f'/{client.controller}/status',
-                                 self._on_status, 50)
-        if robot.moves:
-            self._odometry = OdometryBuffer(robot)
-            node.create_subscription(Odometry, '/odom', self._on_odometry, ODOMETRY_QOS)
-            node.create_subscription(Twist, '/cmd_vel', self._on_base_command, 50)
-
-    def now(self):
-        """Return the time since the recording began [s]."""
-        return time.monotonic() - self._start
-
-    def hears(self):
-        """Say whether something came in from everyone who is listened to."""
-        return bool(self.states and self.commands and self.errors)
-
-    def cut(self, first, zero):
-        """Forget what was before `first`, and count time from `zero` [s]."""
-        for rows in (self.states, self.commands, self.errors):
-            rows[:] = [(moment - zero, value) for moment, value in rows if moment >= first]
-
-    def _on_state(self, message):
-        """Record the configuration, once all of it is known."""
-        fault = self._buffer.put(message.name, message.position, self.now())
-        if fault or self._buffer.missing(self.now(), EVER):
-            return
-        joints = self._buffer.q.copy()
-        if not self._robot.moves:
-            self.states.append((self.now(), joints))
-        elif not self._odometry.missing(self.now(), EVER):
-            self.states.append((self.now(), self._odometry.configuration(joints)))
-
-    def _on_odometry(self, message):
-        """Take the pose of the base."""
-        self._odometry.put(message.header.frame_id, message.child_frame_id,
-                           placement_of(message), self.now())
-
-    def _on_command(self, message):
-        """Record a command of the joints; that of a base follows it."""
-        self._velocity[self._robot.joint_columns] = message.data
-        if not self._robot.moves:
-            self._record_command()
-
-    def _on_base_command(self, message):
-        """Record a command of the base."""
-        base = slice(0, self._robot.joint_columns.start)
-        self._velocity[base] = self._robot.base_velocities(twist_of(message))
-        self._record_command()
-
-    def _record_command(self):
-        """Record the velocities, once all of them are known."""
-        if not np.isnan(self._velocity).any():
-            self.commands.append((self.now(), self._velocity.copy()))
-
-    def _on_status(self, message):
-        """Record the error of every task: {(task, unit): error}."""
-        errors = {}
-        for status in message.status[1:]:
-            task = status.name.partition(': ')[2]
-            for value in status.values:
-                if value.key.startswith('error ['):
-                    errors[task, value.key[7:-1]] = float(value.value)
-        self.errors.append((self.now(), errors))
-
-
-def make_message(task, kind, fields):
+def make_message(task: str, kind: type, fields: Fields) -> Message:
     """
     Return a goal message.
 
@@ -383,38 +287,38 @@ def make_message(task, kind, fields):
     return _FILL[kind](fields)
 
 
-def _vector(target, values):
+def _vector(target: Point | Vector3, values: Iterable[float]) -> None:
     """Set x, y, z of a message."""
     target.x, target.y, target.z = map(float, values)
 
 
-def _quaternion(target, values):
+def _quaternion(target: Quaternion, values: Iterable[float]) -> None:
     """Set x, y, z, w of a message."""
     target.x, target.y, target.z, target.w = map(float, values)
 
 
-def _point(fields):
+def _point(fields: Fields) -> PointStamped:
     """Return a PointStamped."""
     message = PointStamped()
     _vector(message.point, fields['xyz'])
     return message
 
 
-def _direction(fields):
+def _direction(fields: Fields) -> Vector3Stamped:
     """Return a Vector3Stamped."""
     message = Vector3Stamped()
     _vector(message.vector, fields['xyz'])
     return message
 
 
-def _attitude(fields):
+def _orientation(fields: Fields) -> QuaternionStamped:
     """Return a QuaternionStamped."""
     message = QuaternionStamped()
     _quaternion(message.quaternion, fields['quat_xyzw'])
     return message
 
 
-def _pose(fields):
+def _pose(fields: Fields) -> PoseStamped:
     """Return a PoseStamped."""
     message = PoseStamped()
     _vector(message.pose.position, fields['xyz'])
@@ -422,7 +326,7 @@ def _pose(fields):
     return message
 
 
-def _joints(fields):
+def _joints(fields: Fields) -> JointState:
     """Return a JointState with positions or velocities, or both for the same joints."""
     positions, velocities = fields.get('joints', {}), fields.get('velocities', {})
     if positions and velocities and list(positions) != list(velocities):
@@ -432,7 +336,7 @@ def _joints(fields):
                       velocity=[float(value) for value in velocities.values()])
 
 
-def _twist(fields):
+def _twist(fields: Fields) -> TwistStamped:
     """Return a TwistStamped."""
     message = TwistStamped()
     _vector(message.twist.linear, fields.get('linear', (0.0, 0.0, 0.0)))
@@ -440,5 +344,6 @@ def _twist(fields):
     return message
 
 
-_FILL = {PointStamped: _point, Vector3Stamped: _direction, QuaternionStamped: _attitude,
-         PoseStamped: _pose, JointState: _joints, TwistStamped: _twist}
+_FILL: dict[type, Callable[[Fields], Message]] = {
+    PointStamped: _point, Vector3Stamped: _direction, QuaternionStamped: _orientation,
+    PoseStamped: _pose, JointState: _joints, TwistStamped: _twist}

@@ -15,22 +15,28 @@
 """The controller node: joint states, odometry and goals in, velocities and status out."""
 
 from array import array
+from collections.abc import Mapping, Sequence
 from functools import partial
 import sys
 import time
+from typing import Any, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
+from numpy.typing import NDArray
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.duration import Duration
-from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tp_controller.control.controller import Controller
+from tp_controller.control.report import Report
+from tp_controller.control.settings import Settings
 from tp_controller.errors import RobotError, SettingsError, TpControllerError
+from tp_controller.model.robot import Robot
 from tp_controller.nodes.base_topics import FixedBase, MovingBase
 from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.nodes.parameters import (
@@ -43,11 +49,13 @@ from tp_controller.nodes.parameters import (
     STRINGS,
     warn_unknown,
 )
-from tp_controller.nodes.runner import run
+from tp_controller.nodes.runner import ClosableNode, run
 from tp_controller.nodes.status import diagnostics, markers
 from tp_controller.nodes.task_topics import TaskTopics
 from tp_controller.tasks.stack import Stack
 from visualization_msgs.msg import MarkerArray
+
+Array = NDArray[np.float64]
 
 NAME = 'tp_controller'
 PARAMETERS = (
@@ -72,21 +80,28 @@ LAST_ZERO_SECONDS = 0.5
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class ControllerNode(Node):
+class ControllerNode(ClosableNode):
     """
     Runs the controller, by a timer or once per joint state.
 
     Whenever something is missing zeros are commanded, and the status says what.
     """
 
-    def __init__(self, **options):
+    # Made once there is a robot, all of them at once; `_ready` says whether there is.
+    _controller: Controller
+    _topics: TaskTopics
+    _buffer: JointStateBuffer
+    _base: MovingBase | FixedBase
+
+    def __init__(self, **options: Any) -> None:
         super().__init__(NAME, **options)
         # Safety times are measured between receipt and use, on a clock nobody can set.
         self._now = time.monotonic
         self._values = declare(self, PARAMETERS)
         self._settings = self._settings_of(self._values)
-        self._controller = self._topics = self._report = self._buffer = None
-        self._checked_stack = None
+        self._ready = False
+        self._report: Report | None = None
+        self._checked_stack: Stack | None = None
         self._stack_fault = ''
         self._stopped = self._status_due = False
         self._hold = 'no robot description yet'
@@ -108,9 +123,9 @@ class ControllerNode(Node):
         self._start_timers()
         warn_unknown(self)
 
-    def close(self):
+    def close(self) -> None:
         """Command zeros for the last time, unless somebody has ended ROS already."""
-        if self._buffer is not None and self.context.ok():
+        if self._ready and self.context.ok():
             self._publish_zeros()
             # What is still on its way when the process ends may never arrive.
             for publisher in (self._commands, self._base):
@@ -118,22 +133,23 @@ class ControllerNode(Node):
 
     # Setting up ---------------------------------------------------------------------------
 
-    def _period(self):
+    def _period(self) -> float:
         """Return the longest time between two commands [s]."""
         rate = self._values['rate']
         return 1.0 / rate if rate > 0.0 else self._values['state_timeout']
 
-    def _robot_time(self):
+    def _robot_time(self) -> float:
         """Return the time that passes for the robot [s]: a simulation may have its own."""
-        clock = self.get_clock()
+        # Declared as a clock of any kind; that of a node follows use_sim_time.
+        clock = cast(ROSClock, self.get_clock())
         return clock.now().nanoseconds * 1e-9 if clock.ros_time_is_active else self._now()
 
-    def _settings_of(self, values):
+    def _settings_of(self, values: Mapping[str, Any]) -> Settings:
         """Return the settings that parameter values make."""
         return settings_from(values, self._period(), '1/rate' if self._values['rate'] > 0.0
                              else 'state_timeout, because rate is 0')
 
-    def _start_timers(self):
+    def _start_timers(self) -> None:
         """Start the cycle, and what watches over it on the steady clock."""
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         if self._values['rate'] > 0.0:
@@ -144,20 +160,22 @@ class ControllerNode(Node):
         self.create_timer(1.0 / self._values['status_rate'], self._on_status_timer,
                           clock=steady)
 
-    def _make_robot(self, description=None):
+    def _make_robot(self, description: str | None = None) -> Robot | None:
         """Return the robot, None without a description."""
         return robot_from(self, self._values, description, self._values['joints'])
 
-    def _on_description(self, message):
+    def _on_description(self, message: String) -> None:
         """Take the first usable description from the topic."""
-        if self._buffer is not None:
+        if self._ready:
             return
         try:
-            self._set_robot(self._make_robot(message.data))
+            robot = self._make_robot(message.data)
+            if robot is not None:
+                self._set_robot(robot)
         except TpControllerError as error:
             self.get_logger().error(f'topic robot_description: {error}')
 
-    def _set_robot(self, robot):
+    def _set_robot(self, robot: Robot) -> None:
         """Make everything that depends on the robot."""
         names = self._values['command_joints'] or list(robot.joint_names)
         if sorted(names) != sorted(robot.joint_names):
@@ -181,6 +199,7 @@ class ControllerNode(Node):
             else FixedBase()
         self._buffer = JointStateBuffer(robot.joint_names, robot.passive_names,
                                         robot.passive_neutral)
+        self._ready = True
         self._load_stack()
         self.create_subscription(JointState, 'joint_states', self._on_joint_state, STATE_QOS)
         self.get_logger().info(f'controlling {robot.name}, base {robot.base}, '
@@ -188,7 +207,7 @@ class ControllerNode(Node):
 
     # Stack and parameters -----------------------------------------------------------------
 
-    def _load_stack(self):
+    def _load_stack(self) -> bool:
         """Read the stack of the parameter; return whether it is valid."""
         try:
             self._use_stack(self._read_stack(self._values['stack']))
@@ -198,13 +217,13 @@ class ControllerNode(Node):
             return False
         return True
 
-    def _read_stack(self, source):
+    def _read_stack(self, source: str) -> Stack:
         """Return the stack of a parameter's value."""
         if not source:
             raise SettingsError(['parameter stack is empty'])
         return Stack.from_yaml(source, self._controller.robot)
 
-    def _use_stack(self, stack):
+    def _use_stack(self, stack: Stack) -> None:
         """Carry out a stack."""
         self._controller.replace_stack(stack, self._settings)
         self._stack_fault = ''
@@ -215,13 +234,13 @@ class ControllerNode(Node):
             for remark in task.remarks:
                 self.get_logger().warning(f'task {task.name}: {remark}')
 
-    def _check_parameters(self, parameters):
+    def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Refuse what the method would refuse; what it knows nothing of is not its business."""
         values = {**self._values, **{parameter.name: parameter.value
                                      for parameter in parameters}}
         try:
             settings = self._settings_of(values)
-            if self._controller is not None:
+            if self._ready:
                 stack = self._controller.stack
                 if any(parameter.name == 'stack' for parameter in parameters):
                     # Kept, since a file may be another one the next time it is read.
@@ -231,20 +250,20 @@ class ControllerNode(Node):
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _apply_parameters(self, parameters):
+    def _apply_parameters(self, parameters: Sequence[Parameter]) -> None:
         """Act on parameters that were accepted."""
         changed = {parameter.name: parameter.value for parameter in parameters}
         self._values.update(changed)
         self._settings = self._settings_of(self._values)
-        if self._controller is not None:
-            if 'stack' in changed:
+        if self._ready:
+            if 'stack' in changed and self._checked_stack is not None:
                 self._use_stack(self._checked_stack)
             else:
                 self._controller.settings = self._settings
 
     # The cycle ----------------------------------------------------------------------------
 
-    def _on_joint_state(self, message):
+    def _on_joint_state(self, message: JointState) -> None:
         """Take joint positions; in the mode without a timer they start the cycle."""
         fault = self._buffer.put(message.name, message.position, self._now())
         if fault:
@@ -252,17 +271,17 @@ class ControllerNode(Node):
         elif self._values['rate'] == 0.0 and self._buffer.take_complete():
             self._cycle()
 
-    def _on_odometry(self):
+    def _on_odometry(self) -> None:
         """Start the cycle where nothing else does: without a timer and without driven joints."""
         if self._values['rate'] == 0.0 and not self._controller.robot.joint_names:
             self._cycle()
 
-    def _cycle(self):
+    def _cycle(self) -> None:
         """Command velocities, or zeros where something is missing."""
         now, robot_time = self._now(), self._robot_time()
         elapsed = robot_time - self._last_robot_time
         self._last_cycle, self._last_robot_time = now, robot_time
-        if self._buffer is None:
+        if not self._ready:
             return
         hold = self._reason_to_hold(now)
         if not hold:
@@ -280,7 +299,7 @@ class ControllerNode(Node):
         if self._status_due:
             self._publish_status()
 
-    def _say_hold(self, hold):
+    def _say_hold(self, hold: str) -> None:
         """Log why the robot is held, or that it is no more, where that has changed."""
         if hold == self._hold:
             return
@@ -294,7 +313,7 @@ class ControllerNode(Node):
                 self.get_logger().warning('no joint states of passive joints, taken as near to '
                                           f'zero as their limits allow: {", ".join(unheard)}')
 
-    def _reason_to_hold(self, now):
+    def _reason_to_hold(self, now: float) -> str:
         """Return why zeros are commanded; empty if nothing speaks against motion."""
         if self._stopped:
             return 'stopped; call ~/start to go on'
@@ -305,11 +324,11 @@ class ControllerNode(Node):
             return f'no joint states of {", ".join(missing)}'
         return self._base.reason_to_hold(now, self._values['state_timeout'])
 
-    def _watch(self):
+    def _watch(self) -> None:
         """Command zeros if the cycle has not done anything for too long."""
         now = self._now()
         silence = now - self._last_cycle
-        if self._buffer is None or silence <= self._values['state_timeout']:
+        if not self._ready or silence <= self._values['state_timeout']:
             return
         hold = self._reason_to_hold(now)
         # A cycle may well be longer than the joint states may be old.
@@ -323,12 +342,12 @@ class ControllerNode(Node):
             self._publish_zeros()
             self._say_hold(hold)
 
-    def _publish_zeros(self):
+    def _publish_zeros(self) -> None:
         """Command no motion."""
         self._controller.halt(self._now())
         self._publish_velocity(self._zeros)
 
-    def _publish_velocity(self, velocity):
+    def _publish_velocity(self, velocity: Array) -> None:
         """Command velocities (n,), to the joints and to the base."""
         self._command_view[:] = velocity[self._order]
         self._commands.publish(self._command)
@@ -336,26 +355,26 @@ class ControllerNode(Node):
 
     # Services and status ------------------------------------------------------------------
 
-    def _on_stop(self, request, response):
+    def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Stop, until ~/start."""
         self._stopped = True
-        if self._buffer is not None:
+        if self._ready:
             self._publish_zeros()
         response.success, response.message = True, 'stopped'
         return response
 
-    def _on_start(self, request, response):
+    def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Go on after ~/stop; tasks without a goal hold what they find now."""
-        if self._stopped and self._controller is not None:
+        if self._stopped and self._ready:
             self._controller.restart()
         self._stopped = False
         response.success, response.message = True, 'started'
         return response
 
-    def _on_reload(self, request, response):
+    def _on_reload(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Read the stack file again; one with faults leaves the stack as it is."""
         try:
-            if self._controller is None:
+            if not self._ready:
                 raise RobotError('no robot description yet')
             self._use_stack(self._read_stack(self._values['stack']))
             response.success, response.message = True, 'stack reloaded'
@@ -363,21 +382,21 @@ class ControllerNode(Node):
             response.success, response.message = False, str(error)
         return response
 
-    def _on_status_timer(self):
+    def _on_status_timer(self) -> None:
         """Publish the status; with a new goal after the next cycle, which reports about it."""
         self._status_due = True
         if self._hold or not self._topics.changed:
             self._publish_status()
 
-    def _publish_status(self):
+    def _publish_status(self) -> None:
         """Publish the status, and markers where somebody looks at them."""
         self._status_due = False
         stamp = self.get_clock().now().to_msg()
         message = diagnostics(stamp, self.get_fully_qualified_name().strip('/'), self._hold,
-                              self._report, self._topics.records if self._topics else {})
+                              self._report, self._topics.records if self._ready else {})
         self._status.publish(message)
         self._diagnostics.publish(message)
-        if self._controller is not None and self._markers.get_subscription_count():
+        if self._ready and self._markers.get_subscription_count():
             self._markers.publish(markers(stamp, self._controller.robot.root, self._controller))
 
 

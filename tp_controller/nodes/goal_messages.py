@@ -14,8 +14,9 @@
 
 """Goal messages become arrays, one entry for each kind of goal."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from geometry_msgs.msg import (
     PointStamped,
@@ -27,7 +28,18 @@ from geometry_msgs.msg import (
 from sensor_msgs.msg import JointState
 from tp_controller.errors import GoalError
 from tp_controller.tasks.collision import ALL
+from tp_controller.tasks.task import Task
 from visualization_msgs.msg import Marker, MarkerArray
+
+# What rosidl generates has neither types nor a common base class.
+Message = Any
+# A goal for obstacles, by their names, and the frame that it is in.
+Parts = list[tuple[str, dict[str, Any]]]
+Xyz = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Pose = tuple[float, float, float, float, float, float, float]
+Twist = tuple[float, float, float, float, float, float]
+Named = dict[str, float] | list[float] | None
 
 
 @dataclass(frozen=True)
@@ -53,48 +65,48 @@ class GoalMessage:
 
     type: type
     topic: str
-    goal: Callable
-    feed_forward: Callable
+    goal: Callable[[Message], Any]
+    feed_forward: Callable[[Message], Any]
     framed: bool
-    parts: Callable = None
+    parts: Callable[[Message], Parts] | None = None
 
 
-def _nothing(message):
+def _nothing(message: Message) -> None:
     """Return None: the message says nothing of the kind."""
     return None
 
 
-def _point(message):
+def _point(message: PointStamped) -> Xyz:
     """Return x, y, z [m]."""
     point = message.point
     return point.x, point.y, point.z
 
 
-def _direction(message):
+def _direction(message: Vector3Stamped) -> Xyz:
     """Return the x, y, z of a direction."""
     vector = message.vector
     return vector.x, vector.y, vector.z
 
 
-def _quaternion(message):
+def _quaternion(message: QuaternionStamped) -> Quaternion:
     """Return a quaternion xyzw."""
     turn = message.quaternion
     return turn.x, turn.y, turn.z, turn.w
 
 
-def _pose(message):
+def _pose(message: PoseStamped | Marker) -> Pose:
     """Return x, y, z [m] and a quaternion xyzw."""
     point, turn = message.pose.position, message.pose.orientation
     return point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w
 
 
-def _twist(message):
+def _twist(message: TwistStamped) -> Twist:
     """Return linear [m/s] and angular [rad/s] velocity."""
     linear, angular = message.twist.linear, message.twist.angular
     return linear.x, linear.y, linear.z, angular.x, angular.y, angular.z
 
 
-def _named(names, values, what):
+def _named(names: Sequence[str], values: Sequence[float], what: str) -> Named:
     """Return {joint: value}, the plain values where there are no names, None without values."""
     if not len(values):
         return None
@@ -108,17 +120,17 @@ def _named(names, values, what):
     return given
 
 
-def _joint_positions(message):
+def _joint_positions(message: JointState) -> Named:
     """Return positions by joint [rad or m]."""
     return _named(message.name, message.position, 'positions')
 
 
-def _joint_velocities(message):
+def _joint_velocities(message: JointState) -> Named:
     """Return velocities by joint [rad/s or m/s]."""
     return _named(message.name, message.velocity, 'velocities')
 
 
-def _obstacles(message):
+def _obstacles(message: MarkerArray) -> Parts:
     """
     Return (frame, {name: obstacle}) for each frame of a `MarkerArray`.
 
@@ -130,7 +142,8 @@ def _obstacles(message):
         A marker that is no obstacle; nothing of the message is taken then.
 
     """
-    placed, cleared = {}, False
+    placed: dict[str, tuple[str, dict[str, Any] | None]] = {}
+    cleared = False
     for marker in message.markers:
         name = marker.ns if marker.ns and not marker.id else '/'.join(
             filter(None, (marker.ns, str(marker.id))))
@@ -143,15 +156,16 @@ def _obstacles(message):
         else:
             raise GoalError(f'obstacle {name}: unknown action {marker.action}; valid: 0 (add or '
                             'modify), 2 (delete), 3 (delete all)')
-    parts = {}
+    parts: dict[str, dict[str, Any]] = {}
     for name, (frame, obstacle) in placed.items():
         parts.setdefault(frame, {})[name] = obstacle
-    return ([('', {ALL: None})] if cleared else []) + list(parts.items())
+    return [*([('', {ALL: None})] if cleared else []), *parts.items()]
 
 
-def _obstacle(name, marker):
+def _obstacle(name: str, marker: Marker) -> dict[str, Any]:
     """Return a marker as a goal for one obstacle."""
     size = marker.scale.x, marker.scale.y, marker.scale.z
+    shape: dict[str, Any]
     if marker.type == Marker.CUBE:
         shape = {'box': list(size)}
     elif marker.type == Marker.SPHERE and size[0] == size[1] == size[2]:
@@ -184,7 +198,7 @@ FEED_FORWARD = {
 }
 
 
-def messages_of(task):
+def messages_of(task: Task | type[Task]) -> list[GoalMessage]:
     """
     Return how a task is told what to do.
 
@@ -200,5 +214,5 @@ def messages_of(task):
         One for each topic of the task.
 
     """
-    entries = (GOALS.get(task.goal_type), FEED_FORWARD.get(task.feed_forward_type))
+    entries = (GOALS.get(task.goal_type or ''), FEED_FORWARD.get(task.feed_forward_type or ''))
     return [entry for entry in entries if entry is not None]

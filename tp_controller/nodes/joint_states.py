@@ -14,10 +14,15 @@
 
 """Joint positions, merged by name from any number of publishers."""
 
+from collections.abc import Sequence
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from tp_controller.tasks.task import LARGEST
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
 
 
 class JointStateBuffer:
@@ -42,7 +47,8 @@ class JointStateBuffer:
 
     """
 
-    def __init__(self, driven, passive, passive_start):
+    def __init__(self, driven: Sequence[str], passive: Sequence[str],
+                 passive_start: Sequence[float] | Array) -> None:
         self._names = (*driven, *passive)
         self._rows = {name: row for row, name in enumerate(self._names)}
         self._n = len(driven)
@@ -51,9 +57,9 @@ class JointStateBuffer:
         self.q = self._positions[:self._n]
         self.passive = self._positions[self._n:]
         self._fresh = np.zeros(self._n, dtype=bool)
-        self._plans = {}
+        self._plans: dict[tuple[str, ...], tuple[Rows, Rows, Rows]] = {}
 
-    def put(self, names, positions, now):
+    def put(self, names: Sequence[str], positions: Sequence[float], now: float) -> str:
         """
         Take a message.
 
@@ -89,31 +95,31 @@ class JointStateBuffer:
         self._fresh[driven] = True
         return ''
 
-    def missing(self, now, timeout):
+    def missing(self, now: float, timeout: float) -> list[str]:
         """Return the driven joints that nothing was heard of for `timeout` seconds."""
         age = now - self._received[:self._n]
         if not self._n or age.max() <= timeout:
             return []
         return [self._names[row] for row in np.flatnonzero(age > timeout)]
 
-    def unheard(self):
+    def unheard(self) -> list[str]:
         """Return the passive joints that nothing was ever heard of."""
         return [name for name, received in zip(self._names[self._n:], self._received[self._n:])
                 if received == -math.inf]
 
-    def take_complete(self):
+    def take_complete(self) -> bool:
         """Return True once after every driven joint got a new position."""
         if not self._fresh.all():
             return False
         self._fresh[:] = False
         return True
 
-    def _plan(self, names):
+    def _plan(self, names: tuple[str, ...]) -> tuple[Rows, Rows, Rows]:
         """Return where in a message the joints are, and where they go."""
         found = [(index, self._rows[name]) for index, name in enumerate(names)
                  if name in self._rows]
-        source = np.array([index for index, _ in found], dtype=int)
-        rows = np.array([row for _, row in found], dtype=int)
+        source = np.array([index for index, _ in found], dtype=np.intp)
+        rows = np.array([row for _, row in found], dtype=np.intp)
         # A publisher that changes its names all the time must not fill the memory.
         if len(self._plans) >= 100:
             self._plans.clear()

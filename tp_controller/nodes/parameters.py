@@ -14,8 +14,10 @@
 
 """Parameters: declared with description, unit and range, refused with the reason."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 import math
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.exceptions import (
@@ -23,11 +25,15 @@ from rclpy.exceptions import (
     InvalidParameterValueException,
     ParameterAlreadyDeclaredException,
 )
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from tp_controller.control.settings import Settings
 from tp_controller.errors import RobotError, SettingsError
 from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
 from tp_controller.model.robot import BASE_LIMIT_KEYS, LIMIT_KEYS, Robot
+
+# By velocity and key.
+Limits = dict[str, dict[str, float]]
 
 STRINGS = Parameter.Type.STRING_ARRAY
 DOUBLES = Parameter.Type.DOUBLE_ARRAY
@@ -69,7 +75,7 @@ class Spec:
     upper: float = math.inf
     read_only: bool = False
 
-    def descriptor(self):
+    def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor that ROS tools show."""
         unit = f' [{self.unit}]' if self.unit else ''
         ranges = []
@@ -99,7 +105,7 @@ SETTINGS = tuple(
     for item in fields(Settings) if item.name != 'period')
 
 
-def declare(node, specs):
+def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     """
     Declare parameters and return their values.
 
@@ -121,7 +127,8 @@ def declare(node, specs):
         All parameters that were given a value of the wrong type or out of range.
 
     """
-    values, faults = {}, []
+    values: dict[str, Any] = {}
+    faults: list[str] = []
     for spec in specs:
         try:
             values[spec.name] = node.declare_parameter(
@@ -142,7 +149,7 @@ def declare(node, specs):
     return values
 
 
-def warn_unknown(node):
+def warn_unknown(node: Node) -> None:
     """Say which parameters were given a value but do not exist: ROS ignores them silently."""
     # Limits are refused where they are unknown, once the robot is there.
     names = [name for name in node._parameter_overrides if not node.has_parameter(name)
@@ -151,7 +158,7 @@ def warn_unknown(node):
         node.get_logger().warning(f'unknown parameters, ignored: {", ".join(sorted(names))}')
 
 
-def settings_from(values, period, origin):
+def settings_from(values: Mapping[str, Any], period: float, origin: str) -> Settings:
     """
     Return `Settings` from parameter values.
 
@@ -179,7 +186,8 @@ def settings_from(values, period, origin):
                              for fault in error.faults]) from error
 
 
-def robot_from(node, values, description=None, joints=None):
+def robot_from(node: Node, values: Mapping[str, Any], description: str | None = None,
+               joints: Sequence[str] | None = None) -> Robot | None:
     """
     Return the robot that the parameters describe.
 
@@ -205,11 +213,11 @@ def robot_from(node, values, description=None, joints=None):
         What is wrong with the description or a limit.
 
     """
-    urdf = values['robot_description'] or description
-    if not values['robot'] and urdf is None:
+    if not values['robot'] and not values['robot_description'] and description is None:
         return None
+    urdf: str = values['robot_description'] or description or ''
 
-    def build(limits=None):
+    def build(limits: Limits | None = None) -> Robot:
         options = {'joints': joints, 'limits': limits, 'base': values['base'],
                    'world_frame': values['world_frame']}
         if values['robot']:
@@ -224,7 +232,7 @@ def robot_from(node, values, description=None, joints=None):
     return build(limits=limits) if limits else robot
 
 
-def _limits(node, robot):
+def _limits(node: Node, robot: Robot) -> Limits:
     """Return {velocity: {key: value}} of the limits that parameters replace."""
     specs = [Spec(f'{LIMITS}{name}.{key}', DOUBLE,
                   f'{key} limit of {name}, in place of the one in the description',
@@ -237,7 +245,7 @@ def _limits(node, robot):
         raise SettingsError([f'unknown parameter {", ".join(sorted(strange))}; valid: '
                              f'{LIMITS}<joint>.{"|".join(LIMIT_KEYS)} with the driven joints '
                              f'{", ".join(robot.joint_names)}{_base_limits(robot)}'])
-    limits = {}
+    limits: Limits = {}
     for name, value in declare(node, specs).items():
         if value is not None:
             joint, key = name.removeprefix(LIMITS).rsplit('.', 1)
@@ -245,7 +253,7 @@ def _limits(node, robot):
     return limits
 
 
-def _base_limits(robot):
+def _base_limits(robot: Robot) -> str:
     """Return which limits of a base there are, as the end of a list."""
     names = robot.velocity_names[:robot.joint_columns.start]
     if not names:

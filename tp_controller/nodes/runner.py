@@ -14,22 +14,21 @@
 
 """Running a node: one loop, clean ends, plain words instead of tracebacks."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 import os
 import signal
 import threading
 
 from rclpy import init, try_shutdown
+from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle, ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from tp_controller.errors import TpControllerError
-
-try:
-    from rclpy.experimental.events_executor import EventsExecutor
-except ImportError:
-    EventsExecutor = None
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # EventsExecutor.spin() waits with a deadline that overflows and burns a core; a long finite one
@@ -37,12 +36,25 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LONG = 1e8
 
 
-def make_executor(context=None):
+class ClosableNode(Node, ABC):
+    """A node that can say a last word."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Act for the last time, while publishing still works."""
+
+
+def make_executor(context: Context | None = None) -> Executor:
     """Return the executor with the least overhead that this rclpy has."""
-    return (EventsExecutor or SingleThreadedExecutor)(context=context)
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
-def run(make_node, name, args=None):
+def run(make_node: Callable[[], ClosableNode], name: str,
+        args: list[str] | None = None) -> int:
     """
     Run a node until SIGINT or SIGTERM.
 
@@ -83,7 +95,7 @@ def run(make_node, name, args=None):
     return 0
 
 
-def _catch_signals():
+def _catch_signals() -> int:
     """
     Catch the signals that end a node; return a file that a byte arrives at for each.
 
@@ -98,13 +110,13 @@ def _catch_signals():
     return reader
 
 
-def _spin(node, arrived):
+def _spin(node: Node, arrived: int) -> None:
     """Spin until a signal arrives or somebody shuts the context down."""
     executor = make_executor(node.context)
     executor.add_node(node)
     ended = Future(executor=executor)
 
-    def wait_for_signal():
+    def wait_for_signal() -> None:
         os.read(arrived, 1)
         ended.set_result(None)
 

@@ -15,16 +15,17 @@
 """The simulator node: a kinematic robot behind the topics of a real one."""
 
 from array import array
+from collections.abc import Sequence
 from functools import partial
 import math
 import sys
 import time
+from typing import Any
 
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -35,7 +36,7 @@ from tp_controller.errors import RobotError
 from tp_controller.model.simulator import Imperfections, initial_positions, KinematicSimulator
 from tp_controller.nodes.base_topics import fill_odometry, twist_of
 from tp_controller.nodes.parameters import declare, ROBOT, robot_from, Spec, STRINGS, warn_unknown
-from tp_controller.nodes.runner import run
+from tp_controller.nodes.runner import ClosableNode, run
 
 NAME = 'tp_simulator'
 PARAMETERS = (
@@ -62,15 +63,16 @@ PARAMETERS = (
 LARGEST_GAP = 0.2
 
 
-class SimulatorNode(Node):
+class SimulatorNode(ClosableNode):
     """Integrates commands and publishes joint states, at its own pace."""
 
-    def __init__(self, **options):
+    def __init__(self, **options: Any) -> None:
         super().__init__(NAME, **options)
         values = declare(self, PARAMETERS)
-        self._robot = robot_from(self, values)
-        if self._robot is None:
+        robot = robot_from(self, values)
+        if robot is None:
             raise RobotError('parameter robot (a file) or robot_description (URDF text) is needed')
+        self._robot = robot
         self._speed, self._dt = values['speed'], 1.0 / values['rate']
         self._simulator = KinematicSimulator(
             self._robot,
@@ -92,17 +94,17 @@ class SimulatorNode(Node):
             f'{self._robot.base}) at {self._speed:g} × real '
             f'time, commands for {", ".join(names)}')
 
-    def close(self):
+    def close(self) -> None:
         """Do nothing: the robot stops by itself."""
 
-    def _check_names(self, names):
+    def _check_names(self, names: Sequence[str]) -> Sequence[str]:
         """Return the names of the commanded joints if they are ones of the robot, each once."""
         if not set(names) <= set(self._robot.joint_names) or len(set(names)) < len(names):
             raise RobotError('parameter command_joints must be some of the joints, each once '
                              f'({", ".join(self._robot.joint_names)}), not {", ".join(names)}')
         return names
 
-    def _connect(self):
+    def _connect(self) -> None:
         """Create publishers, the subscription, the service and the timer."""
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._description = self.create_publisher(String, 'robot_description', latched)
@@ -130,7 +132,7 @@ class SimulatorNode(Node):
         self.create_timer(self._dt / self._speed, self._on_timer,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _on_command(self, message):
+    def _on_command(self, message: Float64MultiArray) -> None:
         """Take a command."""
         if len(message.data) != len(self._commanded):
             self.get_logger().error(
@@ -140,27 +142,27 @@ class SimulatorNode(Node):
         self._velocity[self._commanded] = message.data
         self._take(self._robot.joint_columns, 'command')
 
-    def _on_base_command(self, message):
+    def _on_base_command(self, message: Twist) -> None:
         """Take a command for the base; what it has no velocity for is passed over."""
         base = slice(0, self._robot.joint_columns.start)
         self._velocity[base] = self._robot.base_velocities(twist_of(message))
         self._take(base, 'cmd_vel')
 
-    def _take(self, columns, what):
+    def _take(self, columns: slice, what: str) -> None:
         """Hand those of the velocities that came in to the simulator."""
         if not np.isfinite(self._velocity[columns]).all():
             self.get_logger().error(f'{what} ignored: not finite', throttle_duration_sec=1.0)
             return
         self._simulator.command(self._velocity, columns)
 
-    def _on_reset(self, request, response):
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Go back to the start."""
         # Time goes on: it must not run backwards for those who read it.
         self._simulator.reset(self._simulator.now)
         response.success = True
         return response
 
-    def _on_timer(self):
+    def _on_timer(self) -> None:
         """Make all the steps that are due, and publish each."""
         now = time.monotonic()
         due = (now - self._start_time) * self._speed / self._dt
@@ -175,7 +177,7 @@ class SimulatorNode(Node):
             self._simulator.step(self._dt)
             self._publish()
 
-    def _publish(self):
+    def _publish(self) -> None:
         """Publish time and joint states."""
         now = self._simulator.now
         if self._clock_publisher is not None:

@@ -14,9 +14,16 @@
 
 """The report of a cycle as messages: diagnostics and markers."""
 
+from collections.abc import Mapping
+
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point
 import numpy as np
+from numpy.typing import ArrayLike
+from tp_controller.control.controller import Controller
+from tp_controller.control.report import Report, TaskReport
+from tp_controller.nodes.task_topics import GoalRecord
 from visualization_msgs.msg import Marker, MarkerArray
 
 ARROW = (0.08, 0.008)
@@ -25,7 +32,8 @@ LEVELS = {**dict.fromkeys(('reached', 'kept', 'moving', 'disabled'), DiagnosticS
 COLOURS = ((0.9, 0.1, 0.1), (0.1, 0.7, 0.1), (0.2, 0.3, 0.95))
 
 
-def diagnostics(stamp, node_name, hold, report, records):
+def diagnostics(stamp: Time, node_name: str, hold: str, report: Report | None,
+                records: Mapping[str, GoalRecord]) -> DiagnosticArray:
     """
     Return the status of the node and of every task.
 
@@ -66,13 +74,13 @@ def diagnostics(stamp, node_name, hold, report, records):
     return array
 
 
-def _goal_values(record):
+def _goal_values(record: GoalRecord) -> list[KeyValue]:
     """Return what came in for a task."""
     return [_value('goals accepted', record.accepted), _value('goals refused', record.refused),
             _value('last refusal', record.refusal)]
 
 
-def _task_status(node_name, task, record):
+def _task_status(node_name: str, task: TaskReport, record: GoalRecord) -> DiagnosticStatus:
     """Return the status of one task."""
     values = [_value('type', task.type_name), _value('level', task.level or 'disabled'),
               _value('status', task.status)]
@@ -88,12 +96,12 @@ def _task_status(node_name, task, record):
                             level=LEVELS[task.status], message=message, values=values)
 
 
-def _value(key, value):
+def _value(key: str, value: object) -> KeyValue:
     """Return one entry of a diagnostic status."""
     return KeyValue(key=key, value=str(value))
 
 
-def markers(stamp, root, controller):
+def markers(stamp: Time, root: str, controller: Controller) -> MarkerArray:
     """
     Return the goals of the tasks that are about a frame, and the way to them.
 
@@ -130,7 +138,7 @@ def markers(stamp, root, controller):
     return array
 
 
-def _marker(stamp, root, name, number, kind):
+def _marker(stamp: Time, root: str, name: str, number: int, kind: int) -> Marker:
     """Return a marker in the root frame that disappears when it is not renewed."""
     marker = Marker(ns=name, id=number, type=kind, action=Marker.ADD)
     marker.header.frame_id = root
@@ -140,7 +148,7 @@ def _marker(stamp, root, name, number, kind):
     return marker
 
 
-def _to_point(vector):
+def _to_point(vector: ArrayLike) -> Point:
     """Return a point message."""
     x, y, z = np.asarray(vector, float).tolist()
     return Point(x=x, y=y, z=z)

@@ -14,15 +14,20 @@
 
 """The topics and the service that each task of a stack has."""
 
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
+from numpy.typing import NDArray
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 from std_srvs.srv import SetBool
+from tp_controller.control.controller import Controller
 from tp_controller.errors import GoalError
-from tp_controller.nodes.goal_messages import messages_of
-from tp_controller.nodes.tf_frames import ForeignFrames
+from tp_controller.nodes.goal_messages import GoalMessage, Message, messages_of, Parts
+from tp_controller.nodes.tf_frames import TfFrames
 from tp_controller.tasks.collision import ALL
 
 # Time to the next try where a topic could not be opened [s], and how many tries are strange.
@@ -61,17 +66,20 @@ class TaskTopics:
 
     """
 
-    def __init__(self, node, controller, clock):
+    def __init__(self, node: Node, controller: Controller,
+                 clock: Callable[[], float]) -> None:
         self._node, self._controller, self._clock = node, controller, clock
-        self._frames = ForeignFrames(node, controller.robot.root)
-        self._open, self._wanted = {}, {}
+        self._frames = TfFrames(node, controller.robot.root)
+        # By task and topic: the type, and what closes it.
+        self._open: dict[tuple[str, str], tuple[type, Callable[[], object]]] = {}
+        self._wanted: dict[tuple[str, str], type] = {}
         self._again = node.create_timer(REOPEN_PERIOD, self._open_missing,
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._again.cancel()
-        self.records = {}
+        self.records: dict[str, GoalRecord] = {}
         self.changed = False
 
-    def follow_stack(self):
+    def follow_stack(self) -> None:
         """Open what the tasks of the stack need, and close what no task needs any more."""
         self.records = {name: self.records.get(name, GoalRecord())
                         for name in self._controller.stack.tasks}
@@ -89,7 +97,7 @@ class TaskTopics:
         # A topic cannot have another type before the executor has let go of what was closed.
         self._open_missing(later=closed)
 
-    def _open_missing(self, later=()):
+    def _open_missing(self, later: Collection[tuple[str, str]] = ()) -> None:
         """Open what is wanted and not open yet; what cannot be opened is tried again soon."""
         for key, kind in self._wanted.items():
             if key not in self._open and key not in later:
@@ -104,17 +112,18 @@ class TaskTopics:
         else:
             self._again.cancel()
 
-    def _make(self, name, topic, kind):
+    def _make(self, name: str, topic: str, kind: type) -> Callable[[], object]:
         """Open one topic or service; return what closes it."""
         if kind is SetBool:
-            made = self._node.create_service(kind, f'~/{name}/{topic}',
-                                             partial(self._on_enable, name))
-            return partial(self._node.destroy_service, made)
-        made = self._node.create_subscription(kind, f'~/{name}/{topic}',
-                                              partial(self._on_message, name, topic), 10)
-        return partial(self._node.destroy_subscription, made)
+            service = self._node.create_service(kind, f'~/{name}/{topic}',
+                                                partial(self._on_enable, name))
+            return partial(self._node.destroy_service, service)
+        subscription = self._node.create_subscription(
+            kind, f'~/{name}/{topic}', partial(self._on_message, name, topic), 10)
+        return partial(self._node.destroy_subscription, subscription)
 
-    def _on_enable(self, name, request, response):
+    def _on_enable(self, name: str, request: SetBool.Request,
+                   response: SetBool.Response) -> SetBool.Response:
         """Take a task into the stack or leave it out."""
         try:
             self._controller.enable(name, request.data)
@@ -126,9 +135,10 @@ class TaskTopics:
         response.message = f'task {name} is {"enabled" if request.data else "disabled"}'
         return response
 
-    def _on_message(self, name, topic, message):
+    def _on_message(self, name: str, topic: str, message: Message) -> None:
         """Take a goal or a feed-forward velocity, or say why not."""
-        if self._open.get((name, topic), (None,))[0] is not type(message):
+        kind, _ = self._open.get((name, topic), (None, None))
+        if kind is not type(message):
             # It was on its way when the stack changed.
             return
         task = self._controller.stack.tasks[name]
@@ -143,7 +153,7 @@ class TaskTopics:
             record.refusal = str(error)
             self._node.get_logger().error(f'goal for task {name} refused: {error}')
 
-    def _take(self, name, entry, message):
+    def _take(self, name: str, entry: GoalMessage, message: Message) -> None:
         """Hand the content of a message to the controller."""
         if entry.parts is not None:
             self._take_parts(name, entry.parts(message))
@@ -161,24 +171,24 @@ class TaskTopics:
         if feed_forward is not None:
             self._controller.set_feed_forward(name, feed_forward, now, frame)
 
-    def _take_parts(self, name, parts):
+    def _take_parts(self, name: str, parts: Parts) -> None:
         """Hand parts (frame, goal) to the controller, all of them or none."""
         if not parts:
             raise GoalError('the message holds nothing that this task takes')
         task = self._controller.stack.tasks[name]
-        parts = [(None if frame == task.reference else self._frame(frame), goal)
-                 for frame, goal in parts]
-        task.parse_goal({key: value for _, goal in parts for key, value in goal.items()})
+        placed = [(None if frame == task.reference else self._frame(frame), goal)
+                  for frame, goal in parts]
+        task.parse_goal({key: value for _, goal in placed for key, value in goal.items()})
         now = self._clock()
         # What is in other frames may still be refused where no joint positions are known.
-        parts.sort(key=lambda part: part[0] is None)
-        cleared = any(ALL in goal for _, goal in parts)
-        for frame, goal in parts:
+        placed.sort(key=lambda part: part[0] is None)
+        cleared = any(ALL in goal for _, goal in placed)
+        for place, goal in placed:
             goal = {key: value for key, value in goal.items() if key != ALL}
-            self._controller.set_goal(name, {ALL: None, **goal} if cleared else goal, now, frame)
+            self._controller.set_goal(name, {ALL: None, **goal} if cleared else goal, now, place)
             cleared = False
 
-    def _frame(self, frame):
+    def _frame(self, frame: str) -> str | NDArray[np.float64] | None:
         """Return a frame as the controller takes it: None, a name or a pose in the root."""
         if not frame or frame in self._controller.robot.frame_names:
             return frame or None

@@ -14,13 +14,21 @@
 
 """Frames that are not on the robot, through tf2 where it is installed."""
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.time import Time
 from tp_controller.errors import GoalError
 from tp_controller.model.spatial import pose, rotation_from_quaternion
 from tp_controller.tasks.task import finite_vector
 
+# The time that means the latest transform there is.
+LATEST = Time()
 
-class ForeignFrames:
+
+class TfFrames:
     """
     Looks up where a foreign frame is; listens to tf from the first question on.
 
@@ -32,11 +40,12 @@ class ForeignFrames:
 
     """
 
-    def __init__(self, node, root):
+    def __init__(self, node: Node, root: str) -> None:
         self._node, self._root = node, root
-        self._buffer = None
+        # Of tf2_ros, which may be missing.
+        self._buffer: Any = None
 
-    def pose(self, frame):
+    def pose(self, frame: str) -> NDArray[np.float64]:
         """
         Return T_root_frame (4, 4), the latest known.
 
@@ -57,16 +66,10 @@ class ForeignFrames:
             self._listener = tf2_ros.TransformListener(self._buffer, self._node)
             hint = ' (listening to tf only from now on: send the goal again)'
         try:
-            transform = self._buffer.lookup_transform(self._root, frame, _latest()).transform
+            transform = self._buffer.lookup_transform(self._root, frame, LATEST).transform
             turn, shift = transform.rotation, transform.translation
             R = rotation_from_quaternion(np.array([turn.x, turn.y, turn.z, turn.w]))
             origin = finite_vector((shift.x, shift.y, shift.z), 3, 'its origin')
         except (tf2_ros.TransformException, ValueError, GoalError) as error:
             raise GoalError(f'frame {frame!r}: {error}{hint}') from error
         return pose(R, origin)
-
-
-def _latest():
-    """Return the time that means the latest transform there is."""
-    from rclpy.time import Time
-    return Time()
