@@ -35,7 +35,8 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from tp_controller import Controller, Robot, Settings, Stack
-from tp_controller.demos import plots
+from tp_controller.demos import drawing
+from tp_controller.demos.film import links_of
 from tp_controller.model.shapes import Box, Cylinder, Sphere
 from tp_controller.tasks.manipulability import Mobility
 
@@ -44,10 +45,10 @@ FOLDER = ROOT / 'docs' / 'images' / 'tasks'
 PERIOD = 0.01
 
 START_COLOUR = '#A9B1BA'
-END_COLOUR = plots.COLOURS[0]
+END_COLOUR = drawing.COLOURS[0]
 WITHOUT_COLOUR = '#5F6B78'
 WITHOUT_STYLE = {'linewidth': 1.3, 'linestyle': (0, (4, 2))}
-TARGET_COLOUR = plots.GOAL_COLOUR
+TARGET_COLOUR = drawing.GOAL_COLOUR
 # Where the eye is, as azimuth and elevation [deg].
 SIDE, ABOVE, OBLIQUE = (-90.0, 0.0), (-90.0, 90.0), (-60.0, 18.0)
 
@@ -145,7 +146,7 @@ class Run:
     @cached_property
     def chain(self):
         """Return (parent, child) of the links that carry what moves, and the children driven."""
-        links, driven = plots.links_of(self.robot)
+        links, driven = links_of(self.robot)
         parents = {child: parent for parent, child in links}
         wanted = {*driven, *(frame for task in self.stack.tasks.values() for frame in (
             getattr(task, 'frame', None), getattr(task, 'reference', None)))}
@@ -182,7 +183,7 @@ class Canvas:
             [-np.sin(elevation) * np.cos(azimuth), -np.sin(elevation) * np.sin(azimuth),
              np.cos(elevation)]])
         axis.set_aspect('equal', adjustable='datalim')
-        plots.tidy(axis)
+        drawing.tidy(axis)
         if np.isclose(np.abs(self._rows).max(axis=1), 1.0).all():
             right, up = ('xyz'[row.argmax()] for row in np.abs(self._rows))
             axis.set(xlabel=f'{right} [m]', ylabel=f'{up} [m]')
@@ -356,7 +357,7 @@ class Plot:
             values = self.values(other)
             if not isinstance(values, dict):
                 values = {None: values}
-            for colour, (name, curve) in zip(plots.COLOURS, values.items()):
+            for colour, (name, curve) in zip(drawing.COLOURS, values.items()):
                 axis.plot(run.times, curve, label=name, **{'color': colour, **style})
             if None not in values:
                 axis.legend(frameon=False, fontsize=9, labelspacing=0.2, handlelength=1.2,
@@ -371,13 +372,13 @@ class Plot:
         for bound, outward in ((self.lower, -1.0), (self.upper, 1.0)):
             if np.isfinite(bound):
                 low, high = min(low, bound - room), max(high, bound + room)
-                plots.mark_bound(axis, bound, outward * 1e3 * (high - low))
+                drawing.mark_bound(axis, bound, outward * 1e3 * (high - low))
         axis.set_ylim(low, high)
         axis.set_xlim(run.times[0], run.times[-1])
         axis.set_title(self.label, loc='left', fontsize=10)
         if not self.log:
             axis.locator_params(axis='y', nbins=4)
-        plots.tidy(axis)
+        drawing.tidy(axis)
 
 
 # Scenes -----------------------------------------------------------------------------------
@@ -429,7 +430,7 @@ def draw(kind, folder=FOLDER):
     scene = SCENES[kind]
     run = Run(scene, kind)
     without = Run(scene, kind, without=True) if scene.compare else None
-    figure = Figure(figsize=(8.2, 3.45), dpi=plots.DPI, layout='constrained')
+    figure = Figure(figsize=(8.2, 3.45), dpi=drawing.DPI, layout='constrained')
     figure.get_layout_engine().set(w_pad=0.08, h_pad=0.06)
     FigureCanvasAgg(figure)
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
@@ -446,7 +447,7 @@ def draw(kind, folder=FOLDER):
     figure.canvas.draw()
     lines = [f'{which} {plot.numbers(one)}' for plot in scene.plots
              for which, one in (('with   ', run), ('without', without)) if one]
-    return plots.save(figure, Path(folder) / f'{kind}.png'), lines
+    return drawing.save(figure, Path(folder) / f'{kind}.png'), lines
 
 
 def draw_scene(canvas, scene, kind, run, without):
@@ -561,10 +562,10 @@ def error(name, unit='m'):
 
 def room(canvas, run, without):
     """Draw the region that a frame stays in: all around it is shaded."""
-    canvas.axis.set_facecolor((plots.LIMIT_COLOUR, 0.06))
+    canvas.axis.set_facecolor((drawing.LIMIT_COLOUR, 0.06))
     outline = moved(corners(run.task.shape), run.task.goal)
     canvas.body(outline, 'white', opacity=1.0, linewidth=0.0)
-    canvas.body(outline, plots.LIMIT_COLOUR, opacity=0.0, linewidth=1.5)
+    canvas.body(outline, drawing.LIMIT_COLOUR, opacity=0.0, linewidth=1.5)
 
 
 def pillar(canvas, run, without):
@@ -572,13 +573,13 @@ def pillar(canvas, run, without):
     task, (radius, half) = run.task, run.task.shape.half
     for shape, style in ((task.shape, {}), (Cylinder(radius + task.radius, 2.0 * half),
                                             {'linestyle': '--', 'opacity': 0.06})):
-        canvas.body(moved(corners(shape), task.goal), plots.LIMIT_COLOUR, linewidth=1.3, **style)
+        canvas.body(moved(corners(shape), task.goal), drawing.LIMIT_COLOUR, linewidth=1.3, **style)
 
 
 def things(canvas, run, without):
     """Draw the obstacles of a task."""
     for thing in run.task.obstacles.values():
-        canvas.body(moved(corners(thing.shape), thing.pose), plots.LIMIT_COLOUR, linewidth=1.3)
+        canvas.body(moved(corners(thing.shape), thing.pose), drawing.LIMIT_COLOUR, linewidth=1.3)
 
 
 def axes_of_tool(canvas, run, without):
@@ -639,7 +640,7 @@ def parking(canvas, run, without):
     T = run.task.goal @ np.linalg.inv(state.pose(run.robot.base_frame))
     canvas.body(moved(outline(run.robot, state), T), TARGET_COLOUR, opacity=0.0, linewidth=1.5,
                 zorder=6)
-    canvas.text(state.position('tool'), 'tool', plots.ARM_COLOUR, offset=(10, 10))
+    canvas.text(state.position('tool'), 'tool', drawing.ARM_COLOUR, offset=(10, 10))
 
 
 def steps(canvas, run, without):

@@ -15,6 +15,7 @@
 """The command ``tp_controller``."""
 
 import argparse
+from collections.abc import Sequence
 import importlib
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -66,7 +67,7 @@ The same with the ros2 command:
 """
 
 
-def make_parser():
+def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog='tp_controller', epilog=EXAMPLES,
@@ -96,7 +97,7 @@ def make_parser():
     return parser
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> int:
     """
     Run the command line.
 
@@ -125,17 +126,17 @@ def main(arguments=None):
         return 130
 
 
-def controller_node():
+def controller_node() -> int:
     """Run the controller node; see `tp_controller.nodes.controller_node`."""
     return _node('controller_node')
 
 
-def simulator_node():
+def simulator_node() -> int:
     """Run the simulator node; see `tp_controller.nodes.simulator_node`."""
     return _node('simulator_node')
 
 
-def _node(name):
+def _node(name: str) -> int:
     """Run a node, whose module needs ROS already to be imported."""
     try:
         module = importlib.import_module(f'tp_controller.nodes.{name}')
@@ -144,7 +145,7 @@ def _node(name):
     return module.main()
 
 
-def _lacks(error):
+def _lacks(error: ModuleNotFoundError) -> int:
     """Say which optional package is missing and how to get it; return the exit status."""
     package = (error.name or '').partition('.')[0]
     if package in ('', 'tp_controller'):
@@ -157,20 +158,20 @@ def _lacks(error):
     return 1
 
 
-def _seed(text):
+def _seed(text: str) -> int:
     """Return a seed of the command line."""
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f'{text!r} is no whole number from 0 on')
     return int(text)
 
 
-def _mark_numbers(arguments):
+def _mark_numbers(arguments: Sequence[str]) -> list[str]:
     """Return arguments, negative numbers with a space: argparse takes -1e-3 for an option."""
     return [f' {text}' if text.startswith('-') and _is_number(text) else text
             for text in arguments]
 
 
-def _is_number(text):
+def _is_number(text: str) -> bool:
     """Say whether a text is a number."""
     try:
         float(text)
@@ -179,7 +180,7 @@ def _is_number(text):
     return True
 
 
-def _version():
+def _version() -> str:
     """Return the version that is installed."""
     try:
         return version('tp_controller')
@@ -187,7 +188,7 @@ def _version():
         return 'not installed'
 
 
-def _demo(options):
+def _demo(options: argparse.Namespace) -> int:
     """Run the demonstration that is asked for."""
     try:
         options.output.mkdir(parents=True, exist_ok=True)
@@ -203,9 +204,9 @@ def _demo(options):
         passed = lab1(options.output) if options.name == 'lab1' \
             else lab2(options.output, options.seed)
     else:
-        from tp_controller.demos.over_topics import DEMOS as RUNNING
-        from tp_controller.demos.over_topics import run_demo
-        passed = run_demo(RUNNING[options.name], options.output)
+        from tp_controller.demos.ros_demos import DEMOS as ROS_DEMOS
+        from tp_controller.demos.ros_demos import run_demo
+        passed = run_demo(ROS_DEMOS[options.name], options.output)
     return 0 if passed else 1
 
 

@@ -21,13 +21,22 @@ What is left keeps markers on the hand in the view of a camera, keeps away from 
 and from the ends of the joints, in that order, and gives way where it has to.
 """
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
-from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
-from tp_controller.demos.outcome import Outcome, Row, tell
-from tp_controller.demos.plots import animate_arm, plot_bounds
+from numpy.typing import NDArray
+from tp_controller import Controller, KinematicSimulator, Robot, RobotState, Settings, Stack
+from tp_controller.demos.film import animate_arm
+from tp_controller.demos.outcome import Measurement, Outcome, tell
+from tp_controller.demos.plots import plot_bounds
 from tp_controller.resources import package_share
+from tp_controller.tasks.field_of_view import FieldOfView
+from tp_controller.tasks.joint_limits import JointLimits
+
+Array = NDArray[np.float64]
 
 PERIOD = 0.01
 DURATION = 40.0
@@ -43,12 +52,12 @@ LOWER = {'markers': 'angle between marker and camera [rad]',
          'room': 'joint nearest to its limit: distance [rad]'}
 
 
-def drill(folder):
+def drill(folder: str | Path) -> bool:
     """Run the demonstration, print its outcome, and return whether it is as it should be."""
     return tell(run_drill(folder))
 
 
-def target(now):
+def target(now: float) -> tuple[Array, Array]:
     """Return where the tip (3,) [m] and the drill (3,), a unit vector, are to be at a time [s]."""
     turn = 2.0 * np.pi * now / ROUND
     tip = np.array([0.5 + 0.12 * np.sin(turn), 0.35 * np.sin(2.0 * turn),
@@ -57,6 +66,7 @@ def target(now):
     return tip, axis / np.linalg.norm(axis)
 
 
+@dataclass(frozen=True, eq=False)
 class Recording:
     """
     What happened, one sample for each period.
@@ -80,37 +90,57 @@ class Recording:
 
     """
 
-    def __init__(self, duration=DURATION):
-        config = package_share() / 'config'
-        self.robot = robot = Robot.from_file(config / 'robots' / 'panda.yaml')
-        self.stack = Stack.from_yaml(config / 'drill_stack.yaml', robot)
-        controller = Controller(robot, self.stack, Settings(period=PERIOD))
-        simulator = KinematicSimulator(robot, START)
-        rows = []
-        for step in range(round(duration / PERIOD)):
-            now = step * PERIOD
-            wanted = _follow(controller, now)
-            command = controller.update(simulator.q, now)
-            rows.append((now, simulator.q, command.velocity, wanted[0],
-                         *self._measure(robot.state(simulator.q), *wanted),
-                         [task.errors[0][0] for task in command.report.tasks[2:5]]))
-            simulator.command(command.velocity)
-            simulator.step(PERIOD)
-        (self.times, self.q, self.velocities, self.tips, self.tip, self.axis, values,
-         outside) = map(np.array, zip(*rows))
-        self.values, self.outside = dict(zip(LOWER, values.T)), dict(zip(LOWER, outside.T))
-
-    def _measure(self, state, tip, axis):
-        """Return how far tip [mm] and drill [°] are off, and the values of the tasks below."""
-        shown = state.rotation(TOOL)[:, 2]
-        tasks = self.stack.tasks
-        room = np.minimum(state.q - self.robot.lower, self.robot.upper - state.q).min()
-        return (1e3 * np.linalg.norm(state.position(TOOL) - tip),
-                np.degrees(np.arctan2(np.linalg.norm(np.cross(shown, axis)), shown.dot(axis))),
-                [tasks['markers'].value(state)[0], tasks['mobile'].value(state)[0], room])
+    robot: Robot
+    stack: Stack
+    times: Array
+    q: Array
+    velocities: Array
+    tips: Array
+    tip: Array
+    axis: Array
+    values: Mapping[str, Array]
+    outside: Mapping[str, Array]
 
 
-def run_drill(folder):
+def record(duration: float = DURATION) -> Recording:
+    """Return the `Recording` of a run that lasts so long [s]."""
+    config = package_share() / 'config'
+    robot = Robot.from_file(config / 'robots' / 'panda.yaml')
+    stack = Stack.from_yaml(config / 'drill_stack.yaml', robot)
+    controller = Controller(robot, stack, Settings(period=PERIOD))
+    simulator = KinematicSimulator(robot, START)
+    rows = []
+    for step in range(round(duration / PERIOD)):
+        now = step * PERIOD
+        tip, axis = _follow(controller, now)
+        command = controller.update(simulator.q, now)
+        state = robot.state(simulator.q)
+        rows.append((now, simulator.q, command.velocity, tip, *_errors(state, tip, axis),
+                     _lower_values(stack, state),
+                     [task.errors[0][0] for task in command.report.tasks[2:5]]))
+        simulator.command(command.velocity)
+        simulator.step(PERIOD)
+    times, q, velocities, tips, tip_errors, axis_errors, values, outside = (
+        np.array(column) for column in zip(*rows))
+    return Recording(robot, stack, times, q, velocities, tips, tip_errors, axis_errors,
+                     dict(zip(LOWER, values.T)), dict(zip(LOWER, outside.T)))
+
+
+def _errors(state: RobotState, tip: Array, axis: Array) -> tuple[float, float]:
+    """Return how far tip [mm] and drill [°] are off."""
+    shown = state.rotation(TOOL)[:, 2]
+    angle = np.arctan2(np.linalg.norm(np.cross(shown, axis)), shown.dot(axis))
+    return float(1e3 * np.linalg.norm(state.position(TOOL) - tip)), float(np.degrees(angle))
+
+
+def _lower_values(stack: Stack, state: RobotState) -> list[float]:
+    """Return the values that `LOWER` describes."""
+    robot, tasks = state.robot, stack.tasks
+    room = np.minimum(state.q - robot.lower, robot.upper - state.q).min()
+    return [tasks['markers'].value(state)[0], tasks['mobile'].value(state)[0], room]
+
+
+def run_drill(folder: str | Path) -> Outcome:
     """
     Run the demonstration.
 
@@ -124,22 +154,22 @@ def run_drill(folder):
     Outcome
 
     """
-    motion = Recording()
+    motion = record()
     settled = motion.times >= SETTLED
     share = 100.0 * np.abs(motion.velocities / motion.robot.velocity).max()
     beyond = np.maximum(motion.robot.lower - motion.q, motion.q - motion.robot.upper).max()
-    rows = (
-        Row(f'tip, largest error from {SETTLED:.0f} s on', 'mm', motion.tip[settled].max(), TIP,
-            0.0, bound=True),
-        Row(f'drill, largest error from {SETTLED:.0f} s on', '°', motion.axis[settled].max(),
-            AXIS, 0.0, bound=True),
-        Row('joint speed, share of the limit', '%', share, 100.0, 0.0, bound=True),
-        Row('beyond a position limit', 'rad', beyond, 0.0, 0.0, bound=True))
-    return Outcome('Drilling along a moving target, and what is done besides', rows,
+    measurements = (
+        Measurement(f'tip, largest error from {SETTLED:.0f} s on', 'mm',
+                    motion.tip[settled].max(), TIP, 0.0, bound=True),
+        Measurement(f'drill, largest error from {SETTLED:.0f} s on', '°',
+                    motion.axis[settled].max(), AXIS, 0.0, bound=True),
+        Measurement('joint speed, share of the limit', '%', share, 100.0, 0.0, bound=True),
+        Measurement('beyond a position limit', 'rad', beyond, 0.0, 0.0, bound=True))
+    return Outcome('Drilling along a moving target, and what is done besides', measurements,
                    tuple(_given_up(motion)), tuple(_figures(Path(folder), motion)))
 
 
-def _follow(controller, now):
+def _follow(controller: Controller, now: float) -> tuple[Array, Array]:
     """Set the target of a moment, and how it moves; return it."""
     tip, axis = target(now)
     next_tip, next_axis = target(now + PERIOD)
@@ -150,7 +180,7 @@ def _follow(controller, now):
     return tip, axis
 
 
-def _given_up(motion):
+def _given_up(motion: Recording) -> Iterator[str]:
     """Yield lines that say when a task below was outside of its bounds, and how far."""
     yield ''
     yield 'What the tasks below had to give up:'
@@ -163,24 +193,25 @@ def _given_up(motion):
     yield ''
 
 
-def _spells(holds):
+def _spells(holds: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return (first, last) of every unbroken row of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], holds, [False])).astype(int)))
     return [(first, last - 1) for first, last in zip(edges[::2], edges[1::2])]
 
 
-def _figures(folder, motion):
+def _figures(folder: Path, motion: Recording) -> Iterator[Path]:
     """Write the figures and yield their paths."""
     tasks, nothing = motion.stack.tasks, -np.inf
+    markers, room = cast(FieldOfView, tasks['markers']), cast(JointLimits, tasks['room'])
     settled = motion.times >= SETTLED
     yield plot_bounds(
         folder / 'drill.png', motion.times[settled],
         [(label, values[settled], lower, upper) for label, values, lower, upper in (
             ('tip off by [mm]', motion.tip, nothing, TIP),
             ('drill off by [°]', motion.axis, nothing, AXIS),
-            (LOWER['markers'], motion.values['markers'], nothing, tasks['markers'].upper),
+            (LOWER['markers'], motion.values['markers'], nothing, markers.upper),
             (LOWER['mobile'], motion.values['mobile'], 1.0, np.inf),
-            (LOWER['room'], motion.values['room'], tasks['room'].margin, np.inf))],
+            (LOWER['room'], motion.values['room'], room.margin, np.inf))],
         title='Drilling > markers in view > away from singularities > room for the joints')
     yield animate_arm(folder / 'drill.gif', motion.robot, motion.q, motion.times,
                       frames=[TOOL], goals=motion.tips, title='Drilling along a moving target')

@@ -20,15 +20,21 @@ with λ = 0.1 and joint speeds of at most 1 rad/s. What is measured is printed b
 should be.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
-from tp_controller.demos.outcome import Outcome, Row, tell
-from tp_controller.demos.plots import animate_arm, plot_errors, plot_positions, plot_velocities
+from tp_controller.demos.film import animate_arm
+from tp_controller.demos.outcome import Measurement, Outcome, tell
+from tp_controller.demos.plots import plot_errors, plot_positions, plot_velocities
 from tp_controller.resources import package_share
+
+Array = NDArray[np.float64]
+Point = Sequence[float] | Array
 
 PERIOD = 1.0 / 60.0
 START = (0.0, 0.6, 0.3)
@@ -39,9 +45,8 @@ GOALS = 6
 CONFLICT, COMPATIBLE = (0.5, 1.2), (0.75, 0.9)
 ORDERS = {'end-effector first': 'lab2_end_effector_first', 'joint 1 first': 'lab2_joint_first'}
 # The lecture scales uniformly, gives nothing up near singularities, and its commands jump.
-LECTURE = {'scaling': 'uniform', 'release_region': 0.0, 'blend': 0.0}
-LECTURE_DAMPING = Settings(period=PERIOD, damping=0.1, singular_region=math.inf, **LECTURE)
-UNDAMPED = Settings(period=PERIOD, damping=0.0, **LECTURE)
+UNDAMPED = Settings(period=PERIOD, damping=0.0, scaling='uniform', release_region=0.0, blend=0.0)
+LECTURE_DAMPING = replace(UNDAMPED, damping=0.1, singular_region=math.inf)
 # Of exercise 1 after 10 s at 60 Hz, from a program that was written apart from this one. The
 # motion is a property of the step length: at 1 kHz the end-effector error is 0.1 mm.
 REFERENCE_ERROR = 1.733e-3
@@ -68,30 +73,30 @@ class Recording:
     """
 
     robot: Robot
-    times: np.ndarray
-    q: np.ndarray
-    velocities: np.ndarray
-    tool: np.ndarray
-    goals: np.ndarray
-    errors: dict
+    times: Array
+    q: Array
+    velocities: Array
+    tool: Array
+    goals: Array
+    errors: Mapping[str, Array]
 
     @property
-    def top_speed(self):
+    def top_speed(self) -> float:
         """Return the largest absolute joint velocity [rad/s]."""
         return float(np.abs(self.velocities).max())
 
 
-def lab1(folder):
+def lab1(folder: str | Path) -> bool:
     """Run exercise 1, print its outcome, and return whether it came out as it should."""
     return tell(run_lab1(folder))
 
 
-def lab2(folder, seed=1):
+def lab2(folder: str | Path, seed: int = 1) -> bool:
     """Run exercise 2, print its outcome, and return whether it came out as it should."""
     return tell(run_lab2(folder, seed))
 
 
-def run_lab1(folder):
+def run_lab1(folder: str | Path) -> Outcome:
     """
     Run exercise 1: motion in the null space, with the end-effector held where it is.
 
@@ -107,13 +112,14 @@ def run_lab1(folder):
     """
     motion = null_space_motion()
     limits = motion.robot.velocity
-    rows = [
-        Row('end-effector error, largest', 'mm', 1e3 * motion.errors['end_effector'].max(),
-            1e3 * REFERENCE_ERROR, 1e-3),
-        *(Row(f'{name} after {motion.times[-1]:.0f} s', 'rad', measured, reference, 2e-5)
+    measurements = (
+        Measurement('end-effector error, largest', 'mm',
+                    1e3 * motion.errors['end_effector'].max(), 1e3 * REFERENCE_ERROR, 1e-3),
+        *(Measurement(f'{name} after {motion.times[-1]:.0f} s', 'rad', measured, reference, 2e-5)
           for name, measured, reference in zip(motion.robot.joint_names, motion.q[-1],
                                                REFERENCE_Q)),
-        Row('joint speed, largest', 'rad/s', motion.top_speed, limits.min(), 0.0, bound=True)]
+        Measurement('joint speed, largest', 'rad/s', motion.top_speed, limits.min(), 0.0,
+                    bound=True))
     error = ('end-effector', 'mm', 1e3 * motion.errors['end_effector'])
     folder = Path(folder)
     paths = (
@@ -124,10 +130,10 @@ def run_lab1(folder):
         plot_errors(folder / 'lab1_error.png', motion.times, [error],
                     title='Null-space motion: how far the end-effector drifts'))
     return Outcome('Exercise 1: end-effector held, y(t) = [sin t, cos t, sin t] below it',
-                   tuple(rows), (), paths)
+                   measurements, (), paths)
 
 
-def run_lab2(folder, seed=1):
+def run_lab2(folder: str | Path, seed: int = 1) -> Outcome:
     """
     Run exercise 2: end-effector and joint 1 position, in both orders of priority.
 
@@ -143,29 +149,31 @@ def run_lab2(folder, seed=1):
     Outcome
 
     """
-    rows = [row for goal in (CONFLICT, COMPATIBLE) for row in _two_task_rows(goal)]
+    measurements = [each for goal in (CONFLICT, COMPATIBLE) for each in _measure_two_tasks(goal)]
     goals = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(GOALS, 2))
     motions = {order: two_tasks(order, goals) for order in ORDERS}
     for order, motion in motions.items():
-        rows.append(Row(f'random goals, {order}: joint speed', 'rad/s', motion.top_speed,
-                        motion.robot.velocity.min(), 0.0, bound=True))
-    rows.append(Row('random goals, joint 1 first: joint 1', 'rad',
-                    motions['joint 1 first'].errors['joint1'].max(), 0.0, 1e-9))
+        measurements.append(Measurement(
+            f'random goals, {order}: joint speed', 'rad/s', motion.top_speed,
+            motion.robot.velocity.min(), 0.0, bound=True))
+    measurements.append(Measurement(
+        'random goals, joint 1 first: joint 1', 'rad',
+        motions['joint 1 first'].errors['joint1'].max(), 0.0, 1e-9))
     title = 'Exercise 2: end-effector position and joint 1 position, in both orders'
-    return Outcome(title, tuple(rows), tuple(_goal_lines(goals, motions)),
+    return Outcome(title, tuple(measurements), tuple(_goal_lines(goals, motions)),
                    tuple(_two_task_figures(Path(folder), motions)))
 
 
-def null_space_motion(duration=10.0):
+def null_space_motion(duration: float = 10.0) -> Recording:
     """Return the `Recording` of exercise 1."""
-    def goal(controller, now):
+    def set_goals(controller: Controller, now: float) -> None:
         controller.set_goal('null_space_motion', [math.sin(now), math.cos(now), math.sin(now)],
                             now)
 
-    return _record('lab1', UNDAMPED, duration, goal)
+    return _record('lab1', UNDAMPED, duration, set_goals)
 
 
-def two_tasks(order, goals, goal_time=GOAL_TIME):
+def two_tasks(order: str, goals: ArrayLike, goal_time: float = GOAL_TIME) -> Recording:
     """
     Return the `Recording` of exercise 2.
 
@@ -184,16 +192,17 @@ def two_tasks(order, goals, goal_time=GOAL_TIME):
 
     """
     steps = round(goal_time / PERIOD)
+    points = np.asarray(goals, dtype=float)
 
-    def goal(controller, now):
+    def set_goals(controller: Controller, now: float) -> None:
         step = round(now / PERIOD)
-        if step % steps == 0 and step < steps * len(goals):
-            controller.set_goal('end_effector', [*goals[step // steps], 0.0], now)
+        if step % steps == 0 and step < steps * len(points):
+            controller.set_goal('end_effector', [*points[step // steps], 0.0], now)
 
-    return _record(ORDERS[order], LECTURE_DAMPING, goal_time * len(goals), goal)
+    return _record(ORDERS[order], LECTURE_DAMPING, goal_time * len(points), set_goals)
 
 
-def best_joint1(goal):
+def best_joint1(goal: Point) -> float:
     """
     Return the least |q₁| with which the end-effector can be at a goal [rad].
 
@@ -208,12 +217,13 @@ def best_joint1(goal):
     return abs(math.atan2(goal[1], goal[0])) - math.acos(cosine)
 
 
-def best_error(goal):
+def best_error(goal: Point) -> float:
     """Return the least end-effector error with joint 1 at zero [m]."""
     return max(math.hypot(goal[0] - 0.75, goal[1]) - 1.0, 0.0)
 
 
-def _record(stack, settings, duration, set_goals):
+def _record(stack: str, settings: Settings, duration: float,
+            set_goals: Callable[[Controller, float], None]) -> Recording:
     """Run a stack on the simulated robot; `set_goals(controller, now)` is called every cycle."""
     config = package_share() / 'config'
     robot = Robot.from_file(config / 'robots' / 'planar_3r.yaml')
@@ -231,25 +241,26 @@ def _record(stack, settings, duration, set_goals):
                      [task.errors[0][0] for task in command.report.tasks]))
         simulator.command(command.velocity)
         simulator.step(PERIOD)
-    *columns, errors = map(np.array, zip(*rows))
+    times, q, velocities, tool, goals, errors = (np.array(column) for column in zip(*rows))
     names = [task.name for task in command.report.tasks]
-    return Recording(robot, *columns, dict(zip(names, errors.T)))
+    return Recording(robot, times, q, velocities, tool, goals, dict(zip(names, errors.T)))
 
 
-def _two_task_rows(goal):
-    """Return the rows of one goal, in force for 10 s, in both orders."""
+def _measure_two_tasks(goal: Point) -> Iterator[Measurement]:
+    """Yield the measurements of one goal, in force for 10 s, in both orders."""
     where = f'goal ({goal[0]:g}, {goal[1]:g})'
     best = {'end-effector first': (0.0, best_joint1(goal)),
             'joint 1 first': (best_error(goal), 0.0)}
     for order, (error, joint1) in best.items():
-        motion = two_tasks(order, [goal])
-        yield Row(f'{where}, {order}: end-effector', 'mm',
-                  1e3 * motion.errors['end_effector'][-1], 1e3 * error, 0.1)
-        yield Row(f'{where}, {order}: joint 1', 'rad', motion.errors['joint1'][-1], joint1, 2e-4)
+        motion = two_tasks(order, np.atleast_2d(goal))
+        yield Measurement(f'{where}, {order}: end-effector', 'mm',
+                          1e3 * motion.errors['end_effector'][-1], 1e3 * error, 0.1)
+        yield Measurement(f'{where}, {order}: joint 1', 'rad', motion.errors['joint1'][-1],
+                          joint1, 2e-4)
 
 
-def _goal_lines(goals, motions):
-    """Return a table of the errors that were left when each random goal was replaced."""
+def _goal_lines(goals: Array, motions: Mapping[str, Recording]) -> Iterator[str]:
+    """Yield a table of the errors that were left when each random goal was replaced."""
     first, second = motions.values()
     yield ''
     yield ('Random goals: errors after 10 s, and what is possible at best with '
@@ -268,8 +279,8 @@ def _goal_lines(goals, motions):
     yield ''
 
 
-def _two_task_figures(folder, motions):
-    """Write the figures of exercise 2 and return their paths."""
+def _two_task_figures(folder: Path, motions: Mapping[str, Recording]) -> Iterator[Path]:
+    """Write the figures of exercise 2 and yield their paths."""
     changes = GOAL_TIME * np.arange(1, GOALS)
     for order, motion in motions.items():
         name = ORDERS[order]

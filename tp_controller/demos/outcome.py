@@ -16,12 +16,13 @@
 """What a demonstration measured, beside what it should be."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 DECIMALS = {'mm': 3, '°': 3, '%': 1, 'rad': 5, 'rad/s': 3}
 
 
 @dataclass(frozen=True)
-class Row:
+class Measurement:
     """One measured number beside its reference, or its upper bound if `bound` is set."""
 
     quantity: str
@@ -32,12 +33,12 @@ class Row:
     bound: bool = False
 
     @property
-    def passed(self):
+    def passed(self) -> bool:
         """Return whether the number is what it should be."""
         excess = self.measured - self.reference
         return (excess if self.bound else abs(excess)) <= self.tolerance
 
-    def __str__(self):
+    def __str__(self) -> str:
         """Return a line of the table."""
         decimals = DECIMALS[self.unit]
         reference = f'{"<= " if self.bound else ""}{self.reference:.{decimals}f}'
@@ -47,26 +48,26 @@ class Row:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an experiment gave: rows with a reference, more lines to print, written files."""
+    """What an experiment gave: measurements, more lines to print, written files."""
 
     title: str
-    rows: tuple
-    lines: tuple
-    paths: tuple
+    measurements: tuple[Measurement, ...]
+    lines: tuple[str, ...]
+    paths: tuple[Path, ...]
 
     @property
-    def passed(self):
+    def passed(self) -> bool:
         """Return whether every number is what it should be."""
-        return all(row.passed for row in self.rows)
+        return all(measurement.passed for measurement in self.measurements)
 
-    def __str__(self):
+    def __str__(self) -> str:
         """Return everything as text."""
         head = f'{"":<50} {"unit":<6} {"measured":>10} {"reference":>10}'
-        return '\n'.join((self.title, head, *map(str, self.rows), *self.lines, 'Written:',
+        return '\n'.join((self.title, head, *map(str, self.measurements), *self.lines, 'Written:',
                           *(f'  {path}' for path in self.paths)))
 
 
-def tell(outcome):
+def tell(outcome: Outcome) -> bool:
     """Print an outcome and return whether it passed."""
     print(outcome)
     return outcome.passed

@@ -14,10 +14,18 @@
 
 """Outlines of solid shapes, as lines to be drawn: of what stands around, and of a base."""
 
+from collections.abc import Callable, Iterable
+from typing import Any
+from xml.etree.ElementTree import Element
+
 import numpy as np
+from numpy.typing import NDArray
+from tp_controller.model.robot import Robot
 from tp_controller.model.shapes import Box, Cylinder, parse_shape, Sphere
 from tp_controller.model.spatial import pose, rotation_from_rpy
 from tp_controller.model.urdf import parse
+
+Array = NDArray[np.float64]
 
 # Corners of a circle, and lines along a cylinder.
 ROUND, ALONG = 24, 6
@@ -26,7 +34,7 @@ AXES = 0.3
 GAP = np.full((1, 3), np.nan)
 
 
-def outline(shape, T):
+def outline(shape: object, T: Array) -> Array:
     """
     Return the outline of a shape.
 
@@ -50,7 +58,7 @@ def outline(shape, T):
     return joined(draw(shape)) @ T[:3, :3].T + T[:3, 3]
 
 
-def base_outline(robot):
+def base_outline(robot: Robot) -> Array:
     """
     Return the outline of the link that all others hang on, in its own frame.
 
@@ -68,27 +76,30 @@ def base_outline(robot):
     return joined(lines or [np.array([np.zeros(3), AXES * axis]) for axis in np.eye(3)])
 
 
-def joined(lines):
+def joined(lines: Iterable[Array]) -> Array:
     """Return lines (k, 3) as one, with gaps in between."""
     return np.concatenate([part for line in lines for part in (line, GAP)])
 
 
-def _urdf_outline(element):
+def _urdf_outline(element: Element) -> Array:
     """Return the outline of a <collision> element; empty for a mesh."""
-    def numbers(element, name):
-        text = None if element is None else element.get(name)
-        return [float(number) for number in (text or '0 0 0').split()]
-
-    shape, origin = element.find('geometry')[0], element.find('origin')
+    shape, origin = next(iter(next(element.iter('geometry')))), element.find('origin')
     sizes = {'box': ('size',), 'sphere': ('radius',), 'cylinder': ('radius', 'length')}
     if shape.tag not in sizes:
         return np.empty((0, 3))
-    values = [number for name in sizes[shape.tag] for number in numbers(shape, name)]
+    values = [number for name in sizes[shape.tag] for number in _numbers(shape, name)]
+    roll, pitch, yaw = _numbers(origin, 'rpy')
     return outline(parse_shape({shape.tag: values}),
-                   pose(rotation_from_rpy(*numbers(origin, 'rpy')), numbers(origin, 'xyz')))
+                   pose(rotation_from_rpy(roll, pitch, yaw), np.array(_numbers(origin, 'xyz'))))
 
 
-def _box(box):
+def _numbers(element: Element | None, attribute: str) -> list[float]:
+    """Return the numbers of an attribute, those of a place by default."""
+    text = None if element is None else element.get(attribute)
+    return [float(number) for number in (text or '0 0 0').split()]
+
+
+def _box(box: Box) -> list[Array]:
     """Return the twelve edges: two faces, and what joins them."""
     x, y = box.half[:2]
     face = np.array([(x, y), (-x, y), (-x, -y), (x, -y), (x, y)])
@@ -96,7 +107,7 @@ def _box(box):
     return [*faces, *np.stack(faces, axis=1)[:4]]
 
 
-def _cylinder(cylinder):
+def _cylinder(cylinder: Cylinder) -> list[Array]:
     """Return its two circles, and lines along it."""
     radius, half = cylinder.half
     circle = radius * _circle()
@@ -104,16 +115,18 @@ def _cylinder(cylinder):
     return [*circles, *np.stack(circles, axis=1)[:-1:ROUND // ALONG]]
 
 
-def _sphere(sphere):
+def _sphere(sphere: Sphere) -> list[Array]:
     """Return three great circles."""
     circle = np.column_stack((sphere.radius * _circle(), np.zeros(ROUND + 1)))
     return [np.roll(circle, turn, axis=1) for turn in range(3)]
 
 
-def _circle():
+def _circle() -> Array:
     """Return points (k, 2) of a closed circle of radius 1."""
     angles = np.linspace(0.0, 2.0 * np.pi, ROUND + 1)
     return np.column_stack((np.cos(angles), np.sin(angles)))
 
 
-_LINES = {Box: _box, Cylinder: _cylinder, Sphere: _sphere}
+# A function takes the shape it stands beside, which no type can say.
+_LINES: dict[type, Callable[[Any], list[Array]]] = {
+    Box: _box, Cylinder: _cylinder, Sphere: _sphere}

@@ -14,6 +14,7 @@
 
 """The nodes as processes of their own, in a ROS domain of their own."""
 
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import fcntl
 import os
@@ -28,11 +29,11 @@ import tempfile
 DOMAINS = range(101, 49, -1)
 NODES = {'controller_node', 'simulator_node'}
 # Descriptor of the lock of each domain that this process has reserved, by its id.
-_LOCKS = {}
+_LOCKS: dict[str, int] = {}
 
 
 @contextmanager
-def own_domain():
+def own_domain() -> Iterator[dict[str, str]]:
     """
     Reserve a ROS domain on this machine that no other user of this function has.
 
@@ -61,7 +62,7 @@ def own_domain():
 
 
 @contextmanager
-def ended_by_sigterm():
+def ended_by_sigterm() -> Iterator[Callable[[], None]]:
     """
     Let SIGTERM leave by an exception, so that processes started here are ended, too.
 
@@ -74,16 +75,16 @@ def ended_by_sigterm():
     """
     arrived = started = False
 
-    def leave_if_due():
+    def leave_if_due() -> None:
         if arrived and started:
             sys.exit(128 + signal.SIGTERM)
 
-    def on_signal(*_):
+    def on_signal(*_: object) -> None:
         nonlocal arrived
         arrived = True
         leave_if_due()
 
-    def all_started():
+    def all_started() -> None:
         nonlocal started
         started = True
         leave_if_due()
@@ -112,35 +113,36 @@ class NodeProcess:
 
     """
 
-    def __init__(self, executable, arguments, environment, log):
+    def __init__(self, executable: str, arguments: Sequence[str],
+                 environment: Mapping[str, str], log: str | Path) -> None:
         if executable not in NODES:
             raise ValueError(f'{executable!r} is none of {", ".join(sorted(NODES))}')
         self.log = Path(log)
         # A node that outlives this process, which was killed perhaps, keeps its domain reserved.
-        lock = _LOCKS.get(environment.get('ROS_DOMAIN_ID'))
+        lock = _LOCKS.get(environment.get('ROS_DOMAIN_ID', ''))
         with open(self.log, 'w') as output:
             self.process = subprocess.Popen(
                 [sys.executable, '-m', f'tp_controller.nodes.{executable}', '--ros-args',
                  *arguments], env=environment, stdin=subprocess.DEVNULL, stdout=output,
                 stderr=subprocess.STDOUT, pass_fds=() if lock is None else (lock,))
 
-    def __enter__(self):
+    def __enter__(self) -> 'NodeProcess':
         """Return the running process."""
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         """End the process."""
         self.stop()
 
-    def running(self):
+    def running(self) -> bool:
         """Return whether the process is alive."""
         return self.process.poll() is None
 
-    def output(self):
+    def output(self) -> str:
         """Return what the process has printed so far."""
         return self.log.read_text()
 
-    def stop(self, seconds=10.0):
+    def stop(self, seconds: float = 10.0) -> int:
         """End the process as a shell would, by force if it does not; return its exit status."""
         if self.running():
             self.process.terminate()

@@ -21,7 +21,7 @@ import pytest
 from robots import CONFIG, REPOSITORY
 from tp_controller import Controller, GoalError, KinematicSimulator, Settings
 from tp_controller.cli.main import DEMOS as DESCRIBED
-from tp_controller.demos.over_topics import DEMOS, goal_fields
+from tp_controller.demos.ros_demos import DEMOS, goal_fields
 from tp_controller.model.simulator import initial_positions
 from tp_controller.resources import load_yaml
 from tp_controller.tasks import task_types

@@ -24,7 +24,7 @@ from tp_controller.demos import drill
 @pytest.fixture(scope='module')
 def motion():
     """Return one recorded run."""
-    return drill.Recording()
+    return drill.record()
 
 
 def test_first_level_is_within_half_a_millimetre_and_half_a_degree_throughout(motion):
@@ -63,7 +63,7 @@ def test_joints_do_not_race_for_what_is_hardly_left(motion):
 
 
 def test_outcome_is_told_with_figures(tmp_path, motion, monkeypatch):
-    monkeypatch.setattr(drill, 'Recording', lambda: motion)
+    monkeypatch.setattr(drill, 'record', lambda: motion)
     outcome = drill.run_drill(tmp_path)
     assert outcome.passed
     text = str(outcome)

@@ -199,8 +199,8 @@ def test_figures_are_written_and_show_something(outcomes, name, count):
 
 
 def test_the_outcome_is_printed_and_returned(monkeypatch, capsys, tmp_path):
-    good = lab.Row('quantity', 'mm', 1.0, 1.001, 0.01)
-    wrong = lab.Row('another', 'rad', 0.5, 0.6, 0.01)
+    good = lab.Measurement('quantity', 'mm', 1.0, 1.001, 0.01)
+    wrong = lab.Measurement('another', 'rad', 0.5, 0.6, 0.01)
     for rows, passed in (((good,), True), ((good, wrong), False)):
         outcome = lab.Outcome('title', rows, (), (tmp_path / 'figure.png',))
         monkeypatch.setattr(lab, 'run_lab1', lambda folder: outcome)
@@ -215,7 +215,7 @@ def test_the_outcome_is_printed_and_returned(monkeypatch, capsys, tmp_path):
 @pytest.mark.parametrize('measured, passed', [(0.9, True), (1.0, True), (1.1, False),
                                               (math.nan, False)])
 def test_a_bound_holds_from_below(measured, passed):
-    assert lab.Row('speed', 'rad/s', measured, 1.0, 0.0, bound=True).passed is passed
+    assert lab.Measurement('speed', 'rad/s', measured, 1.0, 0.0, bound=True).passed is passed
 
 
 def test_the_documented_table_of_random_goals_is_the_one_printed(outcomes):

@@ -14,22 +14,37 @@
 
 """``tp_controller demo``: robots carry out stacks of tasks, through real topics."""
 
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import zip_longest
 import os
+from pathlib import Path
 import time
+from typing import Any, cast, TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
+from tp_controller.demos.film import animate_arm
 from tp_controller.demos.outlines import outline
-from tp_controller.demos.plots import animate_arm, plot_errors, plot_tool_path, plot_velocities
+from tp_controller.demos.plots import plot_errors, plot_tool_path, plot_velocities
 from tp_controller.demos.processes import ended_by_sigterm, NodeProcess, own_domain
 from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
 from tp_controller.resources import load_yaml, package_share
+from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.stack import Stack
+
+if TYPE_CHECKING:
+    # Imported when a demo starts: nothing else here needs ROS.
+    from tp_controller.nodes.client import Client
+    from tp_controller.nodes.recorder import Recorder
+
+Array = NDArray[np.float64]
+# A goal of a file: task, what it is called, and the fields of its message.
+Goal = Mapping[str, Any]
 
 # Discovery mostly takes less than 50 ms, now and then 3 s.
 START_SECONDS = 20.0
@@ -69,15 +84,15 @@ class Demo:
     files: str
     title: str
     leader: str
-    frames: tuple = ()
-    held: tuple = ()
+    frames: tuple[str, ...] = ()
+    held: tuple[tuple[str, str], ...] = ()
 
-    def file(self, ending):
+    def file(self, ending: str) -> Path:
         """Return the path of a file, by the ending of its name."""
         return package_share() / 'config' / f'{self.files}{ending}.yaml'
 
     @cached_property
-    def robot(self):
+    def robot(self) -> Robot:
         """Return the robot as the nodes are told to have it, limits included."""
         simulator, controller = (load_yaml(self.file('').read_text())[node]['ros__parameters']
                                  for node in ('tp_simulator', 'tp_controller'))
@@ -85,12 +100,12 @@ class Demo:
                                limits=controller.get('limits'))
 
     @cached_property
-    def stack(self):
+    def stack(self) -> Stack:
         """Return the stack."""
         return Stack.from_yaml(self.file('_stack'), self.robot)
 
     @cached_property
-    def steps(self):
+    def steps(self) -> list[tuple[Goal, ...]]:
         """Return the goals, those that are sent at once in one tuple."""
         return [tuple(step) if isinstance(step, list) else (step,)
                 for step in load_yaml(self.file('_goals').read_text())]
@@ -106,8 +121,20 @@ DEMOS = {
 
 
 @dataclass(frozen=True)
-class Row:
-    """What became of one task under one goal."""
+class TaskOutcome:
+    """
+    What became of one task under one goal.
+
+    Attributes
+    ----------
+    goal : str
+        Number and name of the goal, empty for a task that went on with its own.
+    task, error, status, reason : str
+        As the status of the controller has them.
+    asked : bool
+        The goal was for this task.
+
+    """
 
     goal: str
     task: str
@@ -117,11 +144,11 @@ class Row:
     reason: str
 
     @property
-    def reached(self):
+    def reached(self) -> bool:
         """Return whether the task has what it wants."""
         return self.status in DONE
 
-    def __str__(self):
+    def __str__(self) -> str:
         """Return a line of the table."""
         outcome = self.status if self.reached else self.reason or 'moving'
         if self.asked and not self.reached:
@@ -130,7 +157,7 @@ class Row:
         return f'{self.goal:<42} {mark} {self.task:<8} {self.error:<24} {outcome}'
 
 
-def run_demo(demo, folder):
+def run_demo(demo: Demo, folder: Path) -> bool:
     """
     Run a demo, print its table and write its figures.
 
@@ -164,22 +191,23 @@ def run_demo(demo, folder):
         _wait_until_running(client, recorder, nodes)
         print(demo.file('_stack').read_text())
         client.wait(lambda: False, LINGER_SECONDS)
-        rows, changes = [], []
+        outcomes: list[TaskOutcome] = []
+        changes: list[float] = []
         for number, step in enumerate(demo.steps, 1):
             changes.append(recorder.now())
-            rows.extend(_carry_out(client, nodes, step, number))
+            outcomes.extend(_carry_out(client, nodes, step, number))
     print(f'\n{"goal":<42} {"  task":<10} {"error":<24} outcome')
-    print('\n'.join(map(str, rows)))
+    print('\n'.join(map(str, outcomes)))
     print('\n> marks the task the goal was for; the others go on with their own, as far as the '
           'tasks above let them.')
     within = _check_limits(demo.robot, recorder)
     print('\nWritten:')
     for path in _figures(folder, demo, recorder, changes):
         print(f'  {path}', flush=True)
-    return within and all(row.reached for row in rows if row.asked)
+    return within and all(outcome.reached for outcome in outcomes if outcome.asked)
 
 
-def goal_fields(goal):
+def goal_fields(goal: Goal) -> dict[str, Any]:
     """
     Return what of a goal in a file goes into its message.
 
@@ -200,26 +228,28 @@ def goal_fields(goal):
     return fields
 
 
-def _wait_until_running(client, recorder, nodes):
+def _wait_until_running(client: 'Client', recorder: 'Recorder',
+                        nodes: Sequence[NodeProcess]) -> None:
     """Wait for the first commands, until everything that is recorded comes in."""
-    def ready():
+    def ready() -> bool:
         _check_alive(nodes)
-        return recorder.hears() and not client.hold() and client.tasks()
+        return recorder.hears() and not client.hold() and bool(client.tasks())
 
     if not client.wait(ready, START_SECONDS):
         raise TpControllerError(f'the controller did not start: {client.hold()}\n'
                                 + '\n'.join(node.output() for node in nodes))
 
 
-def _check_alive(nodes):
+def _check_alive(nodes: Sequence[NodeProcess]) -> None:
     """Raise with the output of a node that ended."""
     for node in nodes:
         if not node.running():
             raise TpControllerError(f'a node ended:\n{node.output()}')
 
 
-def _carry_out(client, nodes, step, number):
-    """Send goals, show the progress, and return a row for every task."""
+def _carry_out(client: 'Client', nodes: Sequence[NodeProcess], step: Sequence[Goal],
+               number: int) -> list[TaskOutcome]:
+    """Send goals, show the progress, and return what became of every task."""
     titles = {goal['task']: f'{number} {goal["say"]}' for goal in step}
     for goal in step:
         client.send(goal['task'], **goal_fields(goal))
@@ -227,7 +257,7 @@ def _carry_out(client, nodes, step, number):
     began = time.monotonic()
     shown, sent = 0.0, began
 
-    def reached():
+    def reached() -> bool:
         nonlocal shown, sent
         _check_alive(nodes)
         now = time.monotonic()
@@ -245,17 +275,17 @@ def _carry_out(client, nodes, step, number):
     client.wait(reached, GOAL_SECONDS)
     # Asked all the same, or a velocity would not be repeated.
     client.wait(lambda: reached() and False, LINGER_SECONDS)
-    return [_row(client, title, task, task in titles) for task, title in zip_longest(
+    return [_outcome(client, title, task, task in titles) for task, title in zip_longest(
         client.task_names(), titles.values(), fillvalue='')]
 
 
-def _row(client, title, task, asked):
-    """Return the row of a task."""
+def _outcome(client: 'Client', title: str, task: str, asked: bool) -> TaskOutcome:
+    """Return what became of a task."""
     status = client.task_status(task)
-    return Row(title, task, _errors(status), status['status'], asked, status['reason'])
+    return TaskOutcome(title, task, _errors(status), status['status'], asked, status['reason'])
 
 
-def _errors(status):
+def _errors(status: Mapping[str, str]) -> str:
     """Return the errors of a task, with units that suit their size."""
     parts = []
     for key, value in status.items():
@@ -265,7 +295,7 @@ def _errors(status):
     return ', '.join(parts)
 
 
-def _check_limits(robot, recorder):
+def _check_limits(robot: Robot, recorder: 'Recorder') -> bool:
     """Say how much of the limits was used; return whether none was exceeded."""
     velocities = np.array([command for _, command in recorder.commands])
     positions = np.array([robot.positions(q) for _, q in recorder.states])
@@ -279,12 +309,13 @@ def _check_limits(robot, recorder):
     return bool(shares.max() <= 1.0 and margins[nearest] >= 0.0)
 
 
-def _figures(folder, demo, recorder, changes):
+def _figures(folder: Path, demo: Demo, recorder: 'Recorder',
+             goal_times: Sequence[float]) -> Iterator[Path]:
     """Write the figures and yield their paths."""
-    robot, leader = demo.robot, demo.stack.tasks[demo.leader]
+    robot, leader = demo.robot, cast(FrameTask, demo.stack.tasks[demo.leader])
     # Time zero is the first goal; a little of the rest before it is shown, too.
-    recorder.cut(changes[0] - LINGER_SECONDS, changes[0])
-    changes = np.array(changes) - changes[0]
+    recorder.cut(goal_times[0] - LINGER_SECONDS, goal_times[0])
+    changes = np.array(goal_times) - goal_times[0]
     times, q = (np.array(column) for column in zip(*recorder.states))
     command_times, velocities = (np.array(column) for column in zip(*recorder.commands))
     yield plot_errors(folder / 'errors.png', *_error_curves(recorder), title='Task errors',
@@ -307,7 +338,7 @@ def _figures(folder, demo, recorder, changes):
                       held=demo.held, around=list(_around(demo.stack, robot.root)))
 
 
-def _error_curves(recorder):
+def _error_curves(recorder: 'Recorder') -> tuple[Array, list[tuple[str, str, Array]]]:
     """Return times (T,) and (task, unit, errors (T,)) of all that are not zero throughout."""
     times = np.array([moment for moment, errors in recorder.errors if errors])
     kept = [errors for _, errors in recorder.errors if errors]
@@ -316,7 +347,8 @@ def _error_curves(recorder):
     return times, [curve for curve in curves if np.nanmax(curve[2]) > 0.0]
 
 
-def _goals_over_time(times, goals, start):
+def _goals_over_time(times: Array, goals: Sequence[tuple[float, Sequence[float]]],
+                     start: Array) -> Array:
     """Return the goal in force at each time (T, 3); where it started before the first."""
     current = np.tile(start, (len(times), 1))
     for change, goal in goals:
@@ -324,7 +356,7 @@ def _goals_over_time(times, goals, start):
     return current
 
 
-def _around(stack, root):
+def _around(stack: Stack, root: str) -> Iterator[Array]:
     """Yield the outlines of what the stack says stands around."""
     for task in stack.tasks.values():
         if getattr(task, 'reference', '') == root:
