@@ -116,7 +116,7 @@ def record(duration: float = DURATION) -> Recording:
         command = controller.update(simulator.q, now)
         state = robot.state(simulator.q)
         rows.append((now, simulator.q, command.velocity, tip, *_errors(state, tip, axis),
-                     _lower_values(stack, state),
+                     _lower_values(robot, stack, state),
                      [task.errors[0][0] for task in command.report.tasks[2:5]]))
         simulator.command(command.velocity)
         simulator.step(PERIOD)
@@ -133,9 +133,9 @@ def _errors(state: RobotState, tip: Array, axis: Array) -> tuple[float, float]:
     return float(1e3 * np.linalg.norm(state.position(TOOL) - tip)), float(np.degrees(angle))
 
 
-def _lower_values(stack: Stack, state: RobotState) -> list[float]:
+def _lower_values(robot: Robot, stack: Stack, state: RobotState) -> list[float]:
     """Return the values that `LOWER` describes."""
-    robot, tasks = state.robot, stack.tasks
+    tasks = stack.tasks
     room = np.minimum(state.q - robot.lower, robot.upper - state.q).min()
     return [tasks['markers'].value(state)[0], tasks['mobile'].value(state)[0], room]
 
@@ -209,7 +209,7 @@ def _figures(folder: Path, motion: Recording) -> Iterator[Path]:
         [(label, values[settled], lower, upper) for label, values, lower, upper in (
             ('tip off by [mm]', motion.tip, nothing, TIP),
             ('drill off by [°]', motion.axis, nothing, AXIS),
-            (LOWER['markers'], motion.values['markers'], nothing, markers.upper),
+            (LOWER['markers'], motion.values['markers'], nothing, float(markers.upper)),
             (LOWER['mobile'], motion.values['mobile'], 1.0, np.inf),
             (LOWER['room'], motion.values['room'], room.margin, np.inf))],
         title='Drilling > markers in view > away from singularities > room for the joints')

@@ -29,6 +29,7 @@ from mpl_toolkits.mplot3d.art3d import Line3D
 import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
+from tp_controller import Robot, RobotState
 from tp_controller.demos.drawing import (
     ARM_COLOUR,
     Array,
@@ -41,7 +42,6 @@ from tp_controller.demos.drawing import (
 )
 from tp_controller.demos.outlines import base_outline
 from tp_controller.demos.outlines import joined as joined_lines
-from tp_controller.model.robot import Robot, RobotState
 from tp_controller.model.urdf import parse
 
 AROUND_COLOUR = '#8C5A2B'
