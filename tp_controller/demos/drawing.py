@@ -16,14 +16,18 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from mpl_toolkits.mplot3d import Axes3D
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    # Not found where several versions of matplotlib are mixed; what is flat needs none of it.
+    from mpl_toolkits.mplot3d import Axes3D
 
 Array = NDArray[np.float64]
 
@@ -63,7 +67,7 @@ class Scene:
     """
 
     figure: Figure
-    axis: Axes | Axes3D
+    axis: Axes
     floor: float | None = None
 
     @property
@@ -83,7 +87,7 @@ def make_scene(points: Array, title: str, size: tuple[float, float] = (6.4, 6.0)
     flat = upper[2] - lower[2] < FLAT
     figure = Figure(figsize=size, dpi=dpi, layout='constrained')
     FigureCanvasAgg(figure)
-    axis: Axes | Axes3D = figure.add_subplot() if flat else figure.add_subplot(projection='3d')
+    axis: Axes = figure.add_subplot() if flat else figure.add_subplot(projection='3d')
     axis.set_title(title)
     axis.set(xlabel='x [m]', ylabel='y [m]')
     longest = max((upper - lower).max(), FLAT)
@@ -100,7 +104,7 @@ def make_scene(points: Array, title: str, size: tuple[float, float] = (6.4, 6.0)
     return Scene(figure, axis, lower[2])
 
 
-def _add_height(axis: Axes3D, bottom: float, half: Array) -> None:
+def _add_height(axis: 'Axes3D', bottom: float, half: Array) -> None:
     """Give an axis its third dimension, and the shape of a box with half its sides (3,) [m]."""
     axis.set_zlim(bottom, bottom + 2.0 * half[2])
     axis.set_zlabel('z [m]')

@@ -23,9 +23,7 @@ from xml.etree.ElementTree import Element
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
-from matplotlib.lines import Line2D
 from matplotlib.text import Text
-from mpl_toolkits.mplot3d.art3d import Line3D
 import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
@@ -43,6 +41,9 @@ from tp_controller.demos.drawing import (
 from tp_controller.demos.outlines import base_outline
 from tp_controller.demos.outlines import joined as joined_lines
 from tp_controller.model.urdf import parse
+
+# Line2D or Line3D, which has no types.
+Line = Any
 
 AROUND_COLOUR = '#8C5A2B'
 HELD_COLOUR = '#009E73'
@@ -193,7 +194,7 @@ class _ArmScene:
             self._scene.axis.draw_artist(artist)
         return Image.fromarray(np.asarray(self._canvas.buffer_rgba())[..., :3].copy())
 
-    def _line(self, *style: str, **options: Any) -> Line2D:
+    def _line(self, *style: str, **options: Any) -> Line:
         """Return a line without points."""
         blank = [[np.nan]] * self._scene.dimensions
         return self._scene.axis.plot(*blank, *style, **options)[0]
@@ -214,13 +215,13 @@ class _ArmScene:
         self._canvas.draw()
         self._background = self._canvas.copy_from_bbox(self._scene.figure.bbox)
 
-    def _set(self, line: Line2D, points: Array) -> None:
+    def _set(self, line: Line, points: Array) -> None:
         """Give a line its points (k, 3)."""
         columns = self._scene.columns(points)
-        if isinstance(line, Line3D):
-            line.set_data_3d(*columns)
-        else:
+        if self._scene.floor is None:
             line.set_data(*columns)
+        else:
+            line.set_data_3d(*columns)
 
 
 def links_of(robot: Robot) -> tuple[list[tuple[str, str]], list[str]]:

@@ -27,7 +27,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tp_controller.demos.drawing import (
@@ -265,6 +264,7 @@ def _add_coloured_path(scene: Scene, points: Array, values: Array) -> LineCollec
     if scene.dimensions == 2:
         collection = LineCollection(pieces, cmap='viridis', linewidth=2, capstyle='round')
     else:
+        from mpl_toolkits.mplot3d.art3d import Line3DCollection
         collection = Line3DCollection(pieces, cmap='viridis', linewidth=2)
     collection.set_array(values[1:])
     scene.axis.add_collection(collection)
