@@ -160,6 +160,11 @@ def test_every_subpackage_is_shipped(metadata):
     assert {'.'.join(folder.parts) for folder in folders} == set(metadata['packages'])
 
 
+def test_annotations_are_shipped_by_an_old_setuptools_too(metadata):
+    # Only from 69 on, newer than on Ubuntu 24.04, does it take py.typed along by itself.
+    assert metadata['package_data'] == {PACKAGE: ['py.typed']}
+
+
 def test_executables_have_code_and_shims(metadata):
     scripts = dict(map(str.strip, line.split('='))
                    for line in metadata['entry_points']['console_scripts'])
