@@ -43,6 +43,32 @@ def sign_flips(commands: np.ndarray, period: float) -> float:
     return _per_second(_sides(commands), commands, period)
 
 
+def swings(commands: np.ndarray, period: float) -> float:
+    """
+    Return how often per second the velocity of a joint turns, of the joint that does most.
+
+    It turns where it comes back by more than `SLOW` from the highest or lowest it was since it
+    turned last. Other than `reversals`, that sees an oscillation that takes many cycles.
+
+    Parameters
+    ----------
+    commands, period
+        As in `reversals`.
+
+    """
+    highest = lowest = commands[0]
+    side, turns = np.zeros(commands.shape[1]), np.zeros(commands.shape[1])
+    for velocity in commands[1:]:
+        highest, lowest = np.maximum(highest, velocity), np.minimum(lowest, velocity)
+        falls = (velocity < highest - SLOW) & (side >= 0.0)
+        rises = (velocity > lowest + SLOW) & (side <= 0.0)
+        turned = falls | rises
+        turns += turned & (side != 0.0)
+        side = np.where(falls, -1.0, np.where(rises, 1.0, side))
+        highest, lowest = (np.where(turned, velocity, extreme) for extreme in (highest, lowest))
+    return float(turns.max() / (len(commands) * period))
+
+
 def _sides(values: np.ndarray) -> np.ndarray:
     """Return 1 and -1 for what is above and below zero, and 0 for what is slow."""
     return np.where(np.abs(values) > SLOW, np.sign(values), 0.0)

@@ -33,6 +33,7 @@ outside
 The goal stays for 10 s; what follows is measured: 2 s, at 1000 Hz 1 s. A reversal is a cycle in
 which the velocity of a joint changes to the other side of how it changed before, both by more
 than 0.01 rad/s (m/s); a flip is one in which the velocity itself changes sides, both faster than
+that. A swing, which may take any number of cycles, ends where the velocity turns by more than
 that. Counted are those of the joint that has most, per second. A run with at most one reversal
 per second is calm. Each can be repeated alone: ``calm.run('Panda', 100, None, 7)``.
 """
@@ -47,7 +48,7 @@ import multiprocessing
 import time
 import zlib
 
-from _motion import reversals, sign_flips
+from _motion import reversals, sign_flips, swings
 from _robots import load_robot
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -90,6 +91,7 @@ class Run:
     kind: str
     reversals: float
     flips: float
+    swings: float
     # Largest change within a cycle, and largest velocity.
     jump: float
     fastest: float
@@ -285,8 +287,8 @@ def run(name: str, rate: int, acceleration: float | None, number: int, plant: st
             f'run({name!r}, {rate}, {acceleration}, {number}): {error}') from error
     period = 1.0 / rate
     return Run(name, rate, acceleration, number, scene.kind, reversals(commands, period),
-               sign_flips(commands, period), float(np.abs(np.diff(commands, axis=0)).max()),
-               float(np.abs(commands).max()))
+               sign_flips(commands, period), swings(commands, period),
+               float(np.abs(np.diff(commands, axis=0)).max()), float(np.abs(commands).max()))
 
 
 def row(runs: list[Run]) -> str:
@@ -296,6 +298,7 @@ def row(runs: list[Run]) -> str:
     cells = (first.robot, first.rate, _limit(first), f'{restless} of {len(runs)}',
              f'{max(each.reversals for each in runs):.1f}',
              f'{max(each.flips for each in runs):.1f}',
+             f'{max(each.swings for each in runs):.1f}',
              f'{max(each.jump for each in runs):.3f}')
     return '| ' + ' | '.join(map(str, cells)) + ' |'
 
@@ -304,6 +307,7 @@ def finding(each: Run) -> str:
     """Return what is to be said of a run that is not calm."""
     return (f'run({each.robot!r}, {each.rate}, {each.acceleration}, {each.number}) {each.kind}: '
             f'{each.reversals:.1f} reversals/s, {each.flips:.1f} flips/s, '
+            f'{each.swings:.1f} swings/s, '
             f'{each.jump:.3f} in a cycle, up to {each.fastest:.2f}')
 
 
@@ -330,7 +334,7 @@ def main() -> None:
     """Run and print."""
     options = _options()
     head = ('robot', 'Hz', 'acceleration limit', 'not calm', 'reversals 1/s', 'flips 1/s',
-            'largest change in a cycle')
+            'swings 1/s', 'largest change in a cycle')
     print('| ' + ' | '.join(head) + ' |\n|' + ' --- |' * len(head), flush=True)
     every: list[Run] = []
     with multiprocessing.Pool(options.jobs) as pool:
