@@ -197,8 +197,10 @@ def _reach(name: str) -> tuple[float, float]:
     robot, random = _robot(name, None), np.random.default_rng(0)
     if name == PLANAR:
         return 0.0, float(np.linalg.norm(robot.state(np.zeros(robot.nq)).position(TOOLS[name])))
-    positions = np.array([robot.state(_place(robot, random)).position(TOOLS[name])
-                          for _ in range(SAMPLES)])
+    state, positions = robot.state(robot.neutral()), np.empty((SAMPLES, 3))
+    for position in positions:
+        state.update(_place(robot, random))
+        position[:] = state.position(TOOLS[name])
     if robot.moves:
         least, most = float(positions[:, 2].min()), float(positions[:, 2].max())
         return 0.5 * (least + most), 0.5 * (most - least)

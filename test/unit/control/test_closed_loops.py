@@ -84,7 +84,7 @@ def test_oscillations_of_the_worst_joint_are_counted_per_second(motion):
     ['limits.py', '--states', '5'], ['paths.py', '--paths', '1', '--seconds', '0.1'],
     ['solver.py', '--rounds', '1'], ['closed_loops.py', '--cycles', '400', '--jobs', '2'],
     ['inequalities.py', '--runs', '1', '--jobs', '2'], ['stacks.py', '--rounds', '1'],
-    ['calm.py', '--goals', '1', '--rates', '20'], ['loss.py', '--states', '4', '--below', '2'],
+    ['calm.py', '--goals', '4', '--rates', '20'], ['loss.py', '--states', '4', '--below', '2'],
     ['weights.py', '--states', '2', '--goals', '1']])
 def test_benchmark_runs_and_prints_a_table(command):
     name, *options = command
