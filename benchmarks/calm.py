@@ -136,7 +136,7 @@ class Scene:
     def settings(self, weighted: bool) -> Settings:
         """Return the settings."""
         return Settings(period=1.0 / self.rate, braking_gain=min(10.0, float(self.rate)),
-                        weights=tuple(self.weights) if weighted else None)
+                        weights=tuple(self.weights) if weighted else ())
 
     def _far(self) -> None:
         """Set a position out of reach."""

@@ -30,18 +30,16 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
-import sys
+import runpy
 
-from _robots import load_robot
+from _robots import CONFIG, load_robot
 import numpy as np
 from scipy.optimize import lsq_linear
 from tp_controller import Level, Robot, RobotState, Settings, Stack
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / 'test' / 'unit'))
-
-from reference import constrained_lstsq  # noqa: E402, I100
-
+# That of the tests: slow, proven by its multipliers, and with nothing of the solver in it.
+constrained_lstsq = runpy.run_path(
+    str(CONFIG.parent / 'test' / 'unit' / 'reference.py'))['constrained_lstsq']
 SEED = 0
 STATES, STATES_BELOW = 1000, 300
 SPEEDS = 0.3, 2.0

@@ -26,7 +26,7 @@ where the goal can be reached.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from _robots import load_robot, PANDA_READY
 from loss import CASES, State, states, velocity
@@ -78,7 +78,7 @@ def differences(case: str, count: int, bounded: bool) -> np.ndarray:
 
 
 def final_error(robot: Robot, stack_text: str, start: Sequence[float], goal: object,
-                weights: Sequence[float]) -> float:
+                weights: Iterable[float]) -> float:
     """Return the first error of the first task after a closed loop [m or rad]."""
     stack = Stack.from_yaml(stack_text, robot)
     controller = Controller(robot, stack, Settings(period=PERIOD, weights=tuple(weights)))
