@@ -306,7 +306,7 @@ def row(runs: list[Run]) -> str:
 
 
 def finding(each: Run) -> str:
-    """Return what is to be said of a run that is not calm."""
+    """Return what is to be said of a run that does not come to rest."""
     return (f'run({each.robot!r}, {each.rate}, {each.acceleration}, {each.number}) {each.kind}: '
             f'{each.reversals:.1f} reversals/s, {each.flips:.1f} flips/s, '
             f'{each.swings:.1f} swings/s, '
@@ -348,9 +348,11 @@ def main() -> None:
             print(f'{row(runs)}  <!-- {time.monotonic() - began:.0f} s -->', flush=True)
             every += runs
     restless = [each for each in every if not each.calm]
-    print(f'\n{len(restless)} of {len(every)} runs are not calm')
-    for each in restless:
-        print(finding(each))
+    swinging = [each for each in every if each.calm and each.swings > CALM]
+    for found, shown in ((restless, 'are not calm'), (swinging, 'are, but swing more than that')):
+        print(f'\n{len(found)} of {len(every)} runs {shown}')
+        for each in found:
+            print(finding(each))
 
 
 if __name__ == '__main__':
