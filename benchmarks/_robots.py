@@ -28,6 +28,7 @@ TALOS_JOINTS = [f'torso_{number}_joint' for number in (1, 2)] + \
     [f'arm_{side}_{number}_joint' for side in ('left', 'right') for number in range(1, 8)]
 LEG_JOINTS = [f'leg_{side}_{number}_joint' for side in ('left', 'right')
               for number in range(1, 7)]
+TIAGO_JOINTS = ['torso_lift_joint', *(f'arm_{number}_joint' for number in range(1, 8))]
 ARM_READY = (0.3, 0.5, -0.4, -1.4, 0.2, 0.1, 0.1)
 TALOS_READY = (0.1, 0.2, 0.05, 0.1, *ARM_READY, *(-value for value in ARM_READY[:3]),
                *ARM_READY[3:])
@@ -37,7 +38,13 @@ PLANAR = [{'name': f'joint{number}', 'a': 0.2, 'lower': -2.0, 'upper': 2.0, 'vel
 # {name: (file name in example-robot-data, joints)}
 URDFS = {'UR5': ('ur5_robot.urdf', None), 'Baxter': ('baxter.urdf', BAXTER_JOINTS),
          'Talos': ('talos_reduced.urdf', TALOS_JOINTS),
-         'Talos, 30 joints': ('talos_reduced.urdf', LEG_JOINTS + TALOS_JOINTS)}
+         'Talos, 30 joints': ('talos_reduced.urdf', LEG_JOINTS + TALOS_JOINTS),
+         'Talos arm': ('talos_left_arm.urdf', None), 'TIAGo': ('tiago.urdf', TIAGO_JOINTS),
+         'TIAGo on wheels': ('tiago.urdf', TIAGO_JOINTS)}
+# {name: file in config/robots}
+FILES = {'Panda': 'panda.yaml', 'planar 3R': 'planar_3r.yaml', 'mobile arm': 'mobile_arm.urdf'}
+# {name: kind of base}; the others do not move.
+BASES = {'TIAGo on wheels': 'planar', 'mobile arm': 'planar'}
 
 
 def load_robot(name, acceleration=None, limits=None):
@@ -47,9 +54,9 @@ def load_robot(name, acceleration=None, limits=None):
     Parameters
     ----------
     name : str
-        ``Panda``, ``planar 10R``, or one of `URDFS`.
+        ``planar 10R``, or one of `FILES` or `URDFS`.
     acceleration : float, optional
-        Limit of every joint [rad/s²]; none by default.
+        Limit of every joint, and of a base that moves [rad/s² or m/s²]; none by default.
     limits : dict, optional
         Single limits, {joint: {limit: value}}; instead of `acceleration`.
 
@@ -60,14 +67,15 @@ def load_robot(name, acceleration=None, limits=None):
     """
     if acceleration is None:
         return _load(name, limits)
-    joints = _load(name, None).joint_names
-    return _load(name, {joint: {'acceleration': acceleration} for joint in joints})
+    names = _load(name, None).velocity_names
+    return _load(name, {moved: {'acceleration': acceleration} for moved in names})
 
 
 def _load(name, limits):
     """Return a robot with some limits replaced."""
-    if name == 'Panda':
-        return Robot.from_file(CONFIG / 'robots' / 'panda.yaml', limits=limits)
+    base = BASES.get(name, 'fixed')
+    if name in FILES:
+        return Robot.from_file(CONFIG / 'robots' / FILES[name], limits=limits, base=base)
     if name == 'planar 10R':
         table = [{**row, **(limits or {}).get(row['name'], {})} for row in PLANAR]
         return Robot.from_dh(table)
@@ -79,4 +87,4 @@ def _load(name, limits):
     share = next(folder for folder in Path(path).parents if folder.name == 'example-robot-data')
     urdf = Path(path).read_text(encoding='utf-8').replace('package://example-robot-data',
                                                           str(share))
-    return Robot.from_urdf(urdf, joints=joints, limits=limits)
+    return Robot.from_urdf(urdf, joints=joints, limits=limits, base=base)

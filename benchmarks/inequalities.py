@@ -33,6 +33,7 @@ from functools import lru_cache
 import multiprocessing
 import time
 
+from _motion import reversals
 from _robots import CONFIG, load_robot
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -58,7 +59,6 @@ FASTEST = 0.2
 # Largest excess that is still none: what a tolerance of 1 mm or 0.2° is in each unit.
 ALLOWED = {'m': 1e-3, 'rad': np.radians(0.2), '1': 5e-3, 'm/s': 1e-3}
 SHOWN = {'m': (1e3, 'mm'), 'rad': (180.0 / np.pi, '°'), '1': (100.0, '%'), 'm/s': (1e3, 'mm/s')}
-TURNED = 0.01
 # How deep a link may be in a thing at the start [m], and how much joints have to move it [m/rad].
 DEEPEST, LEAST_MOVED = 0.05, 0.1
 REPEATED = 5
@@ -236,9 +236,9 @@ def _run(kind, number):
     unit, excess, commands = _loop(scene, True)
     without = np.nan
     if number % REPEATED == 0:
-        without = _reversals(_loop(scene, False)[2])
-    return Run(scene.name, unit, excess[0], max(excess), excess[-1], _reversals(commands),
-               without)
+        without = reversals(_loop(scene, False)[2], PERIOD)
+    return Run(scene.name, unit, excess[0], max(excess), excess[-1],
+               reversals(commands, PERIOD), without)
 
 
 def _loop(scene, bounded):
@@ -271,14 +271,6 @@ def _excess(guard, report):
     if guard.type_name == 'speed_limit':
         return max(value for value, _, _ in report.tasks[0].errors)
     return float(np.abs(guard.last_error).max(initial=0.0))
-
-
-def _reversals(commands):
-    """Return how often per second a joint's velocity turns back, of the joint that does most."""
-    change = np.diff(commands, axis=0)
-    after, before = change[1:], change[:-1]
-    turned = (after * before < 0.0) & (np.abs(after) > TURNED) & (np.abs(before) > TURNED)
-    return turned.sum(axis=0).max() / (len(commands) * PERIOD)
 
 
 def rows(kind, runs):

@@ -57,10 +57,35 @@ def test_bounds_are_kept_in_closed_loops_drawn_at_random(inequalities, kind):
     assert all(each.reversals < 20.0 for each in runs)
 
 
+@pytest.fixture
+def motion(monkeypatch):
+    """Return the module that counts."""
+    monkeypatch.syspath_prepend(robots.REPOSITORY / 'benchmarks')
+    return importlib.import_module('_motion')
+
+
+def test_oscillations_of_the_worst_joint_are_counted_per_second(motion):
+    cycles = np.arange(200)
+    every = 0.02 * (-1.0) ** cycles
+    slow = 0.1 * np.sin(2.0 * np.pi * (cycles + 0.5) / 50.0)
+    steady = 0.3 * cycles
+    commands = np.stack([steady, every, slow], axis=1)
+    # Two seconds at 100 Hz: all but the first two and the first cycle can turn and flip.
+    assert motion.reversals(commands, 0.01) == 99.0
+    assert motion.sign_flips(commands, 0.01) == 99.5
+    assert motion.swings(commands, 0.01) == 99.0
+    # The slow one, four periods, changes by little in each cycle, and still swings.
+    assert motion.reversals(commands[:, ::2], 0.01) == 0.0
+    assert motion.swings(commands[:, ::2], 0.01) == 4.0
+    assert motion.swings(0.04 * commands, 0.01) == 0.0
+
+
 @pytest.mark.parametrize('command', [
     ['limits.py', '--states', '5'], ['paths.py', '--paths', '1', '--seconds', '0.1'],
     ['solver.py', '--rounds', '1'], ['closed_loops.py', '--cycles', '400', '--jobs', '2'],
-    ['inequalities.py', '--runs', '1', '--jobs', '2'], ['stacks.py', '--rounds', '1']])
+    ['inequalities.py', '--runs', '1', '--jobs', '2'], ['stacks.py', '--rounds', '1'],
+    ['calm.py', '--goals', '4', '--rates', '20'], ['loss.py', '--states', '4', '--below', '2'],
+    ['weights.py', '--states', '2', '--goals', '1']])
 def test_benchmark_runs_and_prints_a_table(command):
     name, *options = command
     done = subprocess.run([sys.executable, str(robots.REPOSITORY / 'benchmarks' / name), *options],
