@@ -16,7 +16,9 @@
 
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
+from tp_controller.model.robot import Robot
 from tp_controller.model.urdf import mimic_rules, moving_joints, parse, resolve_mimic
 from tp_controller.resources import read_source
 
@@ -32,12 +34,11 @@ class Tree:
 
     """
 
-    def __init__(self, robot):
+    def __init__(self, robot: Robot) -> None:
         tree = parse(robot.urdf)
         moving = moving_joints(tree)
         rules = mimic_rules(moving)
-        self._above = {joint.find('child').get('link'): (joint.get('name'),
-                                                         joint.find('parent').get('link'))
+        self._above = {_end(joint, 'child'): (joint.get('name', ''), _end(joint, 'parent'))
                        for joint in tree.findall('joint')}
         self._moving = set(moving)
         self._driven = {name for name in moving
@@ -48,28 +49,34 @@ class Tree:
             self._moving.add('')
             self._driven.add('')
 
-    def adjacent(self, one, other):
+    def adjacent(self, one: str, other: str) -> bool:
         """Say whether no more than one joint that moves lies between two links."""
         return len(self._between(one, other) & self._moving) <= 1
 
-    def separable(self, one, other):
+    def separable(self, one: str, other: str) -> bool:
         """Say whether driven joints move two links against each other."""
         return bool(self._between(one, other) & self._driven)
 
-    def _between(self, one, other):
-        """Return the joints on the way from one link to another."""
-        return self._way_up(one) ^ self._way_up(other)
+    def _between(self, one: str, other: str) -> set[str]:
+        """Return the joints on the path from one link to another."""
+        return self._path_up(one) ^ self._path_up(other)
 
-    def _way_up(self, link):
+    def _path_up(self, link: str) -> set[str]:
         """Return the joints between a link and the root."""
-        joints = set()
+        joints = set[str]()
         while link in self._above:
             joint, link = self._above[link]
             joints.add(joint)
         return joints
 
 
-def srdf_pairs(source):
+def _end(joint: Element, end: str) -> str:
+    """Return the link at an end of a joint, ``parent`` or ``child``."""
+    element = joint.find(end)
+    return '' if element is None else element.get('link', '')
+
+
+def srdf_pairs(source: str | Path) -> set[frozenset[str]]:
     """
     Return the pairs of links that an SRDF says need no check.
 
@@ -98,5 +105,5 @@ def srdf_pairs(source):
         raise ValueError(f'no XML: {error}') from error
     if tree.tag != 'robot':
         raise ValueError(f'no SRDF: the outermost element is <{tree.tag}>, not <robot>')
-    return {frozenset((element.get('link1'), element.get('link2')))
+    return {frozenset((element.get('link1', ''), element.get('link2', '')))
             for element in tree.findall('disable_collisions')}
