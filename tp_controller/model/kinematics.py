@@ -34,6 +34,7 @@ class Kinematics:
     frame_ids : dict
         {name: index} of the frames, in the order of `Robot.frame_names`.
     base : Base
+        How it can move.
     mass : float
         Of all links [kg].
     coordinate_names, passive_names : tuple of str
@@ -63,6 +64,8 @@ class Kinematics:
         self.joint_rows = slice(len(base.coordinate_names), len(self.coordinate_names))
         names = [name for name in model.names[1:] if name != FREE_FLYER]
         self._map_joints(names, driven, mimics)
+        self._driven_joints = {model.getJointId(name) for name in model.names[1:]
+                               if name == FREE_FLYER or resolve_mimic(name, mimics)[0] in driven}
         self._driven_rows = [model.joints[model.getJointId(name)].idx_q for name in driven]
         first = model.nv - len(names)
         expand = np.zeros((model.nv, self.n))
@@ -94,6 +97,24 @@ class Kinematics:
         if not isinstance(name, str) or name not in self.frame_ids:
             raise RobotError(unknown('frame', name, self.frame_ids))
         return name
+
+    def attachment(self, frame: str) -> tuple[int, pinocchio.SE3]:
+        """Return the joint that moves a frame, and where on it the frame is."""
+        found = self.model.frames[self.frame_ids[frame]]
+        return found.parentJoint, found.placement
+
+    def adjacent(self, one: str, other: str) -> bool:
+        """Say whether no more than one joint that moves lies between two frames."""
+        return len(self._between(one, other)) <= 1
+
+    def separable(self, one: str, other: str) -> bool:
+        """Say whether driven joints, or the base, move two frames against each other."""
+        return not self._driven_joints.isdisjoint(self._between(one, other))
+
+    def _between(self, one: str, other: str) -> set[int]:
+        """Return the joints on the path from one frame to another."""
+        ends = (self.attachment(frame)[0] for frame in (one, other))
+        return set.symmetric_difference(*(set(self.model.supports[end]) for end in ends))
 
     def positions(self, q: Array) -> Array:
         """Return the positions of the driven joints (n,) at q, zeros for the base."""

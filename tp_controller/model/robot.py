@@ -97,6 +97,8 @@ class Robot:
     frame_names : tuple of str
         All links, and the world before them where the base moves; `root` is the first, every
         pose and Jacobian is expressed in it by default.
+    kinematics : Kinematics
+        What Pinocchio makes of it.
     base_frame : str
         The link that all others hang on.
     base_reach : tuple of int
@@ -130,9 +132,9 @@ class Robot:
         mimics = mimic_rules(elements)
         self._name_joints(model.names, elements, mimics, joints)
         self._read_limits(elements, mimics, limits or {})
-        self._kinematics = Kinematics(model, frame_ids, self._base, self.joint_names,
+        self.kinematics = Kinematics(model, frame_ids, self._base, self.joint_names,
                                       self.passive_names, mimics)
-        self.mass = self._kinematics.mass
+        self.mass = self.kinematics.mass
 
     @classmethod
     def from_urdf(cls, source: str | Path, base: str = 'fixed',
@@ -209,7 +211,7 @@ class Robot:
 
     def check_frame(self, name: object) -> str:
         """Return `name` if it is a frame of the robot, else raise `RobotError`."""
-        return self._kinematics.check_frame(name)
+        return self.kinematics.check_frame(name)
 
     def joint_index(self, name: object) -> int:
         """Return the index of a driven joint in arrays (n,), else raise `RobotError`."""
@@ -257,7 +259,7 @@ class Robot:
             Positions of the driven joints [rad or m]; zeros for the base, which has no limits.
 
         """
-        return self._kinematics.positions(q)
+        return self.kinematics.positions(q)
 
     def base_placement(self, q: Array) -> Array:
         """Return x, y, z [m] and the quaternion ``xyzw`` (7,) of `base_frame` in the root."""
@@ -288,7 +290,7 @@ class Robot:
 
     def fixed_to_base(self, frame: str) -> Array | None:
         """Return T_base_frame (4, 4) of a frame that no joint moves; None for any other one."""
-        frames, ids = self._kinematics.model.frames, self._kinematics.frame_ids
+        frames, ids = self.kinematics.model.frames, self.kinematics.frame_ids
         found, carrier = frames[ids[self.check_frame(frame)]], frames[ids[self.base_frame]]
         return found.placement.homogeneous if found.parentJoint == carrier.parentJoint else None
 
@@ -313,7 +315,7 @@ class Robot:
             Angles of continuous joints, and the yaw of a base, are not wrapped.
 
         """
-        return self._kinematics.integrate(q, velocity, dt)
+        return self.kinematics.integrate(q, velocity, dt)
 
     def state(self, q: ArrayLike, passive: ArrayLike | None = None) -> RobotState:
         """
@@ -333,7 +335,7 @@ class Robot:
             Wrong shape, not finite, or no quaternion.
 
         """
-        return RobotState(self._kinematics, q,
+        return RobotState(self.kinematics, q,
                           self.passive_neutral if passive is None else passive)
 
     def _name_joints(self, names: Sequence[str], elements: Mapping[str, Element],

@@ -178,6 +178,10 @@ class RobotState:
                 read_only((1.0 - share) * J))
         return self._center_of_mass
 
+    def place(self, geometry: pinocchio.GeometryModel, data: pinocchio.GeometryData) -> None:
+        """Place the objects of one of Pinocchio's geometry models, made for this robot."""
+        pinocchio.updateGeometryPlacements(self._kinematics.model, self._data, geometry, data)
+
     def _model_jacobian(self, frame: str) -> Array:
         """Return the Jacobian (6, nv) of a frame by the coordinates of Pinocchio's model."""
         if frame not in self._placements:
