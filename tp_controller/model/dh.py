@@ -19,10 +19,12 @@ Writing a URDF keeps a single way into the robot model, and gives a DH robot wha
 tool wants: a ``robot_description``.
 """
 
+from collections.abc import Mapping, Sequence
 import math
+from pathlib import Path
+from typing import Any, TypeAlias
 from xml.sax.saxutils import quoteattr
 
-import numpy as np
 from tp_controller.errors import RobotError, unknown
 from tp_controller.model.urdf import UNLIMITED
 from tp_controller.resources import load_yaml, read_source
@@ -35,8 +37,15 @@ JOINT_KEYS = ('name', 'a', 'alpha', 'd', 'theta', 'type', 'lower', 'upper', 'vel
 FRAME_KEYS = ('name', 'parent', 'xyz', 'rpy')
 LINK_RADIUS = 0.03
 
+# One row of a table, as YAML gives it: numbers and names that are still to be checked.
+Row: TypeAlias = dict[str, Any]
+Table: TypeAlias = Sequence[Row] | Mapping[str, Any] | str | Path
+# xyz [m] and rpy [rad].
+Triple: TypeAlias = tuple[float, float, float]
+Transform: TypeAlias = tuple[Triple, Triple]
 
-def urdf_from_dh(table, convention=None):
+
+def urdf_from_dh(table: Table, convention: str | None = None) -> str:
     """
     Return the URDF of a DH table.
 
@@ -72,7 +81,7 @@ def urdf_from_dh(table, convention=None):
         raise RobotError(unknown('DH convention', convention, CONVENTIONS))
     root = table.get('root', 'base_link')
     links, joints = [root], []
-    visuals = {}
+    visuals: dict[str, list[Triple]] = {}
     parent = root
     for number, row in enumerate(_rows(table, 'joints', JOINT_KEYS), start=1):
         joint = _joint_row(row, number)
@@ -100,7 +109,7 @@ def urdf_from_dh(table, convention=None):
                       '</robot>', ''])
 
 
-def _load(table):
+def _load(table: object) -> dict[str, Any]:
     """Return the table as a mapping with a list of joints."""
     if not isinstance(table, (list, tuple, dict)):
         try:
@@ -119,7 +128,7 @@ def _load(table):
     return table
 
 
-def _rows(table, key, valid):
+def _rows(table: Mapping[str, Any], key: str, valid: Sequence[str]) -> Sequence[Row]:
     """Return the rows under `key`, checked to be mappings with valid keys and a name."""
     rows = table.get(key) or []
     if not isinstance(rows, (list, tuple)):
@@ -134,7 +143,7 @@ def _rows(table, key, valid):
     return rows
 
 
-def _joint_row(row, number):
+def _joint_row(row: Row, number: int) -> Row:
     """Return a row with defaults filled in and numbers checked."""
     joint = {'a': 0.0, 'alpha': 0.0, 'd': 0.0, 'theta': 0.0, 'type': 'revolute',
              'lower': -math.inf, 'upper': math.inf, 'velocity': math.inf,
@@ -154,7 +163,7 @@ def _joint_row(row, number):
     return joint
 
 
-def _frame_row(row, links):
+def _frame_row(row: Row, links: Sequence[str]) -> Row:
     """Return an extra frame with defaults filled in, its parent checked."""
     where = f'DH table, frame {row["name"]}'
     frame = {'parent': links[-1], 'xyz': (0.0, 0.0, 0.0), 'rpy': (0.0, 0.0, 0.0), **row}
@@ -167,13 +176,13 @@ def _frame_row(row, links):
     return frame
 
 
-def _check_word(value, what):
+def _check_word(value: object, what: str) -> None:
     """Raise unless `value` can be a name."""
     if not isinstance(value, str) or not value:
         raise RobotError(f'{what} must be a name, not {value!r}')
 
 
-def _number(value, what):
+def _number(value: object, what: str) -> float:
     """Return `value` as a float that is not NaN."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
         raise RobotError(f'{what} must be a number, not {value!r}')
@@ -183,7 +192,7 @@ def _number(value, what):
         raise RobotError(f'{what} is too large') from error
 
 
-def _transforms(joint, convention):
+def _transforms(joint: Row, convention: str) -> tuple[Transform, Transform | None]:
     """Return (xyz, rpy) before the motion of the joint and after it, None for no transform."""
     a, alpha, d, theta = joint['a'], joint['alpha'], joint['d'], joint['theta']
     if convention == 'standard':
@@ -195,24 +204,24 @@ def _transforms(joint, convention):
     return before, after if any(after[0]) or any(after[1]) else None
 
 
-def _check_unique(what, names):
+def _check_unique(what: str, names: Sequence[str]) -> None:
     """Raise if a name is used twice."""
     twice = {name for name in names if names.count(name) > 1}
     if twice:
         raise RobotError(f'DH table: {what} names used twice: {", ".join(sorted(twice))}')
 
 
-def _triple(values):
+def _triple(values: Triple) -> str:
     """Return three numbers as URDF writes them, without loss."""
     return '"' + ' '.join(repr(float(value)) for value in values) + '"'
 
 
-def _origin(transform):
+def _origin(transform: Transform) -> str:
     """Return a URDF origin element."""
     return f'<origin xyz={_triple(transform[0])} rpy={_triple(transform[1])}/>'
 
 
-def _moving_joint(joint, parent, child, before):
+def _moving_joint(joint: Row, parent: str, child: str, before: Transform) -> str:
     """Return the URDF element of a joint that moves about or along z."""
     unlimited = math.isinf(joint['lower']) and math.isinf(joint['upper'])
     turning = 'continuous' if unlimited else 'revolute'
@@ -227,23 +236,24 @@ def _moving_joint(joint, parent, child, before):
             f'{_origin(before)}<axis xyz="0 0 1"/><limit {limits}/></joint>')
 
 
-def _fixed_joint(child, parent, transform):
+def _fixed_joint(child: str, parent: str, transform: Transform) -> str:
     """Return the URDF element of a fixed joint."""
     return (f'  <joint name={quoteattr(child + "_fixed")} type="fixed">'
             f'<parent link={quoteattr(parent)}/><child link={quoteattr(child)}/>'
             f'{_origin(transform)}</joint>')
 
 
-def _link(name, ends):
+def _link(name: str, ends: Sequence[Triple]) -> str:
     """Return the URDF element of a link, drawn as a rod from its origin to each end."""
-    rods = ''.join(_rod(np.array(end)) for end in ends if any(end))
+    rods = ''.join(_rod(end) for end in ends if any(end))
     return f'  <link name={quoteattr(name)}>{rods}</link>'
 
 
-def _rod(end):
+def _rod(end: Triple) -> str:
     """Return a URDF visual: a cylinder from the origin to `end` (3,) [m]."""
-    length = float(np.linalg.norm(end))
+    length = math.hypot(*end)
     pitch = math.atan2(math.hypot(end[0], end[1]), end[2])
     rpy = (0.0, pitch, math.atan2(end[1], end[0]))
-    return (f'<visual>{_origin((end / 2.0, rpy))}<geometry>'
+    middle = (0.5 * end[0], 0.5 * end[1], 0.5 * end[2])
+    return (f'<visual>{_origin((middle, rpy))}<geometry>'
             f'<cylinder radius="{LINK_RADIUS}" length="{length!r}"/></geometry></visual>')

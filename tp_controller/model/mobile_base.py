@@ -14,11 +14,17 @@
 
 """The base of a robot: where it stands, and how it can move."""
 
+from collections.abc import Sequence
 import math
 
 import numpy as np
 from tp_controller.errors import RobotError
-from tp_controller.model.spatial import quaternion_from_rotation, QUATERNION_TOLERANCE
+from tp_controller.model.spatial import (
+    Array,
+    quaternion_from_rotation,
+    QUATERNION_TOLERANCE,
+    read_only,
+)
 
 # The degrees of freedom of a rigid body, as the rows of its twist (linear, then angular).
 NAMES = ('base_x', 'base_y', 'base_z', 'base_roll', 'base_pitch', 'base_yaw')
@@ -50,27 +56,27 @@ class Base:
 
     """
 
-    coordinate_names = ()
+    coordinate_names: tuple[str, ...] = ()
 
-    def __init__(self, columns=(), reach=()):
+    def __init__(self, columns: Sequence[int] = (), reach: Sequence[int] = ()) -> None:
         self.columns, self.reach = tuple(columns), tuple(reach)
         self.moves = bool(columns)
         self.names = tuple(NAMES[row] for row in columns)
         self.units = tuple(UNITS[row] for row in columns)
 
-    def check(self, q):
+    def check(self, q: Array) -> Array:
         """Return q if its first entries can be coordinates, else raise `RobotError`."""
         return q
 
-    def coordinates(self, R, p):
+    def coordinates(self, R: Array, p: Array) -> list[float]:
         """Return the coordinates of an attitude (3, 3) and a position (3,) in the world."""
         return []
 
-    def placement(self, q):
+    def placement(self, q: Array) -> Array:
         """Return the placement (7,) of the base at q."""
         return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
-    def moved(self, q, placement, displacement):
+    def moved(self, q: Array, placement: Array, displacement: Array) -> Sequence[float] | Array:
         """Return the coordinates after a displacement (6,) from q that led to a placement."""
         return []
 
@@ -80,16 +86,16 @@ class FlatBase(Base):
 
     coordinate_names = ('base_x', 'base_y', 'base_yaw')
 
-    def coordinates(self, R, p):
+    def coordinates(self, R: Array, p: Array) -> list[float]:
         """Return x, y and yaw; height, roll and pitch are left out."""
         return [p[0], p[1], math.atan2(R[1, 0], R[0, 0])]
 
-    def placement(self, q):
+    def placement(self, q: Array) -> Array:
         """Return the placement (7,), level and at height zero."""
         half = 0.5 * q[2]
         return np.array([q[0], q[1], 0.0, 0.0, 0.0, math.sin(half), math.cos(half)])
 
-    def moved(self, q, placement, displacement):
+    def moved(self, q: Array, placement: Array, displacement: Array) -> Sequence[float] | Array:
         """Return x, y and yaw, which is not wrapped."""
         return [placement[0], placement[1], q[2] + displacement[5]]
 
@@ -99,7 +105,7 @@ class FreeBase(Base):
 
     coordinate_names = ('base_x', 'base_y', 'base_z', 'base_qx', 'base_qy', 'base_qz', 'base_qw')
 
-    def check(self, q):
+    def check(self, q: Array) -> Array:
         """Return q with its quaternion normalised; `RobotError` where the norm is not near 1."""
         norm = math.sqrt(q[3:7].dot(q[3:7]))
         if not abs(norm - 1.0) <= QUATERNION_TOLERANCE:
@@ -107,18 +113,17 @@ class FreeBase(Base):
                              f'norm 1, this one has {norm:.3g}')
         q = q.copy()
         q[3:7] /= norm
-        q.setflags(write=False)
-        return q
+        return read_only(q)
 
-    def coordinates(self, R, p):
+    def coordinates(self, R: Array, p: Array) -> list[float]:
         """Return the placement."""
         return [*p, *quaternion_from_rotation(R)]
 
-    def placement(self, q):
+    def placement(self, q: Array) -> Array:
         """Return the placement (7,), its quaternion normalised."""
         return self.check(q[:7])
 
-    def moved(self, q, placement, displacement):
+    def moved(self, q: Array, placement: Array, displacement: Array) -> Sequence[float] | Array:
         """Return the placement."""
         return placement
 

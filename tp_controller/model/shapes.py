@@ -19,11 +19,14 @@ Every shape sits at its own origin. Points (3,) are given in its axes [m]. `inne
 of the largest sphere that it holds [m].
 """
 
+from collections.abc import Callable
 import math
 from numbers import Real
+from typing import TypeAlias
 
 import numpy as np
 from tp_controller.errors import unknown
+from tp_controller.model.spatial import Array
 
 # Nearer to a centre or an axis than this there is no direction away from it [m].
 CENTRE = 1e-9
@@ -34,10 +37,10 @@ LARGEST = 1e6
 class Sphere:
     """A sphere around the origin."""
 
-    def __init__(self, radius):
+    def __init__(self, radius: float) -> None:
         self.radius = self.inner_radius = radius
 
-    def within(self, point):
+    def within(self, point: Array) -> tuple[Array, Array]:
         """
         Return what has to be bounded for a point to be inside.
 
@@ -52,11 +55,11 @@ class Sphere:
         distance, direction = _from_centre(point)
         return np.array([distance]), direction[np.newaxis]
 
-    def room(self):
+    def room(self) -> tuple[Array, Array]:
         """Return the bounds of these values, lower and upper (m,) [m]."""
         return np.array([-np.inf]), np.array([self.radius])
 
-    def distance(self, point):
+    def distance(self, point: Array) -> tuple[float, Array]:
         """
         Return how far a point is outside the surface.
 
@@ -77,15 +80,15 @@ class HalfSpace:
 
     inner_radius = math.inf
 
-    def within(self, point):
+    def within(self, point: Array) -> tuple[Array, Array]:
         """Return what has to be bounded for a point to be inside; see `Sphere.within`."""
         return point[2:], np.array([[0.0, 0.0, 1.0]])
 
-    def room(self):
+    def room(self) -> tuple[Array, Array]:
         """Return the bounds of these values, lower and upper (m,) [m]."""
         return np.array([-np.inf]), np.zeros(1)
 
-    def distance(self, point):
+    def distance(self, point: Array) -> tuple[float, Array]:
         """Return how far a point is outside, and the gradient; see `Sphere.distance`."""
         return point[2], np.array([0.0, 0.0, 1.0])
 
@@ -93,19 +96,19 @@ class HalfSpace:
 class Box:
     """A box around the origin, its faces across the axes."""
 
-    def __init__(self, x, y, z):
+    def __init__(self, x: float, y: float, z: float) -> None:
         self.half = 0.5 * np.array([x, y, z])
-        self.inner_radius = self.half.min()
+        self.inner_radius = float(self.half.min())
 
-    def within(self, point):
+    def within(self, point: Array) -> tuple[Array, Array]:
         """Return what has to be bounded for a point to be inside; see `Sphere.within`."""
         return point, np.eye(3)
 
-    def room(self):
+    def room(self) -> tuple[Array, Array]:
         """Return the bounds of these values, lower and upper (m,) [m]."""
         return -self.half, self.half
 
-    def distance(self, point):
+    def distance(self, point: Array) -> tuple[float, Array]:
         """Return how far a point is outside, and the gradient; see `Sphere.distance`."""
         return _outside(np.abs(point) - self.half, np.diag(np.where(point < 0.0, -1.0, 1.0)))
 
@@ -113,20 +116,20 @@ class Box:
 class Cylinder:
     """A cylinder around the origin, its axis along z."""
 
-    def __init__(self, radius, length):
+    def __init__(self, radius: float, length: float) -> None:
         self.half = np.array([radius, 0.5 * length])
-        self.inner_radius = self.half.min()
+        self.inner_radius = float(self.half.min())
 
-    def within(self, point):
+    def within(self, point: Array) -> tuple[Array, Array]:
         """Return what has to be bounded for a point to be inside; see `Sphere.within`."""
         reach, away = _from_centre(np.array([point[0], point[1], 0.0]))
         return np.array([reach, point[2]]), np.array([away, [0.0, 0.0, 1.0]])
 
-    def room(self):
+    def room(self) -> tuple[Array, Array]:
         """Return the bounds of these values, lower and upper (m,) [m]."""
         return np.array([-np.inf, -self.half[1]]), self.half
 
-    def distance(self, point):
+    def distance(self, point: Array) -> tuple[float, Array]:
         """Return how far a point is outside, and the gradient; see `Sphere.distance`."""
         values, gradients = self.within(point)
         side = math.copysign(1.0, values[1])
@@ -134,13 +137,13 @@ class Cylinder:
                         np.array([gradients[0], side * gradients[1]]))
 
 
-def _from_centre(point):
+def _from_centre(point: Array) -> tuple[float, Array]:
     """Return the distance of a point from the origin and the direction away from it."""
     distance = math.sqrt(point.dot(point))
     return distance, point / distance if distance > CENTRE else np.array([1.0, 0.0, 0.0])
 
 
-def _outside(excess, directions):
+def _outside(excess: Array, directions: Array) -> tuple[float, Array]:
     """
     Return the distance from a shape whose sides are at right angles, and its gradient.
 
@@ -161,8 +164,9 @@ def _outside(excess, directions):
     return float(excess[nearest]), directions[nearest]
 
 
+Shape: TypeAlias = Box | Sphere | Cylinder | HalfSpace
 # {name: (class, what its sizes are)}
-SHAPES = {
+SHAPES: dict[str, tuple[Callable[..., Shape], tuple[str, ...]]] = {
     'box': (Box, ('x', 'y', 'z')),
     'sphere': (Sphere, ('radius',)),
     'cylinder': (Cylinder, ('radius', 'length')),
@@ -170,7 +174,13 @@ SHAPES = {
 }
 
 
-def parse_shape(value):
+def _is_size(value: object) -> bool:
+    """Say whether a value is a positive number, and no mistake."""
+    return (isinstance(value, Real) and not isinstance(value, bool)
+            and not value <= 0.0 and value <= LARGEST)
+
+
+def parse_shape(value: object) -> Shape:
     """
     Return the shape of ``half_space`` or of a mapping such as ``{box: [1.0, 0.5, 0.2]}``.
 
@@ -190,9 +200,7 @@ def parse_shape(value):
         raise ValueError(unknown('shape', name, SHAPES))
     kind, meanings = SHAPES[name]
     sizes = sizes if isinstance(sizes, (list, tuple)) else [sizes]
-    if len(sizes) != len(meanings) or not all(
-            isinstance(size, Real) and not isinstance(size, bool) and 0.0 < size <= LARGEST
-            for size in sizes):
+    if len(sizes) != len(meanings) or not all(map(_is_size, sizes)):
         raise ValueError(f'{name} needs {", ".join(meanings) or "no sizes"}'
                          f'{", positive numbers [m]" if meanings else ""}, got {sizes!r}')
     return kind(*map(float, sizes))

@@ -17,11 +17,14 @@
 from collections import deque
 from dataclasses import dataclass
 import math
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tp_controller.errors import RobotError, SettingsError, unknown
 from tp_controller.model.mobile_base import NAMES
-from tp_controller.model.spatial import pose, rotation_from_rpy
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array, pose, rotation_from_rpy
 from tp_controller.resources import load_yaml, read_source
 
 
@@ -57,7 +60,7 @@ class Imperfections:
     drop: float = 0.0
     seed: int = 0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the ranges."""
         faults = [f'{name} must be a finite number that is not negative, not {value!r}'
                   for name, value in (('noise', self.noise), ('delay', self.delay),
@@ -105,7 +108,8 @@ class KinematicSimulator:
 
     """
 
-    def __init__(self, robot, q=None, timeout=0.1, imperfections=None):
+    def __init__(self, robot: Robot, q: ArrayLike | None = None, timeout: float = 0.1,
+                 imperfections: Imperfections | None = None) -> None:
         if not 0.0 < timeout < math.inf:
             raise SettingsError([f'timeout must be positive and finite, not {timeout!r}'])
         self.robot = robot
@@ -115,16 +119,16 @@ class KinematicSimulator:
         self._random = np.random.default_rng(self.imperfections.seed)
         self.reset()
 
-    def reset(self, now=0.0):
+    def reset(self, now: float = 0.0) -> None:
         """Go back to the initial configuration, at rest, at time `now` [s]."""
         self.q = self._initial.copy()
         self.velocity = np.zeros(self.robot.n)
         self.now = now
         self._wanted = np.zeros(self.robot.n)
         self._expiry = np.full(self.robot.n, -math.inf)
-        self._on_the_way = deque()
+        self._on_the_way: deque[tuple[float, slice, Array]] = deque()
 
-    def command(self, velocity, columns=slice(None)):
+    def command(self, velocity: ArrayLike, columns: slice = slice(None)) -> bool:
         """
         Take a velocity command, now.
 
@@ -148,17 +152,17 @@ class KinematicSimulator:
             Wrong shape.
 
         """
-        velocity = np.array(velocity, dtype=float)
-        if velocity.shape != (self.robot.n,):
+        wanted = np.array(velocity, dtype=float)
+        if wanted.shape != (self.robot.n,):
             raise RobotError(f'a command needs {self.robot.n} velocities, '
-                             f'got an array of shape {velocity.shape}')
-        if self._lost() or not np.isfinite(velocity[columns]).all():
+                             f'got an array of shape {wanted.shape}')
+        if self._lost() or not np.isfinite(wanted[columns]).all():
             return False
-        clipped = np.clip(velocity, -self.robot.velocity, self.robot.velocity)
+        clipped = np.clip(wanted, -self.robot.velocity, self.robot.velocity)
         self._on_the_way.append((self.now + self.imperfections.delay, columns, clipped))
         return True
 
-    def step(self, dt):
+    def step(self, dt: float) -> None:
         """
         Let `dt` seconds pass.
 
@@ -176,7 +180,7 @@ class KinematicSimulator:
             self._move(until - self.now)
             self.now = until
 
-    def measure(self):
+    def measure(self) -> tuple[Array, Array] | None:
         """
         Return what the robot's sensors say.
 
@@ -196,11 +200,11 @@ class KinematicSimulator:
             q = self.robot.integrate(q, error, 1.0)
         return q, self.velocity.copy()
 
-    def _lost(self):
+    def _lost(self) -> bool:
         """Draw whether a message gets lost."""
         return self.imperfections.drop > 0.0 and self._random.random() < self.imperfections.drop
 
-    def _move(self, dt):
+    def _move(self, dt: float) -> None:
         """Move for `dt` seconds with the command in force."""
         lag = self.imperfections.lag
         if lag > 0.0:
@@ -222,7 +226,7 @@ class KinematicSimulator:
         self.velocity = np.where(stopped, 0.0, self.velocity)
 
 
-def initial_positions(source, robot):
+def initial_positions(source: str | Path, robot: Robot) -> Array:
     """
     Return an initial configuration from a YAML mapping {joint: position}.
 

@@ -20,10 +20,14 @@ expressed in frame a), rotations 3×3 matrices ``R_a_b``; angles are in radians.
 """
 
 import math
+from typing import TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 import pinocchio
 
+Array: TypeAlias = NDArray[np.float64]
+AnyArray = TypeVar('AnyArray', bound=np.ndarray)
 # How far the norm of a quaternion may be from 1 before it is taken for a mistake: numbers typed
 # with two digits pass, an all-zero quaternion or an angle triple does not.
 QUATERNION_TOLERANCE = 0.05
@@ -37,7 +41,7 @@ for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     CROSS[_i, _j, _k], CROSS[_i, _k, _j] = 1.0, -1.0
 
 
-def wrap_angle(angle):
+def wrap_angle(angle: Array) -> Array:
     """
     Return angles [rad] in the interval [-π, π).
 
@@ -55,7 +59,7 @@ def wrap_angle(angle):
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def rotation_vector(R):
+def rotation_vector(R: Array) -> Array:
     """
     Return the rotation vector (log map) of a rotation matrix.
 
@@ -73,27 +77,27 @@ def rotation_vector(R):
     return pinocchio.log3(R)
 
 
-def rotation_from_vector(vector):
+def rotation_from_vector(vector: ArrayLike) -> Array:
     """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
     return pinocchio.exp3(np.asarray(vector, dtype=float))
 
 
-def skew(vector):
+def skew(vector: Array) -> Array:
     """Return the matrix [a]× (3, 3) of a vector (3,): [a]× b = a × b."""
     return pinocchio.skew(vector)
 
 
-def skews(vectors):
+def skews(vectors: Array) -> Array:
     """Return the matrices [a]× (…, 3, 3) of vectors (…, 3)."""
     return vectors.dot(CROSS)
 
 
-def cross(a, b):
+def cross(a: Array, b: Array) -> Array:
     """Return the cross products of rows (m, 3); several times as fast as numpy for a few."""
     return (skews(a) @ b[:, :, np.newaxis])[:, :, 0]
 
 
-def shorter_way(vector, previous):
+def shorter_way(vector: Array, previous: Array | None) -> Array:
     """
     Return the rotation vector of the way round to take, steady near half a turn.
 
@@ -122,7 +126,7 @@ def shorter_way(vector, previous):
     return vector * ((angle - 2.0 * math.pi) / angle)
 
 
-def rotation_from_quaternion(quat_xyzw):
+def rotation_from_quaternion(quat_xyzw: ArrayLike) -> Array:
     """
     Return the rotation matrix of a quaternion.
 
@@ -147,7 +151,7 @@ def rotation_from_quaternion(quat_xyzw):
     return pinocchio.Quaternion(np.asarray(quat_xyzw, float) / norm).toRotationMatrix()
 
 
-def quaternion_from_rotation(R):
+def quaternion_from_rotation(R: Array) -> Array:
     """
     Return the quaternion of a rotation matrix, with w ≥ 0 (lecture 3.3, slip corrected).
 
@@ -166,7 +170,7 @@ def quaternion_from_rotation(R):
     return -quat_xyzw if quat_xyzw[3] < 0.0 else quat_xyzw
 
 
-def check_rotation(R):
+def check_rotation(R: Array) -> Array:
     """
     Return a rotation matrix if it is one.
 
@@ -181,12 +185,12 @@ def check_rotation(R):
     return R
 
 
-def rotation_from_rpy(roll, pitch, yaw):
+def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Return the 3×3 rotation matrix Rz(yaw) Ry(pitch) Rx(roll), angles in radians (URDF)."""
     return pinocchio.rpy.rpyToMatrix(float(roll), float(pitch), float(yaw))
 
 
-def pose(R, p):
+def pose(R: Array, p: ArrayLike) -> Array:
     """Return the 4×4 homogeneous matrix of a rotation (3, 3) and a position (3,) [m]."""
     T = np.eye(4)
     T[:3, :3] = R
@@ -194,7 +198,13 @@ def pose(R, p):
     return T
 
 
-def inverse_pose(T):
+def inverse_pose(T: Array) -> Array:
     """Return the inverse of a 4×4 homogeneous matrix."""
     R_T = T[:3, :3].T
     return pose(R_T, -R_T.dot(T[:3, 3]))
+
+
+def read_only(array: AnyArray) -> AnyArray:
+    """Return the array, protected against writing."""
+    array.setflags(write=False)
+    return array

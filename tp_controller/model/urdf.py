@@ -12,11 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reading a URDF: joints, mimic rules, limits, and the model that Pinocchio makes of it."""
+"""Reading a URDF: joints, mimic rules, and the model that Pinocchio makes of it."""
 
+from collections.abc import Mapping
 import copy
-import math
+from typing import TypeAlias
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import pinocchio
 from tp_controller.errors import RobotError, unknown
@@ -26,9 +28,11 @@ MOVING = ('revolute', 'continuous', 'prismatic')
 UNLIMITED = 1e9
 # Name of the joint between the world and a base that moves.
 FREE_FLYER = 'free flyer'
+# {follower: (leader, multiplier, offset)}
+MimicRules: TypeAlias = dict[str, tuple[str, float, float]]
 
 
-def parse(urdf):
+def parse(urdf: str) -> Element:
     """Return the element tree of a URDF text."""
     try:
         tree = ElementTree.fromstring(urdf.encode())
@@ -41,21 +45,21 @@ def parse(urdf):
     return tree
 
 
-def moving_joints(tree):
+def moving_joints(tree: Element) -> dict[str, Element]:
     """Return the elements of the joints that move, by name; refuse unsupported types."""
     elements = {}
     for joint in tree.findall('joint'):
         kind = joint.get('type')
         if kind in MOVING:
             _check_limit(joint)
-            elements[joint.get('name')] = joint
+            elements[joint.get('name', '')] = joint
         elif kind != 'fixed':
             raise RobotError(f'joint {joint.get("name")!r} is of type {kind!r}; '
                              f'valid: fixed, {", ".join(MOVING)}')
     return elements
 
 
-def check_tree(tree):
+def check_tree(tree: Element) -> None:
     """
     Raise `RobotError` where links and joints make no tree, naming what is wrong.
 
@@ -81,10 +85,10 @@ def check_tree(tree):
     roots = [link for link in links if link not in children]
     if len(roots) != 1:
         raise RobotError('robot description: the links must make one tree, with one root; '
-                         f'without a parent are: {", ".join(roots) or "none"}')
+                         f'without a parent are: {", ".join(map(str, roots)) or "none"}')
 
 
-def _check_limit(joint):
+def _check_limit(joint: Element) -> None:
     """Raise `RobotError` where a joint lacks the limits that its type needs."""
     limit = joint.find('limit')
     if joint.get('type') == 'continuous' and limit is None:
@@ -94,7 +98,7 @@ def _check_limit(joint):
             raise RobotError(f'joint {joint.get("name")!r} needs <limit> with effort and velocity')
 
 
-def build_model(tree, moving_base=False):
+def build_model(tree: Element, moving_base: bool = False) -> pinocchio.Model:
     """
     Return Pinocchio's model of a URDF, every moving joint with one coordinate.
 
@@ -118,14 +122,14 @@ def build_model(tree, moving_base=False):
         raise RobotError(f'robot description: {error}') from error
 
 
-def mimic_rules(elements):
+def mimic_rules(elements: Mapping[str, Element]) -> MimicRules:
     """Return {follower: (leader, multiplier, offset)}."""
-    rules = {}
+    rules: MimicRules = {}
     for name, element in elements.items():
         mimic = element.find('mimic')
         if mimic is None:
             continue
-        leader = mimic.get('joint')
+        leader = mimic.get('joint', '')
         if leader not in elements:
             raise RobotError(f'joint {name!r} mimics {unknown("joint", leader, elements)}')
         try:
@@ -138,10 +142,10 @@ def mimic_rules(elements):
     return rules
 
 
-def resolve_mimic(name, rules):
+def resolve_mimic(name: str, rules: MimicRules) -> tuple[str, float, float]:
     """Return (leader, multiplier, offset) of a joint; itself where it follows no other."""
     multiplier, offset = 1.0, 0.0
-    leader, seen = name, set()
+    leader, seen = name, set[str]()
     while leader in rules:
         if leader in seen:
             raise RobotError(f'joint {name!r} mimics itself, through {", ".join(sorted(seen))}')
@@ -150,32 +154,3 @@ def resolve_mimic(name, rules):
         offset += multiplier * shift
         multiplier *= factor
     return leader, multiplier, offset
-
-
-def joint_limits(name, element):
-    """Return the limits of one joint of a URDF, infinite where it has none."""
-    limit = element.find('limit')
-    attributes = {} if limit is None else limit.attrib
-    endless = element.get('type') == 'continuous'
-    defaults = {'lower': -math.inf if endless else 0.0, 'upper': math.inf if endless else 0.0,
-                'velocity': math.inf, 'acceleration': math.inf}
-    limits = {}
-    for key, default in defaults.items():
-        given = None if endless and key in ('lower', 'upper') else attributes.get(key)
-        try:
-            value = default if given is None else float(given)
-        except ValueError as error:
-            raise RobotError(f'joint {name}: {key} limit {given!r} is no number') from error
-        limits[key] = math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
-    return limits
-
-
-def share_limits(row, follower, multiplier, offset):
-    """Narrow the limits of a joint to what a joint that follows it allows."""
-    if multiplier == 0.0:
-        return
-    ends = sorted((follower[key] - offset) / multiplier for key in ('lower', 'upper'))
-    row['lower'] = max(row['lower'], ends[0])
-    row['upper'] = min(row['upper'], ends[1])
-    for key in ('velocity', 'acceleration'):
-        row[key] = min(row[key], follower[key] / abs(multiplier))

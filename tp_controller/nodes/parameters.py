@@ -29,8 +29,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from tp_controller.control.settings import Settings
 from tp_controller.errors import RobotError, SettingsError
+from tp_controller.model.limits import BASE_LIMIT_KEYS, LIMIT_KEYS
 from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
-from tp_controller.model.robot import BASE_LIMIT_KEYS, LIMIT_KEYS, Robot
+from tp_controller.model.robot import Robot
 
 # By velocity and key.
 Limits = dict[str, dict[str, float]]

@@ -1,0 +1,139 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Limits of a robot: those of its URDF, narrowed by mimic joints, replaced by the user's."""
+
+from collections.abc import Mapping, Sequence
+import math
+from typing import TypeAlias
+from xml.etree.ElementTree import Element
+
+from tp_controller.errors import RobotError, unknown
+from tp_controller.model.mobile_base import Base, DEFAULT_VELOCITY
+from tp_controller.model.urdf import MimicRules, resolve_mimic, UNLIMITED
+
+LIMIT_KEYS = ('lower', 'upper', 'velocity', 'acceleration')
+# A base has no position limits.
+BASE_LIMIT_KEYS = ('velocity', 'acceleration')
+
+# {limit: value}, for each of `LIMIT_KEYS`.
+Limits: TypeAlias = dict[str, float]
+# What a user gives: {velocity: {limit: value}}, both only those that are to be replaced.
+LimitOverrides: TypeAlias = Mapping[str, Mapping[str, float]]
+
+
+def velocity_limits(base: Base, driven: Sequence[str], elements: Mapping[str, Element],
+                    mimics: MimicRules, overrides: LimitOverrides) -> dict[str, Limits]:
+    """
+    Return the limits of every velocity: those of the base, then those of the driven joints.
+
+    Parameters
+    ----------
+    base : Base
+        Whose velocities come first.
+    driven : sequence of str
+        The driven joints.
+    elements : mapping
+        The URDF elements of all moving joints, by name.
+    mimics : mapping
+        As `tp_controller.model.urdf.mimic_rules` returns them.
+    overrides : mapping
+        ``{velocity: {limit: value}}``, replaces single limits.
+
+    Raises
+    ------
+    RobotError
+        An override names no velocity or limit, or limits leave no range.
+
+    """
+    for name, limits in overrides.items():
+        _check_override(name, limits, base, driven)
+    rows = {name: {'lower': -math.inf, 'upper': math.inf, 'velocity': DEFAULT_VELOCITY,
+                   'acceleration': math.inf} for name in base.names}
+    rows.update((name, joint_limits(name, elements[name])) for name in driven)
+    followers: dict[str, list[str]] = {name: [] for name in rows}
+    for follower in mimics:
+        leader, multiplier, offset = resolve_mimic(follower, mimics)
+        if leader in rows:
+            followers[leader].append(follower)
+            _share(rows[leader], joint_limits(follower, elements[follower]), multiplier, offset)
+    for name, row in rows.items():
+        row.update(overrides.get(name, {}))
+        _check_row(_what(name, base), row, followers[name])
+    return rows
+
+
+def joint_limits(name: str, element: Element) -> Limits:
+    """Return the limits of one joint of a URDF, infinite where it has none."""
+    limit = element.find('limit')
+    attributes = {} if limit is None else limit.attrib
+    endless = element.get('type') == 'continuous'
+    defaults = {'lower': -math.inf if endless else 0.0, 'upper': math.inf if endless else 0.0,
+                'velocity': math.inf, 'acceleration': math.inf}
+    limits = {}
+    for key, default in defaults.items():
+        given = None if endless and key in ('lower', 'upper') else attributes.get(key)
+        try:
+            value = default if given is None else float(given)
+        except ValueError as error:
+            raise RobotError(f'joint {name}: {key} limit {given!r} is no number') from error
+        limits[key] = math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
+    return limits
+
+
+def _share(row: Limits, follower: Limits, multiplier: float, offset: float) -> None:
+    """Narrow the limits of a joint to what a joint that follows it allows."""
+    if multiplier == 0.0:
+        return
+    ends = sorted((follower[key] - offset) / multiplier for key in ('lower', 'upper'))
+    row['lower'] = max(row['lower'], ends[0])
+    row['upper'] = min(row['upper'], ends[1])
+    for key in ('velocity', 'acceleration'):
+        row[key] = min(row[key], follower[key] / abs(multiplier))
+
+
+def _check_override(name: object, limits: object, base: Base, driven: Sequence[str]) -> None:
+    """Raise `RobotError` where limits cannot replace those of a velocity."""
+    names = (*base.names, *driven)
+    if not isinstance(name, str) or name not in names:
+        raise RobotError(unknown('driven joint', name, names))
+    what = _what(name, base)
+    if not isinstance(limits, dict):
+        raise RobotError(f'{what}: limits need a mapping of {", ".join(LIMIT_KEYS)}, '
+                         f'not {limits!r}')
+    for key, value in limits.items():
+        if key not in LIMIT_KEYS:
+            raise RobotError(f'{what}: {unknown("limit", key, LIMIT_KEYS)}')
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise RobotError(f'{what}: {key} limit must be a number, not {value!r}')
+        if name in base.names and key not in BASE_LIMIT_KEYS:
+            raise RobotError(f'{what}: a base has no position limits, only velocity and '
+                             'acceleration')
+
+
+def _check_row(what: str, row: Limits, followers: Sequence[str]) -> None:
+    """Raise `RobotError` where limits leave no range."""
+    if not row['lower'] < row['upper']:
+        shared = f' (those of {", ".join(followers)} included)' if followers else ''
+        raise RobotError(f'{what}: lower limit {row["lower"]:g} must be below '
+                         f'upper limit {row["upper"]:g}{shared}')
+    if not row['velocity'] >= 0.0:
+        raise RobotError(f'{what}: velocity limit {row["velocity"]} must not be negative')
+    if not row['acceleration'] > 0.0:
+        raise RobotError(f'{what}: acceleration limit {row["acceleration"]} must be positive')
+
+
+def _what(name: str, base: Base) -> str:
+    """Return what a message calls a velocity."""
+    return name if name in base.names else f'joint {name}'

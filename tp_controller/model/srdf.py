@@ -1,0 +1,56 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which links may touch, as an SRDF says."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from tp_controller.resources import read_source
+
+# Pinocchio's removeCollisionPairsFromXML removes the same pairs (Panda, UR5, Baxter). But of a
+# file that is none it says "No such node (robot)", and of broken XML "expected >".
+
+
+def srdf_pairs(source: str | Path) -> set[frozenset[str]]:
+    """
+    Return the pairs of links that an SRDF says need no check.
+
+    Parameters
+    ----------
+    source : str or pathlib.Path
+        SRDF text, a file's path, or ``package://<package>/<path>``.
+
+    Returns
+    -------
+    set of frozenset of str
+
+    Raises
+    ------
+    ValueError
+        It cannot be read.
+
+    """
+    if not isinstance(source, (str, Path)):
+        raise ValueError(f'needs text or the name of a file, got {source!r}')
+    try:
+        tree = ElementTree.fromstring(read_source(source, lambda text: '<' in text).encode())
+    except OSError as error:
+        raise ValueError(str(error)) from error
+    except ElementTree.ParseError as error:
+        raise ValueError(f'no XML: {error}') from error
+    if tree.tag != 'robot':
+        raise ValueError(f'no SRDF: the outermost element is <{tree.tag}>, not <robot>')
+    return {frozenset((element.get('link1', ''), element.get('link2', '')))
+            for element in tree.findall('disable_collisions')}

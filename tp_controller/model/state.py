@@ -1,0 +1,221 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The robot at one configuration: poses, Jacobians and the centre of mass of its links."""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+import pinocchio
+from tp_controller.errors import RobotError
+from tp_controller.model.kinematics import Kinematics
+from tp_controller.model.spatial import Array, cross, read_only
+
+
+class RobotState:
+    """
+    The robot at one configuration, its kinematics evaluated once.
+
+    Frames are asked for by name; what was computed for one is kept until the next `update`. All
+    arrays are read-only copies, so they stay true to the configuration they were taken at.
+    `Robot.state` makes one.
+
+    Attributes
+    ----------
+    q : ndarray (nq,)
+        Configuration [rad or m].
+    positions : ndarray (n,)
+        What position limits are about; see `Robot.positions`.
+    velocity : ndarray (n,)
+        That the robot was told to have since the state before, for tasks that look ahead; at rest
+        unless somebody sets it [rad/s or m/s].
+
+    """
+
+    q: Array
+    positions: Array
+
+    def __init__(self, kinematics: Kinematics, q: ArrayLike, passive: ArrayLike) -> None:
+        self._kinematics = kinematics
+        self._data = kinematics.model.createData()
+        self._offset = kinematics.offset
+        self._placements: dict[str, tuple[Array, Array, Array]] = {}
+        self._jacobians: dict[str, Array] = {}
+        self._center_of_mass: tuple[Array, Array] | None = None
+        self.velocity: Array = np.zeros(kinematics.n)
+        self.update(q, passive)
+
+    def update(self, q: ArrayLike, passive: ArrayLike | None = None) -> None:
+        """
+        Move to another configuration and evaluate the kinematics there.
+
+        Parameters
+        ----------
+        q : array_like (nq,)
+            Configuration [rad or m].
+        passive : array_like (p,), optional
+            Passive positions; unchanged where left out.
+
+        Raises
+        ------
+        RobotError
+            Wrong shape, not finite or no quaternion; the state stays what it was.
+
+        """
+        kinematics = self._kinematics
+        checked = _positions(q, kinematics.coordinate_names, 'q')
+        if kinematics.base.moves:
+            checked = kinematics.base.check(checked)
+        if passive is not None and kinematics.passive_names:
+            self._offset = kinematics.offset_at(
+                _positions(passive, kinematics.passive_names, 'passive'))
+        self.q, self.positions = checked, kinematics.positions(checked)
+        self._placements.clear()
+        self._jacobians.clear()
+        self._center_of_mass = None
+        pinocchio.computeJointJacobians(kinematics.model, self._data,
+                                        kinematics.configuration(checked, self._offset))
+
+    def rotation(self, frame: str) -> Array:
+        """Return R_root_frame (3, 3)."""
+        return (self._placements.get(frame) or self._place(frame))[0]
+
+    def position(self, frame: str) -> Array:
+        """Return the origin of a frame (3,), in the root frame [m]."""
+        return (self._placements.get(frame) or self._place(frame))[1]
+
+    def pose(self, frame: str) -> Array:
+        """Return T_root_frame (4, 4)."""
+        return (self._placements.get(frame) or self._place(frame))[2]
+
+    def jacobian(self, frame: str) -> Array:
+        """
+        Return the Jacobian of a frame, in the axes of the root frame.
+
+        Parameters
+        ----------
+        frame : str
+            Its name.
+
+        Returns
+        -------
+        ndarray (6, n)
+            Rows 0 to 2 give the velocity of the frame's origin, 3 to 5 its angular velocity;
+            columns are as in `Robot.velocity_names`.
+
+        """
+        J = self._jacobians.get(frame)
+        if J is None:
+            J = self._model_jacobian(frame)
+            if self._kinematics.expand is not None:
+                J = J.dot(self._kinematics.expand)
+            self._jacobians[frame] = read_only(J)
+        return J
+
+    def jacobian_gradient(self, frame: str, weights: Array) -> Array:
+        """
+        Return the gradient of a weighted sum of the entries of a frame's Jacobian.
+
+        Parameters
+        ----------
+        frame : str
+            Its name.
+        weights : ndarray (6, n)
+            Of the entries of `jacobian`.
+
+        Returns
+        -------
+        ndarray (n,)
+            ∂/∂q_k of Σ weights ∘ J.
+
+        """
+        J, expand, turned = (self._model_jacobian(frame), self._kinematics.expand,
+                             self._kinematics.turned)
+        if expand is not None:
+            weights = weights.dot(expand.T)
+        v, w, of_v, of_w = J[:3].T, J[3:].T, weights[:3].T, weights[3:].T
+        # Column j of J is (v_j, ω_j). Where motion k comes before motion j it turns both,
+        # ∂J_j/∂q_k = (ω_k × v_j, ω_k × ω_j); otherwise it moves the frame, by ω_j × v_k.
+        turns = cross(v, of_v) + cross(w, of_w)
+        shifts = cross(of_v, w)
+        gradient = (w.dot(turns.T) * turned + v.dot(shifts.T) * (1.0 - turned)).sum(axis=1)
+        return gradient if expand is None else expand.T.dot(gradient)
+
+    def center_of_mass(self) -> tuple[Array, Array]:
+        """
+        Return the centre of mass of all links and its Jacobian.
+
+        Returns
+        -------
+        c : ndarray (3,)
+            In the root [m].
+        J : ndarray (3, n)
+
+        """
+        if self._center_of_mass is None:
+            kinematics = self._kinematics
+            J = pinocchio.jacobianCenterOfMass(kinematics.model, self._data, False).reshape(3, -1)
+            if kinematics.expand is not None:
+                J = J.dot(kinematics.expand)
+            # Pinocchio leaves out what is fixed to the root.
+            still = kinematics.model.inertias[0]
+            share = still.mass / kinematics.mass
+            self._center_of_mass = (
+                read_only(share * still.lever + (1.0 - share) * self._data.com[0]),
+                read_only((1.0 - share) * J))
+        return self._center_of_mass
+
+    def place(self, geometry: pinocchio.GeometryModel, data: pinocchio.GeometryData) -> None:
+        """Place the objects of one of Pinocchio's geometry models, made for this robot."""
+        pinocchio.updateGeometryPlacements(self._kinematics.model, self._data, geometry, data)
+
+    def _model_jacobian(self, frame: str) -> Array:
+        """Return the Jacobian (6, nv) of a frame by the coordinates of Pinocchio's model."""
+        if frame not in self._placements:
+            self._place(frame)
+        kinematics = self._kinematics
+        J = pinocchio.getFrameJacobian(kinematics.model, self._data, kinematics.frame_ids[frame],
+                                       pinocchio.LOCAL_WORLD_ALIGNED)
+        # That of a model with one coordinate comes without its second dimension.
+        return J if J.ndim == 2 else J.reshape(6, 1)
+
+    def _place(self, frame: str) -> tuple[Array, Array, Array]:
+        """Evaluate the placement of a frame: R_root_frame, its origin, and both as a pose."""
+        kinematics = self._kinematics
+        index = kinematics.frame_ids[kinematics.check_frame(frame)]
+        placement = pinocchio.updateFramePlacement(kinematics.model, self._data, index)
+        # The rotation and translation of a placement are windows into Pinocchio's data, which
+        # the next update changes; this matrix is a copy.
+        T = read_only(placement.homogeneous)
+        self._placements[frame] = placed = T[:3, :3], T[:3, 3], T
+        return placed
+
+
+def _positions(values: ArrayLike, names: Sequence[str], what: str) -> Array:
+    """Return joint positions as a protected array, one for each name."""
+    try:
+        positions = np.array(values, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise RobotError(f'{what} needs {len(names)} positions ({", ".join(names)}): '
+                         f'{error}') from error
+    if positions.shape != (len(names),):
+        raise RobotError(f'{what} needs {len(names)} positions ({", ".join(names)}), '
+                         f'got an array of shape {positions.shape}')
+    # A square beyond the range of a float would be no position either.
+    if not math.isfinite(positions.dot(positions)):
+        bad = [name for name, value in zip(names, positions) if not abs(value) < 1e150]
+        raise RobotError(f'{what} is not finite for {", ".join(bad)}')
+    return read_only(positions)
