@@ -259,18 +259,17 @@ def _loop(scene, bounded):
             controller.set_feed_forward('guard', [*scene.speed, 0.0, 0.0, 0.0], now)
         command = controller.update(q, now)
         if guard is not None:
-            excess.append(_excess(guard, command.report))
+            excess.append(_excess(command.report))
         commands.append(command.velocity)
         q = np.clip(robot.integrate(q, command.velocity, PERIOD), robot.lower, robot.upper)
     unit = command.report.tasks[0].errors[0][1]
     return unit, excess, np.array(commands)
 
 
-def _excess(guard, report):
-    """Return how far outside of its bounds a task was in a cycle."""
-    if guard.type_name == 'speed_limit':
-        return max(value for value, _, _ in report.tasks[0].errors)
-    return float(np.abs(guard.last_error).max(initial=0.0))
+def _excess(report):
+    """Return how far outside of its bounds the guard was in a cycle."""
+    guard, = (task for task in report.tasks if task.name == 'guard')
+    return max(value for value, _, _ in guard.errors)
 
 
 def rows(kind, runs):

@@ -74,7 +74,7 @@ class Case:
         self.controller.update(ready, 0.0, elapsed=PERIOD)
         self.solver = settings.solver(robot.n)
         self.state = robot.state(ready)
-        self.frames = [task.frame for task in self.stack.tasks.values() if hasattr(task, 'frame')]
+        self.frames = [task.frame for task in self.stack.tasks.values() if task.frame]
         limits = VelocityLimits(robot, settings.period, settings.braking_gain)
         self.prepared = []
         for q in states:

@@ -36,7 +36,7 @@ import tp_controller
 from tp_controller import Controller, errors, Robot, Settings, Stack
 from tp_controller.cli.main import make_parser
 from tp_controller.tasks import task_types
-from tp_controller.tasks.task import DEFAULT_TOLERANCE
+from tp_controller.tasks.keys import DEFAULT_TOLERANCE
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))

@@ -32,6 +32,7 @@ from tp_controller.errors import (
     SolverError,
     StackError,
     TaskError,
+    TimeError,
     TpControllerError,
 )
 from tp_controller.model.robot import Robot, RobotState
@@ -44,4 +45,5 @@ from tp_controller.tasks.stack import Stack
 __all__ = [
     'Command', 'Controller', 'GoalError', 'Imperfections', 'KinematicSimulator', 'Level',
     'LevelSolution', 'Robot', 'RobotError', 'RobotState', 'Settings', 'SettingsError', 'Solution',
-    'SolverError', 'Stack', 'StackError', 'TaskError', 'TpControllerError', 'solve']
+    'SolverError', 'Stack', 'StackError', 'TaskError', 'TimeError', 'TpControllerError',
+    'solve']

@@ -23,6 +23,7 @@ The errors a user can meet.
     ├── TaskError       keys of one task are wrong (all of them at once)
     ├── StackError      the list of tasks has faults (all of them at once, with lines)
     ├── GoalError       a goal is not finite, has the wrong shape or names nothing
+    ├── TimeError       a time is no finite number
     └── SolverError     the levels handed to ``solve`` do not fit together
 
 Every message names the thing that is wrong and says what is valid.
@@ -35,7 +36,7 @@ from tp_controller.solver.errors import SolverError, TpControllerError, unknown
 
 __all__ = [
     'Fault', 'GoalError', 'RobotError', 'SettingsError', 'SolverError', 'StackError', 'TaskError',
-    'TpControllerError', 'unknown']
+    'TimeError', 'TpControllerError', 'unknown']
 
 LONGEST = 2000
 
@@ -63,6 +64,10 @@ class TaskError(TpControllerError):
 
 class GoalError(TpControllerError):
     """A goal was refused; the goal in force before stays in force."""
+
+
+class TimeError(TpControllerError):
+    """A time was refused; the controller is as it was before."""
 
 
 @dataclass(frozen=True)

@@ -290,7 +290,6 @@ def test_parameters_change_while_the_robot_moves(any_harness):
     ({'braking_gain': 1000.0}, 'braking_gain 1000 must be at most 1/period = 100, or position '
      'limits would be crossed (period is 1/rate)'),
     ({'scaling': 'none'}, 'scaling must be one of redistribute, uniform'),
-    ({'method': ''}, 'method must be one of'),
     ({'weights': [1.0, 2.0]}, 'weights needs 3 numbers'),
     ({'weights': [1.0, 2.0, float('nan')]}, 'weights must be positive numbers'),
     ({'weights': [1.0, 2.0, 0.0]}, 'weights must be positive numbers'),

@@ -79,7 +79,7 @@ class Rig:
 
     def error(self):
         """Return the error that the controller has worked out."""
-        return self.controller._controller.stack.tasks[self.task].last_error
+        return self.controller._controller.stack.tasks[self.task].error(self.state)
 
 
 # Every kind -----------------------------------------------------------------------------------

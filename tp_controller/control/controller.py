@@ -14,20 +14,30 @@
 
 """The controller: joint positions in, joint velocities and a report out."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
+from tp_controller.control.cycle_time import check_time, CycleTime
 from tp_controller.control.escape import Escape
-from tp_controller.control.limits import VelocityLimits
+from tp_controller.control.limits import VelocityBounds, VelocityLimits
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings
 from tp_controller.control.transition import Transition
-from tp_controller.errors import GoalError, SettingsError, unknown
-from tp_controller.model.spatial import inverse_pose
+from tp_controller.errors import GoalError, SettingsError, TimeError, unknown
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array, inverse_pose
+from tp_controller.model.state import RobotState
+from tp_controller.solver.level import Level
+from tp_controller.solver.solution import Solution
 from tp_controller.tasks.pose import parse_pose
+from tp_controller.tasks.stack import Groups, levels_of, shared_levels, Stack
+from tp_controller.tasks.task import Goal, Task
 
-# Share of each new measurement in the mean time between commands.
-SMOOTHING = 0.05
+# What carries levels out, within the bounds of a cycle.
+Solve: TypeAlias = Callable[[list[Level]], Solution]
 ROUNDING = 1e-12
 
 
@@ -45,7 +55,7 @@ class Command:
 
     """
 
-    velocity: np.ndarray
+    velocity: Array
     report: Report
 
 
@@ -53,7 +63,8 @@ class Controller:
     """
     Carries out a stack of tasks on a robot, one `update` a cycle.
 
-    Time is whatever clock the caller has, in seconds.
+    Time is whatever clock the caller has, in seconds. It should not stand still nor be set back,
+    but nothing is lost if it does; see `update`.
 
     Parameters
     ----------
@@ -68,22 +79,28 @@ class Controller:
 
     """
 
-    def __init__(self, robot, stack, settings=None):
+    def __init__(self, robot: Robot, stack: Stack, settings: Settings | None = None) -> None:
         self.robot = robot
         self.stack = stack
-        self._state = None
+        self._state: RobotState | None = None
         self._started = False
         # What was commanded last, and when; at rest before the first command.
         self._velocity = np.zeros(robot.n)
-        self._last_update = None
+        self._last_update: float | None = None
         self._transition = Transition(0.0)
-        self._settings = None
         self._escape = Escape(robot.n)
-        self.settings = settings or Settings()
+        self._settings = settings = settings or Settings()
+        self._time = CycleTime(settings.period)
+        self.check_settings(settings)
+        self._use(settings)
 
-    def replace_stack(self, stack, settings=None):
+    def replace_stack(self, stack: Stack, settings: Settings | None = None) -> None:
         """
-        Carry out another stack from the next cycle on; goals of tasks it keeps go on.
+        Carry out another stack from the next cycle on.
+
+        Tasks of the same name, type and frame or joints go on with their goals, and with the
+        velocities in force. The upper levels whose tasks are the same in both stacks, with the
+        same keys and goals, do not feel the change.
 
         Parameters
         ----------
@@ -100,52 +117,66 @@ class Controller:
         """
         settings = settings or self._settings
         self.check_settings(settings, stack)
-        self._announce_stack()
-        stack.take_over(self.stack)
+        before = self.stack.active
+        stack.inherit_goals(self.stack)
         self.stack = stack
         self._started = False
+        self._announce_stack(before)
         self.settings = settings
 
-    def restart(self):
+    def restart(self) -> None:
         """Let tasks without a goal hold, from the next cycle on, what they find then."""
+        holding = [any(task.held for task in group) for group in self.stack.active]
+        if any(holding):
+            self._transition.announce(holding.index(True))
         for task in self.stack.tasks.values():
             task.release()
         self._started = False
 
-    def halt(self, now):
-        """Say that no motion is commanded now, whatever the last update returned."""
+    def halt(self, now: float) -> None:
+        """
+        Say that no motion is commanded now, whatever the last update returned.
+
+        Raises
+        ------
+        TimeError
+            `now` is no finite number; then nothing is taken for halted.
+
+        """
+        self._last_update = check_time(now, 'now', TimeError)
         self._velocity = np.zeros(self.robot.n)
-        self._last_update = now
         self._transition.announce(0)
 
     @property
-    def settings(self):
+    def settings(self) -> Settings:
         """Return the settings; they can be replaced between two cycles."""
         return self._settings
 
     @settings.setter
-    def settings(self, settings):
+    def settings(self, settings: Settings) -> None:
         self.check_settings(settings)
-        if settings == self._settings:
-            return
+        if settings != self._settings:
+            self._use(settings)
+            self._transition.announce(0)
+
+    def _use(self, settings: Settings) -> None:
+        """Act by settings that were checked."""
         self._settings = settings
         self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain)
         self._speed_cap = settings.speed_cap(self.robot)
         self._solver = settings.solver(self.robot.n)
-        # How long commands are held; commands may well come faster than they need to.
-        self._held = settings.period
+        self._time.expect(settings.period)
         self._transition.duration = settings.blend
-        self._transition.announce(0)
 
-    def check_settings(self, settings, stack=None):
+    def check_settings(self, settings: Settings, stack: Stack | None = None) -> None:
         """
         Check whether settings fit the robot and a stack, the one in force by default.
 
         Raises
         ------
         SettingsError
-            There is not one weight for each joint, a bound would be approached faster than the
-            period allows, or the method knows no bounds.
+            There is not one weight for each joint, or a bound would be approached faster than the
+            period allows.
 
         """
         faults = []
@@ -154,17 +185,15 @@ class Controller:
             faults.append(f'weights needs {self.robot.n} numbers, one for each of '
                           f'{", ".join(self.robot.velocity_names)}, got {len(weights)}')
         for task in (self.stack if stack is None else stack).tasks.values():
-            if task.bounded and settings.method != 'recursive':
-                faults.append(f'method {settings.method} knows no tasks that keep bounds, as '
-                              f'{task.name} does')
-            elif task.bounded and np.max(task.gain) * settings.period > 1.0 + ROUNDING:
+            if task.bounded and np.max(task.gain) * settings.period > 1.0 + ROUNDING:
                 faults.append(f'gain {np.max(task.gain):g} of task {task.name} must be at most '
                               f'1/period = {1.0 / settings.period:g}, or its bounds would be '
                               'crossed')
         if faults:
             raise SettingsError(faults)
 
-    def set_goal(self, name, goal, now, frame=None):
+    def set_goal(self, name: str, goal: Goal, now: float,
+                 frame: str | Array | None = None) -> None:
         """
         Set the goal of a task.
 
@@ -184,10 +213,11 @@ class Controller:
         Raises
         ------
         GoalError
-            The task or frame is unknown, or the goal is not finite or has the wrong shape. The
-            goal before stays in force.
+            The task or frame is unknown, the goal is not finite or has the wrong shape, or `now`
+            is no finite number. The goal before stays in force.
 
         """
+        now = check_time(now, 'now', GoalError)
         task = self._task(name)
         goal = task.parse_goal(goal)
         if frame is not None:
@@ -195,7 +225,8 @@ class Controller:
         self._announce_goal(task, now)
         task.set_goal(goal, now)
 
-    def set_feed_forward(self, name, velocity, now, frame=None):
+    def set_feed_forward(self, name: str, velocity: Any, now: float,
+                         frame: str | Array | None = None) -> None:
         """
         Set the feed-forward velocity of a task, in force until its timeout.
 
@@ -212,6 +243,7 @@ class Controller:
             As `set_goal`.
 
         """
+        now = check_time(now, 'now', GoalError)
         task = self._task(name)
         velocity = task.parse_feed_forward(velocity)
         if frame is not None:
@@ -220,7 +252,7 @@ class Controller:
         self._announce_goal(task, now)
         task.set_feed_forward(velocity, now)
 
-    def enable(self, name, enabled):
+    def enable(self, name: str, enabled: bool) -> None:
         """
         Take a task into the stack, or leave it out.
 
@@ -229,19 +261,23 @@ class Controller:
         Raises
         ------
         GoalError
-            There is no such task.
+            There is no such task, or `enabled` is neither true nor false.
 
         """
         task = self._task(name)
+        if enabled not in (True, False):
+            raise GoalError(f'enabled must be True or False, got {enabled!r}')
         if enabled == (name not in self.stack.disabled):
             return
-        self._announce_stack()
+        before = self.stack.active
         if enabled:
             task.release()
             self._started = False
         self.stack.enable(name, enabled)
+        self._announce_stack(before)
 
-    def update(self, q, now, passive=None, elapsed=None):
+    def update(self, q: ArrayLike, now: float, passive: ArrayLike | None = None,
+               elapsed: float | None = None) -> Command:
         """
         Return the command at positions `q`.
 
@@ -256,7 +292,10 @@ class Controller:
             Positions of the passive joints [rad or m]; unchanged where left out.
         elapsed : float, optional
             Time since the last command, which acceleration limits count with, where another
-            clock than that of `now` is the robot's, as in a simulation [s].
+            clock than that of `now` is the robot's, as in a simulation; by default by how much
+            `now` has advanced. What is not more than zero, of a clock that stands still or was
+            set back, says nothing: then commands are taken to have been held for as long as when
+            it advanced last, at first for a `period` [s].
 
         Returns
         -------
@@ -265,9 +304,14 @@ class Controller:
         Raises
         ------
         RobotError
-            `q` has the wrong shape, is not finite, or its quaternion is none.
+            `q` or `passive` has the wrong shape, is not finite, or its quaternion is none.
+        TimeError
+            `now` or `elapsed` is no finite number.
 
         """
+        now = check_time(now, 'now', TimeError)
+        if elapsed is not None:
+            elapsed = check_time(elapsed, 'elapsed', TimeError)
         if self._state is None:
             self._state = self.robot.state(q, passive)
         else:
@@ -277,65 +321,72 @@ class Controller:
         if not self._started:
             self.stack.start(state)
             self._started = True
-        levels = self.stack.levels(state, now)
+        evaluations = self.stack.evaluate(state, now)
+        levels = levels_of(evaluations)
         if self._last_update is None:
             elapsed = self._settings.period
         elif elapsed is None:
             elapsed = now - self._last_update
-        self._held += SMOOTHING * (min(max(elapsed, 0.0), self._settings.period) - self._held)
-        self._solver.hold(self._held)
-        bounds = self._limits.at(state.positions, self._velocity, elapsed)
+        held = self._time.advance(elapsed)
+        self._solver.hold(self._time.mean)
+        bounds = self._limits.at(state.positions, self._velocity, held)
 
-        def solve(levels):
-            return self._solver.solve(levels, bounds.lower, bounds.upper, self._speed_cap)
+        def solve(levels: list[Level]) -> Solution:
+            return self._solve(levels, bounds.lower, bounds.upper)
 
-        solution, why = self._lead_over(state, now, levels, bounds, solve)
+        solution, why = self._lead_over(levels, bounds, held, solve)
         if solution is None:
             solution = solve(levels)
-            way_out = self._escape.levels(solution, now, solve)
+            way_out = self._escape.levels(solution, self._time.now, solve)
             if way_out is not None:
                 solution, why = solution.moved_to(solve(way_out).velocity), 'leaving a singularity'
         self._velocity, self._last_update = solution.velocity, now
-        return Command(solution.velocity, Report(self.robot, self.stack, bounds, solution, why))
+        return Command(solution.velocity, Report(self.robot, evaluations, self.stack.inactive,
+                                                 bounds, solution, why))
 
-    def _lead_over(self, state, now, levels, bounds, solve):
+    def _solve(self, levels: list[Level], lower: Array, upper: Array) -> Solution:
+        """Return what carries levels out within bounds on the velocities (n,)."""
+        return self._solver.solve(levels, lower, upper, self._speed_cap)
+
+    def _lead_over(self, levels: list[Level], bounds: VelocityBounds, held: float,
+                   solve: Solve) -> tuple[Solution | None, str]:
         """Return a solution that leads over from before a change, and why; None if need not."""
-        shared = self._transition.pending(state, now, levels)
+        now = self._time.now
+        shared = self._transition.pending()
         if shared is not None:
             self._escape.reset()
         if self._last_update is None or not (shared is not None or self._transition.active(now)):
             return None, ''
         # Where it is to lead: acceleration limits only say how fast to get there.
-        aim = self._solver.solve(levels, *bounds.settled, self._speed_cap)
+        aim = self._solve(levels, *bounds.settled)
         if shared is not None:
             self._transition.begin(self._velocity - aim.velocity,
-                                   max(self._last_update, now - self._settings.period), shared)
+                                   now - min(held, self._settings.period), shared)
         eased = self._transition.levels(levels, aim.velocity, now)
         if eased is None:
             return None, ''
         return aim.moved_to(solve(eased).velocity), 'taking over from what was before a change'
 
-    def _announce_stack(self):
-        """Tell the transition that the stack will change."""
-        if self._started:
-            self._transition.announce_stack(self.stack.active)
-        else:
-            # Its tasks may have no goals yet, so nothing can be said about its levels.
-            self._transition.announce(0)
+    def _announce_stack(self, before: Groups) -> None:
+        """Tell the transition that the stack has changed, unless it is the same."""
+        after = self.stack.active
+        shared = shared_levels(before, after)
+        if shared < max(len(before), len(after)):
+            self._transition.announce(shared)
 
-    def _announce_goal(self, task, now):
+    def _announce_goal(self, task: Task, now: float) -> None:
         """Tell the transition that a task gets a goal."""
         for index, group in enumerate(self.stack.active):
             if task in group:
                 self._transition.announce_goal(task.name, index, now)
 
-    def _task(self, name):
+    def _task(self, name: str) -> Task:
         """Return a task by name."""
         if not isinstance(name, str) or name not in self.stack.tasks:
             raise GoalError(unknown('task', name, self.stack.tasks))
         return self.stack.tasks[name]
 
-    def goal_poses(self):
+    def goal_poses(self) -> list[tuple[str, Array, Array]]:
         """
         Return where the tasks about a frame want it to be.
 
@@ -351,14 +402,16 @@ class Controller:
         for group in self.stack.active:
             for task in group:
                 # A task that has not started yet may have no goal.
-                T_reference_goal = None if task.goal is None else task.goal_pose(self._state)
+                if task.goal is None or task.frame is None or task.reference is None:
+                    continue
+                T_reference_goal = task.goal_pose(self._state)
                 if T_reference_goal is not None:
                     found.append((task.name,
                                   self._state.pose(task.reference).dot(T_reference_goal),
                                   self._state.pose(task.frame)))
         return found
 
-    def _pose_in(self, task, frame):
+    def _pose_in(self, task: Task, frame: str | Array) -> Array:
         """Return T_reference_frame (4, 4), as the robot stands now."""
         if task.reference is None:
             raise GoalError(f'task {task.name!r} takes no frame')

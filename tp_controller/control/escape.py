@@ -14,8 +14,12 @@
 
 """The way out of a singularity that the robot stands on exactly."""
 
+from collections.abc import Callable
+
 import numpy as np
 from tp_controller.control.transition import kept_above, Transition
+from tp_controller.solver.level import Level
+from tp_controller.solver.solution import Solution
 from tp_controller.tasks.task import norm
 
 # A joint slower than this stands still, and a task velocity below it is not worth a motion.
@@ -48,19 +52,20 @@ class Escape:
 
     """
 
-    def __init__(self, n):
+    def __init__(self, n: int) -> None:
         self._nudge = Transition(DURATION)
         self._random = np.random.default_rng(0)
         self._n = n
         self._tries = self._upper = 0
-        self._still_since = None
+        self._still_since: float | None = None
 
-    def reset(self):
+    def reset(self) -> None:
         """Say that something has changed, so that it is worth trying again."""
         self._tries = self._upper = 0
         self._still_since = None
 
-    def levels(self, solution, now, solve):
+    def levels(self, solution: Solution, now: float,
+               solve: Callable[[list[Level]], Solution]) -> list[Level] | None:
         """
         Return levels that lead out, in place of the ones that were solved; None if need not.
 
@@ -69,7 +74,7 @@ class Escape:
         solution : Solution
             Of this cycle.
         now : float
-            [s]
+            On a clock that is never set back [s].
         solve : callable (list of Level) -> Solution
             Carries levels out.
 
@@ -101,8 +106,8 @@ class Escape:
                 return self.levels(solution, now, solve)
         return None
 
-    def _stuck(self, solution, index):
+    def _stuck(self, solution: Solution, index: int) -> bool:
         """Say whether a level stands on a singularity of its own."""
         alone = solution.singular_values_alone(index)
-        return alone[-1] <= SINGULAR * alone[0] \
+        return bool(alone[-1] <= SINGULAR * alone[0]) \
             and norm(solution.levels[index].unreachable) > WANTED

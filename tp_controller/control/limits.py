@@ -15,17 +15,18 @@
 """Bounds on the joint velocities, from velocity, position and acceleration limits."""
 
 import numpy as np
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
 
-# A joint outside its range is led back at no more than this share of its speed limit, and no
-# faster than RETURN_SPEED. Demanding (q_min − q) / period would be 10 rad/s for 10 mrad at 1 kHz.
+# A joint outside its range has to come back at this share of its speed limit, or at RETURN_SPEED
+# [rad/s or m/s] where that is less; tasks may have it come faster. To demand (q_min − q) / period
+# would be 10 rad/s for 10 mrad at 1 kHz.
 RETURN_SHARE = 0.2
 RETURN_SPEED = 1.0
 # Farther away than this no limit is felt [rad or m].
 FAR = 1e6
 # Stands in for the acceleration limit of a joint that has none, beside joints that have one.
 UNLIMITED = 1e12
-# A clock that stands still is taken to have moved by this, or nothing could move [s].
-SHORTEST = 1e-9
 # Velocities closer than this are the same where the limit that was met is to be named.
 SAME = 1e-9
 
@@ -45,18 +46,18 @@ class VelocityBounds:
 
     __slots__ = ('lower', 'upper', 'settled', '_braking', '_velocity', '_window')
 
-    def __init__(self, lower, upper, braking, velocity):
+    def __init__(self, lower: Array, upper: Array, braking: Array, velocity: Array) -> None:
         self.lower, self.upper = self.settled = lower, upper
         self._braking, self._velocity = braking, velocity
-        self._window = None
+        self._window: tuple[Array, Array] | None = None
 
-    def narrow(self, least, most):
+    def narrow(self, least: Array, most: Array) -> None:
         """Keep to the velocities that can be reached now, even where they are all too fast."""
         self.upper = np.minimum(np.maximum(self.upper, least), most)
         self.lower = np.minimum(np.maximum(self.lower, least), most)
         self._window = least, most
 
-    def name(self, joint, velocity, up):
+    def name(self, joint: int, velocity: float, up: bool) -> str:
         """
         Return the name of the limit that a joint is at.
 
@@ -108,11 +109,12 @@ class VelocityLimits:
 
     """
 
-    def __init__(self, robot, period, braking_gain):
+    def __init__(self, robot: Robot, period: float, braking_gain: float) -> None:
         self._lower, self._upper, self._velocity = robot.lower, robot.upper, robot.velocity
+        self._endless = bool((self._upper - self._lower > FAR).any())
         self._period, self._gain = period, braking_gain
         self._return = np.minimum(RETURN_SHARE * robot.velocity, RETURN_SPEED)
-        self._acceleration = None
+        self._acceleration: Array | None = None
         if np.isfinite(robot.acceleration).any():
             self._acceleration = np.minimum(robot.acceleration, UNLIMITED)
             # D(v) = v/g up to `slow`; above, one more piece for each step of `change`.
@@ -120,13 +122,13 @@ class VelocityLimits:
             self._slow = self._acceleration / braking_gain ** 2
             self._pieces = 1.0 + 2.0 / (braking_gain * period)
 
-    def at(self, q, previous, elapsed):
+    def at(self, q: Array, previous: Array, elapsed: float) -> VelocityBounds:
         """
         Return the velocities that every joint may have at `q`, as `VelocityBounds`.
 
         Where limits contradict each other, as after a disturbance, the acceleration limit is
         kept and the others are approached as fast as it allows. Outside its range a joint has
-        to move inwards, at a bounded speed.
+        to move inwards, at a bounded speed, and may do so as fast as anywhere else.
 
         Parameters
         ----------
@@ -135,24 +137,26 @@ class VelocityLimits:
         previous : ndarray (n,)
             Velocities commanded before.
         elapsed : float
-            How long ago that was [s].
+            How long ago that was, more than zero [s].
 
         """
-        room = np.minimum(np.array((self._upper - q, q - self._lower)), FAR)
+        room = np.array((self._upper - q, q - self._lower))
+        if self._endless:
+            room = np.minimum(room, FAR)
         braking = np.maximum(self._braking_speed(room), -self._return)
         speed = np.minimum(braking, self._velocity)
         upper, lower = speed[0], -speed[1]
         if np.count_nonzero(upper < lower):
             # Coming back from outside must not be faster than it can stop at the other end.
             upper = np.maximum(upper, np.minimum(lower, 0.0))
-            lower = np.minimum(lower, np.maximum(upper, 0.0))
+            lower = np.minimum(lower, upper)
         bounds = VelocityBounds(lower, upper, braking, self._velocity)
         if self._acceleration is not None:
-            change = self._acceleration * min(max(elapsed, SHORTEST), self._period)
+            change = self._acceleration * min(elapsed, self._period)
             bounds.narrow(previous - change, previous + change)
         return bounds
 
-    def _braking_speed(self, room):
+    def _braking_speed(self, room: Array) -> Array:
         """Return the speed from which a joint can still stop within `room` (2, n)."""
         gain = self._gain
         if self._acceleration is None:

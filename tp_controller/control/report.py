@@ -14,13 +14,18 @@
 
 """The report of a cycle: for every task how far it is, and what holds it back."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from tp_controller.control.limits import VelocityBounds
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.solver.solution import LevelSolution, Solution
 from tp_controller.solver.solve import RANK_TOLERANCE
 from tp_controller.tasks.bounded import out_of_reach, STILL
-from tp_controller.tasks.task import norm
+from tp_controller.tasks.task import Evaluation, norm, Task
 
 # A part of the wanted velocity below this is rounding, not something that was held back.
 NEGLIGIBLE = 1e-6
@@ -57,8 +62,8 @@ class TaskReport:
 
     name: str
     type_name: str
-    level: int
-    errors: tuple
+    level: int | None
+    errors: tuple[tuple[float, str, float], ...]
     reached: bool
     wanted_speed: float
     achieved_speed: float
@@ -66,7 +71,7 @@ class TaskReport:
     bounded: bool = False
 
     @property
-    def status(self):
+    def status(self) -> str:
         """Return ``disabled``, ``reached``, ``kept`` (bounds), ``moving`` or ``held back``."""
         if self.level is None:
             return 'disabled'
@@ -88,43 +93,43 @@ class Report:
 
     """
 
-    def __init__(self, robot, stack, bounds, solution, eased):
+    def __init__(self, robot: Robot, evaluations: Sequence[Sequence[Evaluation]],
+                 disabled: Sequence[Task], bounds: VelocityBounds, solution: Solution,
+                 eased: str) -> None:
         self._robot, self._bounds, self._solution = robot, bounds, solution
+        self._evaluations, self._disabled = evaluations, disabled
         self._eased = eased
-        self._disabled = stack.inactive
-        # What the next cycle changes: for each level (task, error, names of the rows).
-        self._groups = [[(task, task.last_error, task.row_names) for task in group]
-                        for group in stack.active]
 
     @cached_property
-    def tasks(self):
+    def tasks(self) -> tuple[TaskReport, ...]:
         """Return a `TaskReport` for every task."""
-        reports = [self._task(number, task, error, names, rows, level)
+        reports = [self._task(number, evaluation, rows, level)
                    for number, level in enumerate(self._solution.levels, 1)
-                   for task, error, names, rows in self._members(number - 1)]
+                   for evaluation, rows in self._members(number - 1)]
         reports.extend(TaskReport(task.name, task.type_name, None, (), False, 0.0, 0.0,
                                   'disabled') for task in self._disabled)
         return tuple(reports)
 
-    def _members(self, index):
-        """Yield (task, error, row names, rows) of a level, from 0."""
+    def _members(self, index: int) -> Iterator[tuple[Evaluation, slice]]:
+        """Yield (evaluation, its rows) of a level, from 0."""
         first = 0
-        for task, error, names in self._groups[index]:
-            yield task, error, names, slice(first, first + len(error))
-            first += len(error)
+        for evaluation in self._evaluations[index]:
+            rows = len(evaluation.level.J)
+            yield evaluation, slice(first, first + rows)
+            first += rows
 
     @property
-    def scale(self):
+    def scale(self) -> float:
         """Return the smallest factor that the limits put on a level."""
         return self._solution.scale
 
     @property
-    def reached(self):
+    def reached(self) -> bool:
         """Return whether every enabled task is at its goal."""
         return all(task.reached for task in self.tasks if task.level is not None)
 
     @property
-    def limiting(self):
+    def limiting(self) -> str:
         """Return what slows the command, as text; empty where nothing does."""
         index = self._solution.limiting
         if index is None:
@@ -132,36 +137,40 @@ class Report:
         level = next(level for level in self._solution.levels if level.limited_by)
         return self._limit(index, level)
 
-    def _limit(self, joint, level):
+    def _limit(self, joint: int, level: LevelSolution) -> str:
         """Return which limit of a joint stands in the way of a level, as text."""
         up = level.multipliers[joint] > 0.0
         name = self._bounds.name(joint, level.limited_velocity[joint], up)
         return f'{self._robot.velocity_names[joint]} at its {name}'
 
-    def _task(self, number, task, error, names, rows, level):
+    def _task(self, number: int, evaluation: Evaluation, rows: slice,
+              level: LevelSolution) -> TaskReport:
         """Return the report of a task that is rows `rows` of a level."""
-        wanted, achieved = level.wanted[rows] / task.stretch, level.achieved[rows] / task.stretch
-        errors = task.reported_errors(error, wanted - achieved)
-        stuck = self._stuck(number, error, names, rows) if task.bounded else ''
+        task = evaluation.task
+        wanted = level.wanted[rows] / task.row_scale
+        achieved = level.achieved[rows] / task.row_scale
+        errors = task.reported_errors(evaluation.error, wanted - achieved)
+        stuck = self._stuck(evaluation) if task.bounded else ''
         return TaskReport(
             task.name, task.type_name, number, errors,
             all(value <= tolerance for value, _, tolerance in errors), norm(wanted),
             norm(achieved), self._reason(number, task, level, wanted, achieved, stuck),
             task.bounded)
 
-    def _stuck(self, number, error, names, rows):
+    def _stuck(self, evaluation: Evaluation) -> str:
         """Return what no joint can bring back to within its bounds, as text; mostly nothing."""
+        error, J, names = evaluation.error, evaluation.level.J, evaluation.row_names
         if not error.any():
             return ''
-        J = self._solution.hierarchy[number - 1].J[rows]
         moved = np.sqrt((J * J).sum(axis=1))
-        still = np.flatnonzero((moved < STILL) & (out_of_reach(error, moved) > 0.0))
-        if not len(still):
+        still = np.flatnonzero((moved < STILL) & (out_of_reach(error, moved) > 0.0)).tolist()
+        if not still:
             return ''
         which = list(dict.fromkeys(names[row] for row in still))[:NAMED] if names else ['it']
         return f'no joint brings {", ".join(which)} back'
 
-    def _reason(self, number, task, level, wanted, achieved, stuck):
+    def _reason(self, number: int, task: Task, level: LevelSolution, wanted: Array,
+                achieved: Array, stuck: str) -> str:
         """Return what holds a task back."""
         speed = norm(wanted)
         enough = max(NEGLIGIBLE, NOTABLE * speed)
@@ -183,19 +192,20 @@ class Report:
             reasons.append(self._eased)
         return ', '.join(reasons)
 
-    def _bounds_of_tasks(self, task, level):
+    def _bounds_of_tasks(self, task: Task, level: LevelSolution) -> list[str]:
         """Return the other tasks whose bounds stand in the way of one, as text."""
         found = []
         for index, multipliers in level.row_multipliers.items():
-            for other, _, names, rows in self._members(index):
-                pushing = np.flatnonzero(multipliers[rows])
-                if other is not task and len(pushing):
+            for evaluation, rows in self._members(index):
+                other, names = evaluation.task, evaluation.row_names
+                pushing = np.flatnonzero(multipliers[rows]).tolist()
+                if other is not task and pushing:
                     which = dict.fromkeys(names[row] for row in pushing) if names else {}
                     found.append(f'{other.name} ({", ".join(list(which)[:NAMED])})' if which
                                  else other.name)
         return found
 
-    def _missing_directions(self, number, level):
+    def _missing_directions(self, number: int, level: LevelSolution) -> str:
         """Return why a level cannot move the way it wants, apart from the limits."""
         rows, smallest = len(level.wanted), level.smallest_singular_value
         alone = self._solution.singular_values_alone(number - 1)

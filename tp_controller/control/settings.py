@@ -14,24 +14,30 @@
 
 """Settings of the controller, with defaults that are safe for a real arm."""
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, Field, field, fields
 import math
+from typing import Any
 
 import numpy as np
 from tp_controller.errors import SettingsError
-from tp_controller.solver.solve import METHODS, RANK_TOLERANCE, SCALINGS, Solver
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.solver.solve import RANK_TOLERANCE, SCALINGS, Solver
 
 
-def _number(default, lower, upper, unit, description):
+def _number(default: float, lower: float, upper: float, unit: str, description: str) -> float:
     """Return a field with its range and description."""
-    return field(default=default, metadata={
+    found: float = field(default=default, metadata={
         'lower': lower, 'upper': upper, 'unit': unit, 'description': description})
+    return found
 
 
-def _choice(default, valid, description):
+def _choice(default: str, valid: tuple[str, ...], description: str) -> str:
     """Return a field with its valid values and description."""
-    return field(default=default, metadata={
+    found: str = field(default=default, metadata={
         'valid': valid, 'unit': '', 'description': description})
+    return found
 
 
 @dataclass(frozen=True)
@@ -73,35 +79,28 @@ class Settings:
     blend: float = _number(
         0.4, 0.0, 60.0, 's', 'time in which a change of the stack, a goal or a setting takes '
         'over from what was before (0: at once)')
-    method: str = _choice(
-        'recursive', METHODS, 'sequential is for comparison only: lower tasks suffer')
-    rank_tolerance: float = _number(
-        RANK_TOLERANCE, 1e-14, 1e-3, '',
-        'singular values below this times the norm of the level count as zero')
-    weights: tuple = field(default=None, metadata={
+    weights: Sequence[float] | None = field(default=None, metadata={
         'unit': '', 'description': 'cost of each velocity, those of a moving base before those '
         'of the joints, all positive: the higher, the less it is used (empty: all equal)'})
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check everything, and raise one error for all faults."""
         faults = [fault for item in fields(self) for fault in self._faults(item)]
         if not faults and self.braking_gain * self.period > 1.0 + 1e-12:
             faults.append(f'braking_gain {self.braking_gain:g} must be at most 1/period = '
                           f'{1.0 / self.period:g}, or position limits would be crossed')
-        if self.method == 'sequential' and self.scaling != 'uniform':
-            faults.append('method sequential goes with scaling uniform only')
         if faults:
             raise SettingsError(faults)
 
-    def solver(self, n):
+    def solver(self, n: int) -> Solver:
         """Return the `Solver` for a robot with n joints that these settings make."""
         return Solver(
             n, self.weights or None, damping=self.damping, scaling=self.scaling,
             singular_region=self.singular_region, release_region=self.release_region,
-            regularisation=self.regularisation, period=self.period, method=self.method,
-            rank_tolerance=self.rank_tolerance)
+            regularisation=self.regularisation, period=self.period, method='recursive',
+            rank_tolerance=RANK_TOLERANCE)
 
-    def speed_cap(self, robot):
+    def speed_cap(self, robot: Robot) -> Array | None:
         """
         Return the speeds (n,) that levels below the first may use; None for all there are.
 
@@ -112,7 +111,7 @@ class Settings:
             return None
         return np.where(slow, (1.0 - self.reserve) * robot.velocity, robot.velocity)
 
-    def _faults(self, item):
+    def _faults(self, item: Field[Any]) -> Iterator[str]:
         """Return what is wrong with one field."""
         value = getattr(self, item.name)
         if 'valid' in item.metadata:

@@ -14,9 +14,10 @@
 
 """From one stack to another while the robot moves."""
 
-import numpy as np
+import math
+
+from tp_controller.model.spatial import Array
 from tp_controller.solver.level import identity, Level
-from tp_controller.tasks.stack import levels_of
 
 
 class Transition:
@@ -37,55 +38,35 @@ class Transition:
 
     """
 
-    def __init__(self, duration):
+    def __init__(self, duration: float) -> None:
         self.duration = duration
-        self._offset = None
+        self._offset: Array | None = None
         self._began = 0.0
         self._shared = 0
-        self._announced = None
-        self._groups = None
-        self._goal_times = {}
+        self._announced: int | None = None
+        self._goal_times: dict[str, float] = {}
 
-    def announce_stack(self, groups):
-        """Announce that the stack will not be these groups of tasks any more."""
-        if self._groups is None:
-            self._groups = groups
-
-    def announce(self, shared):
+    def announce(self, shared: int) -> None:
         """Announce a change that leaves this many of the upper levels as they are."""
         self._announced = shared if self._announced is None else min(shared, self._announced)
 
-    def announce_goal(self, name, level, now):
+    def announce_goal(self, name: str, level: int, now: float) -> None:
         """
         Announce a new goal, or feed-forward velocity, of a task on a level, from 0.
 
         Goals that follow each other faster than changes fade out are the steps of one motion,
-        and fading would only make the robot lag behind it.
+        and fading would only make the robot lag behind it. `now` is of the clock of the goals.
         """
-        if not 0.0 <= now - self._goal_times.get(name, -np.inf) <= self.duration:
+        if not abs(now - self._goal_times.get(name, -math.inf)) <= self.duration:
             self.announce(level)
         self._goal_times[name] = now
 
-    def pending(self, state, now, levels):
-        """
-        Return how many upper levels the announced changes leave as they are; None without any.
-
-        Parameters
-        ----------
-        state : RobotState
-            Where the robot is.
-        now : float
-            [s]
-        levels : list of Level
-            Of the new stack, at that state.
-
-        """
-        if self._groups is not None:
-            self.announce(shared_levels(levels_of(self._groups, state, now), levels))
-        shared, self._announced, self._groups = self._announced, None, None
+    def pending(self) -> int | None:
+        """Return how many upper levels the announced changes leave as they are; None if none."""
+        shared, self._announced = self._announced, None
         return shared
 
-    def begin(self, offset, began, shared):
+    def begin(self, offset: Array, began: float, shared: int) -> None:
         """
         Let an offset fade out from now on, in place of one that still does.
 
@@ -94,7 +75,7 @@ class Transition:
         offset : ndarray (n,)
             Velocity before the change − velocity after it.
         began : float
-            Time of the velocity before [s].
+            Time of the velocity before, on a clock that is never set back [s].
         shared : int
             How many of the upper levels the change leaves as they are.
 
@@ -102,11 +83,11 @@ class Transition:
         self._shared = min(shared, self._shared) if self.active(began) else shared
         self._offset, self._began = offset, began
 
-    def active(self, now):
+    def active(self, now: float) -> bool:
         """Return whether an offset still fades out."""
-        return self._offset is not None and 0.0 <= now - self._began < self.duration
+        return self._offset is not None and now - self._began < self.duration
 
-    def levels(self, levels, velocity, now):
+    def levels(self, levels: list[Level], velocity: Array, now: float) -> list[Level] | None:
         """
         Return the levels that lead over to `velocity`; None where nothing fades out any more.
 
@@ -120,7 +101,7 @@ class Transition:
             [s]
 
         """
-        if not self.active(now):
+        if self._offset is None or not self.active(now):
             return None
         share = (now - self._began) / self.duration
         left = 1.0 - share * share * (3.0 - 2.0 * share)
@@ -128,7 +109,7 @@ class Transition:
             Level(identity(len(velocity)), velocity + left * self._offset)]
 
 
-def kept_above(levels, count):
+def kept_above(levels: list[Level], count: int) -> list[Level]:
     """
     Return the first `count` levels, and the bounds that follow them at once.
 
@@ -138,15 +119,3 @@ def kept_above(levels, count):
     while count < len(levels) and levels[count].v is None:
         count += 1
     return levels[:count]
-
-
-def shared_levels(before, after):
-    """Return how many of the upper levels of two stacks are the same."""
-    count = 0
-    for old, new in zip(before, after):
-        if old.mode != new.mode or not all(
-                np.array_equal(getattr(old, name), getattr(new, name))
-                for name in ('J', 'v', 'lower', 'upper')):
-            break
-        count += 1
-    return count

@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tp_controller.tasks.task import LARGEST
+from tp_controller.tasks.keys import LARGEST
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]

@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 from tp_controller.errors import GoalError
 from tp_controller.model.spatial import pose, rotation_from_quaternion
-from tp_controller.tasks.task import finite_vector
+from tp_controller.tasks.keys import finite_vector
 
 # The time that means the latest transform there is.
 LATEST = Time()

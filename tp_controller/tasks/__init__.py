@@ -34,6 +34,7 @@ from tp_controller.tasks.gradient import GradientTask
 from tp_controller.tasks.joint import Joint, JointTask, JointVelocity, Posture
 from tp_controller.tasks.joint_limit_distance import JointLimitDistance
 from tp_controller.tasks.joint_limits import JointLimits
+from tp_controller.tasks.keys import Keys
 from tp_controller.tasks.manipulability import Manipulability, ManipulabilityAbove
 from tp_controller.tasks.orientation import Orientation
 from tp_controller.tasks.pointing import LookAt, Pointing
@@ -42,21 +43,22 @@ from tp_controller.tasks.position import Position
 from tp_controller.tasks.region import KeepIn, KeepOut
 from tp_controller.tasks.relative import RelativePose, RelativePosition
 from tp_controller.tasks.speed_limit import SpeedLimit
-from tp_controller.tasks.task import Keys, Task
+from tp_controller.tasks.task import Evaluation, Task
 from tp_controller.tasks.twist import Twist
 
 ENTRY_POINTS = 'tp_controller.tasks'
 
 __all__ = [
-    'BaseOrientation', 'BasePose', 'BoundedTask', 'CenterOfMass', 'FieldOfView', 'FrameTask',
-    'GradientTask', 'Joint', 'JointLimitDistance', 'JointLimits', 'JointTask', 'JointVelocity',
-    'KeepIn', 'KeepOut', 'Keys', 'LookAt', 'Manipulability', 'ManipulabilityAbove', 'Obstacles',
-    'Orientation', 'Pointing', 'Pose', 'Position', 'Posture', 'RelativePose', 'RelativePosition',
-    'SelfCollision', 'SpeedLimit', 'Task', 'Twist', 'task_types']
+    'BaseOrientation', 'BasePose', 'BoundedTask', 'CenterOfMass', 'Evaluation', 'FieldOfView',
+    'FrameTask', 'GradientTask', 'Joint', 'JointLimitDistance', 'JointLimits', 'JointTask',
+    'JointVelocity', 'KeepIn', 'KeepOut', 'Keys', 'LookAt', 'Manipulability',
+    'ManipulabilityAbove', 'Obstacles', 'Orientation', 'Pointing', 'Pose', 'Position', 'Posture',
+    'RelativePose', 'RelativePosition', 'SelfCollision', 'SpeedLimit', 'Task', 'Twist',
+    'task_types']
 
 
 @lru_cache(maxsize=1)
-def _load_entry_points():
+def _load_entry_points() -> None:
     """Load the types that other packages add."""
     for entry in entry_points(group=ENTRY_POINTS):
         try:
@@ -65,7 +67,7 @@ def _load_entry_points():
             raise TpControllerError(f'task types of {entry.value!r}: {error}') from error
 
 
-def task_types():
+def task_types() -> dict[str, type[Task]]:
     """Return {type name: class} of all types, those of other packages included."""
     _load_entry_points()
     return dict(Task.types)

@@ -14,13 +14,22 @@
 
 """Tasks about where an axis of a frame points, and what it may point at."""
 
+from collections.abc import Sequence
 import math
+from typing import Any, ClassVar, Protocol, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
-from tp_controller.model.spatial import pose, rotation_from_vector, skew
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array, pose, rotation_from_vector, skew
+from tp_controller.model.state import RobotState
 from tp_controller.tasks.frame import MovingGoalTask, parse_reference
-from tp_controller.tasks.task import finite_vector
+from tp_controller.tasks.keys import finite_vector, Keys
+from tp_controller.tasks.task import Task
+
+Axis: TypeAlias = str | Sequence[float] | Array
+SomeTask = TypeVar('SomeTask', bound='AimedTask')
 
 # The axis of a task without a goal is taken to point at what is so far away [m].
 HELD_DISTANCE = 1.0
@@ -30,7 +39,7 @@ LETTERS = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
 SHORTEST = 1e-6
 
 
-def parse_axis(value):
+def parse_axis(value: Axis) -> Array:
     """Return the unit vector (3,) of x, -x, y, -y, z, -z or three numbers, or ValueError."""
     if isinstance(value, str):
         letter = value.strip().removeprefix('-')
@@ -42,7 +51,7 @@ def parse_axis(value):
     raise ValueError(f'needs x, y, z, -x, -y, -z or three numbers, got {value!r}')
 
 
-def parse_direction(values, what):
+def parse_direction(values: ArrayLike, what: str) -> Array:
     """Return a unit vector (3,), or raise `GoalError` where values are none."""
     vector = finite_vector(values, 3, f'{what} (a direction x, y, z)')
     length = math.sqrt(vector.dot(vector))
@@ -51,7 +60,7 @@ def parse_direction(values, what):
     return vector / length
 
 
-def across(axis):
+def across(axis: Array) -> Array:
     """Return two unit vectors (2, 3) at right angles to an axis (3,) and to each other."""
     other = np.eye(3)[np.abs(axis).argmin()]
     first = np.cross(axis, other)
@@ -59,7 +68,7 @@ def across(axis):
     return np.array([first, np.cross(axis, first)])
 
 
-def turn_between(start, end):
+def turn_between(start: Array, end: Array) -> Array:
     """
     Return the rotation vector (3,) of the shortest turn from one unit vector to another [rad].
 
@@ -72,28 +81,26 @@ def turn_between(start, end):
     return normal if cosine > 0.0 else math.pi * across(start)[0]
 
 
-class DirectionAim:
-    """A direction (3,) in the axes of a reference frame."""
+class Aim(Protocol):
+    """What an axis of a frame is to point at; `goal` is (3,), in a reference frame."""
 
-    goal_type = 'direction'
-    twist_rows = slice(3, 6)
+    goal_type: ClassVar[str]
+    # The part of a twist (linear, then angular velocity) that moves the goal.
+    twist_rows: ClassVar[slice]
 
-    def __init__(self, frame, reference):
-        self._frame, self._reference = frame, reference
+    def __init__(self, frame: str, reference: str) -> None:
+        """Take the frame that points, and the reference of goals."""
 
-    def parse(self, goal, what):
-        """Return a unit vector (3,), or raise `GoalError`."""
-        return parse_direction(goal, what)
+    def parse(self, goal: ArrayLike, what: str) -> Array:
+        """Return a goal (3,), or raise `GoalError`."""
 
-    def in_reference(self, goal, T_reference_frame):
-        """Return a direction given in the axes of another frame."""
-        return T_reference_frame[:3, :3].dot(goal)
+    def in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
+        """Return a goal given in another frame."""
 
-    def held(self, state, axis):
-        """Return the direction that the axis (3,) of the frame has now."""
-        return state.rotation(self._reference).T.dot(state.rotation(self._frame).dot(axis))
+    def held(self, state: RobotState, axis: Array) -> Array:
+        """Return what the axis (3,) of the frame points at now."""
 
-    def sight(self, state, goal):
+    def sight(self, state: RobotState, goal: Array) -> tuple[Array, Array]:
         """
         Return where the axis is to point.
 
@@ -105,13 +112,44 @@ class DirectionAim:
             Angular velocity of the direction, in the axes of the root.
 
         """
+
+    def turning(self, state: RobotState, goal: Array, twist: Array) -> Array:
+        """Return the angular velocity (3,) that a twist (6,) of the goal gives the direction."""
+
+    def place(self, state: RobotState, goal: Array, turn: Array) -> Array:
+        """Return T_reference_goal (4, 4) of a frame that still has to make a turn (3,)."""
+
+
+class DirectionAim:
+    """A direction (3,) in the axes of a reference frame; see `Aim`."""
+
+    goal_type: ClassVar[str] = 'direction'
+    twist_rows: ClassVar[slice] = slice(3, 6)
+
+    def __init__(self, frame: str, reference: str) -> None:
+        self._frame, self._reference = frame, reference
+
+    def parse(self, goal: ArrayLike, what: str) -> Array:
+        """Return a unit vector (3,), or raise `GoalError`."""
+        return parse_direction(goal, what)
+
+    def in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
+        """Return a direction given in the axes of another frame."""
+        return T_reference_frame[:3, :3].dot(goal)
+
+    def held(self, state: RobotState, axis: Array) -> Array:
+        """Return the direction that the axis (3,) of the frame has now."""
+        return state.rotation(self._reference).T.dot(state.rotation(self._frame).dot(axis))
+
+    def sight(self, state: RobotState, goal: Array) -> tuple[Array, Array]:
+        """Return the direction and its J."""
         return state.rotation(self._reference).dot(goal), state.jacobian(self._reference)[3:]
 
-    def turning(self, state, goal, twist):
+    def turning(self, state: RobotState, goal: Array, twist: Array) -> Array:
         """Return the angular velocity (3,) that a twist (6,) of the goal gives the direction."""
         return state.rotation(self._reference).dot(twist[3:])
 
-    def place(self, state, goal, turn):
+    def place(self, state: RobotState, goal: Array, turn: Array) -> Array:
         """Return T_reference_goal (4, 4) of a frame that still has to make a turn (3,)."""
         R_T, p = state.rotation(self._reference).T, state.position(self._reference)
         return pose(R_T.dot(rotation_from_vector(turn)).dot(state.rotation(self._frame)),
@@ -119,47 +157,47 @@ class DirectionAim:
 
 
 class PointAim:
-    """A point (3,) [m] that belongs to a reference frame and moves with it."""
+    """A point (3,) [m] that belongs to a reference frame and moves with it; see `Aim`."""
 
-    goal_type = 'point'
-    twist_rows = slice(0, 3)
+    goal_type: ClassVar[str] = 'point'
+    twist_rows: ClassVar[slice] = slice(0, 3)
 
-    def __init__(self, frame, reference):
+    def __init__(self, frame: str, reference: str) -> None:
         self._frame, self._reference = frame, reference
 
-    def parse(self, goal, what):
+    def parse(self, goal: ArrayLike, what: str) -> Array:
         """Return a point (3,), or raise `GoalError`."""
         return finite_vector(goal, 3, f'{what} (a point x, y, z)')
 
-    def in_reference(self, goal, T_reference_frame):
+    def in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
         """Return a point given in another frame."""
         return T_reference_frame[:3, :3].dot(goal) + T_reference_frame[:3, 3]
 
-    def held(self, state, axis):
+    def held(self, state: RobotState, axis: Array) -> Array:
         """Return a point that the axis (3,) of the frame points at now."""
         ahead = state.position(self._frame) + HELD_DISTANCE * state.rotation(
             self._frame).dot(axis)
         return state.rotation(self._reference).T.dot(ahead - state.position(self._reference))
 
-    def sight(self, state, goal):
-        """Return the direction to the point and its J; see `DirectionAim.sight`."""
+    def sight(self, state: RobotState, goal: Array) -> tuple[Array, Array]:
+        """Return the direction to the point and its J."""
         direction, distance, offset = self._seen(state, goal)
         J_point, J_frame = state.jacobian(self._reference), state.jacobian(self._frame)
         J = J_point[:3] - skew(offset).dot(J_point[3:]) - J_frame[:3]
         # ω = d × ḋ, and ḋ is the part of the velocity across d, per distance.
         return direction, skew(direction / distance).dot(J)
 
-    def turning(self, state, goal, twist):
+    def turning(self, state: RobotState, goal: Array, twist: Array) -> Array:
         """Return the angular velocity (3,) that a twist (6,) of the goal gives the direction."""
         direction, distance, _ = self._seen(state, goal)
         return skew(direction / distance).dot(state.rotation(self._reference).dot(twist[:3]))
 
-    def place(self, state, goal, turn):
+    def place(self, state: RobotState, goal: Array, turn: Array) -> Array:
         """Return T_reference_goal (4, 4) of a frame that still has to make a turn (3,)."""
         R = state.rotation(self._reference).T.dot(rotation_from_vector(turn))
         return pose(R.dot(state.rotation(self._frame)), goal)
 
-    def _seen(self, state, goal):
+    def _seen(self, state: RobotState, goal: Array) -> tuple[Array, float, Array]:
         """Return direction and distance of the point, and its offset from the reference."""
         offset = state.rotation(self._reference).dot(goal)
         way = state.position(self._reference) + offset - state.position(self._frame)
@@ -170,7 +208,7 @@ class PointAim:
         return way / distance, max(distance, NEAREST), offset
 
 
-AIMS = {'direction': DirectionAim, 'point': PointAim}
+AIMS: dict[str, type[Aim]] = {'direction': DirectionAim, 'point': PointAim}
 
 
 class AimedTask(MovingGoalTask):
@@ -202,8 +240,12 @@ class AimedTask(MovingGoalTask):
         'reference': 'frame that goals are expressed in, and move with (default: the root)',
     }
 
-    def __init__(self, robot, name, units, keys, *, frame, axis, towards, target, reference,
-                 **options):
+    frame: str
+    reference: str
+
+    def __init__(self, robot: Robot, name: str, units: Sequence[str], keys: Keys, *, frame: str,
+                 axis: Axis, towards: str, target: ArrayLike | None, reference: str | None,
+                 **options: Any) -> None:
         self.frame = keys.check('frame', robot.check_frame, frame)
         self.axis = keys.check('axis', parse_axis, axis)
         if towards == 'point' and isinstance(target, str):
@@ -218,35 +260,35 @@ class AimedTask(MovingGoalTask):
         if target is not None:
             self.goal = keys.check('target', self.aim.parse, target, 'the target')
 
-    def axis_in_root(self, state):
+    def axis_in_root(self, state: RobotState) -> Array:
         """Return the axis (3,), a unit vector in the axes of the root."""
         return state.rotation(self.frame).dot(self.axis)
 
-    def value(self, state):
+    def value(self, state: RobotState) -> Array:
         """Return what the axis points at now, in the form of a goal (3,)."""
         return self.aim.held(state, self.axis)
 
-    def parse_goal(self, goal):
+    def parse_goal(self, goal: ArrayLike) -> Array:
         """Return a goal (3,), or raise `GoalError` if it cannot be one."""
         return self.aim.parse(goal, f'the goal of task {self.name!r}')
 
-    def goal_in_reference(self, goal, T_reference_frame):
+    def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
         """Return a goal given in another frame."""
         return self.aim.in_reference(goal, T_reference_frame)
 
-    def goal_pose(self, state):
+    def goal_pose(self, state: RobotState) -> Array:
         """Return the point, or the place of the frame, with the attitude that is wanted."""
         direction, _ = self.aim.sight(state, self.goal)
         return self.aim.place(state, self.goal,
                               turn_between(self.axis_in_root(state), direction))
 
-    def means_the_same(self, other):
+    def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
         """Say whether a goal of `other` is one of this task, too."""
-        return super().means_the_same(other) and self.frame == other.frame \
+        return super().is_compatible(other) and self.frame == other.frame \
             and self.goal_type == other.goal_type and np.array_equal(self.axis, other.axis)
 
 
-def _check_alone(target, reference, frame):
+def _check_alone(target: str, reference: str | None, frame: str) -> None:
     """Raise ValueError where a target that is a frame itself is none to point at."""
     if target == frame:
         raise ValueError(f'a frame cannot point at itself: {target}')

@@ -15,12 +15,15 @@
 """Tasks about where the base of the robot is, as it is for the lecture's vehicles (3.1)."""
 
 from tp_controller.errors import TaskError
+from tp_controller.model.robot import Robot
+from tp_controller.tasks.frame import Axes, FrameTask
+from tp_controller.tasks.keys import Gain, Tolerance
 from tp_controller.tasks.orientation import Orientation
 from tp_controller.tasks.pose import Pose
 from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
 
 
-class BaseTask:
+class BaseTask(FrameTask):
     """
     What makes a task about a frame one about the base, to be inherited from before its type.
 
@@ -45,8 +48,9 @@ class BaseTask:
     keys = {'axes': 'axes of the world frame that count (default: those that the base can move '
                     'along or about)'}
 
-    def __init__(self, robot, name, *, axes=None, gain=DEFAULT_GAIN, tolerance=None,
-                 timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
+    def __init__(self, robot: Robot, name: str, *, axes: Axes | None = None,
+                 gain: Gain = DEFAULT_GAIN, tolerance: Tolerance | None = None,
+                 timeout: float = DEFAULT_TIMEOUT, mode: str = DEFAULT_MODE) -> None:
         if not robot.moves:
             raise TaskError(name, [('type', f'{self.type_name} needs a robot whose base moves, '
                                             f'the base of this one is {robot.base}')])

@@ -15,11 +15,18 @@
 """Inequality tasks: values that stay between bounds, as bounds on their velocity."""
 
 from abc import abstractmethod
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from tp_controller.errors import GoalError
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
-from tp_controller.tasks.task import DEFAULT_TIMEOUT, positive, Task
+from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
+from tp_controller.tasks.task import DEFAULT_TIMEOUT, Evaluation, Goal, Task
 
 DEFAULT_BOUND_GAIN = 10.0
 DEFAULT_RETURN_SPEED = 0.2
@@ -33,6 +40,39 @@ WEAK = 0.05
 # smoothly: at half of that it may get away at `DRIFT` [unit/rad, unit/s].
 FAR, STILL, DRIFT = 1.0, 2e-2, 1e-2
 TINY = 1e-12
+
+
+@dataclass(slots=True, eq=False)
+class Observation:
+    """
+    What a bounded task sees in one cycle.
+
+    Attributes
+    ----------
+    value : ndarray (m,)
+        σ, in the units of the task.
+    J : ndarray (m, n)
+        ∂σ/∂q.
+    names : sequence of str
+        What each row is about, for the report; empty where the name of the task says it all.
+    keys : sequence or None
+        What tells each row from the others, where the rows change from cycle to cycle.
+
+    """
+
+    value: Array
+    J: Array
+    names: Sequence[str] = ()
+    keys: Sequence[Hashable] | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Moment:
+    """When and where a bounded task was evaluated, and what it saw."""
+
+    now: float
+    q: Array
+    seen: Observation
 
 
 class BoundedTask(Task):
@@ -55,7 +95,7 @@ class BoundedTask(Task):
     times the velocity since then, is that per period, and it is kept free.
 
     A subclass implements `observe`. Where the rows change from cycle to cycle bounds may be
-    scalars, and `observe` sets `row_keys`, which says what each row is about.
+    scalars, and `observe_rows` is overridden, which also says what each row is about.
 
     Parameters
     ----------
@@ -70,9 +110,8 @@ class BoundedTask(Task):
     """
 
     bounded = True
-    row_keys = None
     # Share of a row from which on a change of it in one cycle is a jump.
-    jump = 0.5
+    jump: ClassVar[float] = 0.5
     keys = {
         'gain': 'γ: how fast a bound may be approached, per distance to it; at most 1/period '
                 '[1/s]',
@@ -82,17 +121,20 @@ class BoundedTask(Task):
                      '{m: …, rad: …} [m, rad]',
     }
 
-    def __init__(self, robot, name, units, keys, lower, upper, *, gain=DEFAULT_BOUND_GAIN,
-                 return_speed=DEFAULT_RETURN_SPEED, tolerance=None, timeout=DEFAULT_TIMEOUT):
+    def __init__(self, robot: Robot, name: str, units: Sequence[str], keys: Keys,
+                 lower: float | Array, upper: float | Array, *, gain: Gain = DEFAULT_BOUND_GAIN,
+                 return_speed: float = DEFAULT_RETURN_SPEED, tolerance: Tolerance | None = None,
+                 timeout: float = DEFAULT_TIMEOUT) -> None:
         super().__init__(robot, name, units, keys, gain=gain, tolerance=tolerance,
                          timeout=timeout)
         self.return_speed = keys.check('return_speed', positive, return_speed)
         self.lower, self.upper = lower, upper
-        # Time of a cycle, its Jacobian, and what its rows were about; this one and the one before.
-        self._latest = self._before = None
+        # This cycle, and the one before.
+        self._latest: Moment | None = None
+        self._before: Moment | None = None
 
     @abstractmethod
-    def observe(self, state):
+    def observe(self, state: RobotState) -> tuple[Array, Array]:
         """
         Return the value and its Jacobian at a `RobotState`.
 
@@ -105,57 +147,66 @@ class BoundedTask(Task):
 
         """
 
-    def own_motion(self, state, now):
+    def observe_rows(self, state: RobotState) -> Observation:
+        """Return what `observe` does, and what the rows are about."""
+        value, J = self.observe(state)
+        return Observation(value, J, self.row_names)
+
+    def own_motion(self, state: RobotState, now: float) -> float | Array:
         """Return how fast the value changes while the robot stands still, (m,) or 0."""
         return 0.0
 
-    def value(self, state):
+    def value(self, state: RobotState) -> Array:
         """Return σ (m,)."""
         return self.observe(state)[0]
 
-    def jacobian(self, state):
+    def jacobian(self, state: RobotState) -> Array:
         """Return ∂σ/∂q (m, n)."""
         return self.observe(state)[1]
 
-    def error(self, state):
+    def error(self, state: RobotState) -> Array:
         """Return the way back to between the bounds (m,); zero inside."""
         return self._way_back(self.observe(state)[0])
 
-    def level(self, state, now):
-        """Return the `Level` at a state, and remember the error for the report."""
-        value, J = self.observe(state)
-        self.last_error = self._way_back(value)
-        self._remember(J, now)
+    def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
+        """Return the `Evaluation` at a state."""
+        seen = self.observe_rows(state)
+        value, J = seen.value, seen.J
+        error = self._way_back(value)
+        self._remember(Moment(now, state.q, seen))
         moved = np.sqrt((J * J).sum(axis=1))
-        motion, curved = self.own_motion(state, now), self._curved(J, state.velocity)
+        motion, curved = self.own_motion(state, now), self._curved(seen, state.velocity)
         back = np.minimum(self.return_speed,
                           RETURN_JOINT_SPEED * moved * np.minimum(moved / WEAK, 1.0))
-        lost = out_of_reach(self.last_error, moved) * DRIFT * np.maximum(
-            STILL / np.maximum(moved, TINY) - 1.0, 0.0)
-        lower = np.minimum(self.gain * (self.lower - value), back) - lost - motion
-        upper = np.maximum(self.gain * (self.upper - value), -back) + lost - motion
+        lower = np.minimum(self.gain * (self.lower - value), back) - motion
+        upper = np.maximum(self.gain * (self.upper - value), -back) - motion
+        if error.any():
+            lost = _drift(error, moved)
+            lower, upper = lower - lost, upper + lost
         # Only what leads outwards needs room, as far as there is any.
-        return Level(J, lower=np.minimum(lower - np.minimum(curved, 0.0), upper),
-                     upper=np.maximum(upper - np.maximum(curved, 0.0), lower))
+        level = Level(J, lower=np.minimum(lower - np.minimum(curved, 0.0), upper),
+                      upper=np.maximum(upper - np.maximum(curved, 0.0), lower))
+        return Evaluation(self, level, error, seen.names)
 
-    def _way_back(self, value):
+    def _way_back(self, value: Array) -> Array:
         """Return the way back to between the bounds (m,)."""
         return np.minimum(np.maximum(value, self.lower), self.upper) - value
 
-    def _curved(self, J, velocity):
+    def _curved(self, seen: Observation, velocity: Array) -> Array:
         """Return the speed (m,) that the curvature of the way adds until the next cycle."""
+        J = seen.J
         if self._before is None:
             return np.zeros(len(J))
-        _, J_before, keys_before = self._before
-        if self.row_keys == keys_before:
-            return 0.5 * self.change(J, J_before).dot(velocity)
-        known = [key in keys_before for key in self.row_keys]
-        rows = [keys_before.index(key) for key in self.row_keys if key in keys_before]
+        before = self._before.seen
+        if seen.keys is None or before.keys is None or seen.keys == before.keys:
+            return 0.5 * self.change(J, before.J).dot(velocity)
+        known = [key in before.keys for key in seen.keys]
+        rows = [before.keys.index(key) for key in seen.keys if key in before.keys]
         curved = np.zeros(len(J))
-        curved[known] = 0.5 * self.change(J[known], J_before[rows]).dot(velocity)
+        curved[known] = 0.5 * self.change(J[known], before.J[rows]).dot(velocity)
         return curved
 
-    def change(self, J, J_before):
+    def change(self, J: Array, J_before: Array) -> Array:
         """
         Return by how much rows (k, n) of the Jacobian have turned since the last cycle.
 
@@ -165,37 +216,46 @@ class BoundedTask(Task):
         change[(change * change).sum(axis=1) > self.jump ** 2 * (J * J).sum(axis=1)] = 0.0
         return change
 
-    def _remember(self, J, now):
-        """Keep a Jacobian for the next cycle; a level may be made twice in one."""
-        if self._latest is None or self._latest[0] != now:
-            self._before = self._latest
-        self._latest = now, J, self.row_keys
+    def _remember(self, moment: Moment) -> None:
+        """Keep what was seen for the next cycle; a task may be evaluated twice in one."""
+        latest = self._latest
+        # The robot may well move while the clock stands still.
+        if latest is None or latest.now != moment.now or not np.array_equal(latest.q, moment.q):
+            self._before = latest
+        self._latest = moment
 
-    def start(self, state):
+    def start(self, state: RobotState) -> None:
         """There is nothing to hold."""
 
-    def release(self):
+    def release(self) -> None:
         """Forget the cycles before, so that the next one begins anew."""
         super().release()
         self._latest = self._before = None
 
-    def take_over(self, other):
+    def inherit_goal(self, other: Task) -> None:
         """Go on with the goal of a task that this one replaces, and with what it knows."""
-        super().take_over(other)
-        if self.means_the_same(other):
+        super().inherit_goal(other)
+        if self.is_compatible(other):
             self._latest, self._before = other._latest, other._before
 
-    def parse_goal(self, goal):
+    def parse_goal(self, goal: Any) -> Goal:
         """Raise `GoalError`: a task with bounds has no goal, unless its type says otherwise."""
         raise GoalError(f'task {self.name!r} takes no goal: it keeps bounds')
 
-    def reported_errors(self, error, residual):
+    def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
+                                                                      ...]:
         """Return for each unit how far outside the value is; see `Task`."""
         return tuple((float(np.abs(error[rows]).max(initial=0.0)), unit, tolerance)
                      for rows, unit, tolerance in self.groups)
 
 
-def out_of_reach(way_back, moved):
+def _drift(way_back: Array, moved: Array) -> Array:
+    """Return how fast rows may get away whose bounds are out of reach (m,)."""
+    return out_of_reach(way_back, moved) * DRIFT * np.maximum(
+        STILL / np.maximum(moved, TINY) - 1.0, 0.0)
+
+
+def out_of_reach(way_back: Array, moved: Array) -> Array:
     """
     Return from 0 to 1 whether bounds are too far away for their rows.
 

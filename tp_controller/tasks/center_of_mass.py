@@ -16,29 +16,35 @@
 
 import numpy as np
 from tp_controller.errors import RobotError
-from tp_controller.tasks.frame import MovingGoalTask, parse_axes
-from tp_controller.tasks.position import PointGoal
-from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Keys
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
+from tp_controller.solver.level import Level
+from tp_controller.tasks.frame import Axes, parse_axes
+from tp_controller.tasks.keys import Gain, Keys, Tolerance
+from tp_controller.tasks.position import PointTask
+from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Evaluation
 
 AXES = ('x', 'y', 'z')
-# A centre of mass that moves by less than this has no more than rounding to be stretched [m/rad].
+# A centre of mass that moves by less than this has no more than rounding to be scaled [m/rad].
 LEAST = 0.01
 
 
-class CenterOfMass(PointGoal, MovingGoalTask):
+class CenterOfMass(PointTask):
     """
     Bring the centre of mass of the robot to a point, σ = Σ m_i c_i / Σ m_i.
 
     All links count, those that stand still included. The more of the weight stands still, the
-    less the centre moves; the rows are stretched to length 1 in the neutral posture. The goal is
+    less the centre moves; the rows are scaled to length 1 in the neutral posture. The goal is
     a point (3,) [m] in the root.
     """
 
     type_name = 'center_of_mass'
     keys = {'axes': 'axes of the root that count: some of x, y, z (default: all)'}
 
-    def __init__(self, robot, name, *, axes=None, gain=DEFAULT_GAIN, tolerance=None,
-                 timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
+    def __init__(self, robot: Robot, name: str, *, axes: Axes | None = None,
+                 gain: Gain = DEFAULT_GAIN, tolerance: Tolerance | None = None,
+                 timeout: float = DEFAULT_TIMEOUT, mode: str = DEFAULT_MODE) -> None:
         keys = Keys()
         keys.check('type', _check_mass, robot)
         self.axes = keys.check('axes', parse_axes, axes, AXES) or AXES
@@ -47,33 +53,34 @@ class CenterOfMass(PointGoal, MovingGoalTask):
         super().__init__(robot, name, ['m'] * len(self.axes), keys, gain=gain,
                          tolerance=tolerance, timeout=timeout, mode=mode)
         keys.raise_faults(name)
-        self.stretch = 1.0 / max(LEAST, np.linalg.norm(
-            robot.state(robot.neutral()).center_of_mass()[1], 2))
+        self.row_scale = 1.0 / max(LEAST, float(np.linalg.norm(
+            robot.state(robot.neutral()).center_of_mass()[1], 2)))
 
-    def value(self, state):
+    def value(self, state: RobotState) -> Array:
         """Return the centre of mass (3,) in the root [m]."""
         return state.center_of_mass()[0]
 
-    def error(self, state):
+    def error(self, state: RobotState) -> Array:
         """Return the way to the goal along the axes that count (rows,) [m]."""
         return (self.goal - self.value(state))[self._rows]
 
-    def jacobian(self, state):
+    def jacobian(self, state: RobotState) -> Array:
         """Return J (rows, n)."""
         return state.center_of_mass()[1][self._rows]
 
-    def level(self, state, now):
-        """Return the `Level` at a state, stretched, and remember the error for the report."""
-        level = super().level(state, now)
-        level.J, level.v = self.stretch * level.J, self.stretch * level.v
-        return level
+    def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
+        """Return the `Evaluation` at a state, its level scaled."""
+        error = self.error(state)
+        level = Level(self.row_scale * self.jacobian(state),
+                      self.row_scale * self.velocity(error, now), self.mode)
+        return Evaluation(self, level, error)
 
-    def set_feed_forward(self, velocity, now):
-        """Take the rows of a twist (6,) that count, until it times out."""
-        super().set_feed_forward(velocity[self._rows], now)
+    def in_rows(self, feed_forward: Array) -> Array:
+        """Return the rows of a twist (6,) that count."""
+        return feed_forward[self._rows]
 
 
-def _check_mass(robot):
+def _check_mass(robot: Robot) -> None:
     """Raise `RobotError` where the description gives no link a mass."""
     if not robot.mass > 0.0:
         raise RobotError(f'the description of {robot.name} gives no link a mass')

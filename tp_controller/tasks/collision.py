@@ -14,20 +14,38 @@
 
 """Links that keep their distance, from each other and from what stands around."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
+from typing import Any
 
 import numpy as np
 from tp_controller.errors import GoalError, RobotError, unknown
-from tp_controller.model.collision import capsule, Clearance, solid, urdf_solids
-from tp_controller.model.shapes import HalfSpace, parse_shape
-from tp_controller.model.spatial import cross, skews
+from tp_controller.model.collision import capsule, Clearance, Solid, solid, urdf_solids
+from tp_controller.model.robot import Robot
+from tp_controller.model.shapes import HalfSpace, parse_shape, Shape
+from tp_controller.model.spatial import Array, cross, skews
 from tp_controller.model.srdf import srdf_pairs
+from tp_controller.model.state import RobotState
 from tp_controller.resources import load_yaml, read_source
-from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
+from tp_controller.tasks.bounded import (
+    BoundedTask,
+    DEFAULT_BOUND_GAIN,
+    DEFAULT_RETURN_SPEED,
+    Observation,
+)
 from tp_controller.tasks.frame import parse_reference
+from tp_controller.tasks.keys import (
+    finite_vector,
+    Gain,
+    Keys,
+    non_negative,
+    positive,
+    Tolerance,
+    UnitRows,
+)
 from tp_controller.tasks.region import parse_place
-from tp_controller.tasks.task import finite_vector, Keys, non_negative, positive
+from tp_controller.tasks.task import Evaluation, Task
 
 DEFAULT_DISTANCE = 0.02
 DEFAULT_WITHIN = 0.2
@@ -71,9 +89,11 @@ class CollisionTask(BoundedTask):
                     'sphere, in the frame of the link [m]; or a file with such a mapping',
     }
 
-    def __init__(self, robot, name, keys, *, distance=DEFAULT_DISTANCE, within=DEFAULT_WITHIN,
-                 links=None, capsules=None, gain=DEFAULT_BOUND_GAIN,
-                 return_speed=DEFAULT_RETURN_SPEED, tolerance=None):
+    def __init__(self, robot: Robot, name: str, keys: Keys, *,
+                 distance: float = DEFAULT_DISTANCE, within: float = DEFAULT_WITHIN,
+                 links: str | Sequence[str] | None = None, capsules: Any = None,
+                 gain: Gain = DEFAULT_BOUND_GAIN, return_speed: float = DEFAULT_RETURN_SPEED,
+                 tolerance: Tolerance | None = None) -> None:
         self.distance = keys.check('distance', non_negative, distance)
         self.within = keys.check('within', positive, within)
         if None not in (self.distance, self.within) and self.within <= self.distance:
@@ -82,45 +102,50 @@ class CollisionTask(BoundedTask):
         super().__init__(robot, name, ['m'], keys, self.distance, np.inf, gain=gain,
                          return_speed=return_speed, tolerance=tolerance)
         # There are as many rows as there are near pairs.
-        self.groups = tuple((slice(None), unit, limit) for _, unit, limit in self.groups or ())
-        self.last_error = np.zeros(0)
-        self.row_names, self.row_keys = [], []
+        self.groups = tuple(UnitRows(slice(None), unit, limit)
+                            for _, unit, limit in self.groups or ())
         self._solids = self._solids_of(keys, links, capsules)
 
-    def _solids_of(self, keys, links, capsules):
+    def _solids_of(self, keys: Keys, links: str | Sequence[str] | None,
+                   capsules: Any) -> list[Solid]:
         """Return the solids on the links that the keys name, and note what is wrong."""
         faults = len(keys.faults)
         given = keys.check('capsules', _capsules, self.robot, {} if capsules is None else capsules)
-        links = keys.check('links', _links, self.robot, links)
+        named = keys.check('links', _links, self.robot, links)
         if len(keys.faults) > faults:
             return []
-        wanted = list(links or self.robot.frame_names)
+        wanted = list(named or self.robot.frame_names)
         drawn = keys.check('links', urdf_solids, self.robot.urdf,
                            [link for link in wanted if link not in given])
         if drawn is None:
             return []
         solids = [each for link in wanted for each in given.get(link, ())] + drawn
-        shapeless = [link for link in links or () if all(link != each.frame for each in solids)]
+        shapeless = [link for link in named or () if all(link != each.frame for each in solids)]
         if shapeless or not solids:
             keys.faults.append((
                 'capsules', f'needed for {", ".join(shapeless) or "some links"}: the robot '
                             'description has no collision shapes there'))
         return solids
 
-    def _arrange(self, solids, pairs):
+    def _arrange(self, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]) -> None:
         """Look at these pairs of solids from now on."""
         self._clearance = Clearance(self.robot.kinematics, solids, pairs, self.within)
         self._names = [f'{solids[one].name} – {solids[other].name}'
                        for one, other in self._clearance.pairs]
 
-    def observe(self, state):
+    def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return the distances of the near pairs (m,) [m], and their Jacobian (m, n)."""
+        seen = self.observe_rows(state)
+        return seen.value, seen.J
+
+    def observe_rows(self, state: RobotState) -> Observation:
+        """Return what `observe` does, and which pair each row is about."""
         clearance = self._clearance
         near = clearance.nearest(state, self.distance + CLOSE)
-        self.row_names = [self._names[pair] for pair in near.pairs]
-        self.row_keys = list(zip(self.row_names, near.corners))
+        names = [self._names[pair] for pair in near.pairs]
+        keys = list(zip(names, near.corners))
         if not near.pairs:
-            return near.distances, np.zeros((0, self.robot.n))
+            return Observation(near.distances, np.zeros((0, self.robot.n)), names, keys)
         jacobians = np.array([state.jacobian(frame) for frame in clearance.frames])
         origins = np.array([state.position(frame) for frame in clearance.frames])
         # Of the points that are at the origin of the root: v₀ = v − ω × o. With it
@@ -129,7 +154,7 @@ class CollisionTask(BoundedTask):
         relative = jacobians[clearance.first[near.pairs]] \
             - jacobians[clearance.second[near.pairs]]
         twists = np.concatenate([near.normals, cross(near.points, near.normals)], axis=1)
-        return near.distances, (twists[:, np.newaxis] @ relative)[:, 0]
+        return Observation(near.distances, (twists[:, np.newaxis] @ relative)[:, 0], names, keys)
 
 
 class SelfCollision(CollisionTask):
@@ -156,14 +181,17 @@ class SelfCollision(CollisionTask):
         'ignore': 'more pairs of links that may touch, [[link, link], …]',
     }
 
-    def __init__(self, robot, name, *, distance=DEFAULT_DISTANCE, within=DEFAULT_WITHIN,
-                 links=None, srdf=None, ignore=None, capsules=None, gain=DEFAULT_BOUND_GAIN,
-                 return_speed=DEFAULT_RETURN_SPEED, tolerance=None):
+    def __init__(self, robot: Robot, name: str, *, distance: float = DEFAULT_DISTANCE,
+                 within: float = DEFAULT_WITHIN, links: str | Sequence[str] | None = None,
+                 srdf: str | None = None, ignore: Sequence[Sequence[str]] | None = None,
+                 capsules: Any = None, gain: Gain = DEFAULT_BOUND_GAIN,
+                 return_speed: float = DEFAULT_RETURN_SPEED,
+                 tolerance: Tolerance | None = None) -> None:
         keys = Keys()
         super().__init__(robot, name, keys, distance=distance, within=within, links=links,
                          capsules=capsules, gain=gain, return_speed=return_speed,
                          tolerance=tolerance)
-        harmless = set()
+        harmless: set[frozenset[str]] = set()
         if srdf is not None:
             harmless |= keys.check('srdf', srdf_pairs, srdf) or set()
         if ignore is not None:
@@ -182,7 +210,7 @@ class SelfCollision(CollisionTask):
             self.remarks = (f'not kept apart, as nearer than distance = {self.distance:g} in most '
                             f'postures: {", ".join(self.left_out)}',)
 
-    def _nothing_left(self):
+    def _nothing_left(self) -> str:
         """Return why there are no pairs."""
         if self.left_out:
             return (f'all pairs are nearer than distance = {self.distance:g} in most postures: '
@@ -191,7 +219,7 @@ class SelfCollision(CollisionTask):
         return ('no two of them can come near each other, or all pairs are ignored: name all '
                 f'links that are to be kept apart, got {", ".join(links)}')
 
-    def _candidates(self, harmless):
+    def _candidates(self, harmless: set[frozenset[str]]) -> list[tuple[int, int]]:
         """Return the pairs of solids (int, int) whose links can move against each other."""
         found, kinematics = [], self.robot.kinematics
         for other, second in enumerate(self._solids):
@@ -202,7 +230,7 @@ class SelfCollision(CollisionTask):
                     found.append((one, other))
         return found
 
-    def _mostly_near(self):
+    def _mostly_near(self) -> list[int]:
         """Return the indices of the pairs that are too near in most postures."""
         robot = self.robot
         state = robot.state(robot.neutral())
@@ -237,12 +265,12 @@ class Obstacle:
 
     """
 
-    shape: object
-    pose: np.ndarray
+    shape: Shape
+    pose: Array
     lifetime: float = math.inf
     since: float = -math.inf
 
-    def gone(self, now):
+    def gone(self, now: float) -> bool:
         """Say whether its time is over."""
         return now - self.since > self.lifetime < math.inf
 
@@ -263,9 +291,14 @@ class Obstacles(CollisionTask):
         'reference': 'frame that the obstacles belong to and move with (default: the root)',
     }
 
-    def __init__(self, robot, name, *, obstacles=None, reference=None, distance=DEFAULT_DISTANCE,
-                 within=DEFAULT_WITHIN, links=None, capsules=None, gain=DEFAULT_BOUND_GAIN,
-                 return_speed=DEFAULT_RETURN_SPEED, tolerance=None):
+    reference: str
+
+    def __init__(self, robot: Robot, name: str, *, obstacles: Any = None,
+                 reference: str | None = None, distance: float = DEFAULT_DISTANCE,
+                 within: float = DEFAULT_WITHIN, links: str | Sequence[str] | None = None,
+                 capsules: Any = None, gain: Gain = DEFAULT_BOUND_GAIN,
+                 return_speed: float = DEFAULT_RETURN_SPEED,
+                 tolerance: Tolerance | None = None) -> None:
         keys = Keys()
         self.reference = keys.check('reference', parse_reference, robot, reference)
         super().__init__(robot, name, keys, distance=distance, within=within, links=links,
@@ -283,12 +316,12 @@ class Obstacles(CollisionTask):
         self._place()
 
     @property
-    def obstacles(self):
+    def obstacles(self) -> dict[str, Obstacle]:
         """Return {name: Obstacle} of what stands around."""
         return {name: obstacle for name, obstacle in {**self._fixed, **(self.goal or {})}.items()
                 if obstacle is not None}
 
-    def _place(self):
+    def _place(self) -> None:
         """Look at what stands around from now on."""
         there = [solid(name, self.reference, obstacle.shape, obstacle.pose)
                  for name, obstacle in self.obstacles.items()]
@@ -297,14 +330,14 @@ class Obstacles(CollisionTask):
             self._arrange(solids, [(link, links + other) for link in range(links)
                                    for other in range(len(there))])
 
-    def level(self, state, now):
-        """Return the `Level` at a state, and remember the error for the report."""
+    def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
+        """Return the `Evaluation` at a state."""
         over = [name for name, obstacle in self.obstacles.items() if obstacle.gone(now)]
         if over:
             self.set_goal(dict.fromkeys(over), now)
-        return super().level(state, now)
+        return super().make_evaluation(state, now)
 
-    def set_goal(self, goal, now):
+    def set_goal(self, goal: dict[str, Obstacle | None], now: float) -> None:
         """Put obstacles there, move them or take them away, as `parse_goal` returned them."""
         # None hides an obstacle of the stack.
         there = dict.fromkeys(self._fixed) if ALL in goal else dict(self.goal or {})
@@ -318,7 +351,7 @@ class Obstacles(CollisionTask):
         super().set_goal(there, now)
         self._place()
 
-    def parse_goal(self, goal):
+    def parse_goal(self, goal: Any) -> dict[str, Obstacle | None]:
         """Return {name: Obstacle or None}; raise `GoalError` if it cannot be such."""
         try:
             changes = _obstacles(goal, removals=True)
@@ -331,21 +364,24 @@ class Obstacles(CollisionTask):
                             f'got {len(left)}')
         return changes
 
-    def goal_in_reference(self, goal, T_reference_frame):
+    def goal_in_reference(self, goal: dict[str, Obstacle | None],
+                          T_reference_frame: Array) -> dict[str, Obstacle | None]:
         """Return obstacles given in another frame."""
         return {name: None if obstacle is None else
                 replace(obstacle, pose=T_reference_frame.dot(obstacle.pose))
                 for name, obstacle in goal.items()}
 
-    def take_over(self, other):
+    def inherit_goal(self, other: Task) -> None:
         """Go on with the obstacles that came as goals of a task that this one replaces."""
-        if self.goal is None and self.means_the_same(other) and other.goal:
+        inherits = self.goal is None and self.is_compatible(other) and other.goal is not None
+        super().inherit_goal(other)
+        if inherits:
             self.goal = {name: obstacle for name, obstacle in other.goal.items()
                          if obstacle is not None}
             self._place()
 
 
-def _links(robot, links):
+def _links(robot: Robot, links: str | Sequence[str] | None) -> list[str] | None:
     """Return the links that a string or list names, or None; raise otherwise."""
     if links is None:
         return None
@@ -355,7 +391,7 @@ def _links(robot, links):
     return list(dict.fromkeys(map(robot.check_frame, links)))
 
 
-def _pairs(robot, pairs):
+def _pairs(robot: Robot, pairs: Sequence[Sequence[str]]) -> set[frozenset[str]]:
     """Return pairs of links as a set of sets, or raise."""
     if not isinstance(pairs, (list, tuple)) or not all(
             isinstance(pair, (list, tuple)) and len(pair) == 2 for pair in pairs):
@@ -363,7 +399,7 @@ def _pairs(robot, pairs):
     return {frozenset(map(robot.check_frame, pair)) for pair in pairs}
 
 
-def _capsules(robot, capsules):
+def _capsules(robot: Robot, capsules: Any) -> dict[str, list[Solid]]:
     """Return {link: list of Solid}, or raise; `capsules` may be the name of a file."""
     if isinstance(capsules, str):
         capsules = _file(capsules)
@@ -381,7 +417,7 @@ def _capsules(robot, capsules):
     return solids
 
 
-def _file(source):
+def _file(source: str) -> Any:
     """Return what YAML, or the file of that name, says, or raise ValueError."""
     try:
         text = read_source(source, lambda text: '{' in text)
@@ -393,7 +429,7 @@ def _file(source):
         raise ValueError(str(error) if text is source else f'{source}: {error}') from error
 
 
-def _capsule(name, link, keys):
+def _capsule(name: str, link: str, keys: Any) -> Solid:
     """Return the solid of one capsule, or raise."""
     _check_form(name, keys, CAPSULE_KEYS, {'from', 'radius'}, CAPSULE_FORM)
     try:
@@ -404,7 +440,7 @@ def _capsule(name, link, keys):
         raise ValueError(f'{name}: {error}') from error
 
 
-def _obstacles(given, removals=False):
+def _obstacles(given: Any, removals: bool = False) -> dict[str, Obstacle | None]:
     """Return {name: Obstacle}, None for one to be removed, or raise."""
     if not isinstance(given, dict):
         raise ValueError(f'needs a mapping {{name: {OBSTACLE_FORM}}}, got {given!r}')
@@ -415,14 +451,14 @@ def _obstacles(given, removals=False):
             for name, keys in given.items()}
 
 
-def _name(name, keys, removals):
+def _name(name: object, keys: object, removals: bool) -> str:
     """Return the name of an obstacle, or raise ValueError."""
     if not isinstance(name, str) or not name or (name == ALL and not (removals and keys is None)):
         raise ValueError(f'an obstacle needs a name, got {name!r}')
     return name
 
 
-def _obstacle(name, keys, removals):
+def _obstacle(name: str, keys: Any, removals: bool) -> Obstacle | None:
     """Return one obstacle, or raise."""
     if removals and keys is None:
         return None
@@ -442,7 +478,8 @@ def _obstacle(name, keys, removals):
         raise ValueError(f'{name}: {error}') from error
 
 
-def _check_form(name, keys, valid, needed, form):
+def _check_form(name: str, keys: Any, valid: Sequence[str], needed: set[str],
+                form: str) -> None:
     """Raise ValueError unless there are the needed keys, and no others than are valid."""
     if not isinstance(keys, dict):
         raise ValueError(f'{name} needs {form}, got {keys!r}')
@@ -453,7 +490,7 @@ def _check_form(name, keys, valid, needed, form):
         raise ValueError(f'{name} needs {form}, got {keys!r}')
 
 
-def _positive(key, value):
+def _positive(key: str, value: object) -> float:
     """Return a positive float, or raise ValueError that names the key."""
     try:
         return positive(value)

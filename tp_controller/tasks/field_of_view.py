@@ -17,9 +17,14 @@
 import math
 
 import numpy as np
-from tp_controller.tasks.aim import AimedTask, turn_between
+from numpy.typing import ArrayLike
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
+from tp_controller.tasks.aim import AimedTask, Axis, turn_between
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
-from tp_controller.tasks.task import DEFAULT_TIMEOUT, Keys, positive
+from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
+from tp_controller.tasks.task import DEFAULT_TIMEOUT
 
 # Nearer to the middle of the view than this there is no way out of it to be bounded [rad].
 MIDDLE = 1e-9
@@ -43,9 +48,10 @@ class FieldOfView(AimedTask, BoundedTask):
         'timeout': 'how long a velocity of the point stays in force [s]',
     }
 
-    def __init__(self, robot, name, *, frame, half_angle, axis='z', target=None, reference=None,
-                 gain=DEFAULT_BOUND_GAIN, return_speed=DEFAULT_RETURN_SPEED, tolerance=None,
-                 timeout=DEFAULT_TIMEOUT):
+    def __init__(self, robot: Robot, name: str, *, frame: str, half_angle: float,
+                 axis: Axis = 'z', target: ArrayLike | None = None, reference: str | None = None,
+                 gain: Gain = DEFAULT_BOUND_GAIN, return_speed: float = DEFAULT_RETURN_SPEED,
+                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT) -> None:
         keys = Keys()
         half_angle = keys.check('half_angle', _half_angle, half_angle)
         super().__init__(
@@ -54,23 +60,23 @@ class FieldOfView(AimedTask, BoundedTask):
             return_speed=return_speed, tolerance=tolerance, timeout=timeout)
         keys.raise_faults(name)
 
-    def start(self, state):
+    def start(self, state: RobotState) -> None:
         """Without a goal, keep what is straight ahead in view."""
         super().start(state)
         if self.goal is None:
             self.goal, self.held = self.aim.held(state, self.axis), True
 
-    def value(self, state):
+    def value(self, state: RobotState) -> Array:
         """Return the angle (1,) [rad]."""
         return self.observe(state)[0]
 
-    def observe(self, state):
+    def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return the angle (1,) [rad] and its Jacobian (1, n)."""
         angle, normal, J_direction = self._seen(state)
         J = normal.dot(J_direction - state.jacobian(self.frame)[3:])
         return np.array([angle]), J[np.newaxis]
 
-    def own_motion(self, state, now):
+    def own_motion(self, state: RobotState, now: float) -> float | Array:
         """Return how fast the point's own motion opens the angle, (1,) or 0 [rad/s]."""
         twist = self.feed_forward(now)
         if twist is None:
@@ -78,7 +84,7 @@ class FieldOfView(AimedTask, BoundedTask):
         _, normal, _ = self._seen(state)
         return normal.dot(self.aim.turning(state, self.goal, twist))
 
-    def _seen(self, state):
+    def _seen(self, state: RobotState) -> tuple[float, Array, Array]:
         """Return the angle, the axis (3,) in the root that it turns about, and J (3, n) of d."""
         direction, J_direction = self.aim.sight(state, self.goal)
         turn = turn_between(self.axis_in_root(state), direction)
@@ -86,9 +92,9 @@ class FieldOfView(AimedTask, BoundedTask):
         return angle, turn / angle if angle > MIDDLE else np.zeros(3), J_direction
 
 
-def _half_angle(angle):
+def _half_angle(value: float) -> float:
     """Return an angle between 0 and π, or raise ValueError."""
-    angle = positive(angle)
+    angle = positive(value)
     if angle >= math.pi:
         raise ValueError(f'must be less than π, got {angle:g}')
     return angle

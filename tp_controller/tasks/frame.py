@@ -14,19 +14,19 @@
 
 """Tasks about where a frame of the robot is, seen from another frame."""
 
-import numpy as np
-from tp_controller.model.spatial import skew
-from tp_controller.tasks.task import (
-    DEFAULT_GAIN,
-    DEFAULT_MODE,
-    DEFAULT_TIMEOUT,
-    finite_vector,
-    has_shape,
-    Keys,
-    Task,
-)
+from collections.abc import Sequence
+from typing import Any, TypeAlias, TypeGuard, TypeVar
 
-TWIST_AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
+import numpy as np
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array, skew
+from tp_controller.model.state import RobotState
+from tp_controller.tasks.keys import finite_vector, Gain, has_shape, Keys, Tolerance
+from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Task
+
+Axes: TypeAlias = str | Sequence[str]
+SomeTask = TypeVar('SomeTask', bound='FrameTask')
+TWIST_AXES: tuple[str, ...] = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 
 class RelativeFrame:
@@ -41,24 +41,24 @@ class RelativeFrame:
 
     """
 
-    def __init__(self, robot, frame, reference):
+    def __init__(self, robot: Robot, frame: str, reference: str) -> None:
         self._frame, self._reference = frame, reference
         self._in_root = reference == robot.root
 
-    def position(self, state):
+    def position(self, state: RobotState) -> Array:
         """Return the origin of the frame (3,) [m], in the reference frame."""
         if self._in_root:
             return state.position(self._frame)
         return state.rotation(self._reference).T.dot(
             state.position(self._frame) - state.position(self._reference))
 
-    def rotation(self, state):
+    def rotation(self, state: RobotState) -> Array:
         """Return R_reference_frame (3, 3)."""
         if self._in_root:
             return state.rotation(self._frame)
         return state.rotation(self._reference).T.dot(state.rotation(self._frame))
 
-    def jacobian(self, state):
+    def jacobian(self, state: RobotState) -> Array:
         """Return J (6, n) of the twist of the frame that the reference frame sees."""
         J_frame = state.jacobian(self._frame)
         if self._in_root:
@@ -77,9 +77,9 @@ class MovingGoalTask(Task):
 
     feed_forward_type = 'twist'
     # The part of a twist (linear, then angular velocity) that the task is about.
-    twist_rows = slice(0, 6)
+    twist_rows: slice = slice(0, 6)
 
-    def parse_feed_forward(self, velocity):
+    def parse_feed_forward(self, velocity: Any) -> Array:
         """
         Return a twist (6,).
 
@@ -101,7 +101,7 @@ class MovingGoalTask(Task):
                                     f'the velocity of task {self.name!r}')
         return twist
 
-    def feed_forward_in_reference(self, velocity, R_reference_frame):
+    def feed_forward_in_reference(self, velocity: Array, R_reference_frame: Array) -> Array:
         """Return a twist (6,) given in the axes of another frame."""
         return np.concatenate((R_reference_frame.dot(velocity[:3]),
                                R_reference_frame.dot(velocity[3:])))
@@ -139,70 +139,74 @@ class FrameTask(MovingGoalTask):
         'axes': 'axes of the reference frame that count (default: all)',
     }
 
-    def __init__(self, robot, name, *, frame, reference=None, axes=None, gain=DEFAULT_GAIN,
-                 tolerance=None, timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
+    frame: str
+    reference: str
+
+    def __init__(self, robot: Robot, name: str, *, frame: str, reference: str | None = None,
+                 axes: Axes | None = None, gain: Gain = DEFAULT_GAIN,
+                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT,
+                 mode: str = DEFAULT_MODE) -> None:
         keys = Keys()
         self.frame = keys.check('frame', robot.check_frame, frame)
         self.reference = keys.check('reference', parse_reference, robot, reference)
         self.axes = keys.check('axes', parse_axes, axes, self.axis_names()) or self.axis_names()
         rows = [TWIST_AXES.index(axis) for axis in _twist_names(self.axes, self.twist_rows)]
         units = ['m' if row < 3 else 'rad' for row in rows]
-        # A slice makes a window, a list a copy: prefer the slice.
-        self._twist_rows = slice(rows[0], rows[-1] + 1) if _contiguous(rows) else rows
-        mask = [row - self.twist_rows.start for row in rows]
-        self._mask = slice(mask[0], mask[-1] + 1) if _contiguous(mask) else mask
+        self._twist_rows = _selection(rows)
+        self._mask = _selection([row - self.twist_rows.start for row in rows])
         self._motion = RelativeFrame(robot, self.frame, self.reference)
         super().__init__(robot, name, units, keys, gain=gain, tolerance=tolerance,
                          timeout=timeout, mode=mode)
         keys.raise_faults(name)
 
     @classmethod
-    def axis_names(cls):
+    def axis_names(cls) -> tuple[str, ...]:
         """Return the names that `axes` may use."""
         names = TWIST_AXES[cls.twist_rows]
         return tuple(name[-1] for name in names) if len(names) == 3 else names
 
-    def means_the_same(self, other):
+    def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
         """Say whether a goal of `other` is one of this task, too."""
-        return super().means_the_same(other) and self.frame == other.frame
+        return super().is_compatible(other) and self.frame == other.frame
 
-    def position(self, state):
+    def position(self, state: RobotState) -> Array:
         """Return the origin of the frame (3,) [m], in the reference frame."""
         return self._motion.position(state)
 
-    def rotation(self, state):
+    def rotation(self, state: RobotState) -> Array:
         """Return R_reference_frame (3, 3)."""
         return self._motion.rotation(state)
 
-    def jacobian(self, state):
+    def jacobian(self, state: RobotState) -> Array:
         """Return J (rows, n) of the twist of the frame relative to the reference frame."""
         return self._motion.jacobian(state)[self._twist_rows]
 
-    def set_feed_forward(self, velocity, now):
-        """Take the rows of a twist (6,) that count, until it times out."""
-        super().set_feed_forward(velocity[self._twist_rows], now)
+    def in_rows(self, feed_forward: Array) -> Array:
+        """Return the rows of a twist (6,) that count."""
+        return feed_forward[self._twist_rows]
 
 
-def _contiguous(rows):
-    """Say whether rows follow each other without a gap."""
-    return rows == list(range(rows[0], rows[-1] + 1))
+def _selection(rows: list[int]) -> slice | list[int]:
+    """Return what selects rows: a slice where it can, which makes a window and no copy."""
+    without_gap = rows == list(range(rows[0], rows[-1] + 1))
+    return slice(rows[0], rows[-1] + 1) if without_gap else rows
 
 
-def _twist_names(axes, rows):
+def _twist_names(axes: Sequence[str], rows: slice) -> list[str]:
     """Return the names in `TWIST_AXES` of axes of a type, in their order there."""
     names = TWIST_AXES[rows]
     return [name for name in names if name in axes or (len(names) == 3 and name[-1] in axes)]
 
 
-def parse_reference(robot, reference):
+def parse_reference(robot: Robot, reference: str | None) -> str:
     """Return the frame that a key `reference` names, None the root; raise `RobotError` else."""
     return robot.check_frame(robot.root if reference is None else reference)
 
 
-def parse_axes(axes, valid):
-    """Return the axes (tuple of str) named by a string or list, or ValueError; None for all."""
+def parse_axes(axes: Axes | None, valid: Sequence[str]) -> tuple[str, ...]:
+    """Return the axes (tuple of str) named by a string or list, None for all; or ValueError."""
     if axes is None:
-        return None
+        return tuple(valid)
     names = axes
     if isinstance(axes, str):
         words = axes.replace(',', ' ').split()

@@ -15,11 +15,16 @@
 """Scalar functions of the joints that are climbed, as far as the tasks above leave room."""
 
 from abc import abstractmethod
+from typing import Any
 
 import numpy as np
 from tp_controller.errors import GoalError
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
 from tp_controller.solver.level import identity, Level
-from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, norm, positive, Task
+from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
+from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, Evaluation, Goal, norm, Task
 
 DEFAULT_SPEED = 0.5
 
@@ -50,15 +55,16 @@ class GradientTask(Task):
         'tolerance': 'speed of climbing below which the top counts as reached [rad/s or m/s]',
     }
 
-    def __init__(self, robot, name, keys, *, gain=DEFAULT_GAIN, max_speed=DEFAULT_SPEED,
-                 tolerance=None, mode=DEFAULT_MODE):
+    def __init__(self, robot: Robot, name: str, keys: Keys, *, gain: Gain = DEFAULT_GAIN,
+                 max_speed: float = DEFAULT_SPEED, tolerance: Tolerance | None = None,
+                 mode: str = DEFAULT_MODE) -> None:
         # One unit for the norm over all joints.
         super().__init__(robot, name, ['rad'] * robot.n, keys, gain=gain, tolerance=tolerance,
                          mode=mode)
         self.max_speed = keys.check('max_speed', positive, max_speed)
 
     @abstractmethod
-    def measure(self, state):
+    def measure(self, state: RobotState) -> tuple[float, Array]:
         """
         Return the function and its gradient at a `RobotState`.
 
@@ -71,33 +77,34 @@ class GradientTask(Task):
 
         """
 
-    def value(self, state):
+    def value(self, state: RobotState) -> Array:
         """Return h (1,)."""
         return np.array([self.measure(state)[0]])
 
-    def error(self, state):
+    def error(self, state: RobotState) -> Array:
         """Return the wanted joint velocities (n,) [rad/s or m/s]."""
         wanted = self.gain * self.measure(state)[1]
         speed = norm(wanted)
         return wanted if speed <= self.max_speed else wanted * (self.max_speed / speed)
 
-    def jacobian(self, state):
+    def jacobian(self, state: RobotState) -> Array:
         """Return the identity (n, n)."""
         return identity(self.robot.n)
 
-    def level(self, state, now):
-        """Return the `Level` at a state, and remember the error for the report."""
-        self.last_error = self.error(state)
-        return Level(identity(self.robot.n), self.last_error, self.mode)
+    def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
+        """Return the `Evaluation` at a state."""
+        error = self.error(state)
+        return Evaluation(self, Level(identity(self.robot.n), error, self.mode), error)
 
-    def start(self, state):
+    def start(self, state: RobotState) -> None:
         """There is nothing to hold."""
 
-    def parse_goal(self, goal):
+    def parse_goal(self, goal: Any) -> Goal:
         """Raise `GoalError`: the goal is the top."""
         raise GoalError(f'task {self.name!r} takes no goal: it climbs a function')
 
-    def reported_errors(self, error, residual):
+    def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
+                                                                      ...]:
         """Return how fast the function changes, along its gradient; see `Task`."""
         speed = norm(error)
         climbing = float(error.dot(error - residual)) / speed if speed > 0.0 else 0.0

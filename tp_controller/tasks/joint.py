@@ -14,21 +14,25 @@
 
 """Tasks about joint positions and velocities (lecture 3.5)."""
 
+from collections.abc import Sequence
 import math
+from typing import Any, ClassVar, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError, unknown
-from tp_controller.model.spatial import wrap_angle
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array, wrap_angle
+from tp_controller.model.state import RobotState
 from tp_controller.solver.level import identity
-from tp_controller.tasks.task import (
-    DEFAULT_GAIN,
-    DEFAULT_MODE,
-    DEFAULT_TIMEOUT,
-    finite_vector,
-    Keys,
-    Task,
-)
+from tp_controller.tasks.keys import finite_vector, Gain, Keys, Tolerance
+from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Task
 from tp_controller.tasks.velocity import VelocityTask
+
+Joints: TypeAlias = str | Sequence[str]
+# A number for each joint, or some by name.
+ByJoint: TypeAlias = ArrayLike | dict[str, float]
+SomeTask = TypeVar('SomeTask', bound='JointTask')
 
 
 class JointTask(Task):
@@ -43,9 +47,10 @@ class JointTask(Task):
     """
 
     keys = {'joints': 'driven joint, or list of them, in the order of the rows'}
-    feed_forward_type = 'joint_velocities'
+    feed_forward_type: ClassVar[str | None] = 'joint_velocities'
 
-    def __init__(self, robot, name, keys, joints, **options):
+    def __init__(self, robot: Robot, name: str, keys: Keys, joints: Joints | None,
+                 **options: Any) -> None:
         self.joints = keys.check('joints', _joints, robot, joints) or robot.joint_names
         if not robot.joint_names:
             keys.faults.append(('joints', f'{robot.name} has no driven joints'))
@@ -58,19 +63,23 @@ class JointTask(Task):
         super().__init__(robot, name, [robot.velocity_units[index] for index in self._indices],
                          keys, **options)
 
-    def positions(self, state):
+    def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
+        """Say whether a goal of `other` is one of this task, too."""
+        return super().is_compatible(other) and self.joints == other.joints
+
+    def positions(self, state: RobotState) -> Array:
         """Return the positions of the joints (rows,) [rad or m]."""
         return state.positions[self._indices]
 
-    def jacobian(self, state):
+    def jacobian(self, state: RobotState) -> Array:
         """Return the rows of the identity (rows, n) that select the joints."""
         return self._jacobian
 
-    def parse_feed_forward(self, velocity):
+    def parse_feed_forward(self, velocity: ByJoint) -> Array:
         """Return joint velocities (rows,); raise `GoalError` if they cannot be ones."""
         return self.by_name(velocity, 0.0, f'the velocity of task {self.name!r}')
 
-    def by_name(self, values, default, what):
+    def by_name(self, values: ByJoint, default: float, what: str) -> Array:
         """
         Return one number for each joint of the task.
 
@@ -112,8 +121,10 @@ class Joint(JointTask):
     goal_type = 'joints'
     keys = {'target': 'goal at the start, {joint: position} or a list [rad or m]'}
 
-    def __init__(self, robot, name, *, joints, target=None, gain=DEFAULT_GAIN, tolerance=None,
-                 timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
+    def __init__(self, robot: Robot, name: str, *, joints: Joints | None,
+                 target: ByJoint | None = None, gain: Gain = DEFAULT_GAIN,
+                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT,
+                 mode: str = DEFAULT_MODE) -> None:
         keys = Keys()
         super().__init__(robot, name, keys, joints, gain=gain, tolerance=tolerance,
                          timeout=timeout, mode=mode)
@@ -124,11 +135,11 @@ class Joint(JointTask):
             self.goal = keys.check('target', self.parse_goal, target)
         keys.raise_faults(name)
 
-    def value(self, state):
+    def value(self, state: RobotState) -> Array:
         """Return the positions of the joints (rows,) [rad or m]."""
         return self.positions(state)
 
-    def start(self, state):
+    def start(self, state: RobotState) -> None:
         """Hold the positions of joints that have no goal."""
         if self.goal is None:
             self.goal = np.full(self.rows, math.nan)
@@ -137,39 +148,40 @@ class Joint(JointTask):
         self._held_rows = self._held_rows | waiting
         self.held = bool(self._held_rows.any())
 
-    def set_goal(self, goal, now):
+    def set_goal(self, goal: Array, now: float) -> None:
         """Take a goal; joints whose position it changes are held no more."""
         if self.held:
             self._held_rows &= goal == self.goal
         super().set_goal(goal, now)
         self.held = bool(self._held_rows.any())
 
-    def release(self):
+    def release(self) -> None:
         """Forget positions that were only held."""
         if self.held:
             self.goal = np.where(self._held_rows, math.nan, self.goal)
 
-    def take_over(self, other):
+    def inherit_goal(self, other: Task) -> None:
         """Go on with the positions of a task that this one replaces, where it gives none."""
-        if self.means_the_same(other) and other.goal is not None:
-            mine = np.full(self.rows, math.nan) if self.goal is None else self.goal
-            taken = np.isnan(mine)
+        if not self.is_compatible(other):
+            return
+        mine = np.full(self.rows, math.nan) if self.goal is None else self.goal
+        taken = np.isnan(mine)
+        if other.goal is not None:
             self.goal = np.where(taken, other.goal, mine)
             self._held_rows = taken & other._held_rows
             self.held = bool(self._held_rows.any())
+        if other._feed_forward is not None:
+            self._feed_forward = np.where(taken, other._feed_forward, 0.0)
+            self._feed_forward_time = other._feed_forward_time
 
-    def means_the_same(self, other):
-        """Say whether a goal of `other` is one of this task, too."""
-        return super().means_the_same(other) and self.joints == other.joints
-
-    def error(self, state):
+    def error(self, state: RobotState) -> Array:
         """Return the way to the goal (rows,), joints without end by the shorter way."""
         error = self.goal - self.positions(state)
         if self._wraps:
             error[self._wrapped] = wrap_angle(error[self._wrapped])
         return error
 
-    def parse_goal(self, goal):
+    def parse_goal(self, goal: ByJoint) -> Array:
         """
         Return one position for each joint; NaN for a joint that has none yet.
 
@@ -198,8 +210,10 @@ class Posture(Joint):
 
     type_name = 'posture'
 
-    def __init__(self, robot, name, *, joints=None, target=None, gain=DEFAULT_GAIN,
-                 tolerance=None, timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
+    def __init__(self, robot: Robot, name: str, *, joints: Joints | None = None,
+                 target: ByJoint | None = None, gain: Gain = DEFAULT_GAIN,
+                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT,
+                 mode: str = DEFAULT_MODE) -> None:
         super().__init__(robot, name, joints=joints, target=target, gain=gain,
                          tolerance=tolerance, timeout=timeout, mode=mode)
 
@@ -216,16 +230,17 @@ class JointVelocity(VelocityTask, JointTask):
     goal_type = 'joint_velocities'
     feed_forward_type = None
 
-    def __init__(self, robot, name, *, joints=None, timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
+    def __init__(self, robot: Robot, name: str, *, joints: Joints | None = None,
+                 timeout: float = DEFAULT_TIMEOUT, mode: str = DEFAULT_MODE) -> None:
         keys = Keys()
         super().__init__(robot, name, keys, joints, timeout=timeout, mode=mode)
         keys.raise_faults(name)
 
 
-def _joints(robot, joints):
+def _joints(robot: Robot, joints: Joints | None) -> tuple[str, ...]:
     """Return the names of driven joints as a tuple; None for all."""
     if joints is None:
-        return None
+        return tuple(robot.joint_names)
     names = [joints] if isinstance(joints, str) else joints
     if not isinstance(names, (list, tuple)) or not names:
         raise ValueError(f'needs a driven joint or a list of them, got {joints!r}')

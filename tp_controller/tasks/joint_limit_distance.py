@@ -14,10 +14,16 @@
 
 """Joints that keep near the middle of their ranges, as far as the tasks above leave room."""
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 from tp_controller.errors import RobotError
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
 from tp_controller.tasks.gradient import GradientTask
-from tp_controller.tasks.task import Keys
+from tp_controller.tasks.keys import Keys
 
 # Share of half a range, from its middle, within which the measure is as written; beyond it goes
 # on straight, or the gradient would grow without end and the joint swing about its best place.
@@ -35,7 +41,7 @@ class JointLimitDistance(GradientTask):
 
     type_name = 'joint_limit_distance'
 
-    def __init__(self, robot, name, **options):
+    def __init__(self, robot: Robot, name: str, **options: Any) -> None:
         keys = Keys()
         self._limited = np.isfinite(robot.upper - robot.lower)
         keys.check('type', _any, self._limited)
@@ -44,7 +50,7 @@ class JointLimitDistance(GradientTask):
         lower, upper = robot.lower[self._limited], robot.upper[self._limited]
         self._middle, self._half = 0.5 * (upper + lower), 0.5 * (upper - lower)
 
-    def measure(self, state):
+    def measure(self, state: RobotState) -> tuple[float, Array]:
         """Return h and its gradient (n,) [1/rad or 1/m]."""
         x = (state.positions[self._limited] - self._middle) / self._half
         curved = np.clip(x, -CURVED, CURVED)
@@ -55,7 +61,7 @@ class JointLimitDistance(GradientTask):
         return float(np.sum(slope * (x - curved) - 1.0 / room)), gradient
 
 
-def _any(limited):
+def _any(limited: NDArray[np.bool_]) -> None:
     """Raise `RobotError` where no joint has limits."""
     if not limited.any():
         raise RobotError('no joint of the robot has position limits')

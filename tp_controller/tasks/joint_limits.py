@@ -15,9 +15,13 @@
 """Joints that keep away from their position limits, as a task of the stack."""
 
 import numpy as np
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
-from tp_controller.tasks.joint import JointTask
-from tp_controller.tasks.task import Keys, positive, Task
+from tp_controller.tasks.joint import Joints, JointTask
+from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
+from tp_controller.tasks.task import Task
 
 DEFAULT_MARGIN = 0.05
 
@@ -36,8 +40,10 @@ class JointLimits(JointTask, BoundedTask):
     # It has joints, but wants no velocity of them.
     parse_feed_forward = Task.parse_feed_forward
 
-    def __init__(self, robot, name, *, joints=None, margin=DEFAULT_MARGIN,
-                 gain=DEFAULT_BOUND_GAIN, return_speed=DEFAULT_RETURN_SPEED, tolerance=None):
+    def __init__(self, robot: Robot, name: str, *, joints: Joints | None = None,
+                 margin: float = DEFAULT_MARGIN, gain: Gain = DEFAULT_BOUND_GAIN,
+                 return_speed: float = DEFAULT_RETURN_SPEED,
+                 tolerance: Tolerance | None = None) -> None:
         keys = Keys()
         super().__init__(robot, name, keys, joints, lower=-np.inf, upper=np.inf, gain=gain,
                          return_speed=return_speed, tolerance=tolerance)
@@ -47,13 +53,13 @@ class JointLimits(JointTask, BoundedTask):
         keys.raise_faults(name)
         self.lower, self.upper = lower + self.margin, upper - self.margin
 
-    def observe(self, state):
+    def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return the positions of the joints (rows,) [rad or m] and their rows (rows, n)."""
         return self.positions(state), self.jacobian(state)
 
-    def _margin(self, margin, ranges):
+    def _margin(self, value: float, ranges: Array) -> float:
         """Return the margin, or raise ValueError where it leaves a joint nothing."""
-        margin = positive(margin)
+        margin = positive(value)
         narrow = int(ranges.argmin())
         if not 2.0 * margin < ranges[narrow]:
             raise ValueError(f'must be less than half the range of {self.joints[narrow]}, '

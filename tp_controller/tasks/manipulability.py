@@ -14,11 +14,16 @@
 
 """How well a frame can move: a measure of the way to singularities, and tasks about it."""
 
+from typing import Any
+
 import numpy as np
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
-from tp_controller.tasks.frame import parse_axes, TWIST_AXES
+from tp_controller.tasks.frame import Axes, parse_axes, TWIST_AXES
 from tp_controller.tasks.gradient import GradientTask
-from tp_controller.tasks.task import Keys, positive
+from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
 
 # Where the measure is below this, its logarithm is as steep as there.
 FLAT = 1e-6
@@ -45,12 +50,12 @@ class Mobility:
 
     """
 
-    def __init__(self, robot, frame, rows):
+    def __init__(self, robot: Robot, frame: str, rows: list[int]) -> None:
         self._frame, self._rows = frame, rows
         self._own = np.eye(len(rows), dtype=bool)
         self._weights = np.zeros((6, robot.n))
 
-    def measure(self, state):
+    def measure(self, state: RobotState) -> tuple[float, Array]:
         """
         Return the measure and its gradient, ∂w/∂q_k = w tr(J⁺ ∂J/∂q_k).
 
@@ -79,7 +84,8 @@ class Manipulability(GradientTask):
     type_name = 'manipulability'
     keys = KEYS
 
-    def __init__(self, robot, name, *, frame, axes=None, **options):
+    def __init__(self, robot: Robot, name: str, *, frame: str, axes: Axes | None = None,
+                 **options: Any) -> None:
         keys = Keys()
         self.frame = keys.check('frame', robot.check_frame, frame)
         rows = keys.check('axes', _rows, robot, axes)
@@ -87,7 +93,7 @@ class Manipulability(GradientTask):
         keys.raise_faults(name)
         self._mobility = Mobility(robot, self.frame, rows)
 
-    def measure(self, state):
+    def measure(self, state: RobotState) -> tuple[float, Array]:
         """Return ln w and its gradient (n,)."""
         w, gradient = self._mobility.measure(state)
         w = max(w, FLAT)
@@ -108,8 +114,10 @@ class ManipulabilityAbove(BoundedTask):
                    'says what is much',
     }
 
-    def __init__(self, robot, name, *, frame, minimum, axes=None, gain=DEFAULT_BOUND_GAIN,
-                 return_speed=DEFAULT_RETURN_SPEED, tolerance=None):
+    def __init__(self, robot: Robot, name: str, *, frame: str, minimum: float,
+                 axes: Axes | None = None, gain: Gain = DEFAULT_BOUND_GAIN,
+                 return_speed: float = DEFAULT_RETURN_SPEED,
+                 tolerance: Tolerance | None = None) -> None:
         keys = Keys()
         self.frame = keys.check('frame', robot.check_frame, frame)
         rows = keys.check('axes', _rows, robot, axes)
@@ -119,15 +127,15 @@ class ManipulabilityAbove(BoundedTask):
         keys.raise_faults(name)
         self._mobility = Mobility(robot, self.frame, rows)
 
-    def observe(self, state):
+    def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return w / minimum (1,) and its gradient (1, n)."""
         w, gradient = self._mobility.measure(state)
         return np.array([w / self.minimum]), gradient[np.newaxis] / self.minimum
 
 
-def _rows(robot, axes):
+def _rows(robot: Robot, axes: Axes | None) -> list[int]:
     """Return the rows of a Jacobian that axes mean, or raise ValueError."""
-    rows = [TWIST_AXES.index(axis) for axis in parse_axes(axes, TWIST_AXES) or TWIST_AXES]
+    rows = [TWIST_AXES.index(axis) for axis in parse_axes(axes, TWIST_AXES)]
     if len(rows) > robot.n:
         raise ValueError(f'{robot.n} joints cannot move along {len(rows)} axes: name at most '
                          f'{robot.n}')

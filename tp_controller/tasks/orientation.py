@@ -14,20 +14,69 @@
 
 """The end-effector orientation task (lecture 3.3, slip corrected)."""
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
 from tp_controller.model.spatial import (
+    Array,
     check_rotation,
     pose,
     rotation_from_quaternion,
     rotation_vector,
     shorter_way,
 )
+from tp_controller.model.state import RobotState
 from tp_controller.tasks.frame import FrameTask
-from tp_controller.tasks.task import finite_vector
+from tp_controller.tasks.keys import finite_vector
+from tp_controller.tasks.task import Goal, Task
 
 
-class Orientation(FrameTask):
+class WayRound:
+    """The error of an attitude, with the way round remembered near half a turn."""
+
+    def __init__(self) -> None:
+        self._previous: Array | None = None
+
+    def forget(self) -> None:
+        """Choose the shorter way anew."""
+        self._previous = None
+
+    def error(self, R_desired: Array, R_actual: Array) -> Array:
+        """Return the rotation vector (3,) from actual to desired [rad]."""
+        return self.follow(rotation_vector(R_desired.dot(R_actual.T)))
+
+    def follow(self, vector: Array) -> Array:
+        """Return a rotation vector (3,), or the same turn the other way round [rad]."""
+        self._previous = shorter_way(vector, self._previous)
+        return self._previous
+
+    def inherit(self, other: 'WayRound') -> None:
+        """Go on the way that another one took."""
+        self._previous = other._previous
+
+
+class TurningTask(Task):
+    """A task that turns a frame, and knows which way; to be inherited from before its base."""
+
+    def __init__(self, *arguments: Any, **keys: Any) -> None:
+        super().__init__(*arguments, **keys)
+        self._way = WayRound()
+
+    def set_goal(self, goal: Goal, now: float) -> None:
+        """Take a goal; the shorter way to it is chosen anew."""
+        super().set_goal(goal, now)
+        self._way.forget()
+
+    def inherit_goal(self, other: Task) -> None:
+        """Go on with the goal of a task that this one replaces, the same way round."""
+        if self.goal is None and self.is_compatible(other):
+            self._way.inherit(other._way)
+        super().inherit_goal(other)
+
+
+class Orientation(TurningTask, FrameTask):
     """
     Turn a frame to an attitude: error log(R_d Rᵀ), Jacobian J_ω (lecture 3.3).
 
@@ -42,57 +91,28 @@ class Orientation(FrameTask):
     goal_type = 'quaternion'
     twist_rows = slice(3, 6)
 
-    def __init__(self, robot, name, **keys):
-        super().__init__(robot, name, **keys)
-        self._way = WayRound()
-
-    def value(self, state):
+    def value(self, state: RobotState) -> Array:
         """Return R_reference_frame (3, 3)."""
         return self.rotation(state)
 
-    def error(self, state):
+    def error(self, state: RobotState) -> Array:
         """Return the rotation vector to the goal about the axes that count (rows,) [rad]."""
         return self._way.error(self.goal, self.rotation(state))[self._mask]
 
-    def set_goal(self, goal, now):
-        """Take a goal; the shorter way to it is chosen anew."""
-        super().set_goal(goal, now)
-        self._way.forget()
-
-    def parse_goal(self, goal):
+    def parse_goal(self, goal: ArrayLike) -> Array:
         """Return a rotation matrix (3, 3); raise `GoalError` if it cannot be one."""
         return parse_rotation(goal, f'the goal of task {self.name!r}')
 
-    def goal_in_reference(self, goal, T_reference_frame):
+    def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
         """Return an attitude given in another frame."""
         return T_reference_frame[:3, :3].dot(goal)
 
-    def goal_pose(self, state):
+    def goal_pose(self, state: RobotState) -> Array:
         """Return the goal at the place of the frame (4, 4)."""
         return pose(self.goal, self.position(state))
 
 
-class WayRound:
-    """The error of an attitude, with the way round remembered near half a turn."""
-
-    def __init__(self):
-        self._previous = None
-
-    def forget(self):
-        """Choose the shorter way anew."""
-        self._previous = None
-
-    def error(self, R_desired, R_actual):
-        """Return the rotation vector (3,) from actual to desired [rad]."""
-        return self.follow(rotation_vector(R_desired.dot(R_actual.T)))
-
-    def follow(self, vector):
-        """Return a rotation vector (3,), or the same turn the other way round [rad]."""
-        self._previous = shorter_way(vector, self._previous)
-        return self._previous
-
-
-def parse_rotation(goal, what):
+def parse_rotation(goal: ArrayLike, what: str) -> Array:
     """Return the rotation matrix (3, 3) of a quaternion ``xyzw`` or matrix, or `GoalError`."""
     try:
         if np.shape(goal) == (3, 3):

@@ -14,14 +14,21 @@
 
 """An axis of a frame that points somewhere; the turn about it stays free, or keeps upright."""
 
+from collections.abc import Sequence
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tp_controller.errors import unknown
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
-from tp_controller.tasks.aim import across, AimedTask, AIMS, parse_axis, turn_between
-from tp_controller.tasks.orientation import WayRound
-from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Keys
+from tp_controller.tasks.aim import across, AimedTask, AIMS, Axis, parse_axis, turn_between
+from tp_controller.tasks.keys import Gain, Keys, Tolerance
+from tp_controller.tasks.orientation import TurningTask
+from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Evaluation
 
 UP = np.array([0.0, 0.0, 1.0])
 # Where the sine of the angle between an axis and the vertical is below this, what is up about the
@@ -32,7 +39,7 @@ PARALLEL = 0.99
 TINY = 1e-12
 
 
-class AxisTask(AimedTask):
+class AxisTask(TurningTask, AimedTask):
     """
     A task that turns an axis of a frame to where it is to point.
 
@@ -41,31 +48,30 @@ class AxisTask(AimedTask):
     distance r the direction turns as frame and point move: J = J_ω − [d]× (J_point − J_v) / r.
     """
 
-    def __init__(self, robot, name, units, keys, **options):
+    def __init__(self, robot: Robot, name: str, units: Sequence[str], keys: Keys,
+                 **options: Any) -> None:
         super().__init__(robot, name, units, keys, **options)
         if self.axis is not None:
             self._across = across(self.axis)
-        self._way = WayRound()
 
-    def error(self, state):
+    def error(self, state: RobotState) -> Array:
         """Return the turn to the goal about the axes of the rows (rows,) [rad]."""
         return self.observe(state)[0]
 
-    def jacobian(self, state):
+    def jacobian(self, state: RobotState) -> Array:
         """Return J (rows, n): how fast the frame turns about these axes, as the goal sees it."""
         return self.observe(state)[1]
 
-    def level(self, state, now):
-        """Return the `Level` at a state, and remember the error for the report."""
+    def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
+        """Return the `Evaluation` at a state."""
         error, J, about = self.observe(state)
-        self.last_error = error
         wanted = self.gain * error
         twist = self.feed_forward(now)
         if twist is not None:
             wanted = wanted + about.dot(self.aim.turning(state, self.goal, twist))
-        return Level(J, wanted, self.mode)
+        return Evaluation(self, Level(J, wanted, self.mode), error)
 
-    def observe(self, state):
+    def observe(self, state: RobotState) -> tuple[Array, Array, Array]:
         """
         Return everything about the rows at a `RobotState`.
 
@@ -83,11 +89,6 @@ class AxisTask(AimedTask):
         about = self._across.dot(R.T)
         turn = self._way.follow(turn_between(R.dot(self.axis), direction))
         return about.dot(turn), about.dot(state.jacobian(self.frame)[3:] - J_direction), about
-
-    def set_goal(self, goal, now):
-        """Take a goal; the shorter way to it is chosen anew."""
-        super().set_goal(goal, now)
-        self._way.forget()
 
 
 class Pointing(AxisTask):
@@ -107,9 +108,11 @@ class Pointing(AxisTask):
         'target': 'goal at the start, x, y, z; a point may be a frame of the robot instead',
     }
 
-    def __init__(self, robot, name, *, frame, axis='z', towards='direction', target=None,
-                 reference=None, gain=DEFAULT_GAIN, tolerance=None, timeout=DEFAULT_TIMEOUT,
-                 mode=DEFAULT_MODE):
+    def __init__(self, robot: Robot, name: str, *, frame: str, axis: Axis = 'z',
+                 towards: str = 'direction', target: ArrayLike | None = None,
+                 reference: str | None = None, gain: Gain = DEFAULT_GAIN,
+                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT,
+                 mode: str = DEFAULT_MODE) -> None:
         keys = Keys()
         towards = keys.check('towards', _towards, towards) or 'direction'
         super().__init__(
@@ -139,19 +142,22 @@ class LookAt(AxisTask):
               '(default: the turn about the axis stays free)',
     }
 
-    def __init__(self, robot, name, *, frame, axis='z', up=None, target=None, reference=None,
-                 gain=DEFAULT_GAIN, tolerance=None, timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
+    def __init__(self, robot: Robot, name: str, *, frame: str, axis: Axis = 'z',
+                 up: Axis | None = None, target: ArrayLike | None = None,
+                 reference: str | None = None, gain: Gain = DEFAULT_GAIN,
+                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT,
+                 mode: str = DEFAULT_MODE) -> None:
         keys = Keys()
         units = ['rad'] * (2 if up is None else 3)
         super().__init__(
             robot, name, units, keys, frame=frame, axis=axis, towards='point', target=target,
             reference=reference, gain=gain, tolerance=tolerance, timeout=timeout, mode=mode)
-        self._upright = None
+        self._upright: Array | None = None
         if up is not None and self.axis is not None:
             self._upright = keys.check('up', _side, up, self.axis)
         keys.raise_faults(name)
 
-    def observe(self, state):
+    def observe(self, state: RobotState) -> tuple[Array, Array, Array]:
         """Return everything about the rows, see `AxisTask.observe`; the turn about a last."""
         error, J, about = super().observe(state)
         if self._upright is None:
@@ -169,14 +175,14 @@ class LookAt(AxisTask):
                 np.vstack([about, np.zeros(3)]))
 
 
-def _towards(kind):
+def _towards(kind: str) -> str:
     """Return what is pointed at, or raise ValueError."""
     if not isinstance(kind, str) or kind not in AIMS:
         raise ValueError(unknown('kind of goal', kind, AIMS))
     return kind
 
 
-def _side(value, axis):
+def _side(value: Axis, axis: Array) -> Array:
     """Return u and a × u (2, 3) for an axis u across a, or raise ValueError."""
     side = parse_axis(value)
     if abs(side.dot(axis)) > PARALLEL:

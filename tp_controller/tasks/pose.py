@@ -15,32 +15,35 @@
 """The end-effector configuration task (lecture 3.4)."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
-from tp_controller.model.spatial import pose
+from tp_controller.model.spatial import Array, pose
+from tp_controller.model.state import RobotState
 from tp_controller.tasks.frame import FrameTask
-from tp_controller.tasks.orientation import parse_rotation, WayRound
-from tp_controller.tasks.task import finite_vector, has_shape
+from tp_controller.tasks.keys import finite_vector, has_shape
+from tp_controller.tasks.orientation import parse_rotation, TurningTask
+from tp_controller.tasks.task import Task
 
 
-class PoseGoal:
+class PoseTask(Task):
     """What tasks have in common whose goal is a pose, to be inherited from before their base."""
 
     goal_type = 'pose'
 
-    def parse_goal(self, goal):
+    def parse_goal(self, goal: ArrayLike) -> Array:
         """Return a pose (4, 4); raise `GoalError` if it cannot be one."""
         return parse_pose(goal, f'the goal of task {self.name!r}')
 
-    def goal_in_reference(self, goal, T_reference_frame):
+    def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
         """Return a pose given in another frame."""
         return T_reference_frame.dot(goal)
 
-    def goal_pose(self, state):
+    def goal_pose(self, state: RobotState) -> Array:
         """Return the goal (4, 4)."""
         return self.goal
 
 
-class Pose(PoseGoal, FrameTask):
+class Pose(PoseTask, TurningTask, FrameTask):
     """
     Bring a frame to a pose: position and orientation in one task (lecture 3.4).
 
@@ -50,28 +53,19 @@ class Pose(PoseGoal, FrameTask):
 
     type_name = 'pose'
 
-    def __init__(self, robot, name, **keys):
-        super().__init__(robot, name, **keys)
-        self._way = WayRound()
-
-    def value(self, state):
+    def value(self, state: RobotState) -> Array:
         """Return T_reference_frame (4, 4)."""
         return pose(self.rotation(state), self.position(state))
 
-    def error(self, state):
+    def error(self, state: RobotState) -> Array:
         """Return way and rotation vector to the goal along the axes that count (rows,)."""
         error = np.empty(6)
         error[:3] = self.goal[:3, 3] - self.position(state)
         error[3:] = self._way.error(self.goal[:3, :3], self.rotation(state))
         return error[self._mask]
 
-    def set_goal(self, goal, now):
-        """Take a goal; the shorter way to it is chosen anew."""
-        super().set_goal(goal, now)
-        self._way.forget()
 
-
-def parse_pose(goal, what):
+def parse_pose(goal: ArrayLike, what: str) -> Array:
     """Return a pose (4, 4) of one, or of x, y, z and a quaternion ``xyzw``; else `GoalError`."""
     if has_shape(goal, (4, 4)):
         T = finite_vector(np.ravel(goal), 16, what).reshape(4, 4)

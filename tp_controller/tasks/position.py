@@ -14,27 +14,29 @@
 
 """The end-effector position task (lecture 3.2)."""
 
-from tp_controller.model.spatial import pose
-from tp_controller.tasks.frame import FrameTask
-from tp_controller.tasks.task import finite_vector
+from numpy.typing import ArrayLike
+from tp_controller.model.spatial import Array, pose
+from tp_controller.model.state import RobotState
+from tp_controller.tasks.frame import FrameTask, MovingGoalTask
+from tp_controller.tasks.keys import finite_vector
 
 
-class PointGoal:
+class PointTask(MovingGoalTask):
     """What tasks have in common whose goal is a point, to be inherited from before their base."""
 
     goal_type = 'point'
     twist_rows = slice(0, 3)
 
-    def parse_goal(self, goal):
+    def parse_goal(self, goal: ArrayLike) -> Array:
         """Return a point (3,) [m]; raise `GoalError` if it is none."""
         return finite_vector(goal, 3, f'the goal of task {self.name!r} (a point x, y, z)')
 
-    def goal_in_reference(self, goal, T_reference_frame):
+    def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
         """Return a point given in another frame."""
         return T_reference_frame[:3, :3].dot(goal) + T_reference_frame[:3, 3]
 
 
-class Position(PointGoal, FrameTask):
+class Position(PointTask, FrameTask):
     """
     Bring the origin of a frame to a point: σ = η₁, error η₁,d − η₁, Jacobian J_v (lecture 3.2).
 
@@ -43,14 +45,14 @@ class Position(PointGoal, FrameTask):
 
     type_name = 'position'
 
-    def value(self, state):
+    def value(self, state: RobotState) -> Array:
         """Return the origin of the frame (3,), in the reference frame [m]."""
         return self.position(state)
 
-    def error(self, state):
+    def error(self, state: RobotState) -> Array:
         """Return the way to the goal along the axes that count (rows,) [m]."""
         return (self.goal - self.position(state))[self._mask]
 
-    def goal_pose(self, state):
+    def goal_pose(self, state: RobotState) -> Array:
         """Return the goal with the attitude of the frame (4, 4)."""
         return pose(self.rotation(state), self.goal)

@@ -15,26 +15,27 @@
 """Frames that stay inside or outside of a region (lecture 3.1, inequality tasks)."""
 
 from abc import abstractmethod
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
+from tp_controller.model.robot import Robot
 from tp_controller.model.shapes import parse_shape
-from tp_controller.model.spatial import pose
+from tp_controller.model.spatial import Array, pose
+from tp_controller.model.state import RobotState
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
 from tp_controller.tasks.frame import MovingGoalTask, parse_reference, RelativeFrame
-from tp_controller.tasks.pose import parse_pose, PoseGoal
-from tp_controller.tasks.task import (
-    DEFAULT_TIMEOUT,
-    finite_vector,
-    has_shape,
-    Keys,
-    non_negative,
-)
+from tp_controller.tasks.keys import finite_vector, Gain, has_shape, Keys, non_negative, Tolerance
+from tp_controller.tasks.pose import parse_pose, PoseTask
+from tp_controller.tasks.task import DEFAULT_TIMEOUT, Task
+
+SomeTask = TypeVar('SomeTask', bound='RegionTask')
 
 PLACE = 'a place (x, y, z, or x, y, z, qx, qy, qz, qw)'
 
 
-class RegionTask(PoseGoal, MovingGoalTask, BoundedTask):
+class RegionTask(PoseTask, MovingGoalTask, BoundedTask):
     """
     A sphere around the origin of a frame, and a shape that has a place in a reference frame.
 
@@ -53,9 +54,13 @@ class RegionTask(PoseGoal, MovingGoalTask, BoundedTask):
         'timeout': 'how long a velocity of the shape stays in force [s]',
     }
 
-    def __init__(self, robot, name, *, frame, shape, at=None, radius=0.0, reference=None,
-                 gain=DEFAULT_BOUND_GAIN, return_speed=DEFAULT_RETURN_SPEED, tolerance=None,
-                 timeout=DEFAULT_TIMEOUT):
+    frame: str
+    reference: str
+
+    def __init__(self, robot: Robot, name: str, *, frame: str, shape: Any,
+                 at: ArrayLike | None = None, radius: float = 0.0, reference: str | None = None,
+                 gain: Gain = DEFAULT_BOUND_GAIN, return_speed: float = DEFAULT_RETURN_SPEED,
+                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT) -> None:
         keys = Keys()
         self.frame = keys.check('frame', robot.check_frame, frame)
         self.reference = keys.check('reference', parse_reference, robot, reference)
@@ -73,19 +78,19 @@ class RegionTask(PoseGoal, MovingGoalTask, BoundedTask):
         self._motion = RelativeFrame(robot, self.frame, self.reference)
 
     @abstractmethod
-    def bounds(self):
+    def bounds(self) -> tuple[Array, Array]:
         """Return lower and upper bounds (m,) of what `measure` returns, or raise ValueError."""
 
     @abstractmethod
-    def measure(self, point):
+    def measure(self, point: Array) -> tuple[Array, Array]:
         """Return values (m,) of a point (3,) in the axes of the shape, and gradients (m, 3)."""
 
-    def observe(self, state):
+    def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return what is bounded (m,) [m], and its Jacobian (m, n)."""
         values, normals, _ = self._seen(state)
         return values, normals.dot(self._motion.jacobian(state)[:3])
 
-    def own_motion(self, state, now):
+    def own_motion(self, state: RobotState, now: float) -> float | Array:
         """Return how fast the shape's own motion changes the values, (m,) or 0 [m/s]."""
         twist = self.feed_forward(now)
         if twist is None:
@@ -93,22 +98,22 @@ class RegionTask(PoseGoal, MovingGoalTask, BoundedTask):
         _, normals, offset = self._seen(state)
         return -normals.dot(twist[:3] + np.cross(twist[3:], offset))
 
-    def _seen(self, state):
+    def _seen(self, state: RobotState) -> tuple[Array, Array, Array]:
         """Return values (m,), normals (m, 3) and the way from the shape, in the reference."""
         R = self.goal[:3, :3]
         offset = self._motion.position(state) - self.goal[:3, 3]
         values, gradients = self.measure(R.T.dot(offset))
         return values, gradients.dot(R.T), offset
 
-    def start(self, state):
+    def start(self, state: RobotState) -> None:
         """Put a shape that has no place yet at the origin of the reference frame."""
         super().start(state)
         if self.goal is None:
             self.goal = np.eye(4)
 
-    def means_the_same(self, other):
+    def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
         """Say whether a goal of `other` is one of this task, too."""
-        return super().means_the_same(other) and self.frame == other.frame
+        return super().is_compatible(other) and self.frame == other.frame
 
 
 class KeepIn(RegionTask):
@@ -121,7 +126,7 @@ class KeepIn(RegionTask):
 
     type_name = 'keep_in'
 
-    def bounds(self):
+    def bounds(self) -> tuple[Array, Array]:
         """Return lower and upper bounds (m,) of what `measure` returns, or raise ValueError."""
         if self.radius >= self.shape.inner_radius:
             raise ValueError(f'must fit into the shape, so be less than '
@@ -129,7 +134,7 @@ class KeepIn(RegionTask):
         lower, upper = self.shape.room()
         return lower + self.radius, upper - self.radius
 
-    def measure(self, point):
+    def measure(self, point: Array) -> tuple[Array, Array]:
         """Return values (m,) of a point (3,) in the axes of the shape, and gradients (m, 3)."""
         return self.shape.within(point)
 
@@ -143,17 +148,17 @@ class KeepOut(RegionTask):
 
     type_name = 'keep_out'
 
-    def bounds(self):
+    def bounds(self) -> tuple[Array, Array]:
         """Return lower and upper bounds (1,) of the distance [m]."""
         return np.array([self.radius]), np.array([np.inf])
 
-    def measure(self, point):
+    def measure(self, point: Array) -> tuple[Array, Array]:
         """Return the distance (1,) of a point (3,) from the shape, and its gradient (1, 3)."""
         distance, gradient = self.shape.distance(point)
         return np.array([distance]), gradient[np.newaxis]
 
 
-def parse_place(place):
+def parse_place(place: ArrayLike) -> Array:
     """Return a pose (4, 4) of one, or of x, y, z alone; raise `GoalError` otherwise."""
     if has_shape(place, (3,)):
         return pose(np.eye(3), finite_vector(place, 3, PLACE))

@@ -14,6 +14,9 @@
 
 """Tasks about where two parts of the robot are to each other: two arms that carry one thing."""
 
+from typing import Any
+
+from tp_controller.model.robot import Robot
 from tp_controller.tasks.pose import Pose
 from tp_controller.tasks.position import Position
 
@@ -31,7 +34,8 @@ class RelativePosition(Position):
     type_name = 'relative_position'
     keys = KEYS
 
-    def __init__(self, robot, name, *, frame, reference, **keys):
+    def __init__(self, robot: Robot, name: str, *, frame: str, reference: str,
+                 **keys: Any) -> None:
         super().__init__(robot, name, frame=frame, reference=reference, **keys)
 
 
@@ -46,5 +50,6 @@ class RelativePose(Pose):
     type_name = 'relative_pose'
     keys = KEYS
 
-    def __init__(self, robot, name, *, frame, reference, **keys):
+    def __init__(self, robot: Robot, name: str, *, frame: str, reference: str,
+                 **keys: Any) -> None:
         super().__init__(robot, name, frame=frame, reference=reference, **keys)

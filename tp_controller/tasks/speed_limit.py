@@ -15,10 +15,14 @@
 """A frame that is never faster than allowed (slides (1)-(5): velocities of a link)."""
 
 import numpy as np
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
 from tp_controller.tasks.bounded import BoundedTask
 from tp_controller.tasks.frame import parse_reference, RelativeFrame
-from tp_controller.tasks.task import Keys, positive
+from tp_controller.tasks.keys import Keys, positive, Tolerance
+from tp_controller.tasks.task import Evaluation
 
 GOLDEN = (1.0 + 5.0 ** 0.5) / 2.0
 # Directions to the corners of an icosahedron and of the dodecahedron about its faces, one of each
@@ -54,8 +58,9 @@ class SpeedLimit(BoundedTask):
                      '{m: …, rad: …} [m/s, rad/s]',
     }
 
-    def __init__(self, robot, name, *, frame, linear=None, angular=None, reference=None,
-                 tolerance=None):
+    def __init__(self, robot: Robot, name: str, *, frame: str, linear: float | None = None,
+                 angular: float | None = None, reference: str | None = None,
+                 tolerance: Tolerance | None = None) -> None:
         keys = Keys()
         self.frame = keys.check('frame', robot.check_frame, frame)
         self.reference = keys.check('reference', parse_reference, robot, reference)
@@ -67,32 +72,34 @@ class SpeedLimit(BoundedTask):
         bounds = INSCRIBED * np.array([limits[unit] for unit in units])
         super().__init__(robot, name, units, keys, -bounds, bounds, tolerance=tolerance)
         keys.raise_faults(name)
+        self._most = bounds
         # It is the speed itself that is bounded: there is no way to a bound.
         self.gain = 0.0
         self._parts = [slice(0, 3) if unit == 'm' else slice(3, 6) for unit in limits]
         self._motion = RelativeFrame(robot, self.frame, self.reference)
 
-    def observe(self, state):
+    def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return zeros (rows,), as no value is led anywhere, and J (rows, n)."""
         J = self._motion.jacobian(state)
         return np.zeros(self.rows), np.concatenate([DIRECTIONS.dot(J[part])
                                                     for part in self._parts])
 
-    def level(self, state, now):
-        """Return the `Level` at a state."""
-        self.last_error, J = self.observe(state)
-        return Level(J, lower=self.lower, upper=self.upper)
+    def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
+        """Return the `Evaluation` at a state."""
+        error, J = self.observe(state)
+        return Evaluation(self, Level(J, lower=-self._most, upper=self._most), error)
 
-    def reported_errors(self, error, residual):
+    def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
+                                                                      ...]:
         """Return for each unit how much too fast the frame is; see `Task`."""
         # Beyond the limit itself, which the bounds keep a share below.
-        allowed = (1.0 / INSCRIBED - 1.0) * self.upper
+        allowed = (1.0 / INSCRIBED - 1.0) * self._most
         residual = np.maximum(np.abs(residual) - allowed, 0.0)
         return tuple((value, f'{unit}/s', tolerance)
                      for value, unit, tolerance in super().reported_errors(residual, residual))
 
 
-def _one_of(linear, angular):
+def _one_of(linear: float | None, angular: float | None) -> None:
     """Raise ValueError where neither limit is given."""
     if linear is None and angular is None:
         raise ValueError('needs a speed: give linear, angular or both')

@@ -14,18 +14,26 @@
 
 """The stack: a YAML list of tasks, the highest priority first, turned into levels every cycle."""
 
+from collections.abc import Callable, Iterable, Sequence
 import inspect
+from pathlib import Path
 import re
+from typing import Any, TypeAlias
 
 import numpy as np
 from tp_controller.errors import Fault, StackError, TaskError, unknown
+from tp_controller.model.robot import Robot
+from tp_controller.model.state import RobotState
 from tp_controller.resources import read_source, YamlLoader
 from tp_controller.solver.level import Level
 from tp_controller.tasks import task_types
+from tp_controller.tasks.task import Evaluation, Task
 import yaml
 
 # Names become parts of topic names.
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}\Z')
+# The tasks of each level.
+Groups: TypeAlias = tuple[tuple[Task, ...], ...]
 LIST_FORM = 'a stack is a list of "- name: {type: …}", the highest priority first'
 
 
@@ -46,14 +54,14 @@ class Stack:
 
     """
 
-    def __init__(self, groups):
-        self.groups = tuple(tuple(group) for group in groups)
+    def __init__(self, groups: Iterable[Iterable[Task]]) -> None:
+        self.groups: Groups = tuple(tuple(group) for group in groups)
         self.tasks = {task.name: task for group in self.groups for task in group}
-        self.disabled = set()
+        self.disabled: set[str] = set()
         self._arrange()
 
     @classmethod
-    def from_yaml(cls, source, robot):
+    def from_yaml(cls, source: str | Path, robot: Robot) -> 'Stack':
         """
         Return the stack of a YAML list.
 
@@ -76,27 +84,27 @@ class Stack:
             raise StackError([Fault(0, '', str(error))]) from error
         return cls(_Reader(robot).read(text))
 
-    def enable(self, name, enabled):
+    def enable(self, name: str, enabled: bool) -> None:
         """Take a task into the stack (True) or leave it out (False)."""
         (self.disabled.discard if enabled else self.disabled.add)(name)
         self._arrange()
 
-    def take_over(self, other):
+    def inherit_goals(self, other: 'Stack') -> None:
         """Go on with the goals of another stack, task by task of the same name and kind."""
         for name, task in self.tasks.items():
             if name in other.tasks:
-                task.take_over(other.tasks[name])
+                task.inherit_goal(other.tasks[name])
         self.disabled = other.disabled & set(self.tasks)
         self._arrange()
 
-    def start(self, state):
+    def start(self, state: RobotState) -> None:
         """Let every task without a goal hold the value it has at a `RobotState`."""
         for task in self.tasks.values():
             task.start(state)
 
-    def levels(self, state, now):
+    def evaluate(self, state: RobotState, now: float) -> list[list[Evaluation]]:
         """
-        Return the levels at a state, built anew.
+        Return all there is to know about the tasks at a state, worked out anew.
 
         Parameters
         ----------
@@ -107,13 +115,17 @@ class Stack:
 
         Returns
         -------
-        list of Level
+        list of list of Evaluation
             For each group of `active`.
 
         """
-        return levels_of(self.active, state, now)
+        return [[task.evaluate(state, now) for task in group] for group in self.active]
 
-    def _arrange(self):
+    def levels(self, state: RobotState, now: float) -> list[Level]:
+        """Return the `Level` of each group of `active` at a state."""
+        return levels_of(self.evaluate(state, now))
+
+    def _arrange(self) -> None:
         """Sort the tasks into `active`, by level, and `inactive`."""
         enabled = (tuple(task for task in group if task.name not in self.disabled)
                    for group in self.groups)
@@ -122,38 +134,48 @@ class Stack:
         self.inactive = tuple(task for name, task in self.tasks.items() if name in self.disabled)
 
 
-def _is_stack(text):
+def _is_stack(text: str) -> bool:
     """Say whether a text is a stack, and not the name of a file."""
     return text.startswith('- ') or any(mark in text for mark in '\n[{')
 
 
-def levels_of(groups, state, now):
-    """Return a level for each group of tasks; see `Stack.levels`."""
-    return [group[0].level(state, now) if len(group) == 1 else
-            _joined([task.level(state, now) for task in group]) for group in groups]
+def levels_of(evaluations: Sequence[Sequence[Evaluation]]) -> list[Level]:
+    """Return a level for each group of evaluations; see `Stack.evaluate`."""
+    return [group[0].level if len(group) == 1 else _joined([each.level for each in group])
+            for group in evaluations]
 
 
-def _joined(levels):
-    """Return one level with the rows of several."""
-    def all_of(name):
-        parts = [getattr(level, name) for level in levels]
-        return None if parts[0] is None else np.concatenate(parts)
+def shared_levels(before: Groups, after: Groups) -> int:
+    """Return how many of the upper levels of two stacks demand the same, now and later on."""
+    count = 0
+    for old, new in zip(before, after):
+        if len(old) != len(new) or not all(map(Task.is_equivalent, new, old)):
+            break
+        count += 1
+    return count
 
-    return Level(all_of('J'), all_of('v'), levels[0].mode, all_of('lower'), all_of('upper'))
+
+def _joined(levels: Sequence[Level]) -> Level:
+    """Return one level with the rows of several, all of them with bounds or none."""
+    J = np.concatenate([level.J for level in levels])
+    if levels[0].v is None:
+        return Level(J, lower=np.concatenate([level.lower for level in levels]),
+                     upper=np.concatenate([level.upper for level in levels]))
+    return Level(J, np.concatenate([level.v for level in levels]), levels[0].mode)
 
 
 class _Reader:
     """Reads a YAML list into groups of tasks and collects all its faults."""
 
-    def __init__(self, robot):
+    def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._types = task_types()
-        self._faults = []
-        self._lines_of_names = {}
+        self._faults: list[Fault] = []
+        self._lines_of_names: dict[str, int] = {}
         # Tasks read so far that keep bounds.
-        self._bounded = []
+        self._bounded: list[Task] = []
 
-    def read(self, text):
+    def read(self, text: str) -> list[list[Task]]:
         """Return the groups of tasks."""
         try:
             root = yaml.compose(text, Loader=YamlLoader)
@@ -172,12 +194,13 @@ class _Reader:
             raise StackError(self._faults)
         return groups
 
-    def _group(self, node):
+    def _group(self, node: yaml.Node) -> list[Task]:
         """Return the tasks of one entry of the list, which may be a list itself."""
         entries = node.value if isinstance(node, yaml.SequenceNode) else [node]
         if not entries:
             self._fault(node, '', 'a level needs at least one task')
         tasks = [self._task(entry) for entry in entries]
+        # With a fault the stack is refused anyway.
         read = [task for task in tasks if task is not None]
         bounded = [task for task in read if task.bounded]
         modes = {task.mode for task in read}
@@ -193,9 +216,9 @@ class _Reader:
                                   f'{_names(self._bounded)} above instead of sliding along '
                                   'them; use least_squares')
         self._bounded.extend(bounded)
-        return tasks
+        return read
 
-    def _task(self, node):
+    def _task(self, node: yaml.Node) -> Task | None:
         """Return the task of one entry, or None and note what is wrong."""
         if not isinstance(node, yaml.MappingNode) or len(node.value) != 1:
             self._fault(node, '', LIST_FORM)
@@ -217,7 +240,7 @@ class _Reader:
             return self._build(self._types[kind], name, key, values, lines)
         return None
 
-    def _check_name(self, key, name):
+    def _check_name(self, key: yaml.Node, name: object) -> None:
         """Check the name of a task."""
         if not isinstance(name, str) or not NAME.match(name):
             shown = repr(name[:80]) if isinstance(name, str) else 'a list or mapping'
@@ -229,9 +252,11 @@ class _Reader:
         else:
             self._lines_of_names[name] = key.start_mark.line + 1
 
-    def _values(self, body, name):
+    def _values(self, body: yaml.MappingNode,
+                name: object) -> tuple[dict[str, Any], dict[str, int]]:
         """Return {key: value} and {key: line} of a mapping."""
-        values, lines = {}, {}
+        values: dict[str, Any] = {}
+        lines: dict[str, int] = {}
         constructor = yaml.constructor.SafeConstructor()
         for key, value in body.value:
             if not isinstance(key, yaml.ScalarNode) or key.value == '<<':
@@ -250,7 +275,8 @@ class _Reader:
                 self._fault(value, f'{name}, {key.value}', _first_line(error))
         return values, lines
 
-    def _build(self, task_type, name, key, values, lines):
+    def _build(self, task_type: type[Task], name: str, key: yaml.Node, values: dict[str, Any],
+               lines: dict[str, int]) -> Task | None:
         """Return a task of a type, or None and note what is wrong with its keys."""
         accepted = task_type.accepted_keys()
         for other in set(values) - set(accepted):
@@ -266,7 +292,8 @@ class _Reader:
                                        f'{task_type.described_keys()[needed]}')
         try:
             # Missing keys are tried as None, so that faults of the other ones are found too.
-            return task_type(self._robot, name, **dict.fromkeys(missing), **values)
+            make: Callable[..., Task] = task_type
+            return make(self._robot, name, **dict.fromkeys(missing), **values)
         except TaskError as error:
             own_line = key.start_mark.line + 1
             self._faults.extend(
@@ -274,17 +301,17 @@ class _Reader:
                 for fault_key, message in error.faults if fault_key not in missing)
             return None
 
-    def _fault(self, node, where, message):
+    def _fault(self, node: yaml.Node | None, where: str, message: str) -> None:
         """Note a fault at the line of a YAML node."""
         line = node.start_mark.line + 1 if node is not None else 1
         self._faults.append(Fault(line, where, message))
 
 
-def _names(tasks):
+def _names(tasks: Iterable[Task]) -> str:
     """Return the names of tasks as text."""
     return ', '.join(task.name for task in tasks)
 
 
-def _first_line(error):
+def _first_line(error: Exception) -> str:
     """Return what a YAML error says, in one line."""
     return getattr(error, 'problem', None) or (str(error).splitlines() or ['cannot be read'])[0]

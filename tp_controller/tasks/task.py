@@ -15,20 +15,69 @@
 """What every task is: an error, a Jacobian, and the law that turns the error into a velocity."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
 import inspect
 import math
+from typing import Any, ClassVar, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
-from tp_controller.errors import GoalError, RobotError, TaskError, unknown
-from tp_controller.solver.level import Level, MODES
+from tp_controller.errors import GoalError
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
+from tp_controller.solver.level import Level
+from tp_controller.tasks.keys import (
+    DEFAULT_TOLERANCE,
+    finite_vector,
+    Gain,
+    Keys,
+    parse_gain,
+    parse_mode,
+    parse_tolerance,
+    positive,
+    Tolerance,
+    UnitRows,
+)
+
+# Types of other packages may well find `Keys` and the like here.
+__all__ = [
+    'DEFAULT_GAIN', 'DEFAULT_MODE', 'DEFAULT_TIMEOUT', 'DEFAULT_TOLERANCE', 'Evaluation',
+    'finite_vector', 'Goal', 'Keys', 'norm', 'positive', 'Task']
 
 DEFAULT_GAIN = 1.0
 DEFAULT_TIMEOUT = 0.5
 DEFAULT_MODE = 'least_squares'
-# '1' is the unit of ratios.
-DEFAULT_TOLERANCE = {'m': 1e-3, 'rad': 5e-3, '1': 1e-3}
-# Numbers beyond this are taken for a mistake; they would only overflow further on.
-LARGEST = 1e6
+# Keys that change nothing in the level of a cycle.
+WITHOUT_EFFECT = ('tolerance', 'timeout')
+
+# Every type has its own: a point, a pose, a mapping of obstacles …
+Goal: TypeAlias = Any
+SomeTask = TypeVar('SomeTask', bound='Task')
+
+
+@dataclass(slots=True, eq=False)
+class Evaluation:
+    """
+    A task in one cycle: everything about it that the solver and the report need.
+
+    Attributes
+    ----------
+    task : Task
+        For what is the same in every cycle: its name, units and tolerances.
+    level : Level
+        What it demands.
+    error : ndarray (rows,)
+        In the units of the task.
+    row_names : sequence of str
+        What each row is about, where the name of the task does not say it all; else empty.
+
+    """
+
+    task: 'Task'
+    level: Level
+    error: Array
+    row_names: Sequence[str] = ()
 
 
 class Task(ABC):
@@ -42,7 +91,8 @@ class Task(ABC):
     A subclass sets `type_name`, which registers it, and implements `value`, `error`, `jacobian`
     and `parse_goal`. Its constructor's keywords are the keys of the YAML stack; `keys` describes
     each, and a `Keys` collects what is wrong with them until the constructor's last line calls
-    `Keys.raise_faults`.
+    `Keys.raise_faults`. A type whose error and Jacobian are one calculation overrides
+    `make_evaluation`.
 
     Attributes
     ----------
@@ -53,7 +103,7 @@ class Task(ABC):
         Number of rows.
     bounded : bool
         The task keeps bounds instead of wanting a velocity; see `BoundedTask`.
-    row_names : tuple of str or None
+    row_names : sequence of str
         What each row is about, for the report, where a name of the task does not say it all.
     remarks : tuple of str
         What who reads the stack should know, which is no fault.
@@ -63,12 +113,12 @@ class Task(ABC):
         The goal is only the value that the task had when it started.
     mode : str
         See `tp_controller.solver.level.Level`.
-    stretch : float
+    row_scale : float
         What the rows of the level are multiplied by. A singular value is small or large in metres
-        and radians per radian; rows that are short by nature are stretched to compare with those
+        and radians per radian; rows that are short by nature are scaled to compare with those
         of a frame.
-    last_error : ndarray (rows,)
-        Error at the last `level`.
+    frame : str or None
+        Frame of the robot that the task is about; None where it is about none, or about several.
     reference : str or None
         Frame that goals are expressed in; None where they are in no frame.
     goal_type, feed_forward_type : str or None
@@ -79,17 +129,18 @@ class Task(ABC):
 
     """
 
-    types = {}
-    type_name = None
-    goal_type = None
-    goal_types = ()
-    feed_forward_type = None
-    reference = None
-    bounded = False
-    row_names = None
-    remarks = ()
-    stretch = 1.0
-    keys = {
+    types: ClassVar[dict[str, type['Task']]] = {}
+    type_name: ClassVar[str] = ''
+    goal_type: str | None = None
+    goal_types: ClassVar[tuple[str, ...]] = ()
+    feed_forward_type: ClassVar[str | None] = None
+    frame: str | None = None
+    reference: str | None = None
+    bounded: ClassVar[bool] = False
+    row_names: Sequence[str] = ()
+    remarks: tuple[str, ...] = ()
+    row_scale = 1.0
+    keys: ClassVar[dict[str, str]] = {
         'gain': 'gain K, one number or one for each row [1/s]',
         'tolerance': 'error below which the goal counts as reached: a number, or one for each '
                      'unit as {m: …, rad: …} [m, rad]',
@@ -97,36 +148,50 @@ class Task(ABC):
         'mode': 'what happens where a limit is in the way: least_squares comes as near to the '
                 'wanted velocity as possible, scale keeps its direction and slows down',
     }
+    goal: Goal
+    _given_keys: dict[str, object]
 
-    def __init_subclass__(cls, **options):
+    def __init_subclass__(cls, **options: Any) -> None:
         """Register the type."""
         super().__init_subclass__(**options)
-        if cls.type_name is not None:
+        if cls.type_name:
             Task.types[cls.type_name] = cls
+        if cls.level is not Task.level:
+            # Of the class, not of a task.
+            cls.evaluate = Task._evaluate_around_level  # type: ignore[method-assign]
 
-    def __init__(self, robot, name, units, keys, *, gain=DEFAULT_GAIN, tolerance=None,
-                 timeout=DEFAULT_TIMEOUT, mode=DEFAULT_MODE):
+    def __new__(cls: type[SomeTask], *arguments: object, **keys: object) -> SomeTask:
+        """Return a task that remembers its keys as they were given, whatever its type."""
+        task = super().__new__(cls)
+        task._given_keys = keys
+        return task
+
+    def __init__(self, robot: Robot, name: str, units: Sequence[str], keys: Keys, *,
+                 gain: Gain = DEFAULT_GAIN, tolerance: Tolerance | None = None,
+                 timeout: float = DEFAULT_TIMEOUT, mode: str = DEFAULT_MODE) -> None:
         self.robot = robot
         self.name = name
         self.units = tuple(units)
         self.rows = len(self.units)
-        self.gain = keys.check('gain', _gain, gain, None if keys.faults else self.rows)
-        self.groups = keys.check('tolerance', _groups, self.units, tolerance)
+        self.gain = keys.check('gain', parse_gain, gain, None if keys.faults else self.rows)
+        self.groups: tuple[UnitRows, ...] = keys.check(
+            'tolerance', parse_tolerance, self.units, tolerance)
         self.timeout = keys.check('timeout', positive, timeout)
-        self.mode = keys.check('mode', _mode, mode)
+        self.mode = keys.check('mode', parse_mode, mode)
         self.goal = None
         self.held = False
-        self.last_error = np.zeros(self.rows)
-        self._feed_forward = None
+        self._feed_forward: Array | None = None
         self._feed_forward_time = -math.inf
 
+    # Keys
+
     @classmethod
-    def accepted_keys(cls):
+    def accepted_keys(cls) -> dict[str, Any]:
         """Return {key: default} of the keys; `inspect.Parameter.empty` marks a needed one."""
-        accepted = {}
+        accepted: dict[str, Any] = {}
         for base in cls.__mro__:
             if '__init__' in vars(base):
-                parameters = inspect.signature(base.__init__).parameters.values()
+                parameters = inspect.signature(vars(base)['__init__']).parameters.values()
                 for parameter in parameters:
                     if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
                         # A subclass may need what its base can do without.
@@ -138,76 +203,94 @@ class Task(ABC):
         return accepted
 
     @classmethod
-    def described_keys(cls):
+    def described_keys(cls) -> dict[str, str]:
         """Return {key: description} of the keys taken, in the order of `accepted_keys`."""
-        described = {}
+        described: dict[str, str] = {}
         for base in reversed(cls.__mro__):
             described.update(vars(base).get('keys', {}))
         return {key: described.get(key, '') for key in cls.accepted_keys()}
 
+    # What a type is
+
     @abstractmethod
-    def value(self, state):
+    def value(self, state: RobotState) -> Array:
         """Return the actual value at a `RobotState`, in the form of a goal."""
 
     @abstractmethod
-    def error(self, state):
+    def error(self, state: RobotState) -> Array:
         """Return desired − actual (rows,), in `units`."""
 
     @abstractmethod
-    def jacobian(self, state):
+    def jacobian(self, state: RobotState) -> Array:
         """Return J (rows, n): the velocity of the value is J q_dot."""
 
     @abstractmethod
-    def parse_goal(self, goal):
+    def parse_goal(self, goal: Goal) -> Goal:
         """Return a goal in the form used inside; raise `GoalError` if it cannot be one."""
 
-    def goal_in_reference(self, goal, T_reference_frame):
+    def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
+        """Return the `Evaluation` at a state."""
+        error = self.error(state)
+        return Evaluation(
+            self, Level(self.jacobian(state), self.velocity(error, now), self.mode), error,
+            self.row_names)
+
+    # Goals
+
+    def goal_in_reference(self, goal: Goal, T_reference_frame: Array) -> Goal:
         """Return a goal given in another frame; raise `GoalError` where goals have no frame."""
         raise GoalError(f'a goal of task {self.name!r} is in no frame')
 
-    def goal_pose(self, state):
+    def goal_pose(self, state: RobotState) -> Array | None:
         """Return T_reference_goal (4, 4) for display; None where the goal is no place."""
         return None
 
-    def set_goal(self, goal, now):
+    def set_goal(self, goal: Goal, now: float) -> None:
         """Take a goal as `parse_goal` returned it."""
         self.goal = goal
         self.held = False
 
-    def start(self, state):
+    def start(self, state: RobotState) -> None:
         """Hold the value the task has now, unless there is a goal."""
         if self.goal is None:
             self.goal = self.value(state)
             self.held = True
 
-    def release(self):
+    def release(self) -> None:
         """Forget a value that was only held, so that the next start holds a new one."""
         if self.held:
             self.goal = None
 
-    def take_over(self, other):
-        """Go on with the goal of a task that this one replaces, where it means the same."""
-        if self.goal is None and self.means_the_same(other):
-            self.goal, self.held = other.goal, other.held
+    # Feed-forward
 
-    def means_the_same(self, other):
-        """Say whether a goal of `other` is one of this task, too."""
-        return type(self) is type(other) and self.reference == other.reference
-
-    def parse_feed_forward(self, velocity):
+    def parse_feed_forward(self, velocity: Any) -> Array:
         """Return a velocity in the form used inside; raise `GoalError` if it cannot be one."""
         raise GoalError(f'task {self.name!r} takes no feed-forward velocity')
 
-    def feed_forward_in_reference(self, velocity, R_reference_frame):
+    def feed_forward_in_reference(self, velocity: Array, R_reference_frame: Array) -> Array:
         """Return a velocity given in the axes of another frame; `GoalError` where it has none."""
         raise GoalError(f'a velocity of task {self.name!r} is in no frame')
 
-    def set_feed_forward(self, velocity, now):
+    def set_feed_forward(self, velocity: Array, now: float) -> None:
         """Add a velocity, as `parse_feed_forward` returned it, until it times out."""
         self._feed_forward = velocity
         self._feed_forward_time = now
 
-    def velocity(self, error, now):
+    def feed_forward(self, now: float) -> Array | None:
+        """Return the feed-forward velocity in force; None where there is none (any more)."""
+        # A clock that was set back must not keep an old velocity alive either.
+        if self._feed_forward is not None and \
+                not abs(now - self._feed_forward_time) <= self.timeout:
+            self._feed_forward = None
+        return self._feed_forward
+
+    def in_rows(self, feed_forward: Array) -> Array:
+        """Return what a feed-forward velocity is for the rows (rows,)."""
+        return feed_forward
+
+    # One cycle
+
+    def velocity(self, error: Array, now: float) -> Array:
         """
         Return the wanted velocity, feed-forward + K error (lecture 1.1).
 
@@ -224,24 +307,39 @@ class Task(ABC):
             In `units` per second.
 
         """
+        if self._feed_forward is None:
+            return self.gain * error
         added = self.feed_forward(now)
-        return self.gain * error if added is None else self.gain * error + added
+        return self.gain * error if added is None else self.gain * error + self.in_rows(added)
 
-    def feed_forward(self, now):
-        """Return the feed-forward velocity in force; None where there is none (any more)."""
-        # A clock that was set back must not keep an old velocity alive either.
-        if self._feed_forward is not None and \
-                not abs(now - self._feed_forward_time) <= self.timeout:
-            self._feed_forward = None
-        return self._feed_forward
+    def evaluate(self, state: RobotState, now: float) -> Evaluation:
+        """
+        Return all there is to know about the task in a cycle.
 
-    def level(self, state, now):
-        """Return the `Level` at a state, and remember the error for the report."""
-        error = self.error(state)
-        self.last_error = error
-        return Level(self.jacobian(state), self.velocity(error, now), self.mode)
+        Parameters
+        ----------
+        state : RobotState
+            Where the robot is.
+        now : float
+            [s]
 
-    def reported_errors(self, error, residual):
+        Returns
+        -------
+        Evaluation
+
+        """
+        return self.make_evaluation(state, now)
+
+    def level(self, state: RobotState, now: float) -> Level:
+        """Return the `Level` alone; a type may override this in place of `make_evaluation`."""
+        return self.make_evaluation(state, now).level
+
+    def _evaluate_around_level(self, state: RobotState, now: float) -> Evaluation:
+        """Return what `evaluate` does for a type that makes its own level."""
+        return Evaluation(self, self.level(state, now), self.error(state), self.row_names)
+
+    def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
+                                                                      ...]:
         """
         Return what the report shows as error.
 
@@ -261,111 +359,48 @@ class Task(ABC):
         return tuple((norm(error[rows]), unit, tolerance)
                      for rows, unit, tolerance in self.groups)
 
+    # From one stack to the next
 
-class Keys:
-    """Collects what is wrong with the keys of a task, to report all of it at once."""
+    def is_compatible(self: SomeTask, other: 'Task') -> TypeGuard[SomeTask]:
+        """Say whether a goal of `other` is one of this task, too."""
+        return type(self) is type(other) and self.reference == other.reference
 
-    def __init__(self):
-        self.faults = []
+    def inherit_goal(self, other: 'Task') -> None:
+        """
+        Go on with the goal of a task that this one replaces, where it has none of its own.
 
-    def check(self, key, function, *arguments):
-        """Return what `function` returns; where it refuses, note the fault and return None."""
-        try:
-            return function(*arguments)
-        except (ValueError, GoalError, RobotError) as error:
-            self.faults.append((key, str(error)))
-            return None
+        The feed-forward velocity belongs to the goal, and keeps the time at which it came.
+        """
+        if self.goal is None and self.is_compatible(other):
+            self.goal, self.held = other.goal, other.held
+            self._feed_forward = other._feed_forward
+            self._feed_forward_time = other._feed_forward_time
 
-    def raise_faults(self, name):
-        """Raise `TaskError` if there are any."""
-        if self.faults:
-            raise TaskError(name, self.faults)
+    def is_equivalent(self, other: 'Task') -> bool:
+        """Say whether the task demands what `other` does, at every state and time."""
+        return self is other or (
+            self.is_compatible(other) and self.robot is other.robot
+            and self._feed_forward_time == other._feed_forward_time
+            and all(_same(one, another) for one, another in zip(self._demand(), other._demand())))
+
+    def _demand(self) -> tuple[object, object, object]:
+        """Return what the level depends on besides state and time."""
+        keys = {**self.accepted_keys(), **self._given_keys}
+        return ({key: keys[key] for key in keys if key not in WITHOUT_EFFECT}, self.goal,
+                self._feed_forward)
 
 
-def norm(vector):
+def norm(vector: Array) -> float:
     """Return the Euclidean norm as a float."""
     return math.sqrt(vector.dot(vector))
 
 
-def number(value):
-    """Return a finite float, or raise ValueError."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
-        raise ValueError(f'needs a number of at most {LARGEST:g}, got {value!r}')
-    return float(value)
-
-
-def positive(value):
-    """Return a positive float, or raise ValueError."""
-    value = number(value)
-    if value <= 0.0:
-        raise ValueError(f'must be positive, got {value:g}')
-    return value
-
-
-def non_negative(value):
-    """Return a float that is not negative, or raise ValueError."""
-    value = number(value)
-    if value < 0.0:
-        raise ValueError(f'must not be negative, got {value:g}')
-    return value
-
-
-def has_shape(values, shape):
-    """Say whether `values` is an array, or nested lists, of a shape."""
+def _same(one: Any, other: Any) -> bool:
+    """Say whether keys or goals are the same; where nobody can say they are not."""
+    if one is other:
+        return True
     try:
-        return np.shape(values) == shape
+        equal = one == other
+        return equal if isinstance(equal, bool) else bool(np.array_equal(one, other))
     except ValueError:
         return False
-
-
-def finite_vector(values, size, what):
-    """
-    Return `values` as a new float array of one row.
-
-    Raises
-    ------
-    GoalError
-        Another shape, not finite, or beyond `LARGEST`.
-
-    """
-    try:
-        vector = np.array(values, dtype=float)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise GoalError(f'{what} needs {size} numbers, got {values!r}') from error
-    if vector.shape != (size,):
-        raise GoalError(f'{what} needs {size} numbers, got an array of shape {vector.shape}')
-    if not (np.abs(vector) <= LARGEST).all():
-        raise GoalError(f'{what} must be finite and at most {LARGEST:g}, got {vector.tolist()}')
-    return vector
-
-
-def _mode(mode):
-    """Return a mode of `Level`, or raise ValueError."""
-    if mode not in MODES:
-        raise ValueError(unknown('mode', mode, MODES))
-    return mode
-
-
-def _gain(gain, rows):
-    """Return the gain as a float, or as an array with one for each row (None: not known)."""
-    if not isinstance(gain, (list, tuple, np.ndarray)):
-        return positive(gain)
-    if rows is not None and len(gain) != rows:
-        raise ValueError(f'needs one number, or one for each of the {rows} rows, '
-                         f'got {len(gain)}')
-    return np.array([positive(value) for value in gain])
-
-
-def _groups(units, tolerance):
-    """Return (row indices, unit, tolerance) for each unit that occurs."""
-    present = tuple(dict.fromkeys(units))
-    if tolerance is None:
-        tolerance = DEFAULT_TOLERANCE
-    if not isinstance(tolerance, dict):
-        tolerance = dict.fromkeys(present, tolerance)
-    for unit in tolerance:
-        if unit not in DEFAULT_TOLERANCE:
-            raise ValueError(f'unknown unit {unit!r}; valid: {", ".join(DEFAULT_TOLERANCE)}')
-    tolerance = {**DEFAULT_TOLERANCE, **tolerance}
-    return tuple((np.flatnonzero([unit == other for other in units]), unit,
-                  positive(tolerance[unit])) for unit in present)

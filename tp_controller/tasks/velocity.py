@@ -14,35 +14,40 @@
 
 """What tasks without a value of their own have in common: only a velocity is wanted."""
 
+from typing import Any
+
 import numpy as np
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
 from tp_controller.tasks.task import norm, Task
 
 
 class VelocityTask(Task):
     """A task whose goal is a velocity; the report shows wanted minus achieved as its error."""
 
-    def value(self, state):
+    def value(self, state: RobotState) -> Array:
         """Return no motion (rows,): what is held where there is no goal."""
         return np.zeros(self.rows)
 
-    def error(self, state):
+    def error(self, state: RobotState) -> Array:
         """Return zeros (rows,): there is no value to be led anywhere."""
         return np.zeros(self.rows)
 
-    def parse_goal(self, goal):
+    def parse_goal(self, goal: Any) -> Array:
         """Return a velocity in the form used inside; raise `GoalError` if it cannot be one."""
         return self.parse_feed_forward(goal)
 
-    def goal_in_reference(self, goal, T_reference_frame):
+    def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
         """Return a velocity given in the axes of another frame."""
         return self.feed_forward_in_reference(goal, T_reference_frame[:3, :3])
 
-    def set_goal(self, goal, now):
+    def set_goal(self, goal: Array, now: float) -> None:
         """Take a velocity, until it times out."""
         super().set_goal(goal, now)
         self.set_feed_forward(goal, now)
 
-    def reported_errors(self, error, residual):
+    def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
+                                                                      ...]:
         """Return wanted minus achieved velocity for each unit; see `Task`."""
         return tuple((norm(residual[rows]), f'{unit}/s', tolerance)
                      for rows, unit, tolerance in self.groups)

@@ -35,6 +35,7 @@ from tp_controller import (
     SettingsError,
     Stack,
 )
+from tp_controller.tasks import Joint, JointLimits, Pose
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
 TOOL = robots.PANDA_TOOL
@@ -355,6 +356,25 @@ def test_joint_outside_its_range_comes_back_in_and_goes_no_further_out():
         [-0.2 * robot.velocity[0], 0.0, 0.0, 0.0])
 
 
+@pytest.mark.parametrize('side, index', [(1.0, 0), (-1.0, 0), (1.0, 1), (-1.0, 1)])
+@pytest.mark.parametrize('beyond', [0.002, 0.05, 0.3])
+def test_joint_outside_its_range_comes_back_at_its_speed_limit_if_a_task_demands_it(side, index,
+                                                                                    beyond):
+    robot = robots.mixed()
+    name, speed = robot.joint_names[index], robot.velocity[index]
+    q = np.zeros(4)
+    q[index] = (robot.upper if side > 0.0 else robot.lower)[index] + side * beyond
+    for demanded, expected in ((2.0 * speed, speed), (0.9 * speed, 0.9 * speed),
+                               (0.0, min(10.0 * beyond, 0.2 * speed, 1.0)),
+                               (-speed, min(10.0 * beyond, 0.2 * speed, 1.0))):
+        controller = control(f'- m: {{type: joint_velocity, joints: {name}}}\n', robot,
+                             Settings(blend=0.0, braking_gain=10.0))
+        controller.update(q, 0.0)
+        controller.set_goal('m', [-side * demanded], 0.0)
+        assert -side * controller.update(q, 0.0).velocity[index] == pytest.approx(
+            max(expected, min(10.0 * beyond, 0.2 * speed, 1.0)))
+
+
 # Reports
 
 def test_report_tells_every_task_with_its_unit_tolerance_and_speed():
@@ -502,6 +522,27 @@ def test_report_stays_what_it_was_when_the_robot_goes_on():
     assert [task.name for task in report.tasks] == ['tool', 'posture']
 
 
+def test_every_task_is_evaluated_once_in_a_cycle_and_the_report_does_without(monkeypatch):
+    asked = []
+    for kind in (Pose, JointLimits, Joint):
+        def counted(self, state, now, evaluate=kind.make_evaluation):
+            asked.append(self.name)
+            return evaluate(self, state, now)
+        monkeypatch.setattr(kind, 'make_evaluation', counted)
+    controller = control('- limits: {type: joint_limits}\n' + POSE_AND_POSTURE, options=None)
+    T = controller.robot.state(READY).pose(TOOL)
+    for cycle in range(60):
+        del asked[:]
+        controller.set_goal('tool', shifted(T, [1e-3 * cycle, 0.0, 0.0]), 0.01 * cycle)
+        if cycle == 30:
+            controller.replace_stack(Stack.from_yaml(
+                '- limits: {type: joint_limits}\n' + POSE_AND_POSTURE.replace('0.5', '0.7'),
+                controller.robot))
+        report = controller.update(READY, 0.01 * cycle).report
+        assert len(report.tasks) == 3 and report.limiting == ''
+        assert asked == ['limits', 'tool', 'posture']
+
+
 def test_tasks_that_share_a_level_are_reported_one_by_one():
     controller = control('- [a: {type: joint, joints: panda_joint1, target: [0.3]},\n'
                          '   b: {type: joint, joints: panda_joint7, target: [0.285], gain: 4}]\n')
@@ -578,11 +619,11 @@ def test_goal_poses_are_those_of_the_tasks_about_a_frame_in_the_root():
 def test_all_settings_out_of_range_are_told_at_once():
     with pytest.raises(SettingsError) as caught:
         Settings(blend=0.0, period=0.0, damping=-1.0, singular_region=math.nan, braking_gain='x',
-                 scaling='clip', method='magic', rank_tolerance=True, weights=[1.0, -1.0])
+                 scaling='clip', reserve=True, weights=[1.0, -1.0])
     faults = caught.value.faults
     assert [fault.split()[0] for fault in faults] == [
-        'period', 'damping', 'singular_region', 'braking_gain', 'scaling', 'method',
-        'rank_tolerance', 'weights']
+        'period', 'damping', 'singular_region', 'braking_gain', 'scaling', 'reserve',
+        'weights']
     assert 'must be a number from 1e-05 to 1, not 0.0' in faults[0]
     assert 'must be one of redistribute, uniform, not' in faults[4]
 
@@ -637,21 +678,6 @@ def test_settings_that_are_replaced_act_in_the_next_cycle():
     controller.settings = Settings(blend=0.0, damping=0.0, weights=())
     np.testing.assert_allclose(controller.update(READY, 0.0).velocity, np.linalg.pinv(J) @ v,
                                atol=1e-9)
-
-
-def test_method_of_the_settings_is_the_one_in_force():
-    controller = control('- a: {type: joint, joints: panda_joint1, target: [0.0]}\n'
-                         '- b: {type: pose, frame: panda_hand_tcp}\n')
-    controller.update(READY, 0.0)
-    T = controller.robot.state(READY).pose(TOOL)
-    controller.set_goal('b', shifted(T, [0.02, 0.02, 0.01]), 0.0)
-    recursive = controller.update(READY, 0.0)
-    assert np.linalg.norm(recursive.report.tasks[1].wanted_speed
-                          - recursive.report.tasks[1].achieved_speed) < 1e-9
-    controller.settings = Settings(blend=0.0, damping=0.0, method='sequential', scaling='uniform')
-    sequential = controller.update(READY, 0.0)
-    assert sequential.velocity[0] == pytest.approx(0.0, abs=1e-12)
-    assert np.abs(sequential.velocity - recursive.velocity).max() > 1e-4
 
 
 # Found by trying to break it

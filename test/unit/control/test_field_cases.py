@@ -265,6 +265,27 @@ def test_an_arm_that_cannot_move_towards_its_goal_is_nudged_three_times_and_then
     np.testing.assert_allclose(robot.state(loop.q).position('link4')[:2], [0.7, 0.1], atol=2e-3)
 
 
+@pytest.mark.parametrize('rests, nudged', [((0.16,), False), ((0.05, 0.16, 0.12), False),
+                                           ((0.16, 0.24), True)])
+def test_only_an_arm_that_has_stood_still_for_a_while_is_nudged(rests, nudged):
+    """Between the rests it moves for one cycle, while it is measured where it was all the time."""
+    robot = Robot.from_dh([{'name': f'j{number}', 'a': 0.2, 'velocity': 2.0}
+                           for number in range(4)])
+    loop = Loop(robot, '- tip: {type: position, frame: link4, gain: 1.0}\n'
+                       '- drift: {type: joint_velocity}\n', np.zeros(4))
+    loop.controller.set_goal('tip', [0.5, 0.0, 0.0], loop.now)
+    pulses = np.cumsum([rests[number % len(rests)] for number in range(40)])
+    reasons = []
+    while loop.now < 3.0:
+        pulse = np.abs(pulses - loop.now).min() < 0.5 * PERIOD
+        loop.controller.set_goal('drift', np.full(4, 0.2 * pulse), loop.now)
+        loop.q = np.zeros(4)
+        loop.step()
+        assert nudged or not pulse or np.abs(loop.velocities[-1]).max() > 1e-2
+        reasons.append(loop.task('tip').reason)
+    assert any('leaving a singularity' in reason for reason in reasons[60:]) == nudged
+
+
 # Speed that is kept ready, and the mode of a task
 
 @pytest.mark.parametrize('slow', [None, 'panda_joint1'])

@@ -77,10 +77,11 @@ class Run:
         while self.now < end - 1e-9:
             self.update()
 
-    def fastest_change(self, since):
-        """Return the largest change of a joint velocity, per second, since a time."""
+    def fastest_change(self, since, until=np.inf):
+        """Return the largest change of a joint velocity, per second, between two times."""
         changes = np.abs(np.diff(self.velocities, axis=0)).max(axis=1) / PERIOD
-        return changes[round(since / PERIOD) - 1:].max()
+        times = PERIOD * np.arange(1, len(changes) + 1)
+        return changes[(times > since - 0.5 * PERIOD) & (times < until)].max()
 
 
 def leave_out(run):
@@ -150,6 +151,110 @@ def test_levels_that_the_change_leaves_as_they_are_are_not_disturbed_by_it(chang
     assert max(run.errors) < 1e-12
 
 
+BELOW = """
+- tool: {type: position, frame: panda_hand_tcp, gain: 2.0}
+- elbow: {type: position, frame: panda_link4, axes: z, gain: 2.0}
+- posture: {type: posture, gain: 0.5, target: {panda_joint1: 0.8}}
+"""
+
+
+def put(run, text=BELOW):
+    """Replace the stack."""
+    run.controller.replace_stack(Stack.from_yaml(text, run.robot))
+
+
+def replace_by_the_same(run):
+    """Replace the stack by one that is the same."""
+    put(run, STACK)
+
+
+def replace_twice(run):
+    """Replace the stack by the same, and that by another one."""
+    put(run, STACK)
+    put(run)
+
+
+def replace_and_disable(run):
+    """Replace the stack, and leave out a task of the new one."""
+    put(run)
+    run.controller.enable('elbow', False)
+
+
+REPLACEMENTS = [swap, raise_gain, put, replace_by_the_same, replace_twice,
+                replace_and_disable]
+
+
+def follow(change, moment='after', settings=CALM, speed=0.1, twist=False):
+    """Follow a goal that moves in every cycle, before and after a change; return the run."""
+    run = Run(settings)
+    start = run.goal
+    while run.now < CHANGE + 0.5:
+        if moment == 'before' and abs(run.now - CHANGE) < 0.5 * PERIOD:
+            change(run)
+        run.goal = start + speed * np.array([0.0, run.now, 0.3 * run.now])
+        run.controller.set_goal('tool', run.goal, run.now)
+        if moment == 'after' and abs(run.now - CHANGE) < 0.5 * PERIOD:
+            change(run)
+        run.update()
+    return run
+
+
+@pytest.mark.parametrize('scaling', ['redistribute', 'uniform'])
+@pytest.mark.parametrize('moment', ['before', 'after'])
+@pytest.mark.parametrize('change', REPLACEMENTS)
+def test_first_task_does_not_feel_that_the_stack_is_replaced_while_its_goal_moves(
+        change, moment, scaling):
+    run = follow(change, moment, replace(CALM, scaling=scaling))
+    # 2/s times what the tool lags behind is 0.1 m/s.
+    assert max(run.errors[round(CHANGE / PERIOD) - 1:]) < 1e-10 * 0.1
+    assert run.fastest_change(CHANGE, CHANGE + 0.05) < 5.0
+
+
+@pytest.mark.parametrize('replacement', [STACK, STACK.replace('- posture: {', '- posture: {'
+                                                              'tolerance: 0.5, timeout: 3.0, ')])
+def test_stack_in_its_own_place_changes_nothing(replacement):
+    still, replaced = (follow(change) for change in (
+        lambda run: None, lambda run: put(run, replacement)))
+    np.testing.assert_array_equal(still.velocities, replaced.velocities)
+    assert 'taking over' not in replaced.command.report.tasks[-1].reason
+
+
+def test_stack_that_is_replaced_in_every_cycle_changes_nothing_either():
+    still, run = (Run() for _ in range(2))
+    still.until(CHANGE)
+    while run.now < CHANGE - 1e-9:
+        run.update()
+        put(run, STACK)
+    np.testing.assert_array_equal(still.velocities, run.velocities)
+
+
+def test_task_that_was_only_held_is_held_on_by_the_next_stack():
+    run = Run(goals=('attitude', 'elbow'))
+    run.until(CHANGE)
+    held = run.controller.stack.tasks['tool'].goal
+    put(run)
+    run.update()
+    assert run.controller.stack.tasks['tool'].goal is held
+    tool = run.command.report.tasks[0]
+    assert tool.errors[0][0] < 1e-6 and abs(tool.wanted_speed - tool.achieved_speed) < 1e-12
+
+
+def test_restart_fades_in_what_the_tasks_hold_from_then_on():
+    run = Run(goals=())
+    run.until(0.01)
+    # Pushed aside, the robot comes back to where it was held.
+    run.q = run.q + 0.2
+    run.until(0.5)
+    speed = np.abs(run.velocities[-1]).max()
+    assert speed > 0.05
+    run.controller.restart()
+    found = run.q.copy()
+    run.until(1.0)
+    assert run.controller.stack.tasks['posture'].goal == pytest.approx(found)
+    # At once it would be the whole speed within a period of 1 ms.
+    assert run.fastest_change(0.5) < 10.0 * speed
+
+
 @pytest.mark.parametrize('change', CHANGES)
 def test_the_change_is_complete_after_its_time(change):
     run = Run()
@@ -169,6 +274,18 @@ def test_a_change_begins_in_the_next_cycle():
     run.update()
     other.update()
     assert 1e-6 < np.abs(run.velocities[-1] - other.velocities[-1]).max() < 1e-2
+
+
+def test_of_a_change_as_much_is_made_in_the_first_cycle_as_in_a_period():
+    robot, settings = robots.panda(), Settings(period=0.01, blend=0.4)
+    for pause in (0.01, 0.004, 5.0):
+        controller = Controller(robot, Stack.from_yaml(
+            '- j: {type: joint_velocity, timeout: 9}\n', robot), settings)
+        controller.update(START, 0.0)
+        controller.set_goal('j', np.full(7, 0.2), 0.0)
+        share = min(pause, 0.01) / 0.4
+        np.testing.assert_allclose(controller.update(START, pause).velocity,
+                                   0.2 * share ** 2 * (3.0 - 2.0 * share), rtol=1e-9)
 
 
 def test_changes_that_follow_each_other_make_no_jump_either():

@@ -109,9 +109,14 @@ def inside(robot, rng):
 
 def rows(task, state):
     """Return {name: (distance, row of the Jacobian)} of the nearest points of pairs."""
-    values, J = task.observe(state)
-    return {name: (value, row) for (name, corner), value, row in zip(task.row_keys, values, J)
+    seen = task.observe_rows(state)
+    return {name: (value, row) for (name, corner), value, row in zip(seen.keys, seen.value, seen.J)
             if not corner}
+
+
+def row_names(task):
+    """Return what the rows of a task are about at the ready posture of the Panda."""
+    return task.evaluate(task.robot.state(robots.PANDA_READY), 0.0).row_names
 
 
 # Distances of two solids
@@ -469,16 +474,15 @@ def test_no_near_pair_makes_a_level_without_rows():
     controller.set_goal('tool', [0.9, 0.0, 0.9], 0.0)
     command = controller.update(robots.PANDA_READY, 0.0)
     clear = command.report.tasks[0]
-    assert stack.tasks['clear'].last_error.shape == (0,)
+    assert stack.tasks['clear'].error(robot.state(robots.PANDA_READY)).shape == (0,)
     assert clear.errors == ((0.0, 'm', 1e-3),) and clear.reached and not clear.reason
     assert np.abs(command.velocity).max() > 0.1
 
 
 def test_rows_are_named_by_what_they_are_about():
     task = make('obstacles', obstacles={'table': TABLE}, links=['panda_link7', 'panda_hand'])
-    task.observe(task.robot.state(robots.PANDA_READY))
-    assert set(task.row_names) <= {'panda_link7 – table', 'panda_hand[1] – table',
-                                   'panda_hand[2] – table'}
+    assert set(row_names(task)) <= {'panda_link7 – table', 'panda_hand[1] – table',
+                                    'panda_hand[2] – table'}
     task = make('self_collision')
     assert 'panda_link0 – panda_hand[2]' in task.pairs
 
@@ -490,18 +494,18 @@ def test_error_is_how_much_is_missing_to_the_distance():
     state = robot.state(np.zeros(3))
     # The tip is a ball of 0.05 m at 2 m: 0.05 m apart.
     np.testing.assert_allclose(task.error(state), [0.05], atol=1e-9)
-    level = task.level(state, 0.0)
-    assert task.reported_errors(task.last_error, None) == ((pytest.approx(0.05), 'm', 1e-3),)
-    assert level.upper.tolist() == [math.inf]
+    evaluation = task.evaluate(state, 0.0)
+    assert task.reported_errors(evaluation.error, None) == ((pytest.approx(0.05), 'm', 1e-3),)
+    assert evaluation.level.upper.tolist() == [math.inf]
 
 
 def test_what_no_joint_can_change_is_reported_but_not_asked_for():
     robot = arm(upper='<sphere radius="0.1"/>')
     floor = {'floor': {'shape': 'half_space', 'at': [0.0, 0.0, -0.09]}}
     task = make('obstacles', robot, obstacles=floor, links=['upper'])
-    level = task.level(robot.state(np.zeros(3)), 0.0)
-    assert level.lower < -1e6
-    assert task.last_error == pytest.approx([0.03])
+    evaluation = task.evaluate(robot.state(np.zeros(3)), 0.0)
+    assert evaluation.level.lower < -1e6
+    assert evaluation.error == pytest.approx([0.03])
 
 
 def test_way_back_is_never_faster_than_the_return_speed():
@@ -611,15 +615,13 @@ def test_pairs_that_an_srdf_or_ignore_names_are_left_alone():
 def test_links_limits_what_a_task_is_about():
     assert pairs_of(make('self_collision', arm(), links=['base', 'tip'])) == {('base', 'tip')}
     task = make('obstacles', links='panda_hand', obstacles={'table': TABLE})
-    task.observe(task.robot.state(robots.PANDA_READY))
-    assert all(name.startswith('panda_hand') for name in task.row_names)
+    assert all(name.startswith('panda_hand') for name in row_names(task))
 
 
 def test_links_that_do_not_move_need_no_distance_from_the_world():
     task = make('obstacles', obstacles={'table': {**TABLE, 'at': [0.0, 0.0, 0.0]}}, within=9.0)
-    task.observe(task.robot.state(robots.PANDA_READY))
-    assert not any(name.startswith('panda_link0') for name in task.row_names)
-    assert any(name.startswith('panda_link1') for name in task.row_names)
+    assert not any(name.startswith('panda_link0') for name in row_names(task))
+    assert any(name.startswith('panda_link1') for name in row_names(task))
 
 
 def test_base_that_moves_is_kept_away_from_the_world():

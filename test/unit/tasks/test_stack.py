@@ -22,8 +22,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 import robots
-from tp_controller import Stack, StackError, tasks, TpControllerError
-from tp_controller.tasks import Task, task_types
+from tp_controller import Level, Robot, Stack, StackError, tasks, TpControllerError
+from tp_controller.tasks import Position, Task, task_types
+from tp_controller.tasks.stack import shared_levels
 import yaml
 
 GOOD = """\
@@ -302,6 +303,34 @@ class Hover(Position):
                               'timeout', 'mode'}
 
 
+def test_type_that_makes_its_own_level_is_asked_for_it(registry):
+    class Halved(Position):
+        """A position that is approached at half the gain."""
+
+        type_name = 'halved'
+
+        def level(self, state, now):
+            level = super().level(state, now)
+            return Level(level.J, 0.5 * level.v, level.mode)
+
+    class Slow(Halved):
+        """The same by another name."""
+
+        type_name = 'slow'
+
+    robot = robots.planar()
+    state = robot.state(robots.PLANAR_START)
+    for kind in ('halved', 'slow'):
+        stack = read(f'- tip: {{type: {kind}, frame: link3, axes: xy, gain: 3.0}}\n')
+        task = stack.tasks['tip']
+        task.set_goal(state.position('link3') + [0.2, -0.1, 0.0], 0.0)
+        (evaluation,), = stack.evaluate(state, 0.0)
+        assert evaluation.task is task
+        assert evaluation.error == pytest.approx([0.2, -0.1])
+        assert evaluation.level.v == pytest.approx([0.3, -0.15])
+        assert stack.levels(state, 0.0)[0].v == pytest.approx([0.3, -0.15])
+
+
 def test_package_whose_type_cannot_be_loaded_is_named(registry, monkeypatch):
     monkeypatch.setattr(tasks, 'entry_points', lambda group: [
         EntryPoint('hover', 'no_such_package:Hover', group)])
@@ -323,7 +352,7 @@ def test_stack_that_takes_over_keeps_the_goals_of_tasks_that_mean_the_same():
     old.start(start)
     old.tasks['limits'].set_goal(np.array([0.7]), 0.0)
     old.enable('left', False)
-    new.take_over(old)
+    new.inherit_goals(old)
     new.start(later)
     # The goal of joint 2 was 0.4 in the old stack; the others were held where they started.
     assert new.tasks['posture'].goal == pytest.approx([0.0, 0.4, 0.3])
@@ -332,6 +361,164 @@ def test_stack_that_takes_over_keeps_the_goals_of_tasks_that_mean_the_same():
     np.testing.assert_allclose(new.tasks['limits'].error(later), 0.0, atol=1e-12)
     np.testing.assert_allclose(new.tasks['fresh'].error(later), 0.0, atol=1e-12)
     assert new.disabled == {'left'}
+
+
+SHARED = """\
+- limits: {type: joint_limits, joints: joint1}
+- [tip: {type: position, frame: link3, axes: xy, gain: [1, 2]},
+   turn: {type: orientation, frame: link3, axes: z}]
+- point: {type: pointing, frame: link2, axis: x, towards: point, target: [2.0, 1.0, 0.0]}
+- posture: {type: posture}
+"""
+
+
+@pytest.mark.parametrize('old, new, levels', [
+    ('', '', 4),
+    # What is the default may be written down, and some keys have no effect.
+    ('posture}', 'posture, gain: 1.0, mode: least_squares}', 4),
+    ('posture}', 'posture, tolerance: 0.1, timeout: 2.0}', 4),
+    # A task may be called otherwise, but then it has another goal.
+    ('limits:', 'range:', 4),
+    ('point:', 'aim:', 4),
+    ('turn:', 'attitude:', 1),
+    ('posture:', 'rest:', 3),
+    ('posture}', 'posture, gain: 2.0}', 3),
+    ('posture}', 'posture, target: {joint1: 0.5}}', 3),
+    ('posture}', 'posture, joints: [joint1, joint2]}', 3),
+    ('[2.0, 1.0, 0.0]', '[2.0, 1.1, 0.0]', 2),
+    ('axis: x', 'axis: y', 2),
+    ('[1, 2]', '[1, 3]', 1),
+    (',\n   turn: {type: orientation, frame: link3, axes: z}]', ']', 1),
+    ('axes: xy', 'axes: yz', 1),
+    ('link3, axes: z', 'link2, axes: z', 1),
+    ('link3, axes: z', 'link3, axes: z, reference: link1', 1),
+    ('joints: joint1', 'joints: joint2', 0),
+    ('joint1}', 'joint1, margin: 0.1}', 0),
+    ('- limits: {type: joint_limits, joints: joint1}\n', '', 0),
+])
+def test_levels_are_shared_down_to_the_first_task_that_demands_something_else(old, new, levels):
+    robot = robots.planar()
+    limited = Robot.from_file(robots.PLANAR_DH, limits={
+        name: {'lower': -3.0, 'upper': 3.0} for name in robot.joint_names})
+    before, after = read(SHARED, limited), read(SHARED.replace(old, new, 1), limited)
+    state = limited.state(robots.PLANAR_START)
+    before.start(state)
+    after.inherit_goals(before)
+    assert shared_levels(before.active, after.active) == levels
+    # And so it is with the levels themselves, at once and later on.
+    after.start(state)
+    for position in (robots.PLANAR_START, [0.3, -0.4, 0.9]):
+        pairs = list(zip(before.levels(limited.state(position), 0.0),
+                         after.levels(limited.state(position), 0.0)))[:levels]
+        for one, other in pairs:
+            for name in ('J', 'v', 'lower', 'upper'):
+                np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_level_with_another_goal_velocity_or_time_or_of_another_robot_is_not_shared():
+    state = robots.planar().state(robots.PLANAR_START)
+
+    text = SHARED.partition('\n')[2]
+    before, after = read(text), read(text)
+    before.start(state)
+    after.inherit_goals(before)
+    assert shared_levels(before.active, after.active) == 3
+    after.tasks['posture'].set_goal(np.array([0.0, 0.6, 0.3]), 0.0)
+    assert shared_levels(before.active, after.active) == 3
+    after.tasks['posture'].set_goal(np.array([0.0, 0.6, 0.4]), 0.0)
+    assert shared_levels(before.active, after.active) == 2
+    after.enable('posture', False)
+    assert shared_levels(before.active, after.active) == 2
+    after.tasks['tip'].set_feed_forward(np.ones(6), 0.0)
+    assert shared_levels(before.active, after.active) == 0
+    before.tasks['tip'].set_feed_forward(np.ones(6), 0.0)
+    assert shared_levels(before.active, after.active) == 2
+    before.tasks['tip'].set_feed_forward(np.full(6, 2.0), 0.0)
+    assert shared_levels(before.active, after.active) == 0
+    before.tasks['tip'].set_feed_forward(np.ones(6), 0.1)
+    assert shared_levels(before.active, after.active) == 0
+    assert shared_levels(before.active, before.active) == 3
+    other = read(text, Robot.from_file(robots.PLANAR_DH))
+    other.inherit_goals(before)
+    assert shared_levels(before.active, other.active) == 0
+
+
+# {type: (keys, goal, velocity)}
+VELOCITIES = {
+    'twist': ('frame: link3', [0.1, 0.2, 0.0, 0.0, 0.0, 0.3], None),
+    'joint_velocity': ('joints: [joint3, joint1]', [0.4, -0.2], None),
+    'position': ('frame: link3, axes: xy', [0.8, 0.4, 0.0], [0.1, 0.2, 0.0, 0.0, 0.0, 0.3]),
+    'orientation': ('frame: link3, axes: z', [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.3]),
+    'joint': ('joints: joint2', [0.2], [0.3]),
+    'posture': ('gain: 2.0', None, [0.3, 0.2, 0.1]),
+    'pointing': ('frame: link3, axis: x', [0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 0.3]),
+    'keep_out': ('frame: link3, shape: {sphere: 0.2}',
+                 [0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 1.0], [0.1, 0.2, 0.0, 0.0, 0.0, 0.0]),
+}
+
+
+@pytest.mark.parametrize('kind', VELOCITIES)
+def test_velocity_in_force_is_kept_as_the_goal_is_and_times_out_when_it_would_have(kind):
+    keys, goal, velocity = VELOCITIES[kind]
+    text = f'- task: {{type: {kind}, {keys}, timeout: 0.5}}\n'
+    before, after, fresh = read(text), read(text), read(text)
+    state = robots.planar().state(robots.PLANAR_START)
+    before.start(state)
+    task = before.tasks['task']
+    if goal is not None:
+        task.set_goal(task.parse_goal(goal), 7.0)
+    if velocity is not None:
+        task.set_feed_forward(task.parse_feed_forward(velocity), 7.0)
+    after.inherit_goals(before)
+    assert shared_levels(before.active, after.active) == 1
+    fresh.tasks['task'].goal = task.goal
+    for now, moves in ((7.3, True), (7.49, True), (7.51, False), (7.2, False)):
+        kept, still, expected = (stack.levels(state, now)[0] for stack in (after, fresh, before))
+        name = 'lower' if kept.v is None else 'v'
+        np.testing.assert_array_equal(getattr(kept, name), getattr(expected, name))
+        assert np.array_equal(getattr(kept, name), getattr(still, name)) != moves
+
+
+def test_velocity_is_not_kept_by_a_task_with_a_goal_or_joints_of_its_own():
+    state = robots.planar().state(robots.PLANAR_START)
+    before = read('- a: {type: joint, joints: [joint1, joint2]}\n'
+                  '- b: {type: joint_velocity, joints: joint1}\n'
+                  '- c: {type: joint, joints: joint3}\n')
+    before.start(state)
+    for name, size in (('a', 2), ('c', 1)):
+        before.tasks[name].set_feed_forward(np.ones(size), 0.0)
+    before.tasks['b'].set_goal(np.ones(1), 0.0)
+    after = read('- a: {type: joint, joints: [joint1, joint2], target: {joint2: 0.5}}\n'
+                 '- b: {type: joint_velocity, joints: joint2}\n'
+                 '- c: {type: joint, joints: joint3, target: [0.3]}\n')
+    after.inherit_goals(before)
+    after.start(state)
+    a, b, c = (level.v for level in after.levels(state, 0.1))
+    assert a == pytest.approx([1.0, 0.5 - 0.6]) and b == [0.0] and c == [0.0]
+
+
+def test_velocity_goes_on_in_the_rows_that_the_new_task_is_about():
+    state = robots.planar().state(robots.PLANAR_START)
+    before, after = read('- t: {type: twist, frame: link3}\n'), read(
+        '- t: {type: twist, frame: link3, axes: [rz, x]}\n')
+    before.start(state)
+    before.tasks['t'].set_goal(np.arange(6.0), 0.0)
+    after.inherit_goals(before)
+    assert after.levels(state, 0.1)[0].v.tolist() == [0.0, 5.0]
+
+
+def test_turn_goes_on_the_same_way_round_in_the_next_stack():
+    robot = robots.planar()
+    text = '- turn: {type: orientation, frame: link3, axes: z}\n'
+    before, after = read(text), read(text)
+    turn = before.tasks['turn']
+    turn.set_goal(robot.state([0.0, 0.0, 0.0]).rotation('link3').copy(), 0.0)
+    for angle in (3.1, 3.2):
+        (evaluation,), = before.evaluate(robot.state([angle, 0.0, 0.0]), 0.0)
+    assert evaluation.error == pytest.approx([-3.2])
+    after.inherit_goals(before)
+    (evaluation,), = after.evaluate(robot.state([3.2, 0.0, 0.0]), 0.0)
+    assert evaluation.error == pytest.approx([-3.2])
 
 
 # Found by trying to break it

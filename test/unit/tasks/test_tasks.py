@@ -217,9 +217,8 @@ def test_one_step_shrinks_the_error_by_one_minus_gain_times_period(name, keys, r
         q = inside(robot, rng)
         near = robot.integrate(q, rng.normal(size=robot.n), 1e-3)
         task.set_goal(task.value(robot.state(near)), 0.0)
-        level = task.level(robot.state(q), 0.0)
-        J, v = level.J, level.v
-        before = task.last_error
+        evaluation = task.evaluate(robot.state(q), 0.0)
+        J, v, before = evaluation.level.J, evaluation.level.v, evaluation.error
         after = task.error(robot.state(robot.integrate(q, solve([(J, v)]).velocity, dt)))
         gain = np.asarray(keys.get('gain', 1.0))
         np.testing.assert_allclose(after, (1.0 - gain * dt) * before, rtol=0,
@@ -404,8 +403,8 @@ def test_message_names_the_key_what_was_given_and_what_is_valid():
 def test_each_row_can_have_its_own_gain():
     task = make('pose', {'frame': TOOL, 'gain': [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]})
     task.set_goal(task.value(task.robot.state(np.add(robots.PANDA_READY, 0.1))), 0.0)
-    v = task.level(task.robot.state(robots.PANDA_READY), 0.0).v
-    np.testing.assert_allclose(v, np.arange(1, 7) * task.last_error)
+    evaluation = task.evaluate(task.robot.state(robots.PANDA_READY), 0.0)
+    np.testing.assert_allclose(evaluation.level.v, np.arange(1, 7) * evaluation.error)
 
 
 def test_tolerance_is_one_number_or_one_for_each_unit():

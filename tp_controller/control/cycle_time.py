@@ -1,0 +1,89 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How long commands are held, as far as the clock of the caller tells."""
+
+import math
+
+from tp_controller.errors import TpControllerError
+
+# Share of each new measurement in the mean time between commands.
+SMOOTHING = 0.05
+
+
+class CycleTime:
+    """
+    The time between commands, by a clock that may stand still or be set back.
+
+    A clock that does not advance from one command to the next says nothing about the time that
+    has passed. The command is then taken to have been held for as long as each one was when the
+    clock advanced last, at first for a period. When it goes on, as one does that ticks less often
+    than commands are asked for, what has passed is shared out among the commands since.
+
+    Parameters
+    ----------
+    period : float
+        Longest time between two commands [s].
+
+    Attributes
+    ----------
+    now : float
+        Sum of these times, which never falls [s].
+    mean : float
+        Mean time between two commands, at most a period: they may come faster than they need
+        to, and after a pause they are held no longer than before [s].
+
+    """
+
+    def __init__(self, period: float) -> None:
+        self.now = 0.0
+        self.expect(period)
+
+    def expect(self, period: float) -> None:
+        """Take a period, and nothing else, for known from now on."""
+        self._period = self._usual = self.mean = period
+        # Commands since the clock has advanced.
+        self._commands = 1
+
+    def advance(self, measured: float) -> float:
+        """
+        Return how long the last command was held [s], more than zero.
+
+        Parameters
+        ----------
+        measured : float
+            By how much the clock has advanced since then [s].
+
+        """
+        if measured > 0.0:
+            held = measured / self._commands
+            self._usual = held if held < self._period else self._period
+            self._commands = 1
+        else:
+            held = self._usual
+            self._commands += 1
+        self.now += held
+        self.mean += SMOOTHING * (self._usual - self.mean)
+        return held
+
+
+def check_time(value: float, name: str, refusal: type[TpControllerError]) -> float:
+    """Return a time as a float [s]; raise `refusal` unless it is a finite number."""
+    try:
+        if math.isfinite(value):
+            return float(value)
+    except (TypeError, ValueError, OverflowError):
+        # What follows says what is wrong with it.
+        pass
+    raise refusal(f'{name} must be a finite number [s], got {value!r}')

@@ -1,0 +1,158 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The keys of a task: what they may be, and one report of all that are wrong."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import cast, NamedTuple, ParamSpec, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from tp_controller.errors import GoalError, RobotError, TaskError, unknown
+from tp_controller.model.spatial import Array
+from tp_controller.solver.level import MODES
+
+# '1' is the unit of ratios.
+DEFAULT_TOLERANCE = {'m': 1e-3, 'rad': 5e-3, '1': 1e-3}
+# Numbers beyond this are taken for a mistake; they would only overflow further on.
+LARGEST = 1e6
+
+Gain: TypeAlias = float | Sequence[float] | Array
+Tolerance: TypeAlias = float | Mapping[str, float]
+Given = ParamSpec('Given')
+Checked = TypeVar('Checked')
+
+
+class UnitRows(NamedTuple):
+    """
+    The rows of a task that have one unit.
+
+    Attributes
+    ----------
+    rows : ndarray of int, or slice
+        Which they are.
+    unit : str
+    tolerance : float
+        Error below which the goal counts as reached.
+
+    """
+
+    rows: NDArray[np.intp] | slice
+    unit: str
+    tolerance: float
+
+
+class Keys:
+    """Collects what is wrong with the keys of a task, to report all of it at once."""
+
+    def __init__(self) -> None:
+        self.faults: list[tuple[str, str]] = []
+
+    def check(self, key: str, function: Callable[Given, Checked], *arguments: Given.args,
+              **options: Given.kwargs) -> Checked:
+        """Return what `function` returns; where it refuses, note the fault and return None."""
+        try:
+            return function(*arguments, **options)
+        except (ValueError, GoalError, RobotError) as error:
+            self.faults.append((key, str(error)))
+            # Not what is promised, but `raise_faults` lets no task come of it.
+            return cast('Checked', None)
+
+    def raise_faults(self, name: str) -> None:
+        """Raise `TaskError` if there are any."""
+        if self.faults:
+            raise TaskError(name, self.faults)
+
+
+def number(value: object) -> float:
+    """Return a finite float, or raise ValueError."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
+        raise ValueError(f'needs a number of at most {LARGEST:g}, got {value!r}')
+    return float(value)
+
+
+def positive(value: object) -> float:
+    """Return a positive float, or raise ValueError."""
+    found = number(value)
+    if found <= 0.0:
+        raise ValueError(f'must be positive, got {found:g}')
+    return found
+
+
+def non_negative(value: object) -> float:
+    """Return a float that is not negative, or raise ValueError."""
+    found = number(value)
+    if found < 0.0:
+        raise ValueError(f'must not be negative, got {found:g}')
+    return found
+
+
+def has_shape(values: ArrayLike, shape: tuple[int, ...]) -> bool:
+    """Say whether `values` is an array, or nested lists, of a shape."""
+    try:
+        return np.shape(values) == shape
+    except ValueError:
+        return False
+
+
+def finite_vector(values: ArrayLike, size: int, what: str) -> Array:
+    """
+    Return `values` as a new float array of one row.
+
+    Raises
+    ------
+    GoalError
+        Another shape, not finite, or beyond `LARGEST`.
+
+    """
+    try:
+        vector = np.array(values, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise GoalError(f'{what} needs {size} numbers, got {values!r}') from error
+    if vector.shape != (size,):
+        raise GoalError(f'{what} needs {size} numbers, got an array of shape {vector.shape}')
+    if not (np.abs(vector) <= LARGEST).all():
+        raise GoalError(f'{what} must be finite and at most {LARGEST:g}, got {vector.tolist()}')
+    return vector
+
+
+def parse_mode(mode: str) -> str:
+    """Return a mode of `Level`, or raise ValueError."""
+    if mode not in MODES:
+        raise ValueError(unknown('mode', mode, MODES))
+    return mode
+
+
+def parse_gain(gain: Gain, rows: int | None) -> float | Array:
+    """Return the gain as a float, or as an array with one for each row (None: not known)."""
+    if not isinstance(gain, (list, tuple, np.ndarray)):
+        return positive(gain)
+    if rows is not None and len(gain) != rows:
+        raise ValueError(f'needs one number, or one for each of the {rows} rows, '
+                         f'got {len(gain)}')
+    return np.array([positive(value) for value in gain])
+
+
+def parse_tolerance(units: Sequence[str],
+                    tolerance: Tolerance | None) -> tuple[UnitRows, ...]:
+    """Return the rows and the tolerance of each unit that occurs, or raise ValueError."""
+    present = tuple(dict.fromkeys(units))
+    given = {} if tolerance is None else (
+        tolerance if isinstance(tolerance, dict) else dict.fromkeys(present, tolerance))
+    for unit in given:
+        if unit not in DEFAULT_TOLERANCE:
+            raise ValueError(f'unknown unit {unit!r}; valid: {", ".join(DEFAULT_TOLERANCE)}')
+    tolerances = {**DEFAULT_TOLERANCE, **given}
+    return tuple(UnitRows(np.flatnonzero([unit == other for other in units]), unit,
+                          positive(tolerances[unit])) for unit in present)
