@@ -23,13 +23,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from tp_controller.model.spatial import Array
 
 if TYPE_CHECKING:
     # Not found where several versions of matplotlib are mixed; what is flat needs none of it.
     from mpl_toolkits.mplot3d import Axes3D
 
-Array = NDArray[np.float64]
 
 # Okabe and Ito's colours, which the colour-blind can tell apart; their yellow is too light for
 # lines.

@@ -32,11 +32,10 @@ from tp_controller import Controller, KinematicSimulator, Robot, RobotState, Set
 from tp_controller.demos.film import animate_arm
 from tp_controller.demos.outcome import Measurement, Outcome, tell
 from tp_controller.demos.plots import plot_bounds
+from tp_controller.model.spatial import Array
 from tp_controller.resources import package_share
 from tp_controller.tasks.field_of_view import FieldOfView
 from tp_controller.tasks.joint_limits import JointLimits
-
-Array = NDArray[np.float64]
 
 PERIOD = 0.01
 DURATION = 40.0

@@ -19,13 +19,10 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 from tp_controller.model.robot import Robot
 from tp_controller.model.shapes import Box, Cylinder, parse_shape, Sphere
-from tp_controller.model.spatial import pose, rotation_from_rpy
+from tp_controller.model.spatial import Array, pose, rotation_from_rpy
 from tp_controller.model.urdf import parse
-
-Array = NDArray[np.float64]
 
 # Corners of a circle, and lines along a cylinder.
 ROUND, ALONG = 24, 6

@@ -25,14 +25,13 @@ import time
 from typing import Any, cast, TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from tp_controller.demos.film import animate_arm
 from tp_controller.demos.outlines import outline
 from tp_controller.demos.plots import plot_errors, plot_tool_path, plot_velocities
 from tp_controller.demos.processes import ended_by_sigterm, NodeProcess, own_domain
 from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
+from tp_controller.model.spatial import Array, quaternion_from_rotation, rotation_from_rpy
 from tp_controller.resources import load_yaml, package_share
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.stack import Stack
@@ -42,7 +41,6 @@ if TYPE_CHECKING:
     from tp_controller.nodes.client import Client
     from tp_controller.nodes.recorder import Recorder
 
-Array = NDArray[np.float64]
 # A goal of a file: task, what it is called, and the fields of its message.
 Goal = Mapping[str, Any]
 

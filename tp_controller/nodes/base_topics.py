@@ -19,17 +19,15 @@ from collections.abc import Callable, Sequence
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from tp_controller.errors import GoalError
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import inverse_pose
+from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.tasks.pose import parse_pose
 
 # As joint states: what is lost need not be repeated, the next one is newer.
-Array = NDArray[np.float64]
 
 ODOMETRY_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 

@@ -23,7 +23,6 @@ from typing import Any, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
-from numpy.typing import NDArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.duration import Duration
@@ -37,6 +36,7 @@ from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings
 from tp_controller.errors import RobotError, SettingsError, TpControllerError
 from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
 from tp_controller.nodes.base_topics import FixedBase, MovingBase
 from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.nodes.parameters import (
@@ -54,8 +54,6 @@ from tp_controller.nodes.status import diagnostics, markers
 from tp_controller.nodes.task_topics import TaskTopics
 from tp_controller.tasks.stack import Stack
 from visualization_msgs.msg import MarkerArray
-
-Array = NDArray[np.float64]
 
 NAME = 'tp_controller'
 PARAMETERS = (

@@ -19,9 +19,9 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from tp_controller.model.spatial import Array
 from tp_controller.tasks.keys import LARGEST
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 

@@ -22,10 +22,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
 from tp_controller.nodes.base_topics import (
     ODOMETRY_QOS,
     OdometryBuffer,
@@ -35,7 +35,6 @@ from tp_controller.nodes.base_topics import (
 from tp_controller.nodes.client import Client
 from tp_controller.nodes.joint_states import JointStateBuffer
 
-Array = NDArray[np.float64]
 Value = TypeVar('Value')
 
 # Anything that was heard at all was heard within this [s].
