@@ -36,13 +36,12 @@ import time
 from unittest.mock import patch
 
 from _robots import load_robot
-import daqp
 import numpy as np
 from scipy.optimize import lsq_linear
 from tp_controller import Controller, Settings, Stack
 from tp_controller.control.limits import VelocityLimits
-from tp_controller.solver import qp as least_distance
-from tp_controller.solver.qp import by_least_squares
+from tp_controller.solver import bounded_hierarchy
+from tp_controller.solver.qp import regularised
 
 # {robot: (frames tasks are about, frame that some are relative to, axes of a pose task)}
 ROBOTS = {
@@ -80,9 +79,8 @@ class Result:
     cycles: int = 0
     # Exceptions and commands that are not finite.
     failures: int = 0
-    # Quadratic programs, those that DAQP left to the second method, and those nobody solved.
+    # Quadratic programs, and those that rounding defeats.
     programs: int = 0
-    second: int = 0
     unsolved: int = 0
     # Commands beyond a velocity limit; joints that left their range or went farther out.
     velocity: int = 0
@@ -106,22 +104,16 @@ class Result:
             self.findings.append(f'{episode.name}, cycle {cycle}: {what}')
 
 
-class Methods:
-    """Stands in for both methods of `tp_controller.solver.qp`, and counts their programs."""
+class Programs:
+    """Stands in for `tp_controller.solver.qp.regularised`, and counts."""
 
     def __init__(self, result):
         self._result = result
 
-    def solve(self, *arguments, **options):
-        """Run the first method."""
-        # Not the tries that follow with looser tolerances.
-        self._result.programs += options['primal_tol'] == least_distance.TOLERANCES[0]
-        return daqp.solve(*arguments, **options)
-
-    def by_least_squares(self, *arguments):
-        """Run the second method."""
-        answer = by_least_squares(*arguments)
-        self._result.second += 1
+    def __call__(self, *arguments):
+        """Run it."""
+        answer = regularised(*arguments)
+        self._result.programs += 1
         self._result.unsolved += answer is None
         return answer
 
@@ -337,9 +329,7 @@ def run(robot_name, cycles, seed):
 
     """
     result = Result(robot_name)
-    methods = Methods(result)
-    with patch.object(least_distance, 'daqp', methods), \
-            patch.object(least_distance, 'by_least_squares', methods.by_least_squares):
+    with patch.object(bounded_hierarchy, 'regularised', Programs(result)):
         number = 0
         while result.cycles < cycles:
             episode = Episode(robot_name, seed, number)
@@ -361,7 +351,6 @@ def rows(result):
     yield 'cycles', f'{result.cycles:,}'
     yield 'failures', result.failures
     yield 'quadratic programs', f'{result.programs:,}'
-    yield '… by the second method', result.second
     yield '… unsolved', result.unsolved
     yield 'velocity limit violated', result.velocity
     yield 'position limit violated', result.position

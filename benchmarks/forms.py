@@ -23,11 +23,11 @@ from pathlib import Path
 
 import numpy as np
 from scipy.linalg import null_space
-from tp_controller import Robot, solve, Stack
+from tp_controller import Level, Robot, solve, Stack
+from tp_controller.solver.sequential import sequential
 
 SEED = 0
 STATES = 500
-METHODS = ('recursive', 'sequential')
 PANDA = Path(__file__).resolve().parent.parent / 'config' / 'robots' / 'panda.yaml'
 PANDA_STACK = """
 - position: {type: position, frame: panda_hand_tcp}
@@ -36,6 +36,8 @@ PANDA_STACK = """
 - joint1: {type: joint, joints: panda_joint1}
 """
 ANGLES = (90, 60, 30, 10)
+# {name: function (levels, n) -> velocities (n,)}
+FORMS = {'recursive': lambda levels, n: solve(levels).velocity, 'sequential': sequential}
 
 
 def exact(levels, n):
@@ -54,12 +56,17 @@ def exact(levels, n):
     return x
 
 
+def velocities(levels, n):
+    """Return the joint velocities (n,) of each of the `FORMS`."""
+    levels = [Level(J, v) for J, v in levels]
+    return [form(levels, n) for form in FORMS.values()]
+
+
 def excess(levels, n):
-    """Return, for each method and level, (‖v − J ζ‖ − optimum) / ‖v‖."""
+    """Return, for each form and level, (‖v − J ζ‖ − optimum) / ‖v‖."""
     best = exact(levels, n)
-    solutions = [solve(levels, method=method).velocity for method in METHODS]
     return [[(np.linalg.norm(v - J @ zeta) - np.linalg.norm(v - J @ best)) / np.linalg.norm(v)
-             for J, v in levels] for zeta in solutions]
+             for J, v in levels] for zeta in velocities(levels, n)]
 
 
 def random_states(rng):
@@ -80,11 +87,12 @@ def panda_states(rng):
 
 
 def share_of_second_task(degrees):
-    """Return which part of a second task of one row is executed, for each method."""
+    """Return which part of a second task of one row is executed, for each form."""
     angle = math.radians(degrees)
     levels = [(np.array([[1.0, 0.0]]), np.zeros(1)),
               (np.array([[math.cos(angle), math.sin(angle)]]), np.ones(1))]
-    return [solve(levels, method=method).levels[1].achieved[0] for method in METHODS]
+    J, _ = levels[1]
+    return [float(J[0] @ zeta) for zeta in velocities(levels, 2)]
 
 
 def projector_fault(degrees):
@@ -103,10 +111,10 @@ def print_excess():
     rng = np.random.default_rng(SEED)
     for name, states in (('random', random_states(rng)), ('Panda', panda_states(rng))):
         values = np.array([excess(levels, 7) for levels in states])
-        for method, column in zip(METHODS, values.transpose(1, 2, 0)):
+        for form, column in zip(FORMS, values.transpose(1, 2, 0)):
             cells = [f'{_short(np.median(level))} / {_short(np.percentile(level, 95))}'
                      for level in column]
-            print(f'| {name} | {method} | {" | ".join(cells)} |')
+            print(f'| {name} | {form} | {" | ".join(cells)} |')
 
 
 def print_angles():

@@ -27,6 +27,7 @@ import numpy as np
 from tp_controller import Settings, Stack
 from tp_controller.control.limits import VelocityLimits
 from tp_controller.solver.level import Level
+from tp_controller.solver.solve import solve_cycle
 
 SEED = 0
 STATES = 1000
@@ -58,24 +59,29 @@ CASES = {
 }
 
 
-def solver(robot, scaling):
-    """Return a solver with the default settings, but for the scaling."""
-    return Settings(scaling=scaling).solver(robot.n)
+def solver(robot, scaling, cap=None):
+    """Return a function (levels, lower, upper) -> velocity (n,) with the default settings."""
+    settings = Settings(scaling=scaling)
+    options = settings.solver_options(robot.n)
+
+    def velocity(levels, lower=None, upper=None):
+        return solve_cycle(levels, lower, upper, options, settings.period, cap).velocity
+    return velocity
 
 
 def methods(robot):
     """Return {name: function (levels, lower, upper) -> velocity (n,)}."""
-    uniform, redistribute = solver(robot, 'uniform'), solver(robot, 'redistribute')
-    cap = Settings().speed_cap(robot)
+    uniform = solver(robot, 'uniform')
+    redistribute = solver(robot, 'redistribute', Settings().speed_cap(robot))
 
     def scaled_first(levels, lower, upper):
         first = Level(levels[0].J, levels[0].v, 'scale')
-        return redistribute.solve([first, *levels[1:]], lower, upper, cap).velocity
+        return redistribute([first, *levels[1:]], lower, upper)
 
     return {
-        'uniform': lambda *given: uniform.solve(*given).velocity,
-        'clip': lambda levels, *bounds: np.clip(uniform.solve(levels).velocity, *bounds),
-        'redistribute, least_squares': lambda *given: redistribute.solve(*given, cap).velocity,
+        'uniform': uniform,
+        'clip': lambda levels, *bounds: np.clip(uniform(levels), *bounds),
+        'redistribute, least_squares': redistribute,
         'redistribute, first level scale': scaled_first,
     }
 
@@ -137,7 +143,7 @@ def compare(name, count=STATES):
     functions, free = methods(robot), solver(robot, 'uniform')
     found = {method: [] for method in functions}
     for levels, lower, upper in states(robot, stack, positions_count, count):
-        unlimited = free.solve(levels).velocity
+        unlimited = free(levels)
         for method, function in functions.items():
             found[method].append(qualities(levels, function(levels, lower, upper),
                                            unlimited))

@@ -23,7 +23,9 @@ to half the speed limits. Joints are at rest and keep their velocity and positio
 The loss of a level is (‖v − J x‖ − ‖v − J x*‖) / ‖v‖ with the velocity x of the solver and the
 exact optimum x*: of the first level within the bounds, and of the second one where the first is
 at its optimum. A second level that gains what the first one loses has a negative loss. Every
-state is solved by a fresh solver: nothing is left over from the state before.
+state is solved by itself: nothing is remembered of the state before. With ``--cycles 100`` it is
+solved as often, each time with what is remembered of the time before: the loss where a robot goes
+on to be asked for what it cannot do.
 """
 
 import argparse
@@ -36,6 +38,7 @@ from _robots import CONFIG, load_robot
 import numpy as np
 from scipy.optimize import lsq_linear
 from tp_controller import Level, Robot, RobotState, Settings, Stack
+from tp_controller.solver.solve import solve_cycle
 
 # That of the tests: slow, proven by its multipliers, and with nothing of the solver in it.
 constrained_lstsq = runpy.run_path(
@@ -103,10 +106,14 @@ class State:
 
 
 # How the solver is called, and what the Jacobians of a stack are, stands in these two only.
-def velocity(settings: Settings, state: State) -> np.ndarray:
-    """Return the velocities (n,) that a fresh solver finds."""
-    solver = settings.solver(len(state.lower))
-    return solver.solve(state.levels, state.lower, state.upper).velocity
+def velocity(settings: Settings, state: State, cycles: int = 1) -> np.ndarray:
+    """Return the velocities (n,) that the solver finds in the last of some cycles."""
+    options, memory = settings.solver_options(len(state.lower)), None
+    for _ in range(cycles):
+        solution = solve_cycle(state.levels, state.lower, state.upper, options, settings.period,
+                               memory=memory)
+        memory = solution.memory
+    return solution.velocity
 
 
 def jacobians(stack: Stack, state: RobotState) -> list[np.ndarray]:
@@ -179,11 +186,12 @@ def references(case: str, count: int, count_below: int) -> list[tuple[State, lis
     return found
 
 
-def losses(case: str, settings: Settings, count: int, count_below: int) -> list[np.ndarray]:
+def losses(case: str, settings: Settings, count: int, count_below: int,
+           cycles: int) -> list[np.ndarray]:
     """Return the losses of the first and of the second level."""
     found: list[list[float]] = [[], []]
     for state, least in references(case, count, count_below):
-        x = velocity(settings, state)
+        x = velocity(settings, state, cycles)
         for values, level, best in zip(found, state.levels, least):
             values.append(missing(level, x) - best)
     return [np.array(values) for values in found]
@@ -203,13 +211,14 @@ def main() -> None:
     parser.add_argument('--states', type=int, default=STATES)
     parser.add_argument('--below', type=int, default=STATES_BELOW,
                         help='states in which the second level is measured, too')
+    parser.add_argument('--cycles', type=int, default=1, help='for which every state lasts')
     options = parser.parse_args()
     print('| stack | settings | level | median | 90th percentile | 99th | most '
           f'| states with more than {100.0 * WORSE:g} % |\n|' + ' --- |' * 8, flush=True)
     every: dict[tuple[str, int], list[np.ndarray]] = {}
     for case in CASES:
         for shown, settings in SETTINGS.items():
-            found = losses(case, settings, options.states, options.below)
+            found = losses(case, settings, options.states, options.below, options.cycles)
             for number, values in enumerate(found, start=1):
                 print(row(case, shown, number, values), flush=True)
                 every.setdefault((shown, number), []).append(values)

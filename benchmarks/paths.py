@@ -28,6 +28,7 @@ import numpy as np
 from tp_controller import Settings
 from tp_controller.control.limits import VelocityLimits
 from tp_controller.solver.level import identity, Level
+from tp_controller.solver.solve import solve_cycle
 
 SEED = 0
 PATHS = 20
@@ -107,7 +108,7 @@ def follow(robot, path, settings, seconds):
         Largest change of a velocity from the cycle before [rad/s].
 
     """
-    solver = settings.solver(robot.n)
+    options, memory = settings.solver_options(robot.n), None
     limits = VelocityLimits(robot, settings.period, settings.braking_gain)
     cap = settings.speed_cap(robot)
     q, velocity = READY, np.zeros(robot.n)
@@ -122,7 +123,9 @@ def follow(robot, path, settings, seconds):
                            elbow + ELBOW_STROKE * np.sin(ELBOW_RATE * now), pointing)
         bounds = limits.at(q, velocity, PERIOD)
         previous = velocity
-        velocity = solver.solve(levels, bounds.lower, bounds.upper, cap).velocity
+        solution = solve_cycle(levels, bounds.lower, bounds.upper, options, settings.period, cap,
+                               memory)
+        velocity, memory = solution.velocity, solution.memory
         q = q + PERIOD * velocity
         rows.append((np.linalg.norm(goal - state.position(TOOL)),
                      np.arccos(np.clip(pointing.dot(state.rotation(TOOL)[:, 2]), -1.0, 1.0)),

@@ -32,6 +32,7 @@ from _robots import load_robot, PANDA_READY, TALOS_READY
 import numpy as np
 from tp_controller import Controller, Settings, Stack
 from tp_controller.control.limits import VelocityLimits
+from tp_controller.solver.solve import solve_cycle
 
 # {name: (robot, working posture, stack)}
 CASES = {
@@ -72,7 +73,7 @@ class Case:
         self.controller = Controller(robot, self.stack, settings)
         # Tasks hold what they find in the first cycle.
         self.controller.update(ready, 0.0, elapsed=PERIOD)
-        self.solver = settings.solver(robot.n)
+        self.options, self.memory = settings.solver_options(robot.n), None
         self.state = robot.state(ready)
         self.frames = [task.frame for task in self.stack.tasks.values() if task.frame]
         limits = VelocityLimits(robot, settings.period, settings.braking_gain)
@@ -85,7 +86,7 @@ class Case:
 
     def limited(self):
         """Return in how many states a limit is active, to the solver and to the controller."""
-        return (sum(self.solver.solve(*given).scale < 1.0 for given in self.prepared),
+        return (sum(self.solution(*given).scale < 1.0 for given in self.prepared),
                 sum(self.controller.update(q, 0.0, elapsed=PERIOD).report.scale < 1.0
                     for q in self.states))
 
@@ -107,7 +108,13 @@ class Case:
 
     def solve(self, k):
         """Solve levels that were prepared before."""
-        self.solver.solve(*self.prepared[k])
+        self.solution(*self.prepared[k])
+
+    def solution(self, levels, lower=None, upper=None):
+        """Return the solution of one cycle, with what is remembered of the one before."""
+        found = solve_cycle(levels, lower, upper, self.options, PERIOD, memory=self.memory)
+        self.memory = found.memory
+        return found
 
     def textbook(self, k):
         """Run kinematics, levels, the recursion with `np.linalg.pinv`, and uniform scaling."""
@@ -148,9 +155,9 @@ def load_case(robot_name, ready, stack_text):
              for _ in range(DRAWN)]
     case = Case(robot, ready, drawn, stack_text)
     free = [index for index, given in enumerate(case.prepared)
-            if case.solver.solve(*given).scale == 1.0]
+            if case.solution(*given).scale == 1.0]
     # Share of its speed limit that the fastest joint has.
-    shares = {index: np.max(np.abs(case.solver.solve(case.prepared[index][0]).velocity)
+    shares = {index: np.max(np.abs(case.solution(case.prepared[index][0]).velocity)
                             / robot.velocity) for index in free}
     middle = sorted(free, key=shares.get)[(len(free) - STATES) // 2:][:STATES]
     states = [drawn[index] for index in sorted(middle)]

@@ -51,6 +51,37 @@ def lexicographic(levels, n, weights=None):
     return x - free @ np.linalg.solve(free.T @ W @ free, free.T @ W @ x)
 
 
+def damped_recursion(levels, n, damping, region, first=1.0):
+    """
+    Return the solution (n,) of a hierarchy whose weak directions are damped.
+
+    A singular value s of what the levels above leave of a level is inverted as
+    s / (s² + λ² max(0, 1 − s²/ε²)).
+
+    Parameters
+    ----------
+    levels : list of (J, v)
+        The highest priority first.
+    n : int
+        Number of joints.
+    damping, region : float
+        λ and ε.
+    first : float
+        Share of both that the first level has.
+
+    """
+    x, rows, share = np.zeros(n), np.zeros((0, n)), first
+    for J, v in levels:
+        free = null_of(rows)
+        U, s, V_T = np.linalg.svd(J @ free, full_matrices=False)
+        moving = s > TOLERANCE * np.linalg.norm(J)
+        U, s, V_T = U[:, moving], s[moving], V_T[moving]
+        squared = (share * damping) ** 2 * np.maximum(0.0, 1.0 - (s / (share * region)) ** 2)
+        x = x + free @ V_T.T @ (s / (s ** 2 + squared) * (U.T @ (v - J @ x)))
+        rows, share = np.concatenate([rows, J]), 1.0
+    return x
+
+
 def null_of(rows):
     """Return an orthonormal basis (n, k) of the null space."""
     if not rows.size or not np.linalg.norm(rows):

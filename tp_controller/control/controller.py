@@ -30,8 +30,10 @@ from tp_controller.errors import GoalError, SettingsError, TimeError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.model.state import RobotState
+from tp_controller.solver.damping import Memory
 from tp_controller.solver.level import Level
 from tp_controller.solver.solution import Solution
+from tp_controller.solver.solve import solve_cycle
 from tp_controller.tasks.pose import parse_pose
 from tp_controller.tasks.stack import Groups, levels_of, shared_levels, Stack
 from tp_controller.tasks.task import Goal, Task
@@ -89,6 +91,8 @@ class Controller:
         self._last_update: float | None = None
         self._transition = Transition(0.0)
         self._escape = Escape(robot.n)
+        # Levels of this cycle, and what the one before left to them.
+        self._levels: list[Level] = []
         self._settings = settings = settings or Settings()
         self._time = CycleTime(settings.period)
         self.check_settings(settings)
@@ -164,7 +168,8 @@ class Controller:
         self._settings = settings
         self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain)
         self._speed_cap = settings.speed_cap(self.robot)
-        self._solver = settings.solver(self.robot.n)
+        self._options = settings.solver_options(self.robot.n)
+        self._memory: Memory = ()
         self._time.expect(settings.period)
         self._transition.duration = settings.blend
 
@@ -175,8 +180,8 @@ class Controller:
         Raises
         ------
         SettingsError
-            There is not one weight for each joint, or a bound would be approached faster than the
-            period allows.
+            There is not one weight for each joint, or a bound would be approached faster than
+            the period allows.
 
         """
         faults = []
@@ -328,7 +333,7 @@ class Controller:
         elif elapsed is None:
             elapsed = now - self._last_update
         held = self._time.advance(elapsed)
-        self._solver.hold(self._time.mean)
+        self._levels = levels
         bounds = self._limits.at(state.positions, self._velocity, held)
 
         def solve(levels: list[Level]) -> Solution:
@@ -341,12 +346,16 @@ class Controller:
             if way_out is not None:
                 solution, why = solution.moved_to(solve(way_out).velocity), 'leaving a singularity'
         self._velocity, self._last_update = solution.velocity, now
+        self._memory = solution.memory
         return Command(solution.velocity, Report(self.robot, evaluations, self.stack.inactive,
                                                  bounds, solution, why))
 
     def _solve(self, levels: list[Level], lower: Array, upper: Array) -> Solution:
         """Return what carries levels out within bounds on the velocities (n,)."""
-        return self._solver.solve(levels, lower, upper, self._speed_cap)
+        # What leads over shares its first levels with the stack, and what is remembered of them.
+        shared = sum(1 for level, other in zip(levels, self._levels) if level is other)
+        return solve_cycle(levels, lower, upper, self._options, self._time.mean, self._speed_cap,
+                           self._memory[:shared])
 
     def _lead_over(self, levels: list[Level], bounds: VelocityBounds, held: float,
                    solve: Solve) -> tuple[Solution | None, str]:
@@ -373,6 +382,7 @@ class Controller:
         shared = shared_levels(before, after)
         if shared < max(len(before), len(after)):
             self._transition.announce(shared)
+            self._memory = self._memory[:shared]
 
     def _announce_goal(self, task: Task, now: float) -> None:
         """Tell the transition that a task gets a goal."""

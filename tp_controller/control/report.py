@@ -22,8 +22,8 @@ import numpy as np
 from tp_controller.control.limits import VelocityBounds
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.solver.level import NEGLIGIBLE as ROUNDING
 from tp_controller.solver.solution import LevelSolution, Solution
-from tp_controller.solver.solve import RANK_TOLERANCE
 from tp_controller.tasks.bounded import out_of_reach, STILL
 from tp_controller.tasks.task import Evaluation, norm, Task
 
@@ -209,7 +209,7 @@ class Report:
         """Return why a level cannot move the way it wants, apart from the limits."""
         rows, smallest = len(level.wanted), level.smallest_singular_value
         alone = self._solution.singular_values_alone(number - 1)
-        possible = int(np.count_nonzero(alone > RANK_TOLERANCE * norm(alone)))
+        possible = int(np.count_nonzero(alone > ROUNDING * norm(alone)))
         if possible < rows:
             return f'{possible} of {rows} directions possible for the robot here'
         if level.rank < rows:

@@ -14,7 +14,7 @@
 
 """Settings of the controller, with defaults that are safe for a real arm."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, Field, field, fields
 import math
 from typing import Any
@@ -22,22 +22,20 @@ from typing import Any
 import numpy as np
 from tp_controller.errors import SettingsError
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import Array
-from tp_controller.solver.solve import RANK_TOLERANCE, SCALINGS, Solver
+from tp_controller.solver.level import Array
+from tp_controller.solver.solve import Options, SCALINGS
 
 
-def _number(default: float, lower: float, upper: float, unit: str, description: str) -> float:
+def _number(default: float, lower: float, upper: float, unit: str, description: str) -> Any:
     """Return a field with its range and description."""
-    found: float = field(default=default, metadata={
+    return field(default=default, metadata={
         'lower': lower, 'upper': upper, 'unit': unit, 'description': description})
-    return found
 
 
-def _choice(default: str, valid: tuple[str, ...], description: str) -> str:
+def _choice(default: str, valid: tuple[str, ...], description: str) -> Any:
     """Return a field with its valid values and description."""
-    found: str = field(default=default, metadata={
+    return field(default=default, metadata={
         'valid': valid, 'unit': '', 'description': description})
-    return found
 
 
 @dataclass(frozen=True)
@@ -57,31 +55,35 @@ class Settings:
         'limits relies on it')
     damping: float = _number(
         0.1, 0.0, 10.0, '',
-        'damping λ of the task inverses, in the units of the Jacobian (0: undamped)')
+        'damping λ of directions that hardly move a task, in the units of the Jacobian; of the '
+        'first level a fifth of it (0: undamped)')
     singular_region: float = _number(
-        0.1, 0.0, math.inf, '', 'singular value below which a direction is damped (inf: all '
-        'directions are, which is damped least squares as in the lecture)')
+        0.1, 0.0, math.inf, '', 'singular value below which a direction is damped, of the first '
+        'level a fifth of it (inf: all directions are, which is damped least squares as in the '
+        'lecture)')
     braking_gain: float = _number(
         10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; '
         'at most 1/period')
     release_region: float = _number(
-        0.02, 0.0, 10.0, '', 'singular value below which a direction is given up to the lower '
-        'tasks, smoothly, and wholly below a tenth of it (0: never)')
+        0.02, 0.0, 10.0, '', 'singular value below which a direction is released to the lower '
+        'tasks, smoothly (0: never)')
     scaling: str = _choice(
         'redistribute', SCALINGS, 'what is done where a velocity exceeds a limit: other joints '
-        'take over and lower tasks give way first, or all joints are slowed alike')
+        'move in its place and lower tasks give way first, or all joints are slowed alike')
     regularisation: float = _number(
-        0.05, 0.0, 10.0, '', 'scaling redistribute: what keeps the command from jumping between '
-        'equally good ones, in the units of the Jacobian (0: exact)')
+        0.02, 0.0, 10.0, '', 'scaling redistribute: singular value below which a direction '
+        'stays near the velocity cut off at the limits, which keeps the command from jumping '
+        '(0: exact)')
     reserve: float = _number(
         0.4, 0.0, 1.0, '', 'scaling redistribute: share of its speed limit that the tasks below '
         'the first level leave to it, of every joint with an acceleration limit')
     blend: float = _number(
         0.4, 0.0, 60.0, 's', 'time in which a change of the stack, a goal or a setting takes '
         'over from what was before (0: at once)')
-    weights: Sequence[float] | None = field(default=None, metadata={
+    weights: tuple[float, ...] | None = field(default=None, metadata={
         'unit': '', 'description': 'cost of each velocity, those of a moving base before those '
-        'of the joints, all positive: the higher, the less it is used (empty: all equal)'})
+        'of the joints, all positive: the higher, the less it is used in what all tasks leave '
+        'free (empty: all equal)'})
 
     def __post_init__(self) -> None:
         """Check everything, and raise one error for all faults."""
@@ -92,13 +94,10 @@ class Settings:
         if faults:
             raise SettingsError(faults)
 
-    def solver(self, n: int) -> Solver:
-        """Return the `Solver` for a robot with n joints that these settings make."""
-        return Solver(
-            n, self.weights or None, damping=self.damping, scaling=self.scaling,
-            singular_region=self.singular_region, release_region=self.release_region,
-            regularisation=self.regularisation, period=self.period, method='recursive',
-            rank_tolerance=RANK_TOLERANCE)
+    def solver_options(self, n: int) -> Options:
+        """Return the `Options` for a robot with n joints that these settings make."""
+        return Options(n, self.weights or None, self.damping, self.scaling, self.singular_region,
+                       self.release_region, self.regularisation)
 
     def speed_cap(self, robot: Robot) -> Array | None:
         """
@@ -111,7 +110,7 @@ class Settings:
             return None
         return np.where(slow, (1.0 - self.reserve) * robot.velocity, robot.velocity)
 
-    def _faults(self, item: Field[Any]) -> Iterator[str]:
+    def _faults(self, item: 'Field[Any]') -> Iterator[str]:
         """Return what is wrong with one field."""
         value = getattr(self, item.name)
         if 'valid' in item.metadata:

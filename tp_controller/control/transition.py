@@ -17,7 +17,7 @@
 import math
 
 from tp_controller.model.spatial import Array
-from tp_controller.solver.level import identity, Level
+from tp_controller.solver.level import Level
 
 
 class Transition:
@@ -106,7 +106,7 @@ class Transition:
         share = (now - self._began) / self.duration
         left = 1.0 - share * share * (3.0 - 2.0 * share)
         return kept_above(levels, self._shared) + [
-            Level(identity(len(velocity)), velocity + left * self._offset)]
+            Level.of_joints(velocity + left * self._offset)]
 
 
 def kept_above(levels: list[Level], count: int) -> list[Level]:

@@ -13,387 +13,295 @@
 # limitations under the License.
 
 """
-Velocity limits met level by level: what one joint cannot do, the others take over.
+The loop over the levels: the recursion of the lecture, damped, within bounds.
 
-Let ζ₁ be the velocity that the recursion of `tp_controller.solver.solve` has found for the first
-level, without bounds. x begins as near to it as the bounds allow. Then the levels carry out what
-they want as well as the bounds let them, from the first to the last, as in the recursion: level k
-moves x in the coordinates a of its own singular directions Q = Z V, which do not move the levels
-above. With a° = J̄^# (v_k − J_k x) for the step that it would like best it solves ::
+x is the velocity that the levels so far agree on, Z what they left free. Each level decomposes
+what it can still move, J Z = U diag(s) Vᵀ with Q = Z V, and takes one damped step ::
 
-    minimise    Σ s_i² (a_i − a°_i)²
-    subject to  lower ≤ x + Q a ≤ upper,  and the rows of the levels with bounds above,
+    x ← x + Q a°,   a°_i = s_i d_i / max(s_i² + …, c_i),   d = Uᵀ (v − J x)     (see `damping`)
 
-regularised as `tp_controller.solver.regularized_qp` says. If a° fits, it is the answer, so nothing
-jumps where the bounds begin to matter; but where a level above pushes against its bounds, soft
-directions wait, as they do in its own program. No level knows of the levels below it, and each
-moves the joints no farther than it needs. All programs are strictly convex and small, and x itself
-always fits.
+if that is allowed. If not, one quadratic program comes as near to it as it can ::
+
+    minimise  Σ max(s_i², c_i) (a_i − a°_i)²   subject to   x + Q a is allowed     (see `qp`)
+
+Then it goes on in what is left, Z ← Z V_null. The first level begins at rest, so that bounds
+that exclude zero change nothing that they do not have to. A level with bounds moves x to where
+they are met, and is a part of what is allowed from then on. No level knows of those below it.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from tp_controller.solver.level import identity
-from tp_controller.solver.null_space import REACTION
-from tp_controller.solver.qp import nearest_point, nearest_point_if_any
-from tp_controller.solver.regularized_qp import exact, regularised
-from tp_controller.solver.solution import Stage
+from tp_controller.solver.damping import Damping, ROW_TURNING, TURNING
+from tp_controller.solver.level import Array, Level, NEGLIGIBLE, ROUNDING
+from tp_controller.solver.null_space import (
+    decompose,
+    Directions,
+    null_space,
+    remaining,
+)
+from tp_controller.solver.polytope import Polytope
+from tp_controller.solver.qp import nearest_point, regularised
 
-# What a velocity may exceed a bound by and be cut off, relative to its size.
-ROUNDING = 1e-12
-# What a row may be off its bound.
-FEASIBLE = 1e-11
-# A row of length 1 counts as taken by the levels above where so much of it is left.
-NEGLIGIBLE = 1e-9
-# Speed along a row of length 1 from which on it counts as one that asks for motion [rad/s].
-ASKING = 0.02
-# A row that is shorter than this counts as one that turns the faster for it [unit/rad].
-SHORT = 0.2
-TINY = 1e-30
-# Pushes a joint with a multiplier the last bit onto its bound.
-PUSH = 1e6
+# λ and ε of rows with bounds, as a share of the row [1].
+ROW_DAMPING = 0.1
+NONE = np.zeros(0)
 
 
-def redistribute(levels, unbounded, start, bounds, shared_bounds, regularisation, period,
-                 row_damping):
+class LevelStep(NamedTuple):
     """
-    Carry out levels within bounds.
+    How one level was carried out, before the levels below it.
 
-    Parameters
+    Attributes
     ----------
-    levels : list of Level
-        The highest priority first.
-    unbounded : list of Stage
-        What the recursion made of them.
-    start : ndarray (n, n)
-        W^{-1/2}, the diagonal matrix that turns weights into a change of variables.
-    bounds : (ndarray (n,), ndarray (n,))
-        Lower and upper bounds on the velocities.
-    shared_bounds : (ndarray (n,), ndarray (n,))
-        The same for what comes after the first level that wants a velocity.
-    regularisation : float
-        μ, in the units of J; 0: exact.
-    period : float
-        How long the velocity will be held [s].
-    row_damping : float
-        Share of a row that is left by the levels above it, below which its level asks for less;
-        0: never.
-
-    Returns
-    -------
     velocity : ndarray (n,)
-        Within the bounds, exactly.
-    stages : list of Stage
-        For each level.
+        After the level.
+    directions : Directions or None
+        None for a level with bounds.
+    followed : ndarray (rank,)
+        The share of its demand that damping leaves to each direction.
+    released : ndarray (n, k) or None
+        What the level leaves free, where that includes weak directions.
+    multipliers, row_multipliers : ndarray (n,), (r,), or None
+        Of the bounds on the joints, and on the rows of all levels with bounds down to this one;
+        None where none was in the way.
 
     """
-    nearest = next((stage.velocity for stage in unbounded if stage.projection is not None),
-                   np.zeros(len(start)))
-    cascade = _Cascade(nearest, bounds, start, regularisation, period, row_damping)
-    stages, first = [], True
-    for level, stage in zip(levels, unbounded):
-        if level.v is None:
-            stages.append(cascade.keep(level))
-            continue
-        carry_out = cascade.scale if level.mode == 'scale' else cascade.carry_out
-        stages.append(carry_out(level, stage))
-        if first and shared_bounds is not bounds:
-            cascade.narrow(shared_bounds)
-        first = False
-    cascade.finish(unbounded)
-    return cascade.x, stages
+
+    velocity: Array
+    directions: Directions | None = None
+    followed: Array = NONE
+    released: Array | None = None
+    multipliers: Array | None = None
+    row_multipliers: Array | None = None
 
 
-def within(x, lower, upper):
-    """Return x (n,) without what rounding put beyond its bounds; None if it is farther off."""
-    clipped = clip(x, lower, upper)
-    excess = clipped - x
-    return clipped if excess.dot(excess) <= ROUNDING ** 2 * x.dot(x) else None
+class BoundedHierarchy:
+    """
+    What the levels so far have made of a cycle.
 
+    Attributes
+    ----------
+    x : ndarray (n,)
+        Velocity that they agree on.
+    Z : ndarray (n, k) or None
+        What they left free; None where that is everything.
+    allowed : Polytope
+        What x is bound to.
 
-def meets(level, x):
-    """Say whether velocities x (n,) are within the bounds of a level."""
-    values = level.J.dot(x)
-    return not (np.count_nonzero(values > level.upper + FEASIBLE)
-                or np.count_nonzero(values < level.lower - FEASIBLE))
+    """
 
+    def __init__(self, allowed: Polytope, damping: Damping) -> None:
+        self.allowed, self.damping = allowed, damping
+        self.x = allowed.clip(np.zeros(len(allowed.lower)))
+        # None: everything.
+        self.Z: Array | None = None
+        # Levels with a demand so far; whether some of what they move was released.
+        self._above: list[tuple[Level, Directions]] = []
+        self._released = False
 
-def clip(x, lower, upper):
-    """Return x (n,) within bounds."""
-    return np.minimum(np.maximum(x, lower), upper)
+    def carry_out(self, level: Level, h: float) -> tuple[LevelStep, float]:
+        """
+        Come as near to what a level demands as is allowed.
 
+        Parameters
+        ----------
+        level : Level
+            With a demand v.
+        h : float
+            How what it pushes against bends; see `damping`.
 
-class _Cascade:
-    """The velocity x that the levels so far agree on, what they left free, and what bounds it."""
+        Returns
+        -------
+        step : LevelStep
+        h : float
+            Of this cycle alone.
 
-    def __init__(self, x, bounds, start, regularisation, period, row_damping):
-        self.x = clip(x, *bounds)
-        self._lower, self._upper = bounds
-        self._start = start
-        self._Z = start
-        self._rows = np.zeros((0, len(start)))
-        self._row_lower = self._row_upper = self._row_units = np.zeros(0)
-        self._regularisation, self._period = regularisation * regularisation, period
-        self._row_damping = row_damping
-        # The most curvature of what has pushed so far.
-        self._curvature = 0.0
+        """
+        directions = decompose(level, self.Z, not self._released)
+        c = self.damping.curvature(h)
+        gains = self.damping.gains(directions.s, c, not self._above)
+        approach = self._keep_direction if level.mode == 'scale' else self._approach
+        multipliers = approach(level, directions, gains, c)
+        self.Z = remaining(directions, self.damping.release_region, self.damping.shortest)
+        releasing = self.Z.shape[1] > directions.Q.shape[1] - directions.rank
+        self._released |= releasing
+        followed = directions.s * gains
+        met = not len(multipliers) and directions.rank == len(level.v) \
+            and (not len(followed) or followed[-1] > 1.0 - ROUNDING)
+        h = 0.0 if met else self._bend(level, directions, multipliers)
+        self._above.append((level, directions))
+        step = LevelStep(self.x, directions, followed, self.Z if releasing else None,
+                         *self._apart(multipliers))
+        return step, h
 
-    def narrow(self, bounds):
-        """Give the levels from here on less room; where x uses more already, just that."""
-        lower, upper = bounds
-        self._lower = np.minimum(np.maximum(self._lower, lower), self.x)
-        self._upper = np.maximum(np.minimum(self._upper, upper), self.x)
+    def _approach(self, level: Level, directions: Directions, gains: Array, c: float) -> Array:
+        """Take the step of a level, or come as near to it as is allowed; return multipliers."""
+        origin, missing = self.x, level.v
+        if self._above:
+            missing = missing - level.J.dot(origin)
+        else:
+            origin = np.zeros(len(origin))
+        step = gains * missing.dot(directions.U)
+        return self._step(origin, directions.Q, step, directions.s, c)
 
-    def carry_out(self, level, stage):
-        """Come as near to what a level wants as the bounds allow; return its `Stage`."""
-        projection = stage.projection
-        aim = self._aim(level, stage)
-        self._Z = projection.remaining
-        multipliers = self._approach(projection, aim)
-        return Stage(self.x, projection, *multipliers)
-
-    def _aim(self, level, stage):
-        """Return the step (rank,) from x to where a level wants to be."""
-        projection = stage.projection
-        if self._Z is self._start:
-            # The first level is to get what it gets without bounds.
-            return projection.U.T.dot(level.J.dot(stage.velocity - self.x)) / projection.s
-        return projection.aim(level.v - level.J.dot(self.x))
-
-    def _take(self, x):
-        """Take a velocity if it is within all bounds; say whether it is."""
-        x = within(x, self._lower, self._upper)
-        if x is None:
-            return False
-        if len(self._rows):
-            values = self._rows.dot(x)
-            if np.count_nonzero(values > self._row_upper + FEASIBLE) \
-                    or np.count_nonzero(values < self._row_lower - FEASIBLE):
-                return False
-        self.x = x
-        return True
-
-    def _approach(self, projection, aim):
-        """Move x along its directions as near to an aim (rank,) as bounds allow."""
-        if not len(aim):
-            return ()
-        target, stiffness = np.zeros((2, projection.directions.shape[1]))
-        target[:len(aim)] = self._slowed(aim, projection.s)
-        if self._take(self.x + projection.directions.dot(target)):
-            return ()
-        stiffness[:len(aim)] = projection.s * projection.s
-        return self._solve(projection.directions, stiffness, target)
-
-    def _slowed(self, aim, s):
-        """Return a step (rank,) whose soft directions wait for the levels above that push."""
-        squares = s * s
-        if squares[-1] >= self._curvature:
-            return aim
-        return aim * (squares / np.maximum(squares, self._curvature))
-
-    def scale(self, level, stage):
+    def _keep_direction(self, level: Level, directions: Directions, gains: Array,
+                        c: float) -> Array:
         """Keep the direction of a level and slow it as little as the bounds allow."""
-        projection = stage.projection
-        U_T, s, rank = projection.U.T, projection.s, projection.rank
-        wanted = U_T.dot(level.J.dot(self.x)) + s * self._aim(level, stage)
-        # The way to the wanted velocity begins at rest, or as near to it as the bounds allow.
-        if self._Z is self._start:
-            self.x = clip(np.zeros(len(self.x)), self._lower, self._upper)
-        self._approach(projection, -U_T.dot(level.J.dot(self.x)) / s)
-        wanted -= U_T.dot(level.J.dot(self.x))
-        way = wanted / s
-        self._Z = projection.remaining
-        motion = projection.directions[:, :rank].dot(way)
-        if self._take(self.x + motion):
-            return Stage(self.x, projection)
-        # One direction instead of all of them, as long as the way.
+        J, U, s, Q = level.J, directions.U, directions.s, directions.Q
+        achieved = U.T.dot(J.dot(self.x))
+        if achieved.any():
+            # The way to the demand begins at rest, or as near to it as the bounds allow.
+            self._step(self.x, Q, -gains * achieved, s, c)
+        way = gains * U.T.dot(level.v - J.dot(self.x))
         length = math.sqrt(way.dot(way))
-        directions = np.column_stack([motion / length, projection.directions[:, rank:]])
-        stiffness, target = np.zeros((2, directions.shape[1]))
-        stiffness[0], target[0] = wanted.dot(wanted) / (length * length), length
-        multipliers = self._solve(directions, stiffness, target)
-        return Stage(self.x, projection, *multipliers)
+        if length == 0.0:
+            return NONE
+        # One direction for the level, and all that do not move it.
+        D = np.column_stack([Q[:, :len(s)].dot(way / length), Q[:, len(s):]])
+        along = s * way / length
+        return self._step(self.x, D, np.array([length]), np.array([math.sqrt(along.dot(along))]),
+                          c)
 
-    def keep(self, level):
-        """Meet the bounds of a level, as far as they can be, and hold on to that below it."""
-        # As long as 1 each, or tolerances would mean something else for every row.
+    def _step(self, origin: Array, Q: Array, step: Array, s: Array, c: float) -> Array:
+        """Move x to `origin` + Q step (rank,), or as near to it as is allowed."""
+        rank = len(step)
+        wished = origin + Q[:, :rank].dot(step)
+        x = self.allowed.fitting(wished)
+        if x is not None:
+            self.x = x
+            return NONE
+        target, stiffness = np.zeros(Q.shape[1]), np.full(Q.shape[1], c)
+        target[:rank], stiffness[:rank] = step, np.maximum(s * s, c)
+        start = target + Q.T.dot(self.allowed.clip(wished) - wished)
+        return self._move(origin, Q, regularised(
+            stiffness, target, *self.allowed.along(origin, Q),
+            self.damping.regularisation ** 2, start))
+
+    def _move(self, origin: Array, Q: Array, found: tuple[Array, Array] | None) -> Array:
+        """Move x, exactly onto bounds that have a multiplier; return the multipliers."""
+        n = len(self.x)
+        if found is None:
+            # Rounding forbids it: x stays.
+            return np.zeros(n + len(self.allowed.rows))
+        a, multipliers = found
+        self.x = self.allowed.clip(origin + Q.dot(a) + multipliers[:n] / ROUNDING)
+        return multipliers
+
+    def _apart(self, multipliers: Array) -> tuple[Array | None, Array | None]:
+        """Return the multipliers of joints (n,), and those of rows (r,) as they were given."""
+        if not len(multipliers):
+            return None, None
+        n = len(self.x)
+        return multipliers[:n], multipliers[n:] / self.allowed.lengths
+
+    # How what a level pushes against bends (h of `damping`)
+
+    def _bend(self, level: Level, directions: Directions, multipliers: Array) -> float:
+        """Return h of a level; 0 where it pushes against nothing."""
+        if not self.damping.follows_curvature:
+            return 0.0
+        missed = level.v - level.J.dot(self.x)
+        size = missed.dot(missed)
+        if size <= NEGLIGIBLE ** 2 * level.v.dot(level.v):
+            return 0.0
+        h = 0.0 if level.is_identity else max(directions.size, TURNING) * math.sqrt(size)
+        force = missed.dot(level.J)
+        if len(multipliers):
+            n = len(force)
+            force = force - multipliers[:n]
+            if len(multipliers) > n:
+                force -= self.allowed.rows.T.dot(multipliers[n:])
+                h += bend_of_rows(multipliers[n:], self.allowed.lengths)
+        softest = (0.5 * self.damping.release_region) ** 2
+        for number, (above, its) in enumerate(reversed(self._above), 1):
+            # What this one takes of the force, with the multipliers U mu, and what it leaves.
+            mu = its.s / (its.s * its.s + softest) * force.dot(its.Q[:, :its.rank])
+            h += max(its.size, TURNING) * math.sqrt(mu.dot(mu))
+            if number < len(self._above):
+                force = force - its.U.dot(mu).dot(above.J)
+        return h
+
+    # Levels with bounds
+
+    def keep(self, level: Level, h: float) -> tuple[LevelStep, float]:
+        """Meet the bounds of a level as far as they can be, and hold on to that; as above."""
         lengths = np.sqrt((level.J * level.J).sum(axis=1))
         lengths[lengths == 0.0] = 1.0
         rows = level.J / lengths[:, np.newaxis]
         lower, upper = level.lower / lengths, level.upper / lengths
-        self._row_units = np.concatenate([self._row_units, lengths])
         values = rows.dot(self.x)
-        multipliers = ()
+        multipliers, now = NONE, 0.0
         if np.count_nonzero(values > upper) or np.count_nonzero(values < lower):
-            # How many rows ask for motion; one that only begins to counts less.
-            asked = np.maximum(lower, 0.0) + np.maximum(-upper, 0.0)
-            many = max(np.minimum(asked / ASKING, 1.0).sum(), 1.0)
-            multipliers = self._meet(rows, lower - values, upper - values, lengths, many)
+            multipliers = self._meet(rows, lower - values, upper - values, lengths, h)
             values = rows.dot(self.x)
             lower, upper = np.minimum(lower, values), np.maximum(upper, values)
-        self._rows = np.concatenate([self._rows, rows])
-        self._row_lower = np.concatenate([self._row_lower, lower])
-        self._row_upper = np.concatenate([self._row_upper, upper])
-        return Stage(self.x, None, *multipliers)
+            if len(multipliers) and self.damping.follows_curvature:
+                now = bend_of_rows(multipliers[-len(rows):], lengths)
+        self.allowed.add(rows, lower, upper, lengths)
+        return LevelStep(self.x, None, NONE, None, *self._apart(multipliers)), now
 
-    def _meet(self, rows, lower, upper, weights, many):
-        """
-        Move x to within bounds on rows, as far as there is a way.
-
-        Parameters
-        ----------
-        rows : ndarray (r, n)
-            What is bounded.
-        lower, upper : ndarray (r,)
-            Bounds on what it gains.
-        weights : ndarray (r,)
-            Of what is missing in the end, before it is squared.
-        many : float
-            How many rows ask for motion.
-
-        Returns
-        -------
-        tuple
-            Multipliers of joints and rows where the bounds cannot be met, else nothing.
-
-        """
-        Z_rows = rows.dot(self._Z)
-        # What is left of a row that the levels above have taken is rounding, no way to anywhere.
-        Z_rows[(Z_rows * Z_rows).sum(axis=1) < NEGLIGIBLE * NEGLIGIBLE] = 0.0
-        if self._row_damping and self._Z is not self._start:
-            lower, upper = self._damped(rows, Z_rows, lower, upper)
+    def _meet(self, rows: Array, lower: Array, upper: Array, lengths: Array,
+              h: float) -> Array:
+        """Move x to within bounds on what rows (r, n) gain; return multipliers where it cannot."""
+        Z = self._left()
+        G = rows.dot(Z)
+        if not self.damping.off:
+            share = np.minimum((G * G).sum(axis=1) / ROW_DAMPING ** 2, 1.0)
+            lower = share * np.maximum(lower, 0.0) + np.minimum(lower, 0.0)
+            upper = share * np.minimum(upper, 0.0) + np.maximum(upper, 0.0)
+        A, least, most = self.allowed.along(self.x, Z)
         # Mostly there is a way, and one program finds it.
-        found = nearest_point_if_any(np.zeros(self._Z.shape[1]),
-                                     *self._program(self._Z, Z_rows, lower, upper))
-        if found is None:
-            return self._violate_least(Z_rows, lower, upper, weights, many)
-        self._move(self._Z, *found)
-        return ()
-
-    def _damped(self, rows, Z_rows, lower, upper):
-        """
-        Ask for less where the levels above have left hardly a way to move.
-
-        Parameters
-        ----------
-        rows, Z_rows : ndarray (r, n), (r, k)
-            What is bounded, and the same in the coordinates that are left.
-        lower, upper : ndarray (r,)
-            Bounds on what they gain.
-
-        Returns
-        -------
-        lower, upper : ndarray (r,)
-
-        """
-        whole = rows.dot(self._start)
-        squares = (Z_rows * Z_rows).sum(axis=1) / np.maximum((whole * whole).sum(axis=1), TINY)
-        # s² / (s² + λ² (1 − (s/ε)²)) with λ = ε.
-        share = np.minimum(squares / (self._row_damping * self._row_damping), 1.0)
-        return (share * np.maximum(lower, 0.0) + np.minimum(lower, 0.0),
-                share * np.minimum(upper, 0.0) + np.maximum(upper, 0.0))
-
-    def _violate_least(self, Z_rows, lower, upper, weights, many):
-        """Move x to where rows violate their bounds least; return the multipliers."""
-        count, width = Z_rows.shape
+        least, most = np.concatenate([least, lower]), np.concatenate([most, upper])
+        found = nearest_point(np.zeros(Z.shape[1]), np.concatenate([A, G]), least, most)
+        if found is not None:
+            self._move(self.x, Z, found)
+            return NONE
         # One more variable for each row: what is missing to its bound.
-        directions = np.hstack([self._Z, np.zeros((len(self._Z), count))])
-        slack_rows = np.hstack([Z_rows, np.eye(count)])
-        # Many rows about the same must not push harder than one.
-        soft = many * self._regularisation
-        stiffness = np.concatenate([np.full(width, soft), weights * weights])
-        # The rest is what would be best without these bounds, whatever the levels below want.
-        target = np.concatenate([self._to_rest(self._Z), np.zeros(count)])
-        program = self._program(directions, slack_rows, lower, upper)
-        found = exact(stiffness, target, *program)
-        # As in `programs.regularised`: what misses much turns quickly.
-        missed = weights * found[0][width:]
-        curvature = self._period * REACTION * math.sqrt(many * missed.dot(missed))
-        if 0.0 < soft < curvature:
-            stiffness[:width] = curvature
-            found = exact(stiffness, target, *program)
-        return self._move(directions, *found)
+        count, k = G.shape
+        A = np.block([[A, np.zeros((len(A), count))], [G, np.eye(count)]])
+        stiffness, target = np.zeros((2, k + count))
+        stiffness[:k] = np.maximum(self.damping.curvature(h), self.damping.regularisation ** 2)
+        target[:k] = -Z.T.dot(self.x)
+        stiffness[k:] = lengths * lengths
+        found = regularised(stiffness, target, A, least, most, 0.0, target)
+        if found is None:
+            # Rounding forbids it: x stays.
+            return NONE
+        return self._move(self.x, np.hstack([Z, np.zeros((len(Z), count))]), found)
 
-    def _to_rest(self, Z):
-        """Return the step (k,) along Z to the smallest velocity."""
-        cost = np.diagonal(self._start)
-        return -Z.T.dot(self.x / (cost * cost))
+    def _left(self) -> Array:
+        """Return what the levels so far left free (n, k)."""
+        return np.eye(len(self.x)) if self.Z is None else self.Z
 
-    def finish(self, unbounded):
-        """Among what is left take the smallest velocity."""
-        projections = [stage.projection for stage in unbounded if stage.projection is not None]
-        if projections and projections[-1].level.J is identity(len(self.x)):
+    def finish(self, weights: Array | None = None) -> None:
+        """Of what is left, and moves no level, take what makes Σ w_j x_j² smallest."""
+        if self._above and self._above[-1][0].is_identity:
             return
-        Z = self._Z
-        if any(projection.released for projection in projections):
-            Z = self._unreleased(projections)
+        Z = self._left()
+        if self._released:
+            Z = null_space([level for level, _ in self._above], len(self.x))
         if not Z.shape[1]:
             return
-        aim = self._to_rest(Z)
-        if not aim.any() or self._take(self.x + Z.dot(aim)):
+        weighted = self.x
+        if weights is not None:
+            # R with Rᵀ R = Zᵀ W Z makes that the length of R y.
+            _, R = np.linalg.qr(np.sqrt(weights)[:, np.newaxis] * Z)
+            Z = np.linalg.solve(R.T, Z.T).T
+            weighted = weights * self.x
+        rest = -Z.T.dot(weighted)
+        if not rest.any():
             return
-        found = nearest_point(aim, *self._program(Z.copy()))
-        if found is not None:
-            self._move(Z, *found)
+        x = self.allowed.fitting(self.x + Z.dot(rest))
+        if x is not None:
+            self.x = x
+            return
+        A, lower, upper = self.allowed.along(self.x, Z)
+        self._move(self.x, Z, nearest_point(rest, np.ascontiguousarray(A), lower, upper))
 
-    def _unreleased(self, projections):
-        """Return a basis of what moves no level at all, not even a weak direction of it."""
-        Z = self._start
-        for projection in projections:
-            J_bar = projection.level.J.dot(Z)
-            if min(J_bar.shape):
-                _, s, V_T = np.linalg.svd(J_bar)
-                Z = Z.dot(V_T[int(np.count_nonzero(s > projection.tolerance)):].T)
-        return Z
 
-    def _solve(self, directions, stiffness, target):
-        """Move x within its bounds as a level would like best; return the multipliers."""
-        lengths, rest = (), None
-        if len(self._rows):
-            lengths, rest = np.minimum(self._row_units / SHORT, 1.0), self._to_rest(directions)
-        a, multipliers, curvature = regularised(
-            stiffness, target, *self._program(directions), self._regularisation, self._period,
-            lengths, rest)
-        self._curvature = max(self._curvature, curvature)
-        return self._move(directions, a, multipliers)
-
-    def _program(self, directions, slack_rows=None, slack_lower=None, slack_upper=None):
-        """
-        Return the rows of everything that is bounded, and their bounds.
-
-        Parameters
-        ----------
-        directions : ndarray (n, k)
-            x moves by directions·a.
-        slack_rows, slack_lower, slack_upper : ndarray (r, k), (r,), (r,), optional
-            More rows, and their bounds on rows·a.
-
-        Returns
-        -------
-        A : ndarray (n + …, k)
-            One row for each joint, then those of levels with bounds, then these.
-        lower, upper : ndarray (n + …,)
-            Bounds on A a.
-
-        """
-        A, lower, upper = directions, self._lower - self.x, self._upper - self.x
-        if len(self._rows):
-            values = self._rows.dot(self.x)
-            A = np.concatenate([A, self._rows.dot(directions)])
-            # x is feasible; rounding must not make it infeasible.
-            lower = np.concatenate([lower, np.minimum(self._row_lower - values, 0.0)])
-            upper = np.concatenate([upper, np.maximum(self._row_upper - values, 0.0)])
-        if slack_rows is not None:
-            A = np.concatenate([A, slack_rows])
-            lower = np.concatenate([lower, slack_lower])
-            upper = np.concatenate([upper, slack_upper])
-        return A, lower, upper
-
-    def _move(self, directions, a, multipliers):
-        """Move x, exactly onto bounds that have a multiplier; return those of joints and rows."""
-        n = len(self.x)
-        joints = multipliers[:n]
-        self.x = clip(self.x + directions.dot(a) + PUSH * joints, self._lower, self._upper)
-        rows = multipliers[n:]
-        return joints, rows / self._row_units if len(rows) else rows
+def bend_of_rows(multipliers: Array, lengths: Array) -> float:
+    """Return the part of h that rows have which are pushed against, with these lengths before."""
+    pushes = multipliers * np.maximum(1.0, ROW_TURNING / lengths)
+    return math.sqrt(pushes.dot(pushes))

@@ -15,6 +15,7 @@
 """The base of all errors of the package, and what the solver raises; `tp_controller.errors`."""
 
 import difflib
+from typing import Iterable
 
 
 class TpControllerError(Exception):
@@ -25,7 +26,7 @@ class SolverError(TpControllerError):
     """The levels, bounds or weights handed to the solver do not fit together."""
 
 
-def unknown(what, name, valid):
+def unknown(what: str, name: object, valid: Iterable[str]) -> str:
     """Return a message that says what is unknown, what was meant perhaps, and what is valid."""
     valid = list(valid)
     near = difflib.get_close_matches(str(name), valid, n=1)

@@ -16,11 +16,22 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any, Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 from tp_controller.solver.errors import SolverError, unknown
 
+Array = NDArray[np.float64]
 MODES = ('least_squares', 'scale')
+# What counts as nothing, as a share of the whole: rows and directions that levels above have
+# taken, or a residue of 1e-17 towards a joint limit, are rounding. Exact answers agree with the
+# reference to this.
+NEGLIGIBLE = 1e-9
+# What a result may be off by rounding alone, as a share of its size.
+ROUNDING = 1e-12
+# What a row of length 1 may be off its bound, and still be within it [rad/s].
+FEASIBLE = 1e-11
 # Squares of larger numbers would overflow.
 LARGEST = 1e100
 
@@ -41,30 +52,41 @@ class Level:
         to v as it can. ``scale``: it keeps its direction and is slowed as little as possible.
     lower, upper : ndarray (m,) or None
         Bounds on the task velocity; infinite where there is none.
+    is_identity : bool
+        J is the identity: the level demands a velocity of every joint, in their order.
 
     """
 
-    J: np.ndarray
-    v: np.ndarray = None
+    J: Array
+    # Who asks a level for its demand or its bounds knows which of them it has.
+    v: Array = None  # type: ignore[assignment]
     mode: str = 'least_squares'
-    lower: np.ndarray = None
-    upper: np.ndarray = None
+    lower: Array = None  # type: ignore[assignment]
+    upper: Array = None  # type: ignore[assignment]
+
+    is_identity: bool = False
+
+    @classmethod
+    def of_joints(cls, v: Array, mode: str = 'least_squares') -> 'Level':
+        """Return the level that demands a velocity v (n,) of every joint."""
+        return cls(identity(len(v)), v, mode, is_identity=True)
+
+    def meets(self, x: Array) -> bool:
+        """Say whether velocities x (n,) are within the bounds."""
+        values = self.J.dot(x)
+        return not (np.count_nonzero(values > self.upper + FEASIBLE)
+                    or np.count_nonzero(values < self.lower - FEASIBLE))
 
 
 @lru_cache(maxsize=None)
-def identity(n):
-    """
-    Return the n×n identity, the same read-only array every time.
-
-    As Jacobian of the lowest level it tells the solver, without a comparison, that the level
-    asks for a velocity of every joint.
-    """
+def identity(n: int) -> Array:
+    """Return the n×n identity, the same read-only array every time."""
     eye = np.eye(n)
     eye.setflags(write=False)
     return eye
 
 
-def check_levels(levels):
+def check_levels(levels: Iterable[Any]) -> list[Level]:
     """
     Return levels as a list of `Level`, their shapes and numbers checked.
 
@@ -95,7 +117,7 @@ def check_levels(levels):
     return levels
 
 
-def _check_level(level, name):
+def _check_level(level: Any, name: str) -> Level:
     """Return one level, its arrays of floats."""
     if not isinstance(level, Level):
         try:
@@ -113,7 +135,10 @@ def _check_level(level, name):
         if v.shape != rows:
             raise SolverError(f'{name}: J must be (m, n) and v (m,), '
                               f'got {J.shape} and {v.shape}')
-        checked, moderate = Level(J, v, level.mode), _moderate(v)
+        square = J.shape[0] == J.shape[1]
+        checked = Level(J, v, level.mode,
+                        is_identity=square and np.array_equal(J, identity(len(J))))
+        moderate = _moderate(v)
     else:
         if level.mode != 'least_squares':
             raise SolverError(f'{name}: bounds have no direction that mode scale could keep')
@@ -125,7 +150,7 @@ def _check_level(level, name):
     return checked
 
 
-def check_bounds(lower, upper, size, name):
+def check_bounds(lower: Any, upper: Any, size: int, name: str) -> tuple[Array, Array]:
     """
     Return bounds as arrays (size,) with lower ≤ upper; a missing side is infinite.
 
@@ -150,12 +175,12 @@ def check_bounds(lower, upper, size, name):
     return lower, upper
 
 
-def _moderate(array):
+def _moderate(array: Array) -> bool:
     """Say whether all numbers are finite and within `LARGEST`."""
     return bool((np.abs(array) <= LARGEST).all())
 
 
-def _array(values, dimensions, what):
+def _array(values: Any, dimensions: int, what: str) -> Array:
     """Return values as an array of floats."""
     try:
         array = np.asarray(values)

@@ -13,29 +13,29 @@
 # limitations under the License.
 
 """
-The usual case, solved at once: all levels compatible and far from singular.
+The usual case, solved at once: all levels compatible, far from singular, and free of bounds.
 
 Where the rows of all levels, stacked, have full rank, every level can be met exactly and the
-recursion finds the smallest velocity that does so: ζ = Jᵀ (J Jᵀ)⁻¹ v, one Cholesky
-factorisation instead of a singular value decomposition per level. A closing level that asks for
-a velocity of every joint, J = I, is met as closely as the others allow by starting from it:
-ζ = v_I + Jᵀ (J Jᵀ)⁻¹ (v − J v_I).
+recursion finds the smallest velocity that does so: ζ = Jᵀ (J Jᵀ)⁻¹ v, one Cholesky factorisation
+instead of a singular value decomposition per level; with weights ζ = W⁻¹ Jᵀ (J W⁻¹ Jᵀ)⁻¹ v. A
+closing level that demands a velocity of every joint, J = I, is met as closely as the others allow
+by starting from it: ζ = v_I + Jᵀ (J Jᵀ)⁻¹ (v − J v_I).
 """
-
-import math
 
 import numpy as np
 from scipy.linalg.blas import dnrm2
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
-from tp_controller.solver.level import identity
+from tp_controller.solver.damping import Damping, TURNING
+from tp_controller.solver.level import Array, Level
 
-# Below this, relative to ‖J‖, the squared condition number costs digits: the recursion is asked.
+# Below this, relative to ‖J‖, the squared condition number costs digits: the loop is asked [1].
 WELL_CONDITIONED = 1e-2
 
 
-def solve_stacked(levels, n, damping):
+def min_norm(levels: list[Level], n: int, damping: Damping,
+             inverse_weights: Array | None = None) -> Array | None:
     """
-    Return the velocity (n,), or None where the recursion is needed.
+    Return the velocity (n,) of levels with demands, or None where the loop is needed.
 
     Parameters
     ----------
@@ -43,77 +43,93 @@ def solve_stacked(levels, n, damping):
         The highest priority first.
     n : int
         Number of joints.
-    damping : tp_controller.solver.null_space.Damping
+    damping : Damping
         The answer given is one that it does not touch.
-
-    Returns
-    -------
-    ndarray (n,) or None
+    inverse_weights : ndarray (n,), optional
+        1 / w.
 
     """
-    zeta = None
-    if levels and levels[-1].J is identity(n):
-        if not damping.spares(1.0, 0.0):
+    closing = None
+    if levels and levels[-1].is_identity:
+        if not damping.spares(1.0):
             return None
-        zeta = levels[-1].v
-        levels = levels[:-1]
+        *levels, last = levels
+        closing = last.v
     if not levels:
-        return np.zeros(n) if zeta is None else zeta.copy()
-    if len(levels) == 1:
-        J, v = levels[0].J, levels[0].v
-    else:
-        if sum(len(level.v) for level in levels) > n:
-            return None
+        return np.zeros(n) if closing is None else closing.copy()
+    if not 0 < sum(len(level.v) for level in levels) <= n:
+        return None
+    J, v = levels[0].J, levels[0].v
+    if len(levels) > 1:
         J = np.concatenate([level.J for level in levels])
         v = np.concatenate([level.v for level in levels])
-    if not 0 < len(v) <= n:
+    factor = _factor(J, levels, damping)
+    if factor is None:
         return None
-    gram = J.dot(J.T)
-    factor, info = dpotrf(gram)
+    if closing is not None:
+        return _closed(J, v, factor, closing, damping)
+    if inverse_weights is None:
+        return J.T.dot(dpotrs(factor, v)[0])
+    return _weighted(J, v, factor, inverse_weights)
+
+
+def _closed(J: Array, v: Array, factor: Array, closing: Array, damping: Damping) -> Array | None:
+    """Return the velocity (n,) nearest to that of a closing level; None where that pushes hard."""
+    z = dpotrs(factor, v - J.dot(closing))[0]
+    # z are the multipliers of what the closing level pushes, which bends: too much for its step?
+    bend = damping.curvature(1.0) if damping.follows_curvature else 0.0
+    if bend ** 2 * z.dot(z) * max(_squared_norm(J), TURNING ** 2) > 1.0:
+        return None
+    return closing + J.T.dot(z)
+
+
+def _weighted(J: Array, v: Array, factor: Array, inverse_weights: Array) -> Array | None:
+    """Return the velocity (n,) with the smallest Σ w_j x_j²."""
+    weighted = J * inverse_weights
+    weighted_factor, info = dpotrf(weighted.dot(J.T))
+    if info != 0:
+        return None
+    x = weighted.T.dot(dpotrs(weighted_factor, v)[0])
+    # What weights of very different size cost in digits is made up for without them.
+    return x + J.T.dot(dpotrs(factor, v - J.dot(x))[0])
+
+
+def _factor(J: Array, levels: list[Level], damping: Damping) -> Array | None:
+    """Return the Cholesky factor of J Jᵀ; None where J is near a singularity."""
+    factor, info = dpotrf(J.dot(J.T))
     if info != 0:
         return None
     inverse = dtrtri(factor)[0]
     squared_norm = _squared_norm(inverse)
     if not WELL_CONDITIONED ** 2 * _squared_norm(J) * squared_norm <= 1.0:
         return None
-    if not _undamped(levels, factor, inverse, squared_norm, v, damping):
-        return None
-    if zeta is None:
-        return J.T.dot(dpotrs(factor, v)[0])
-    return zeta + J.T.dot(dpotrs(factor, v - J.dot(zeta))[0])
+    if damping.spares(squared_norm ** -0.5) or _undamped(levels, inverse, damping):
+        return factor
+    return None
 
 
-def _undamped(levels, factor, inverse, squared_norm, v, damping):
+def _undamped(levels: list[Level], inverse: Array, damping: Damping) -> bool:
     """
-    Return whether no singular value of any projected level is in the singular region.
+    Say whether no singular value of any projected level is in the singular region.
 
     The diagonal blocks of the Cholesky factor R belong to the projected levels,
     R_iiᵀ R_ii = J̄_i J̄_iᵀ, and those of its inverse are their inverses: the smallest singular
-    value s of J̄_i is 1/‖R_ii⁻¹‖. That norm is bounded from above, cheaply by the Frobenius norm
-    of the whole inverse, and more closely by 1/s² ≤ ‖R_ii⁻ᵀ R_ii⁻¹‖, level by level. What is
-    wanted of a level beyond the levels above is R_iiᵀ z_i with Rᵀ z = v.
+    value s of J̄_i is 1/‖R_ii⁻¹‖. That norm is bounded from above: cheaply by the Frobenius norm,
+    and more closely by 1/s² ≤ ‖R_ii⁻ᵀ R_ii⁻¹‖.
     """
-    if damping.spares(squared_norm ** -0.5, math.inf):
-        return True
-    first, z = 0, None
+    begin = 0
     for level in levels:
-        rows = slice(first, first + len(level.v))
-        if rows.stop > first:
-            if first == 0:
-                wish = v[rows]
-            else:
-                z = inverse.T.dot(v) if z is None else z
-                wish = factor[rows, rows].T.dot(z[rows])
-            speed = math.sqrt(wish.dot(wish))
-            block = inverse[rows, rows]
-            if not damping.spares(_squared_norm(block) ** -0.5, speed) \
-                    and not damping.spares(_squared_norm(block.dot(block.T)) ** -0.25, speed):
-                return False
-        first = rows.stop
+        rows = slice(begin, begin + len(level.v))
+        begin = rows.stop
+        block = inverse[rows, rows]
+        first = level is levels[0]
+        if block.size and not damping.spares(_squared_norm(block) ** -0.5, first) \
+                and not damping.spares(_squared_norm(block.dot(block.T)) ** -0.25, first):
+            return False
     return True
 
 
-def _squared_norm(matrix):
+def _squared_norm(matrix: Array) -> float:
     """Return the square of the Frobenius norm, infinite where it is beyond all numbers."""
-    norm = dnrm2(matrix.ravel('K'))
+    norm = float(dnrm2(matrix.ravel('K')))
     return norm * norm

@@ -12,177 +12,134 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A level, seen by what the levels above left free."""
+"""
+What a level can move, and what it leaves to the levels below: the recursion of the lecture.
+
+The lecture (2.2) solves, from ζ = 0 and P = I, for each level i from the highest priority on::
+
+    J̄ = J_i P,    ζ ← ζ + J̄^# (v_i − J_i ζ),    P ← P − J̄⁺ J̄
+
+Here P is kept as P = Z Zᵀ, with the orthonormal columns of Z spanning what is left free. That is
+the same recursion in fewer coordinates, in which rounding errors do not add up::
+
+    J_i Z = U diag(s) Vᵀ,    ζ ← ζ + Z V diag(s)⁻¹ Uᵀ (v_i − J_i ζ),    Z ← Z V_null
+"""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
 from tp_controller.solver.errors import SolverError
-from tp_controller.solver.level import identity
-
-# Fully released below this share of the release region.
-RELEASED = 0.1
-# κ: how many periods a wish may take at least to lead out of a singularity, per unit of s.
-REACTION = 4.0
-# The most that λ² and ε² are raised by.
-LARGEST_GROWTH = 36.0
-# A level below that moves by 1 along a released direction has s of this where half is released.
-HALF_RELEASED = 0.1
-TINY = 1e-9
+from tp_controller.solver.level import Array, identity, Level, NEGLIGIBLE
 
 
-class Projection:
+class Directions(NamedTuple):
     """
-    The singular value decomposition of a projected level, J Z = U diag(s) Vᵀ.
+    J Z = U diag(s) Vᵀ, without what counts as zero.
 
     Attributes
     ----------
-    level : Level
-    tolerance : float
-        Singular values up to this count as zero.
-    rank : int
-        Singular values that are not zero.
-    smallest : float
-        m-th singular value, 0 where there are fewer.
     U : ndarray (m, rank)
         Directions of the task that can move.
     s : ndarray (rank,)
         Their singular values, the largest first.
-    gains : ndarray (rank,)
-        Their damped inverses, as the last `aim` used them.
-    directions : ndarray (n, k)
+    Q : ndarray (n, k)
         Z V: the motions of the joints that belong to `U`, then those that do not move the task.
-    remaining : ndarray (n, k')
-        What is left free for the levels below: the motions that do not move the task, and, as
-        far as they are released, those along nearly singular directions.
-    orthonormal : bool
-        Whether the columns of `remaining` are.
-    released : float
-        Largest singular value that is at least partly released, 0 where none is.
+    smallest : float
+        m-th singular value, 0 where there are fewer.
+    size : float
+        ‖J‖, Frobenius norm.
 
     """
 
-    __slots__ = ('level', 'tolerance', 'rank', 'smallest', 'U', 's', 'gains', 'directions',
-                 'remaining', 'orthonormal', '_damping',
-                 'released')
+    U: Array
+    s: Array
+    Q: Array
+    smallest: float
+    size: float
 
-    def __init__(self, level, Z, orthonormal, tolerance, damping, release_region):
-        self.level, self.tolerance = level, tolerance
-        self.orthonormal = orthonormal
-        self._damping = damping
-        self.released = 0.0
-        eye = identity(len(Z))
-        whole, start = level.J is eye, Z is eye
-        J_bar = Z if whole else level.J if start else level.J.dot(Z)
-        rows, columns = J_bar.shape
-        if rows == 0 or columns == 0:
-            self._nothing(Z, rows)
-            return
-        if whole and orthonormal:
-            U, s, V_T = Z, np.ones(columns), identity(columns)
-        else:
-            U, s, V_T = _decompose(J_bar)
-        self.rank = rank = len(s) if s[-1] > tolerance else int(np.count_nonzero(s > tolerance))
-        self.smallest = float(s[rows - 1]) if rows <= columns else 0.0
-        self.s = s = s[:rank]
-        self.U = U[:, :rank]
-        self.directions = Z if whole and orthonormal else V_T.T if start else Z.dot(V_T.T)
-        self.remaining = self.directions[:, rank:]
-        if rank and s[-1] < release_region:
-            self._release(release_region)
-
-    def _nothing(self, Z, rows):
-        """Describe a level without rows, or one that was left nothing."""
-        self.rank, self.smallest = 0, 0.0
-        self.U, self.s, self.gains = np.zeros((rows, 0)), np.zeros(0), np.zeros(0)
-        self.directions = self.remaining = Z
-
-    def _release(self, region):
-        """Give weak directions up to the levels below, smoothly from `region` on downwards."""
-        weak = int(np.count_nonzero(self.s >= region))
-        share = (self.s[weak:] / region - RELEASED) / (1.0 - RELEASED)
-        kept = np.clip(share, 0.0, 1.0)
-        kept = kept * kept * (3.0 - 2.0 * kept)
-        # For a level below this is a factor of its s, and damping gives the share to it that
-        # belongs to s: so it is that share that has to grow smoothly, and be whole in the end.
-        given = np.minimum(HALF_RELEASED * np.sqrt((1.0 - kept) / np.maximum(kept, TINY)), 1.0)
-        self.orthonormal, self.released = False, float(self.s[weak])
-        self.remaining = np.hstack([self.directions[:, weak:self.rank] * given, self.remaining])
-
-    def step(self, residual):
-        """Return the motion (n,) that takes a residual (m,) away, J̄^# residual."""
-        return self.directions[:, :self.rank].dot(self.aim(residual))
-
-    def aim(self, residual):
-        """Return `step` in coordinates of the first `directions` (rank,)."""
-        wish = self.U.T.dot(residual)
-        self.gains = self._damping.inverse(self.s, wish)
-        return self.gains * wish
+    @property
+    def rank(self) -> int:
+        """Return the number of directions that can move."""
+        return len(self.s)
 
 
-class Damping:
+def decompose(level: Level, Z: Array | None = None, orthonormal: bool = True) -> Directions:
+    """Return the `Directions` of a level on what Z (n, k) spans; None: on everything."""
+    J, size = level.J, frobenius(level.J)
+    if Z is None:
+        J_bar = J
+    else:
+        J_bar = Z if level.is_identity else J.dot(Z)
+    rows, columns = J_bar.shape
+    if rows == 0 or columns == 0:
+        Q = np.eye(columns) if Z is None else Z
+        return Directions(np.zeros((rows, 0)), np.zeros(0), Q, 0.0, size)
+    if level.is_identity and orthonormal:
+        return Directions(J_bar, np.ones(columns), J_bar, 1.0 if rows <= columns else 0.0, size)
+    U, s, V_T = _singular_values(J_bar)
+    # Not measured by J Z itself: of a level that repeats the one above, J Z is rounding errors
+    # only, and their inverse would be a velocity of 1e16.
+    least = NEGLIGIBLE * size
+    rank = len(s) if s[-1] > least else int(np.count_nonzero(s > least))
+    return Directions(U[:, :rank], s[:rank], V_T.T if Z is None else Z.dot(V_T.T),
+                      float(s[rows - 1]) if rows <= columns else 0.0, size)
+
+
+def remaining(directions: Directions, region: float = 0.0, damping: float = 0.0) -> Array:
     """
-    The damped inverse s / (s² + λ²) of singular values, with λ only where it is needed.
+    Return what a level leaves free (n, k').
 
-    Only directions with s < ε are damped, by λ² (1 − (s / ε)²), which grows from nothing where
-    they enter the region. On its way out of a singularity s grows at the rate |v| / λ² for the
-    wanted velocity v of the direction. A velocity that is held for a period T would overshoot
-    where that is too fast, and swing from one side of the singularity to the other: there λ² is
-    raised to κ T |v|, and ε with it.
+    These are the motions that do not move it, orthonormal, and before them those along weak
+    directions, shortened, as far as they are released.
 
     Parameters
     ----------
-    damping, singular_region, period : float
-        λ, ε and T; see `tp_controller.solver.solve.solve`.
+    directions : Directions
+        Of the level.
+    region : float
+        Singular value from which on downwards directions are released, smoothly.
+    damping : float
+        λ of the levels below: a direction that is shortened to it is followed by half.
 
     """
-
-    def __init__(self, damping, singular_region, period):
-        self._none = damping == 0.0 or singular_region == 0.0
-        self._squared, self._region = damping * damping, singular_region
-        # Without a region this is the damped least squares of the lecture, and stays it.
-        self._plain = self._none or singular_region == math.inf
-        self.hold(period)
-
-    def hold(self, period):
-        """Take another period [s] from now on."""
-        self._pace = 0.0 if self._plain else REACTION * period / self._squared
-        # From here on no direction is damped, whatever is wanted of it.
-        self._safe = self._region * (1.0 if self._pace == 0.0 else LARGEST_GROWTH ** 0.5)
-
-    def spares(self, s, wish):
-        """Say whether singular values of at least `s` are undamped for wishes up to `wish`."""
-        if self._none or s >= self._safe:
-            return True
-        if s < self._region or wish == math.inf:
-            return False
-        return s * s >= self._region ** 2 * min(max(self._pace * wish, 1.0), LARGEST_GROWTH)
-
-    def inverse(self, s, wish):
-        """
-        Return the damped inverses.
-
-        Parameters
-        ----------
-        s, wish : ndarray (k,)
-            Positive singular values, the smallest last, and the velocities that are wanted of
-            their directions.
-
-        Returns
-        -------
-        ndarray (k,)
-
-        """
-        if not len(s) or self.spares(s[-1], math.sqrt(wish.dot(wish))):
-            return 1.0 / s
-        growth = np.minimum(np.maximum(self._pace * np.abs(wish), 1.0), LARGEST_GROWTH)
-        squares = s * s
-        needed = np.maximum(growth - squares / self._region ** 2, 0.0)
-        return s / (squares + self._squared * needed)
+    s, Q, rank = directions.s, directions.Q, directions.rank
+    free = Q[:, rank:]
+    if not rank or s[-1] >= region:
+        return free
+    weak = int(np.count_nonzero(s >= region))
+    share = s[weak:] / region
+    kept = share * share * (3.0 - 2.0 * share)
+    # What is shortened to g is followed by g² / (g² + λ²): 1 − kept, for this g.
+    given = np.minimum(damping * np.sqrt((1.0 - kept) / np.maximum(kept, NEGLIGIBLE)), 1.0)
+    return np.hstack([Q[:, weak:rank] * given, free])
 
 
-def _decompose(J_bar):
+def null_space(levels: list[Level], n: int) -> Array:
+    """Return an orthonormal basis (n, k) of what moves no level at all."""
+    Z = None
+    for level in levels:
+        Z = remaining(decompose(level, Z))
+    return np.eye(n) if Z is None else Z
+
+
+def recursion(levels: list[Level], n: int) -> list[tuple[Array, Directions | None]]:
+    """Return for each level the velocity (n,) after it, undamped, and its `Directions`."""
+    zeta, Z = np.zeros(n), None
+    steps: list[tuple[Array, Directions | None]] = []
+    for level in levels:
+        directions = None
+        if level.v is not None:
+            directions = decompose(level, Z)
+            U, s, Q = directions.U, directions.s, directions.Q
+            zeta = zeta + Q[:, :len(s)].dot(U.T.dot(level.v - level.J.dot(zeta)) / s)
+            Z = remaining(directions)
+        steps.append((zeta, directions))
+    return steps
+
+
+def _singular_values(J_bar: Array) -> tuple[Array, Array, Array]:
     """Return U, s and Vᵀ; U at least as wide as s is long."""
     if J_bar.shape[1] == 1:
         size = frobenius(J_bar)
@@ -195,7 +152,7 @@ def _decompose(J_bar):
     return U, s, V_T
 
 
-def frobenius(J):
+def frobenius(J: Array) -> float:
     """Return the Frobenius norm."""
     entries = J.ravel('K')
     return math.sqrt(entries.dot(entries))

@@ -15,14 +15,11 @@
 """Uniform velocity scaling: all joints are slowed by the same factor (lecture 4)."""
 
 import numpy as np
-
-# What a velocity exceeds its bound by, relative to the fastest joint, counts as rounding below
-# this and is cut off. A joint that stands at its limit has the bound zero, and a residue of 1e-17
-# towards the limit would stop the whole robot.
-ROUNDING = 1e-9
+from tp_controller.solver.level import Array, NEGLIGIBLE
 
 
-def scale_uniformly(velocity, lower, upper):
+def scale_uniformly(velocity: Array, lower: Array,
+                    upper: Array) -> tuple[Array, float, int | None]:
     """
     Slow all joints by the same factor until each is within its bounds (lecture 4).
 
@@ -54,7 +51,7 @@ def scale_uniformly(velocity, lower, upper):
     bound = np.where(way > 0.0, upper, lower)
     room = bound - slowest
     size = np.abs(way)
-    too_fast = size - np.abs(room) > ROUNDING * size.max()
+    too_fast = size - np.abs(room) > NEGLIGIBLE * size.max()
     if not too_fast.any():
         return np.clip(velocity, lower, upper), 1.0, None
     ratios = np.ones(len(velocity))
@@ -66,3 +63,15 @@ def scale_uniformly(velocity, lower, upper):
     scaled = np.clip(slowest + scale * way, lower, upper)
     scaled[limiting] = bound[limiting]
     return scaled, scale, limiting
+
+
+def enlarged(velocity: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """
+    Return bounds for what is scaled uniformly afterwards, as far as a velocity has to be anyway.
+
+    Within them the bounds of levels make no joint so fast that all are slowed more for it.
+    """
+    largest = np.maximum(-lower, upper)
+    largest[largest <= 0.0] = np.inf
+    largest *= max(1.0, (np.abs(velocity) / largest).max(initial=0.0))
+    return -largest, largest

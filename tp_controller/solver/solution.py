@@ -17,41 +17,10 @@
 from functools import cached_property
 
 import numpy as np
-
-# A multiplier below this share of the largest one is rounding.
-NEGLIGIBLE_MULTIPLIER = 1e-9
-SMALLEST_MULTIPLIER = 1e-12
-# A velocity below this has no direction.
-SMALLEST_SPEED = 1e-12
-# Directions are taken for different above this, relatively.
-INDEPENDENT = 1e-9
-# Up to this share off the wish a direction counts as undamped.
-UNDAMPED = 1e-12
-
-
-class Stage:
-    """
-    How one level was carried out, before the levels below it.
-
-    Attributes
-    ----------
-    velocity : ndarray (n,)
-        Joint velocities after the level.
-    projection : Projection or None
-        None for a level with bounds.
-    multipliers : ndarray (n,) or None
-        Of the bounds on the joints; None where none was in the way.
-    row_multipliers : ndarray (r,) or None
-        The same for the rows of all levels with bounds down to this one, in order.
-
-
-    """
-
-    __slots__ = ('velocity', 'projection', 'multipliers', 'row_multipliers')
-
-    def __init__(self, velocity, projection=None, multipliers=None, row_multipliers=None):
-        self.velocity, self.projection = velocity, projection
-        self.multipliers, self.row_multipliers = multipliers, row_multipliers
+from tp_controller.solver.bounded_hierarchy import LevelStep, NONE
+from tp_controller.solver.damping import Memory
+from tp_controller.solver.level import Array, Level, NEGLIGIBLE, ROUNDING
+from tp_controller.solver.null_space import recursion
 
 
 class LevelSolution:
@@ -71,95 +40,59 @@ class LevelSolution:
 
     """
 
-    def __init__(self, index, solution):
+    def __init__(self, index: int, solution: 'Solution') -> None:
         self._index, self._solution = index, solution
-        self._stage = solution.stages[index]
+        self._step = solution.steps[index]
         self._level = level = solution.hierarchy[index]
         self.achieved = level.J.dot(solution.velocity)
         self.wanted = level.v if level.v is not None else np.minimum(
             np.maximum(self.achieved, level.lower), level.upper)
 
     @property
-    def residual(self):
+    def residual(self) -> Array:
         """Return wanted − achieved (m,)."""
         return self.wanted - self.achieved
 
     @property
-    def velocity(self):
+    def velocity(self) -> Array:
         """Return the joint velocities (n,) after this level, before those below and scaling."""
-        return self._stage.velocity
+        return self._step.velocity
 
     # What the level can do without bounds
 
     @property
-    def _projection(self):
-        """Return the `Projection` of the level where nothing is bounded."""
-        return self._solution.unbounded[self._index].projection
-
-    @property
-    def rank(self):
+    def rank(self) -> int:
         """
         Return how many directions of the level the levels above left it.
 
         0 for a level with bounds, which takes none away.
         """
-        return 0 if self._projection is None else self._projection.rank
+        return 0 if self._step.directions is None else self._step.directions.rank
 
     @property
-    def smallest_singular_value(self):
+    def smallest_singular_value(self) -> float:
         """
         Return the m-th singular value of J P, P the projector on what the levels above left.
 
         It is 0 where the level cannot move in some direction at all, small near a singularity.
         """
-        return 0.0 if self._projection is None else self._projection.smallest
+        return 0.0 if self._step.directions is None else self._step.directions.smallest
 
     @property
-    def unreachable(self):
+    def unreachable(self) -> Array:
         """Return the part of `wanted` (m,) that the level could not have without bounds either."""
-        projection = self._projection
-        if projection is None:
+        if self._step.directions is None:
             return np.zeros(len(self.wanted))
-        missing = self._level.v
+        missing = self.wanted
         if self._index:
-            missing = missing - self._level.J.dot(self._solution.stages[self._index - 1].velocity)
-        return missing - projection.U.dot(
-            projection.s * projection.gains * projection.U.T.dot(missing))
-
-    @property
-    def weak_directions(self):
-        """Return the singular values (k,) and task directions (m, k) that are damped."""
-        projection = self._projection
-        if projection is None:
-            return np.zeros(0), np.zeros((len(self.wanted), 0))
-        damped = projection.s * projection.gains < 1.0 - UNDAMPED
-        return projection.s[damped], projection.U[:, damped]
-
-    @property
-    def blocked_by(self):
-        """
-        Return the shares (index,) that the levels above have in what this one cannot do.
-
-        Each level above has taken some motions of the joints away. Shares are those of the
-        motion that would take the residual away, Jᵀ residual, squared; what is missing to 1 is
-        free, or was damped, or is held by bounds.
-        """
-        start = np.diagonal(self._solution.start)
-        motion = start * self._level.J.T.dot(self.residual)
-        size = motion.dot(motion)
-        shares = np.zeros(self._index)
-        if size > 0.0:
-            for index, stage in enumerate(self._solution.unbounded[:self._index]):
-                projection = stage.projection
-                if projection is not None:
-                    taken = projection.directions[:, :projection.rank].T.dot(motion / start)
-                    shares[index] = taken.dot(taken) / size
-        return shares
+            missing = missing - self._level.J.dot(self._solution.steps[self._index - 1].velocity)
+        U = self._step.directions.U
+        return missing - U.dot(self._step.followed * U.T.dot(missing))
 
     # What bounds stood in its way
 
     @cached_property
-    def scale(self):
+    def scale(self) -> float:
         """
         Return the share, in [0, 1], of the velocity it would have that bounds leave the level.
 
@@ -171,12 +104,13 @@ class LevelSolution:
             return 1.0
         possible = self._level.v - self.unreachable
         size = possible.dot(possible)
-        if size <= SMALLEST_SPEED ** 2:
+        if size <= ROUNDING ** 2:
             return 1.0
-        return min(max(float(possible.dot(self._level.J.dot(self.velocity))) / size, 0.0), 1.0)
+        share = float(possible.dot(self._level.J.dot(self.velocity))) / size
+        return 1.0 if share > 1.0 - NEGLIGIBLE else max(share, 0.0)
 
     @property
-    def multipliers(self):
+    def multipliers(self) -> Array:
         """
         Return the multipliers of the bounds on the joints (n,), zero where none is in the way.
 
@@ -184,35 +118,36 @@ class LevelSolution:
         ½ ‖residual‖² of the level, as it was before the levels below, fall by |multiplier| ε.
         With uniform scaling only the joint that decided it has one, ±1.
         """
-        found = self._stage.multipliers
+        found = self._step.multipliers
         return np.zeros(len(self.velocity)) if found is None else found
 
     @property
-    def limited_by(self):
+    def limited_by(self) -> list[int]:
         """Return the joints whose bounds are in the way, as indices, the strongest first."""
         size = np.abs(self.multipliers)
-        least = max(NEGLIGIBLE_MULTIPLIER * size.max(initial=0.0), SMALLEST_MULTIPLIER)
+        least = max(NEGLIGIBLE * size.max(initial=0.0), ROUNDING)
         return [int(joint) for joint in np.argsort(-size, kind='stable') if size[joint] > least]
 
     @property
-    def limited_velocity(self):
+    def limited_velocity(self) -> Array:
         """Return the joint velocities (n,) at which bounds stood in the way of the level."""
         return self._solution.velocity if self._solution.slowed < 1.0 else self.velocity
 
     @property
-    def row_multipliers(self):
+    def row_multipliers(self) -> dict[int, Array]:
         """
         Return {index of a level with bounds: multipliers (m,)} of those in the way of this one.
 
         Levels above it, or the level itself; signs as for `multipliers`.
         """
-        found, first = {}, 0
-        if self._stage.row_multipliers is None:
+        found: dict[int, Array] = {}
+        first = 0
+        if self._step.row_multipliers is None:
             return found
         for index, level in enumerate(self._solution.hierarchy[:self._index + 1]):
             if level.v is None:
-                rows = self._stage.row_multipliers[first:first + len(level.J)]
-                if rows.any():
+                rows = self._step.row_multipliers[first:first + len(level.J)]
+                if np.abs(rows).max(initial=0.0) > ROUNDING:
                     found[index] = rows
                 first += len(level.J)
         return found
@@ -220,29 +155,28 @@ class LevelSolution:
     # What the levels below do to it
 
     @property
-    def disturbance(self):
+    def disturbance(self) -> Array:
         """Return what the levels below add to the task velocity (m,)."""
         return self._level.J.dot(self._added())
 
     @property
-    def disturbance_bound(self):
+    def disturbance_bound(self) -> float:
         """
         Return the most that the levels below may add, as a norm; 0 where nothing is released.
 
         It is the largest singular value of the level on what it left them, below the release
         region, times the speed of the joints that they add.
         """
-        projection = self._stage.projection
-        if projection is None or not projection.released:
+        if self._step.released is None:
             return 0.0
-        sizes = np.linalg.norm(projection.remaining, axis=0)
-        left = projection.remaining[:, sizes > 0.0] / sizes[sizes > 0.0]
+        sizes = np.linalg.norm(self._step.released, axis=0)
+        left = self._step.released[:, sizes > 0.0] / sizes[sizes > 0.0]
         basis, s, _ = np.linalg.svd(left, full_matrices=False)
-        basis = basis[:, s > INDEPENDENT * s[0]]
+        basis = basis[:, s > NEGLIGIBLE * s[0]]
         return float(np.linalg.norm(self._level.J.dot(basis), 2)
                      * np.linalg.norm(self._added()))
 
-    def _added(self):
+    def _added(self) -> Array:
         """Return the joint velocities that the levels below add (n,)."""
         return self._solution.slowed * (self._solution.whole - self.velocity)
 
@@ -255,62 +189,58 @@ class Solution:
     ----------
     velocity : ndarray (n,)
         Joint velocities (quasi-velocities where a base is involved).
-    levels : tuple of LevelSolution
-        Evaluated when it is first asked for.
+    memory : tuple of float
+        What the cycle leaves to the next one: h of each level (`tp_controller.solver.damping`).
     hierarchy : list of Level
         What was asked for.
-    start : ndarray (n, n)
-        W^{-1/2}.
     whole, slowed : ndarray (n,), float
         Velocities before uniform scaling, and its factor; `velocity` and 1 without it.
 
     """
 
-    def __init__(self, velocity, hierarchy, start, unbounded, stages=None, whole=None,
-                 slowed=1.0):
-        self.velocity = velocity
-        self.hierarchy = hierarchy
-        self.start = start
+    def __init__(self, velocity: Array, hierarchy: list[Level], memory: Memory,
+                 steps: list[LevelStep] | None = None, whole: Array | None = None,
+                 slowed: float = 1.0) -> None:
+        self.velocity, self.hierarchy, self.memory = velocity, hierarchy, memory
         self.whole, self.slowed = velocity if whole is None else whole, slowed
-        # A list, or the function that makes it: the fast path does not need to know.
-        self._unbounded = unbounded
-        self._stages = stages
+        self._steps = steps
 
-    def moved_to(self, velocity):
+    def moved_to(self, velocity: Array) -> 'Solution':
         """Return the same solution with another velocity."""
-        return Solution(velocity, self.hierarchy, self.start, self._unbounded, self._stages,
-                        self.whole, self.slowed)
+        return Solution(velocity, self.hierarchy, self.memory, self._steps, self.whole,
+                        self.slowed)
 
     @cached_property
-    def unbounded(self):
-        """Return the `Stage` of each level in the recursion without bounds."""
-        return self._unbounded() if callable(self._unbounded) else self._unbounded
+    def steps(self) -> list[LevelStep]:
+        """Return how each level was carried out."""
+        if self._steps is not None:
+            return self._steps
+        # Nothing was damped and no bound in the way.
+        return [LevelStep(velocity, directions,
+                          NONE if directions is None else np.ones(directions.rank))
+                for velocity, directions in recursion(self.hierarchy, len(self.velocity))]
 
     @property
-    def bounded(self):
+    def bounded(self) -> bool:
         """Return whether bounds were in the way."""
-        return self._stages is not None
+        return self._steps is not None and any(
+            step.multipliers is not None for step in self._steps)
+
+    def singular_values_alone(self, index: int) -> Array:
+        """Return the singular values of a level as if there were no other."""
+        return np.asarray(np.linalg.svd(self.hierarchy[index].J, compute_uv=False), float)
 
     @property
-    def stages(self):
-        """Return the `Stage` of each level within the bounds."""
-        return self.unbounded if self._stages is None else self._stages
-
-    def singular_values_alone(self, index):
-        """Return the singular values of a level as if there were no other, weights included."""
-        return np.linalg.svd(self.hierarchy[index].J.dot(self.start), compute_uv=False)
-
-    @property
-    def scale(self):
+    def scale(self) -> float:
         """Return the smallest share, in [0, 1], that bounds on the joints leave a level."""
         return min((level.scale for level in self.levels), default=1.0)
 
     @property
-    def limiting(self):
+    def limiting(self) -> int | None:
         """Return the joint whose bound stands most in the way; None where none does."""
         return next((level.limited_by[0] for level in self.levels if level.limited_by), None)
 
     @cached_property
-    def levels(self):
+    def levels(self) -> tuple[LevelSolution, ...]:
         """Return what was wanted, achieved and possible, level by level."""
         return tuple(LevelSolution(index, self) for index in range(len(self.hierarchy)))

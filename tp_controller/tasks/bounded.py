@@ -33,8 +33,6 @@ DEFAULT_RETURN_SPEED = 0.2
 # No joint has to be faster than this on the way back of one row, however little it moves the
 # value [rad/s or m/s].
 RETURN_JOINT_SPEED = 0.5
-# Slower yet for a row that joints move by less than this [unit/rad or unit/m].
-WEAK = 0.05
 # A bound is out of reach where all joints together would have to move by more than this, along a
 # row that does not change [rad or m]. Then a row that they move by less than `STILL` is let go,
 # smoothly: at half of that it may get away at `DRIFT` [unit/rad, unit/s].
@@ -176,8 +174,7 @@ class BoundedTask(Task):
         self._remember(Moment(now, state.q, seen))
         moved = np.sqrt((J * J).sum(axis=1))
         motion, curved = self.own_motion(state, now), self._curved(seen, state.velocity)
-        back = np.minimum(self.return_speed,
-                          RETURN_JOINT_SPEED * moved * np.minimum(moved / WEAK, 1.0))
+        back = np.minimum(self.return_speed, RETURN_JOINT_SPEED * moved)
         lower = np.minimum(self.gain * (self.lower - value), back) - motion
         upper = np.maximum(self.gain * (self.upper - value), -back) - motion
         if error.any():

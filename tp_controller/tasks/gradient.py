@@ -94,7 +94,7 @@ class GradientTask(Task):
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
         error = self.error(state)
-        return Evaluation(self, Level(identity(self.robot.n), error, self.mode), error)
+        return Evaluation(self, Level.of_joints(error, self.mode), error)
 
     def start(self, state: RobotState) -> None:
         """There is nothing to hold."""

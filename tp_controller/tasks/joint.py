@@ -55,10 +55,10 @@ class JointTask(Task):
         if not robot.joint_names:
             keys.faults.append(('joints', f'{robot.name} has no driven joints'))
         self._indices = np.array([robot.joint_index(joint) for joint in self.joints], dtype=int)
-        # Handed out as it is in every cycle, hence protected. The shared identity tells the
-        # solver that all joints are meant, and there is no base besides.
-        whole = self.joints == robot.velocity_names
-        self._jacobian = identity(robot.n) if whole else np.eye(robot.n)[self._indices]
+        # Not where there is a base besides.
+        self.every_joint = self.joints == robot.velocity_names
+        # Handed out as it is in every cycle, hence protected.
+        self._jacobian = identity(robot.n)[self._indices]
         self._jacobian.setflags(write=False)
         super().__init__(robot, name, [robot.velocity_units[index] for index in self._indices],
                          keys, **options)

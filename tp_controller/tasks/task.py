@@ -113,6 +113,8 @@ class Task(ABC):
         The goal is only the value that the task had when it started.
     mode : str
         See `tp_controller.solver.level.Level`.
+    every_joint : bool
+        The Jacobian is the identity.
     row_scale : float
         What the rows of the level are multiplied by. A singular value is small or large in metres
         and radians per radian; rows that are short by nature are scaled to compare with those
@@ -140,6 +142,7 @@ class Task(ABC):
     row_names: Sequence[str] = ()
     remarks: tuple[str, ...] = ()
     row_scale = 1.0
+    every_joint = False
     keys: ClassVar[dict[str, str]] = {
         'gain': 'gain K, one number or one for each row [1/s]',
         'tolerance': 'error below which the goal counts as reached: a number, or one for each '
@@ -232,7 +235,8 @@ class Task(ABC):
         """Return the `Evaluation` at a state."""
         error = self.error(state)
         return Evaluation(
-            self, Level(self.jacobian(state), self.velocity(error, now), self.mode), error,
+            self, Level(self.jacobian(state), self.velocity(error, now), self.mode,
+                        is_identity=self.every_joint), error,
             self.row_names)
 
     # Goals

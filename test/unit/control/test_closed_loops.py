@@ -80,11 +80,33 @@ def test_oscillations_of_the_worst_joint_are_counted_per_second(motion):
     assert motion.swings(0.04 * commands, 0.01) == 0.0
 
 
+@pytest.fixture
+def calm(monkeypatch):
+    """Return the module of the benchmark."""
+    monkeypatch.syspath_prepend(robots.REPOSITORY / 'benchmarks')
+    return importlib.import_module('calm')
+
+
+@pytest.mark.parametrize('robot', [
+    'Panda', 'UR5', 'Talos arm', 'TIAGo', 'Baxter', 'planar 3R', 'TIAGo on wheels'])
+@pytest.mark.parametrize('rate, acceleration', [(20, None), (100, 15.0)])
+def test_robot_comes_to_rest_where_its_goal_cannot_be_reached(calm, robot, rate, acceleration):
+    runs = [calm.run(robot, rate, acceleration, number, seed=1) for number in range(2)]
+    assert [each for each in runs if not each.calm] == []
+
+
+@pytest.mark.parametrize('plant', ['delay1', 'delay2', 'lag'])
+def test_robot_that_follows_late_comes_to_rest_too(calm, plant):
+    runs = [calm.run('planar 3R', 100, None, number, plant, seed=1) for number in range(4)]
+    assert [each for each in runs if not each.calm] == []
+
+
 @pytest.mark.parametrize('command', [
     ['limits.py', '--states', '5'], ['paths.py', '--paths', '1', '--seconds', '0.1'],
     ['solver.py', '--rounds', '1'], ['closed_loops.py', '--cycles', '400', '--jobs', '2'],
     ['inequalities.py', '--runs', '1', '--jobs', '2'], ['stacks.py', '--rounds', '1'],
     ['calm.py', '--goals', '4', '--rates', '20'], ['loss.py', '--states', '4', '--below', '2'],
+    ['loss.py', '--states', '1', '--below', '1', '--cycles', '3'], ['forms.py'],
     ['weights.py', '--states', '2', '--goals', '1']])
 def test_benchmark_runs_and_prints_a_table(command):
     name, *options = command

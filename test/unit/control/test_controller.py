@@ -619,11 +619,10 @@ def test_goal_poses_are_those_of_the_tasks_about_a_frame_in_the_root():
 def test_all_settings_out_of_range_are_told_at_once():
     with pytest.raises(SettingsError) as caught:
         Settings(blend=0.0, period=0.0, damping=-1.0, singular_region=math.nan, braking_gain='x',
-                 scaling='clip', reserve=True, weights=[1.0, -1.0])
+                 scaling='clip', weights=[1.0, -1.0])
     faults = caught.value.faults
     assert [fault.split()[0] for fault in faults] == [
-        'period', 'damping', 'singular_region', 'braking_gain', 'scaling', 'reserve',
-        'weights']
+        'period', 'damping', 'singular_region', 'braking_gain', 'scaling', 'weights']
     assert 'must be a number from 1e-05 to 1, not 0.0' in faults[0]
     assert 'must be one of redistribute, uniform, not' in faults[4]
 
@@ -746,12 +745,14 @@ def test_task_that_is_enabled_again_holds_what_it_finds_unless_it_has_a_goal():
 
 
 def test_reason_of_a_task_alone_never_speaks_of_higher_levels():
-    weights = (1.0,) * 6 + (1e4,)
-    controller = control('- j: {type: joint, joints: panda_joint7}\n',
-                         options=Settings(blend=0.0, weights=weights))
-    controller.update(READY, 0.0)
-    controller.set_goal('j', [READY[6] + 1.0], 0.0)
-    task, = controller.update(READY, 0.0).report.tasks
+    robot = Robot.from_file(robots.PLANAR_DH)
+    controller = control('- tip: {type: position, frame: link3, axes: xy}\n', robot,
+                         options=Settings(blend=0.0))
+    stretched = np.array([0.0, 1e-3, 0.0])
+    controller.update(stretched, 0.0)
+    tip = robot.state(stretched).position('link3')
+    controller.set_goal('tip', tip - [0.002, 0.0, 0.0], 0.0)
+    task, = controller.update(stretched, 0.0).report.tasks
     assert task.achieved_speed < 0.1 * task.wanted_speed
     assert 'near a singularity' in task.reason
 

@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 import robots
 from tp_controller import Controller, Level, Robot, Settings, Stack
+from tp_controller.solver.solve import solve_cycle
 
 PERIOD = 0.01
 TOOL = robots.PANDA_TOOL
@@ -378,7 +379,8 @@ def test_a_stop_keeps_to_the_acceleration_limit_whatever_is_reserved(reserve):
 @pytest.mark.parametrize('direction', [-2.6, -1.0, 0.4, 1.9, 3.0])
 @pytest.mark.parametrize('period', [0.01, 0.001])
 def test_a_tool_that_pushes_against_a_wall_comes_to_rest_at_it(links, direction, period):
-    solver, bound, length = Settings(period=period).solver(links), np.full(links, 2.0), 2.0 / links
+    options, memory = Settings(period=period).solver_options(links), None
+    bound, length = np.full(links, 2.0), 2.0 / links
     q = np.linspace(0.9, -0.7, links)
     normal = np.array([np.cos(direction), np.sin(direction)])
     wall = goal = None
@@ -391,14 +393,36 @@ def test_a_tool_that_pushes_against_a_wall_comes_to_rest_at_it(links, direction,
         if wall is None:
             wall, goal = normal @ tool - 0.05, tool - 0.8 * normal + 0.2 * normal[::-1] * (1, -1)
         room = normal @ tool - wall
-        velocity = solver.solve([
+        solution = solve_cycle([
             Level((normal @ J)[np.newaxis], lower=np.array([-10.0 * room]),
                   upper=np.array([np.inf])),
             Level(J, 3.0 * (goal - tool)), Level(np.ones((1, links)), -q.sum(keepdims=True)),
-            Level(np.eye(links), -0.2 * q)], -bound, bound).velocity
+            Level.of_joints(-0.2 * q)], -bound, bound, options, period, None, memory)
+        velocity, memory = solution.velocity, solution.memory
         deepest = min(deepest, room)
         velocities.append(velocity)
         q = q + period * velocity
     assert room < 2e-3 and deepest > -1e-3
     changes = np.diff(velocities[-100:], axis=0)
     assert np.abs(changes).max() < 0.02
+
+
+@pytest.mark.parametrize('axes, goal', [
+    ('z', [0.0, 0.0, 2.0]), ('x', [1.5, 0.0, 0.0]), ('xy', [1.5, 0.0, 0.4])])
+@pytest.mark.parametrize('below', ['', '- posture: {type: posture, gain: 0.5}'])
+@pytest.mark.parametrize('period', [0.05, 0.01])
+def test_a_tool_that_reaches_along_few_axes_for_what_is_out_of_reach_comes_to_rest(
+        axes, goal, below, period):
+    robot, q = robots.panda(), np.array(robots.PANDA_READY)
+    stack = (f'- tool: {{type: position, frame: {robots.PANDA_TOOL}, axes: {axes}, gain: 2.0}}\n'
+             + below)
+    controller = Controller(robot, Stack.from_yaml(stack, robot),
+                            Settings(period=period, braking_gain=10.0))
+    controller.update(q, 0.0)
+    controller.set_goal('tool', goal, 0.0)
+    commands = []
+    for cycle in range(int(12.0 / period)):
+        commands.append(controller.update(q, cycle * period).velocity)
+        q = q + period * commands[-1]
+    # It may creep on.
+    assert np.abs(np.diff(commands[-100:], axis=0)).max() < 5e-3

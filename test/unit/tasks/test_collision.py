@@ -970,7 +970,7 @@ def test_flat_hand_is_pressed_on_a_table_without_rattling():
              '{box: [1.0, 1.0, 0.2]}, at: [0.5, 0.0, 0.2]}}, links: ['
              + ', '.join(ARM) + f']}}\n- tool: {{type: pose, frame: {TOOL}, gain: 2.0}}')
     apart, commands, q, report = follow(robots.panda(), stack, robots.PANDA_READY,
-                                        once(tool=tool_pose([0.45, 0.0, 0.1])), 4.0)
+                                        once(tool=tool_pose([0.45, 0.0, 0.1])), 5.0)
     assert apart.min() > -1e-4 and apart[-1] < 1e-4
     assert flips(commands) < 10 and flips(commands[100:]) == 0
     assert np.abs(commands[-50:]).max() < 1e-3

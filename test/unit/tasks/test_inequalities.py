@@ -161,16 +161,15 @@ def test_row_that_hardly_moves_asks_for_little_and_is_let_go_where_its_bound_is_
 
     assert [joint_bound(arm, 0.1) for arm in (2.0, 0.5, 0.3, 0.11)] == pytest.approx(
         [0.1, 0.4, 0.5, 0.5])
-    # Where a rad would do, the way back is only slower.
-    assert [joint_bound(arm, 0.9 * arm) for arm in (0.05, 0.025, 0.01, 0.001)] == pytest.approx(
-        [0.5, 0.25, 0.1, 0.01])
+    # Nor is it given up where a rad would do.
+    assert [joint_bound(arm, 0.9 * arm) for arm in (0.01, 0.001)] == pytest.approx([0.5, 0.5])
     # Where it would not, the joint is free to turn further, and more so the less that means.
     free = [joint_bound(arm, 0.1) for arm in (0.0205, 0.019, 0.015, 0.01, 1e-3)]
-    assert free[0] == pytest.approx(0.205) and free[1] == pytest.approx(0.162, abs=1e-3)
-    assert free == sorted(free, reverse=True) and -1.0 < free[3] < -0.8 and free[4] < -100.0
+    assert free[0] == pytest.approx(0.5) and free[1] == pytest.approx(0.472, abs=1e-3)
+    assert free == sorted(free, reverse=True) and free[3] < -0.4 and free[4] < -100.0
     # Without a jump in between.
     nearly = [joint_bound(0.01, outside) for outside in (0.01, 0.0101, 0.0199, 0.02)]
-    assert nearly[0] == pytest.approx(0.1) and nearly[0] - 0.02 < nearly[1] < nearly[0]
+    assert nearly[0] == pytest.approx(0.5) and nearly[0] - 0.02 < nearly[1] < nearly[0]
     assert nearly[3] == pytest.approx(free[3]) and nearly[3] < nearly[2] < nearly[3] + 0.02
 
 
@@ -190,8 +189,9 @@ def test_minimum_that_no_posture_has_is_missed_without_rattling(minimum, scaling
 - posture: {{type: posture}}
 """
     settings = Settings(period=PERIOD, scaling=scaling)
-    _, _, commands, reports = loop(robot, text, q, [robot.state(q).position(TOOL)], 8.0, settings)
-    assert slips(commands[300:]) < 10
+    # Up to 9 s the arm climbs on, from one ridge to a higher one.
+    _, _, commands, reports = loop(robot, text, q, [robot.state(q).position(TOOL)], 12.0, settings)
+    assert slips(commands[300:]) == 0 and np.abs(commands[-100:]).max() < 0.2
     mobile = reports[-1].tasks[0]
     assert mobile.status == ('kept' if minimum < 0.13 else 'held back')
     assert mobile.status == 'kept' or mobile.reason

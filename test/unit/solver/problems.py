@@ -1,0 +1,146 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Problems for the solver, drawn at random, and how it is asked about them."""
+
+import math
+
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from reference import projector
+from tp_controller import Level, solve
+
+SEEDS = st.integers(0, 2 ** 32 - 1)
+EXACT = {'rtol': 1e-9, 'atol': 1e-9}
+DEFAULTS = {'damping': 0.1, 'singular_region': 0.1, 'release_region': 0.02,
+            'regularisation': 0.02}
+INFINITE = math.inf
+
+
+def near(expected, rel=1e-9):
+    """Return a comparison that forgives what the solver may be off."""
+    return pytest.approx(expected, rel=rel, abs=1e-9)
+
+
+def redistribute(levels, lower=None, upper=None, **options):
+    """Return the solution with the bounds kept level by level."""
+    return solve(levels, lower, upper, scaling='redistribute', **options)
+
+
+def as_levels(hierarchy):
+    """Return the hierarchy of the reference as that of the solver."""
+    return [Level(J, wanted[0]) if len(wanted) == 1 else
+            Level(J, lower=wanted[0], upper=wanted[1]) for J, *wanted in hierarchy]
+
+
+def misses(hierarchy, x):
+    """Return how far each level is from what it wants: ‖v − J x‖, or what exceeds its bounds."""
+    return np.array([np.linalg.norm(J @ x - (wanted[0] if len(wanted) == 1
+                                             else np.clip(J @ x, *wanted)))
+                     for J, *wanted in hierarchy])
+
+
+@st.composite
+def stacks(draw, max_joints=30, max_levels=6):
+    """Return (n, levels): any mix of row counts, and levels of special structure."""
+    n = draw(st.integers(1, max_joints))
+    rng = np.random.default_rng(draw(SEEDS))
+    levels = []
+    for _ in range(draw(st.integers(0, max_levels))):
+        m = draw(st.integers(0, max(1, n // 2)))
+        J = rng.standard_normal((m, n))
+        kind = draw(st.sampled_from(['full', 'full', 'rank deficient', 'duplicate', 'mixture',
+                                     'selection', 'zero', 'tall']))
+        if kind == 'rank deficient' and m > 1:
+            J = rng.standard_normal((m, m // 2)) @ rng.standard_normal((m // 2, n))
+        elif kind == 'duplicate' and levels:
+            J = levels[draw(st.integers(0, len(levels) - 1))][0].copy()
+        elif kind == 'mixture' and levels:
+            above = np.concatenate([J for J, _ in levels])
+            J = rng.standard_normal((m, len(above))) @ above
+        elif kind == 'selection':
+            J = np.eye(n)[rng.permutation(n)[:m]]
+        elif kind == 'zero':
+            J = np.zeros((m, n))
+        elif kind == 'tall':
+            J = rng.standard_normal((n + 2, n))
+        levels.append((J, rng.standard_normal(len(J))))
+    return n, levels
+
+
+def random_box(rng, n, kind):
+    """Return lower and upper (n,) of one kind, or of a different kind for every joint."""
+    lower, upper = np.empty(n), np.empty(n)
+    kinds = ('symmetric', 'one-sided', 'zero', 'beside zero', 'fixed')
+    for joint in range(n):
+        own = kinds[rng.choice(5, p=[0.6, 0.1, 0.1, 0.15, 0.05])] if kind == 'mixed' else kind
+        a, b = rng.uniform(0.02, 0.6, 2)
+        low, high = {'symmetric': (-a, a), 'one-sided': (-a, INFINITE), 'zero': (0.0, b),
+                     'beside zero': (a, a + b), 'fixed': (a, a)}[own]
+        if rng.random() < 0.5:
+            low, high = -high, -low
+        lower[joint], upper[joint] = low, high
+    return lower, upper
+
+
+@st.composite
+def hierarchies(draw, max_joints=10, max_levels=5, rows=True, kinds=('symmetric', 'mixed')):
+    """Return (n, hierarchy, lower, upper): levels of all structures, most of them in conflict."""
+    n = draw(st.integers(2, max_joints))
+    rng = np.random.default_rng(draw(SEEDS))
+    hierarchy = []
+    for _ in range(draw(st.integers(1, max_levels))):
+        m = draw(st.integers(1, max(1, n // 2)))
+        J = rng.standard_normal((m, n))
+        kind = draw(st.sampled_from(['full', 'full', 'full', 'rank deficient', 'duplicate',
+                                     'mixture', 'selection', 'tall', 'posture']))
+        if kind == 'rank deficient' and m > 1:
+            J = rng.standard_normal((m, m // 2)) @ rng.standard_normal((m // 2, n))
+        elif kind == 'duplicate' and hierarchy:
+            J = hierarchy[draw(st.integers(0, len(hierarchy) - 1))][0].copy()
+        elif kind == 'mixture' and hierarchy:
+            above = np.concatenate([J for J, *_ in hierarchy])
+            J = rng.standard_normal((m, len(above))) @ above / math.sqrt(len(above))
+        elif kind == 'selection':
+            J = np.eye(n)[rng.permutation(n)[:m]]
+        elif kind == 'tall':
+            J = rng.standard_normal((n + 1, n))
+        elif kind == 'posture':
+            J = np.eye(n)
+        if rows and draw(st.sampled_from([True, False, False])):
+            hierarchy.append((J, *random_rows(rng, len(J))))
+        else:
+            hierarchy.append((J, rng.standard_normal(len(J))))
+    return n, hierarchy, *random_box(rng, n, draw(st.sampled_from(kinds)))
+
+
+def random_rows(rng, m):
+    """Return bounds (m,), (m,) of which some are far, near, one-sided or out of reach."""
+    lower = rng.uniform(-1.0, 0.5, m)
+    upper = lower + rng.uniform(0.1, 1.0, m)
+    side = rng.integers(0, 3, m)
+    return np.where(side == 0, -INFINITE, lower), np.where(side == 1, INFINITE, upper)
+
+
+def well_conditioned(n, hierarchy, least=1e-2):
+    """Say whether no direction of any level is nearly, but not quite, taken by those above."""
+    above = []
+    for J, *_ in hierarchy:
+        s = np.linalg.svd(J @ projector(above, n), compute_uv=False)
+        size = np.linalg.norm(J)
+        if ((s > 1e-11 * size) & (s < least * size)).any():
+            return False
+        above.append((J, None))
+    return True

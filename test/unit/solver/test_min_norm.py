@@ -1,0 +1,199 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The fast path, against the loop."""
+
+import math
+import sys
+
+from hypothesis import assume, given
+from hypothesis import strategies as st
+import numpy as np
+from problems import DEFAULTS, EXACT, near, redistribute, SEEDS
+import pytest
+from reference import damped_recursion, lexicographic, null_of, random_levels
+from tp_controller import Level, solve
+from tp_controller.solver.damping import CURVATURE, Damping, FIRST, TURNING
+from tp_controller.solver.min_norm import min_norm
+from tp_controller.solver.solve import Options, solve_cycle
+
+UNDAMPED = Damping()
+
+
+@st.composite
+def easy_stacks(draw):
+    """Return (n, levels, closing): independent rows, most of them well conditioned."""
+    n = draw(st.integers(2, 24))
+    rng = np.random.default_rng(draw(SEEDS))
+    rows, left = [], n - 1
+    for _ in range(draw(st.integers(1, 4))):
+        if left > 0:
+            rows.append(draw(st.integers(1, left)))
+            left -= rows[-1]
+    return n, random_levels(rng, n, rows), rng.standard_normal(n)
+
+
+@given(easy_stacks(), st.booleans(), st.sampled_from([(0.0, math.inf), (0.1, 0.1), (0.5, 0.2),
+                                                      (0.3, 2.0), (0.1, math.inf)]))
+def test_fast_path_agrees_with_the_recursion_wherever_it_answers(stack, closed, damped):
+    n, levels, closing = stack
+    damping, region = damped
+    last = [Level.of_joints(closing)] if closed else []
+    short = min_norm([Level(J, v) for J, v in levels] + last, n, Damping(damping, region))
+    assume(short is not None)
+    levels += [(np.eye(n), closing)] if closed else []
+    long = damped_recursion(levels, n, damping, region, FIRST)
+    np.testing.assert_allclose(short, long, rtol=0, atol=1e-9 * max(1.0, np.abs(long).max()))
+
+
+@given(easy_stacks(), st.sampled_from([(0.0, math.inf), (0.1, 0.1), (0.5, 0.2), (0.3, 2.0)]))
+def test_fast_path_answers_wherever_levels_are_far_from_singular(stack, damped):
+    n, levels, closing = stack
+    rows, sizes = np.zeros((0, n)), []
+    for J, _ in levels:
+        sizes.append(np.linalg.svd(J @ null_of(rows), compute_uv=False)[-1])
+        rows = np.concatenate([rows, J])
+    assume(np.linalg.cond(rows) < 20.0)
+    # It bounds singular values by norms of inverses, which may be off by the number of rows.
+    sizes[0] /= FIRST
+    assume(min(sizes) > damped[1] * len(rows) ** 0.25 and damped[1] <= 1.0 or not damped[0])
+    levels = [Level(J, v) for J, v in levels]
+    assert min_norm(levels, n, Damping(*damped)) is not None
+    assert min_norm([*levels, Level.of_joints(closing)], n, Damping(*damped)) is not None
+
+
+@pytest.mark.parametrize('weights', [None, [1.0, 100.0, 0.01, 5.0, 1.0, 30.0, 2.0]])
+def test_fast_path_meets_levels_with_the_least_motion(weights):
+    levels = random_levels(np.random.default_rng(5), 7, [3, 2])
+    inverse_weights = None if weights is None else 1.0 / np.array(weights)
+    found = min_norm([Level(J, v) for J, v in levels], 7, UNDAMPED, inverse_weights)
+    np.testing.assert_allclose(found, lexicographic(levels, 7, weights), rtol=0, atol=1e-12)
+
+
+def test_fast_path_leaves_singular_and_damped_levels_to_the_loop():
+    J = np.array([[1.0, 0.0, 0.0], [1.0, 1e-3, 0.0]])
+    assert min_norm([Level(J, np.ones(2))], 3, UNDAMPED) is None
+    assert min_norm([Level(J[:1], np.ones(1))] * 2, 3, UNDAMPED) is None
+    assert min_norm([Level(np.eye(3)[:2], np.ones(2))], 3, Damping(0.1)) is None
+    assert min_norm([Level(np.ones((4, 3)), np.ones(4))], 3, UNDAMPED) is None
+    assert min_norm([Level.of_joints(np.ones(3))], 3, Damping(0.1, 1.5)) is None
+
+
+@pytest.mark.parametrize('share', [0.99, 1.01])
+def test_fast_path_knows_the_region_of_each_level(share):
+    # The first level has its own; what the second one has left is s.
+    region, s = 0.2, share * 0.2
+    first = share * FIRST * region
+    alone = [Level(np.array([[first, 0.0]]), np.ones(1))]
+    both = [Level(np.array([[1.0, 0.0]]), np.zeros(1)), Level(np.array([[2.0, s]]), np.ones(1))]
+    for levels in (alone, both):
+        assert (min_norm(levels, 2, Damping(0.1, region)) is not None) == (share > 1.0)
+        assert min_norm(levels, 2, Damping(0.0, region)) is not None
+
+
+@pytest.mark.parametrize('s', [0.99, 1.01])
+@pytest.mark.parametrize('options', [{'release_region': 0.02}, {'release_region': 0.2},
+                                     {'damping': 0.1, 'singular_region': 0.1,
+                                      'release_region': 0.05},
+                                     {'damping': 0.1, 'singular_region': 0.1,
+                                      'release_region': 0.15}])
+def test_fast_path_leaves_what_is_released_to_the_loop(s, options):
+    damping = Damping(**options)
+    first = s * max(damping.release_region, FIRST * damping.singular_region
+                    if damping.damping else 0.0)
+    below = s * max(damping.release_region, damping.singular_region if damping.damping else 0.0)
+    alone = [Level(np.array([[first, 0.0]]), np.ones(1))]
+    both = [Level(np.array([[1.0, 0.0]]), np.zeros(1)),
+            Level(np.array([[0.3, below]]), np.ones(1))]
+    for levels in (alone, both):
+        assert (min_norm(levels, 2, damping) is not None) == (s > 1.0)
+
+
+def test_fast_path_is_damped_by_what_a_level_has_left_and_not_by_what_it_asks_for():
+    # Joint 1 gives the second level most of what it asks for, or all; what is left of it is weak.
+    for demand in (0.7, 0.71, 5.0):
+        levels = [(np.array([[1.0, 0.0]]), np.array([0.7])),
+                  (np.array([[1.0, 0.05]]), np.array([demand]))]
+        assert min_norm([Level(J, v) for J, v in levels], 2, Damping(0.1, 0.1)) is None
+        # s / (s² + λ² (1 − s²/ε²)) of what the first level leaves of the demand.
+        expected = 0.05 * (demand - 0.7) / (0.0025 + 0.01 * 0.75)
+        assert solve(levels, damping=0.1, singular_region=0.1).velocity == near([0.7, expected])
+
+
+@pytest.mark.parametrize('push, answers', [(24.0, True), (26.0, False)])
+def test_fast_path_leaves_a_closing_level_to_the_loop_that_would_be_slowed(push, answers):
+    # It misses what the first level holds, and pushes with as much, which bends by ‖J‖ of that.
+    for size in (5.0, 0.5):
+        levels = [Level(np.array([[size, 0.0]]), np.zeros(1)),
+                  Level.of_joints(np.array([push, 0.0]))]
+        period = 0.04 * size / (CURVATURE * max(size, TURNING))
+        assert (min_norm(levels, 2, Damping(0.1, 0.1, period=period)) is not None) == answers
+        assert min_norm(levels, 2, Damping(0.1, 0.1)) is not None
+        # What it bends is remembered by the loop alone.
+        memory = solve(levels, damping=0.1, singular_region=0.1, period=period).memory
+        assert (memory == (0.0, 0.0)) == answers
+
+
+def test_fast_path_knows_singular_values_well_enough_where_they_are_equal():
+    # All are 1: by its Frobenius norm alone the inverse of three rows could be as long as √3.
+    levels = [Level(np.eye(4)[3:], np.ones(1)), Level(np.eye(4)[:3], np.ones(3))]
+    assert min_norm(levels, 4, Damping(0.1, 0.7)) is not None
+    assert min_norm(levels, 4, Damping(0.1, 1.1)) is None
+
+
+@pytest.mark.parametrize('damping, region', [
+    (0.0, math.inf), (0.1, 0.1), (0.5, 2.0), (0.5, math.inf)])
+def test_closing_level_is_the_same_whether_it_is_recognised_or_not(damping, region):
+    rng = np.random.default_rng(8)
+    for rows in ([], [2], [2, 3]):
+        above = [(3.0 * J, v) for J, v in random_levels(rng, 6, rows)]
+        posture = rng.standard_normal(6)
+        recognised = solve([*above, (np.eye(6), posture)], damping=damping,
+                           singular_region=region)
+        assert recognised.hierarchy[-1].is_identity
+        plain = solve_cycle([Level(J, v) for J, v in [*above, (np.eye(6), posture)]], None, None,
+                            Options(6, None, damping, singular_region=region), 0.0)
+        np.testing.assert_allclose(recognised.velocity, plain.velocity, **EXACT)
+        for one, other in zip(recognised.levels, plain.levels):
+            np.testing.assert_allclose(one.residual, other.residual, **EXACT)
+            assert one.rank == other.rank
+
+
+def test_fast_path_is_taken_with_the_settings_of_the_controller(monkeypatch):
+    tried = []
+
+    def spy(*given):
+        tried.append(min_norm(*given))
+        return tried[-1]
+    monkeypatch.setattr(sys.modules['tp_controller.solver.solve'], 'min_norm', spy)
+    levels = random_levels(np.random.default_rng(5), 7, [3, 2])
+    solution = redistribute(levels, -9.0 * np.ones(7), 9.0 * np.ones(7), period=0.01, **DEFAULTS)
+    assert len(tried) == 1 and solution.velocity.tolist() == tried[0].tolist()
+
+
+def test_loop_is_taken_where_levels_are_still_slowed(monkeypatch):
+    monkeypatch.setattr(sys.modules['tp_controller.solver.solve'], 'min_norm', None)
+    levels = random_levels(np.random.default_rng(5), 7, [3, 2])
+    solve(levels, period=0.01, memory=(0.0, 1e-3))
+
+
+def test_solution_of_the_fast_path_tells_what_that_of_the_loop_does():
+    levels = random_levels(np.random.default_rng(6), 7, [3, 2])
+    levels = [Level(J, v) for J, v in levels] + [Level.of_joints(np.ones(7))]
+    short, long = solve(levels), solve(levels, period=1e-9, memory=(1.0, 1.0, 1.0))
+    np.testing.assert_allclose(short.velocity, long.velocity, **EXACT)
+    for one, other in zip(short.levels, long.levels):
+        assert one.rank == other.rank
+        assert one.smallest_singular_value == pytest.approx(other.smallest_singular_value)
+    assert [level.rank for level in short.levels] == [3, 2, 2]

@@ -1,0 +1,186 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Uniform scaling."""
+
+import math
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+import numpy as np
+from problems import EXACT, SEEDS
+import pytest
+from reference import random_levels
+from tp_controller import Level, solve
+
+
+def numbers(lower, upper):
+    """Return a strategy for numbers whose squares are numbers, too."""
+    return st.floats(lower, upper).map(lambda number: number if abs(number) > 1e-100 else 0.0)
+
+
+def bounded(velocity, lower, upper):
+    """Return the solution of joints that want a velocity within bounds."""
+    return solve([(np.eye(len(velocity)), velocity)], lower, upper)
+
+
+@given(st.lists(st.tuples(numbers(-1e3, 1e3), numbers(0, 10), numbers(0, 10)),
+                min_size=1, max_size=8))
+@example([(49.0, 1.0, 1.0)])
+@example([(-49.0, 1.0, 1.0), (0.1, 1.0, 1.0)])
+@example([(1.0, 2.0, 2.0), (1e-17, 1.0, 0.0)])
+@example([(1.0, 2.0, 2.0), (1e-10, 1.0, 0.0)])
+def test_scaled_velocities_keep_their_bounds_exactly_and_their_ratios(joints):
+    velocity, lower, upper = (np.array(column) for column in zip(*joints))
+    solution = bounded(velocity, -lower, upper)
+    assert (solution.velocity >= -lower).all() and (solution.velocity <= upper).all()
+    # What exceeds a bound by no more than rounding, relative to the fastest joint, is cut off
+    # and slows nobody.
+    rounding = 1e-9 * np.abs(velocity).max()
+    np.testing.assert_allclose(solution.velocity, solution.scale * velocity, rtol=1e-14,
+                               atol=rounding + 1e-300)
+    within = ((velocity >= -lower - rounding) & (velocity <= upper + rounding)).all()
+    assert within == (solution.limiting is None)
+    if within:
+        assert solution.scale == 1.0
+    else:
+        # No larger factor would do: the joint that decided is at its bound, to the last digit.
+        index = solution.limiting
+        assert 0.0 <= solution.scale < 1.0
+        assert solution.velocity[index] == (upper if velocity[index] > 0 else -lower)[index]
+
+
+def test_fast_negative_joint_is_limited_too():
+    solution = bounded([0.5, -4.0], [-1.0, -1.0], [1.0, 1.0])
+    assert solution.velocity == pytest.approx([0.125, -1.0])
+    assert (solution.scale, solution.limiting) == (0.25, 1)
+
+
+def test_each_velocity_is_compared_with_the_bound_on_its_own_side():
+    assert bounded([1.0, 1.0], [-0.1, -0.1], [2.0, 2.0]).scale == 1.0
+    assert bounded([-1.0, -1.0], [-2.0, -0.5], [0.1, 0.1]).velocity == pytest.approx([-0.5, -0.5])
+
+
+def test_joint_that_may_not_move_stops_all():
+    solution = bounded([0.5, 0.3], [-1.0, -1.0], [0.0, 1.0])
+    assert solution.velocity.tolist() == [0.0, 0.0]
+    assert (solution.scale, solution.limiting) == (0.0, 0)
+
+
+def test_joint_that_may_not_move_and_need_not_stops_nobody():
+    assert bounded([0.0, 0.3], [0.0, -1.0], [0.0, 1.0]).velocity.tolist() == [0.0, 0.3]
+
+
+def test_side_without_a_bound_is_free():
+    lower, upper = np.array([-math.inf, -1.0]), np.array([0.5, math.inf])
+    assert bounded([-100.0, 100.0], lower, upper).velocity.tolist() == [-100.0, 100.0]
+    assert bounded([1.0, 100.0], lower, upper).velocity == pytest.approx([0.5, 50.0])
+
+
+@given(st.lists(st.tuples(numbers(-1e3, 1e3), numbers(-10, 10), numbers(0, 10)),
+                min_size=1, max_size=8))
+@example([(1.0, 0.2, 0.6), (0.0, -1.0, 2.0)])
+@example([(-1.0, 0.2, 0.6)])
+@example([(3.0, -2.0, 0.5)])
+def test_bounds_that_exclude_zero_scale_the_way_from_the_slowest_motion_they_allow(joints):
+    velocity, lower, width = (np.array(column) for column in zip(*joints))
+    upper = lower + width
+    solution = bounded(velocity, lower, upper)
+    assert (solution.velocity >= lower).all() and (solution.velocity <= upper).all()
+    slowest = np.sign(lower + upper) * np.minimum(abs(lower), abs(upper))
+    slowest[(lower <= 0.0) & (upper >= 0.0)] = 0.0
+    way = velocity - slowest
+    assert 0.0 <= solution.scale <= 1.0
+    np.testing.assert_allclose(solution.velocity - slowest, solution.scale * way, rtol=1e-9,
+                               atol=3e-9 * np.abs(way).max() + 1e-300)
+    # No larger factor would do.
+    if solution.scale < 1.0:
+        beyond = slowest + min(1.0, solution.scale + 1e-6) * way
+        assert (beyond > upper).any() or (beyond < lower).any()
+    else:
+        assert ((velocity >= lower - 1e-8 * np.abs(way).max())
+                & (velocity <= upper + 1e-8 * np.abs(way).max())).all()
+
+
+def test_braking_joint_is_where_uniform_scaling_begins():
+    # Joint 1 must move at least 0.2; from (0.2, 0) to (1, 2) the second bound is met half way.
+    solution = bounded([1.0, 2.0], [0.2, -1.0], [2.0, 1.0])
+    assert solution.velocity == pytest.approx([0.6, 1.0])
+    assert (solution.scale, solution.limiting) == (0.5, 1)
+
+
+def test_one_sided_bounds_leave_the_other_side_free():
+    assert bounded([1.0, -50.0], None, np.array([0.5, 1.0])).velocity == pytest.approx(
+        [0.5, -25.0])
+    assert bounded([1.0, -50.0], np.array([-1.0, -1.0]), None).velocity == pytest.approx(
+        [0.02, -1.0])
+
+
+def test_uniform_scaling_names_the_joint_that_decided_and_its_side():
+    for sign in (1.0, -1.0):
+        solution = bounded([0.5, sign * 4.0], [-1.0, -1.0], [1.0, 1.0])
+        level = solution.levels[0]
+        assert level.multipliers.tolist() == [0.0, sign]
+        assert level.limited_by == [1]
+        assert level.limited_velocity.tolist() == solution.velocity.tolist()
+        assert level.velocity == pytest.approx([0.5, sign * 4.0])
+
+
+def test_scaling_keeps_the_direction_of_every_task():
+    levels = random_levels(np.random.default_rng(11), 6, [2, 2])
+    free = solve(levels)
+    solution = solve(levels, np.full(6, -0.1), np.full(6, 0.1))
+    for level, unscaled in zip(solution.levels, free.levels):
+        np.testing.assert_allclose(level.achieved, solution.scale * unscaled.achieved, **EXACT)
+        assert level.scale == solution.scale < 1.0
+
+
+@given(SEEDS)
+def test_uniform_scaling_slows_what_the_bounds_of_levels_left(seed):
+    """Within them first, as if joints had no limits; then shorter, in the same direction."""
+    rng = np.random.default_rng(seed)
+    n = 6
+    rows = Level(rng.normal(size=(2, n)), lower=-rng.uniform(0.1, 0.5, 2),
+                 upper=rng.uniform(0.1, 0.5, 2))
+    wish = (rng.normal(size=(3, n)), rng.normal(size=3))
+    limit = rng.uniform(0.05, 0.5, n)
+    plain = solve([wish], -limit, limit, scaling='uniform').scale
+    for levels in ([rows, wish], [wish, rows]):
+        free = solve(levels, scaling='uniform').velocity
+        whole = solve(levels, scaling='redistribute').velocity
+        np.testing.assert_allclose(free, whole, atol=1e-12)
+        solution = solve(levels, -limit, limit, scaling='uniform')
+        factor = np.min(limit / np.abs(free))
+        if factor >= plain:
+            np.testing.assert_allclose(solution.velocity, min(factor, 1.0) * free, atol=1e-9)
+            assert solution.scale == pytest.approx(min(factor, 1.0))
+        assert (np.abs(solution.velocity) <= limit).all()
+        values = rows.J @ solution.velocity
+        if levels[0] is rows:
+            assert (values <= rows.upper + 1e-9).all() and (values >= rows.lower - 1e-9).all()
+        else:
+            # Bounds below never slow a wish more than it is slowed alone.
+            assert solution.scale >= plain - 1e-9
+            np.testing.assert_allclose(wish[0] @ solution.velocity, solution.scale * wish[1],
+                                       atol=1e-9)
+
+
+def test_bounds_below_a_wish_never_slow_it_when_all_joints_are_slowed_alike():
+    # The row could be met with ten times the speed of joint 2.
+    wish, row = ([[1.0, 0.0]], [0.5]), Level(np.array([[0.0, 0.1]]), lower=np.array([1.0]))
+    solution = solve([wish, row], -np.ones(2), np.ones(2), scaling='uniform')
+    assert solution.velocity == pytest.approx([0.5, 1.0]) and solution.scale == 1.0
+    # A joint that may not move at all has no say in that.
+    locked = solve([wish, row], [-1.0, 0.0], [1.0, 0.0], scaling='uniform')
+    assert locked.velocity.tolist() == [0.0, 0.0]

@@ -1,0 +1,78 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The velocities that are allowed: bounds on the joints, and rows of levels with bounds."""
+
+import numpy as np
+from tp_controller.solver.level import Array, FEASIBLE, ROUNDING
+
+
+class Polytope:
+    """
+    The velocities x with lower ≤ x ≤ upper and row_lower ≤ rows x ≤ row_upper.
+
+    Attributes
+    ----------
+    lower, upper : ndarray (n,)
+        Bounds on the joints.
+    rows, row_lower, row_upper : ndarray (r, n), (r,), (r,)
+        Rows of length 1, or tolerances would mean something else for every row.
+    lengths : ndarray (r,)
+        What rows were multiplied by.
+
+    """
+
+    def __init__(self, lower: Array, upper: Array) -> None:
+        self.lower, self.upper = lower, upper
+        self.rows = np.zeros((0, len(lower)))
+        self.row_lower = self.row_upper = self.lengths = np.zeros(0)
+
+    def clip(self, x: Array) -> Array:
+        """Return x (n,) within the bounds on the joints."""
+        return np.minimum(np.maximum(x, self.lower), self.upper)
+
+    def fitting(self, x: Array) -> Array | None:
+        """Return x (n,) without what rounding put beyond its bounds; None if it is farther off."""
+        clipped = self.clip(x)
+        excess = clipped - x
+        if excess.dot(excess) > ROUNDING ** 2 * x.dot(x):
+            return None
+        if len(self.rows):
+            values = self.rows.dot(clipped)
+            if np.count_nonzero(values > self.row_upper + FEASIBLE) \
+                    or np.count_nonzero(values < self.row_lower - FEASIBLE):
+                return None
+        return clipped
+
+    def narrow(self, cap: Array, x: Array) -> None:
+        """Allow speeds of at most `cap` (n,); where x uses more already, just that."""
+        self.lower = np.minimum(np.maximum(self.lower, -cap), x)
+        self.upper = np.maximum(np.minimum(self.upper, cap), x)
+
+    def add(self, rows: Array, lower: Array, upper: Array, lengths: Array) -> None:
+        """Add rows; see the attributes."""
+        self.rows = np.concatenate([self.rows, rows])
+        self.row_lower = np.concatenate([self.row_lower, lower])
+        self.row_upper = np.concatenate([self.row_upper, upper])
+        self.lengths = np.concatenate([self.lengths, lengths])
+
+    def along(self, origin: Array, Q: Array) -> tuple[Array, Array, Array]:
+        """Return A (n + r, k) and bounds on A a, which `origin` + Q a has to keep."""
+        A, lower, upper = Q, self.lower - origin, self.upper - origin
+        if len(self.rows):
+            values = self.rows.dot(origin)
+            A = np.concatenate([A, self.rows.dot(Q)])
+            lower = np.concatenate([lower, self.row_lower - values])
+            upper = np.concatenate([upper, self.row_upper - values])
+        return A, lower, upper

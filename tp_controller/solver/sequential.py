@@ -1,0 +1,50 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The sequential form of the slides, (50) and (51): for comparison only (docs/sequential.md)."""
+
+import numpy as np
+from tp_controller.solver.level import Array, Level
+from tp_controller.solver.null_space import decompose
+
+
+def sequential(levels: list[Level], n: int) -> Array:
+    """
+    Return the joint velocities (n,) of successive projection.
+
+    Each level is inverted as if it were alone, and projected on what the levels above it, each
+    alone, leave free: ζ ← ζ + P J⁺ v, P ← P (I − J⁺ J). The first priority is kept. Lower levels
+    are not met even where they could be, for two reasons: nothing accounts for what the levels
+    above already do to them, and a product of projectors is none unless they commute.
+
+    Parameters
+    ----------
+    levels : list of Level
+        With demands, the highest priority first.
+    n : int
+        Number of joints.
+
+    References
+    ----------
+    slides (16)–(21), (50), (51).
+
+    """
+    zeta, P = np.zeros(n), np.eye(n)
+    for level in levels:
+        alone = decompose(level)
+        step = alone.U.T.dot(level.v) / alone.s
+        zeta = zeta + P.dot(alone.Q[:, :alone.rank].dot(step))
+        free = alone.Q[:, alone.rank:]
+        P = P.dot(free.dot(free.T))
+    return zeta
