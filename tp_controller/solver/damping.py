@@ -53,8 +53,9 @@ CURVATURE = 4.0
 # a posture with 1, and is calm with 2.
 TURNING = 2.0
 # The same for a row with bounds. A tool that is to come into a region beyond its reach shakes in
-# 245 of 500 cycles with 0.2; with 2 an arm at the ridge of its manipulability creeps after 14 s.
-ROW_TURNING = 1.0
+# 245 of 500 cycles with 0.2; with 1 one of 1000 runs of `inequalities.py --types keep_in` gets
+# 0.57 mm deep, with 0.5 0.08 mm.
+ROW_TURNING = 0.5
 # Share of λ and ε that the first level has [1]. It is to lose little: it misses more than 1 %
 # beyond the least in 25 % of fast states with 1, 10 % with 0.5, 7 % with 0.2 (`loss.py`). The
 # levels below meet singular values of zero wherever they want what one above does not let them:

@@ -23,8 +23,8 @@ Directions with k = 0 cost nothing, so the answer may lie in a corner of the bou
 another corner in the next cycle. Therefore no direction is softer than μ². What is missing to that
 pulls towards the step cut off at the bounds: the nearest velocity that is allowed, mostly, so that
 the answer is hardly biased, and nothing jumps where a bound begins to be in the way. For an exact
-answer it is solved with a tiny μ, and once more from there: two steps of the proximal point
-algorithm (Rockafellar, 1976).
+answer it is solved again from there, with ever smaller μ: the proximal point algorithm
+(Rockafellar, 1976).
 
 In coordinates scaled by √k a program looks for the nearest point of a polytope. DAQP, a dual
 active-set method, does that in microseconds. It takes a polytope for empty where rows of A that
@@ -41,10 +41,10 @@ from tp_controller.solver.level import Array, FEASIBLE
 # How exactly DAQP keeps bounds; the next one where rounding defeats this. 0 of 436,000 programs
 # stay unsolved.
 TOLERANCES = (FEASIBLE, 1e-9, 1e-7, 1e-6)
-# μ² for an exact answer, as a share of the largest stiffness. In 1,500 programs, some of them
-# nearly singular, what a level misses agrees with the reference to 5e-11; with 1e-6 to 2e-7 after
-# 20 repetitions, with 1e-10 some velocities are off by 1e-6.
-EXACT = 1e-8
+# μ² for an exact answer, as shares of the largest stiffness, one after the other. In 1,500 fast
+# states (`loss.py`) levels miss at most 2e-6 of their demand beyond the least, and no program is
+# unsolved; from 1e-6 on two are. With 1e-6 for the last, 89 states miss more than 1e-6.
+EXACT = np.array([1e-2, 1e-4, 1e-6, 1e-8, 1e-8])
 
 Answer = tuple[Array, Array]
 
@@ -74,17 +74,18 @@ def regularised(stiffness: Array, target: Array, A: Array, lower: Array, upper: 
         None where rounding forbids it.
 
     """
-    exact = least == 0.0
-    if exact:
-        least = EXACT * (stiffness[stiffness.argmax()] or 1.0)
-    stiff = np.maximum(stiffness, least)
-    share = stiffness / stiff
-    found = nearest(stiff, start + share * (target - start), A, lower, upper)
-    if exact and found is not None and np.count_nonzero(share < 1.0):
-        start = found[0]
-        # Where rounding defeats this, what was found before is as near as it gets.
-        found = nearest(stiff, start + share * (target - start), A, lower, upper) or found
-    return found
+    softest = EXACT * (stiffness[stiffness.argmax()] or 1.0) if least == 0.0 else (least,)
+    answer = None
+    for least in softest:
+        stiff = np.maximum(stiffness, least)
+        share = stiffness / stiff
+        found = nearest(stiff, start + share * (target - start), A, lower, upper)
+        if found is not None:
+            # Where rounding defeats the next one, this is as near as it gets.
+            answer, start = found, found[0]
+        if not np.count_nonzero(share < 1.0):
+            break
+    return answer
 
 
 def nearest(stiffness: Array, centre: Array, A: Array, lower: Array,

@@ -122,7 +122,6 @@ def test_weights_decide_what_is_left_within_the_bounds(problem, seed):
 def test_large_hierarchies_are_solved_as_well(problem):
     n, hierarchy, lower, upper = problem
     assume(n > 12 and well_conditioned(n, hierarchy, 1e-3))
-    # Of 400 such hierarchies one or two are off by 1e-7 to 2e-5, where corners are sharp.
     check_against_reference(n, hierarchy, lower, upper, tolerance=1e-8)
 
 

@@ -147,7 +147,7 @@ def test_answer_is_kept_where_a_later_program_is_defeated(monkeypatch, regularis
     a, multipliers = regularised(
         np.array([1.5, 0.0]), np.array([3.0, 0.0]), np.array([[1.0, -0.3]]),
         np.array([-np.inf]), np.array([1.0]), regularisation, np.array([3.0, 0.0]))
-    assert a[0] > 2.9 and multipliers[0] > 0.0
+    assert a[0] > 2.7 and multipliers[0] > 0.0
 
 
 # The program of a level

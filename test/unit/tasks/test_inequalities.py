@@ -189,8 +189,8 @@ def test_minimum_that_no_posture_has_is_missed_without_rattling(minimum, scaling
 - posture: {{type: posture}}
 """
     settings = Settings(period=PERIOD, scaling=scaling)
-    # Up to 9 s the arm climbs on, from one ridge to a higher one.
-    _, _, commands, reports = loop(robot, text, q, [robot.state(q).position(TOOL)], 12.0, settings)
+    # Up to 14 s the arm climbs on, from one ridge to a higher one.
+    _, _, commands, reports = loop(robot, text, q, [robot.state(q).position(TOOL)], 16.0, settings)
     assert slips(commands[300:]) == 0 and np.abs(commands[-100:]).max() < 0.2
     mobile = reports[-1].tasks[0]
     assert mobile.status == ('kept' if minimum < 0.13 else 'held back')
