@@ -39,7 +39,7 @@ from _robots import load_robot
 import numpy as np
 from scipy.optimize import lsq_linear
 from tp_controller import Controller, Settings, Stack
-from tp_controller.control.limits import VelocityLimits
+from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.solver import bounded_hierarchy
 from tp_controller.solver.qp import regularised
 

@@ -26,7 +26,7 @@ import argparse
 from _robots import load_robot
 import numpy as np
 from tp_controller import Settings
-from tp_controller.control.limits import VelocityLimits
+from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.solver.level import identity, Level
 from tp_controller.solver.solve import solve_cycle
 

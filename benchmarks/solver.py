@@ -31,7 +31,7 @@ import time
 from _robots import load_robot, PANDA_READY, TALOS_READY
 import numpy as np
 from tp_controller import Controller, Settings, Stack
-from tp_controller.control.limits import VelocityLimits
+from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.solver.solve import solve_cycle
 
 # {name: (robot, working posture, stack)}

@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.control.cycle_time import check_time, CycleTime
 from tp_controller.control.escape import Escape
-from tp_controller.control.limits import VelocityBounds, VelocityLimits
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings
 from tp_controller.control.transition import Transition
+from tp_controller.control.velocity_limits import VelocityBounds, VelocityLimits
 from tp_controller.errors import GoalError, SettingsError, TimeError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from tp_controller.control.limits import VelocityBounds
+from tp_controller.control.velocity_limits import VelocityBounds
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import NEGLIGIBLE as ROUNDING

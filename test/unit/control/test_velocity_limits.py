@@ -21,7 +21,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tp_controller.control.limits import VelocityLimits
+from tp_controller.control.velocity_limits import VelocityLimits
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
 PERIODS = st.floats(1e-3, 0.05)
