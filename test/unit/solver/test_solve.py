@@ -312,3 +312,10 @@ def test_unknown_scaling_is_refused_with_the_valid_ones():
 def test_options_that_make_no_sense_are_named(options):
     with pytest.raises(SolverError, match=next(iter(options))):
         solve([(np.eye(2), np.ones(2))], **options)
+
+
+@pytest.mark.parametrize('h', [-1.0, np.nan, np.inf, None, np.ones(2), 'hard'])
+def test_memory_that_is_no_number_is_refused(h):
+    levels = [(np.eye(2), np.ones(2)), (np.eye(2), np.zeros(2))]
+    with pytest.raises(SolverError, match='memory of level 2 must be a number'):
+        solve(levels, period=0.01, memory=(0.0, h))
