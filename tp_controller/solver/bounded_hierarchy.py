@@ -105,19 +105,7 @@ class BoundedHierarchy:
         """
         Come as near to what a level demands as is allowed.
 
-        Parameters
-        ----------
-        level : Level
-            With a demand v.
-        h : float
-            How what it pushes against bends; see `damping`.
-
-        Returns
-        -------
-        step : LevelStep
-        h : float
-            Of this cycle alone.
-
+        What it pushes against bends by h (see `damping`); that of this cycle alone is returned.
         """
         directions = decompose(level, self.Z, not self._released)
         c = self.damping.curvature(h)

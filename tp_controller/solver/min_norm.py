@@ -22,6 +22,8 @@ closing level that demands a velocity of every joint, J = I, is met as closely a
 by starting from it: ζ = v_I + Jᵀ (J Jᵀ)⁻¹ (v − J v_I).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.linalg.blas import dnrm2
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
@@ -32,26 +34,17 @@ from tp_controller.solver.level import Array, Level
 WELL_CONDITIONED = 1e-2
 
 
-def min_norm(levels: list[Level], n: int, damping: Damping,
+def min_norm(levels: list[Level], n: int, damping: Damping, curved: Sequence[float],
              inverse_weights: Array | None = None) -> Array | None:
     """
-    Return the velocity (n,) of levels with demands, or None where the loop is needed.
+    Return the velocity (n,) of levels with demands, which damping does not touch.
 
-    Parameters
-    ----------
-    levels : list of Level
-        The highest priority first.
-    n : int
-        Number of joints.
-    damping : Damping
-        The answer given is one that it does not touch.
-    inverse_weights : ndarray (n,), optional
-        1 / w.
-
+    None where the loop is needed. Each level has its c in `curved`; the inverse weights are 1 / w
+    (n,).
     """
     closing = None
     if levels and levels[-1].is_identity:
-        if not damping.spares(1.0):
+        if not damping.spares(1.0, curved[-1]):
             return None
         *levels, last = levels
         closing = last.v
@@ -63,7 +56,7 @@ def min_norm(levels: list[Level], n: int, damping: Damping,
     if len(levels) > 1:
         J = np.concatenate([level.J for level in levels])
         v = np.concatenate([level.v for level in levels])
-    factor = _factor(J, levels, damping)
+    factor = _factor(J, levels, damping, curved)
     if factor is None:
         return None
     if closing is not None:
@@ -94,7 +87,8 @@ def _weighted(J: Array, v: Array, factor: Array, inverse_weights: Array) -> Arra
     return x + J.T.dot(dpotrs(factor, v - J.dot(x))[0])
 
 
-def _factor(J: Array, levels: list[Level], damping: Damping) -> Array | None:
+def _factor(J: Array, levels: list[Level], damping: Damping,
+            curved: Sequence[float]) -> Array | None:
     """Return the Cholesky factor of J Jᵀ; None where J is near a singularity."""
     factor, info = dpotrf(J.dot(J.T))
     if info != 0:
@@ -103,14 +97,16 @@ def _factor(J: Array, levels: list[Level], damping: Damping) -> Array | None:
     squared_norm = _squared_norm(inverse)
     if not WELL_CONDITIONED ** 2 * _squared_norm(J) * squared_norm <= 1.0:
         return None
-    if damping.spares(squared_norm ** -0.5) or _undamped(levels, inverse, damping):
+    if damping.spares(squared_norm ** -0.5, max(curved)) \
+            or _undamped(levels, inverse, damping, curved):
         return factor
     return None
 
 
-def _undamped(levels: list[Level], inverse: Array, damping: Damping) -> bool:
+def _undamped(levels: list[Level], inverse: Array, damping: Damping,
+              curved: Sequence[float]) -> bool:
     """
-    Say whether no singular value of any projected level is in the singular region.
+    Say whether no singular value of any projected level is damped.
 
     The diagonal blocks of the Cholesky factor R belong to the projected levels,
     R_iiᵀ R_ii = J̄_i J̄_iᵀ, and those of its inverse are their inverses: the smallest singular
@@ -118,13 +114,13 @@ def _undamped(levels: list[Level], inverse: Array, damping: Damping) -> bool:
     and more closely by 1/s² ≤ ‖R_ii⁻ᵀ R_ii⁻¹‖.
     """
     begin = 0
-    for level in levels:
+    for level, c in zip(levels, curved):
         rows = slice(begin, begin + len(level.v))
         begin = rows.stop
         block = inverse[rows, rows]
         first = level is levels[0]
-        if block.size and not damping.spares(_squared_norm(block) ** -0.5, first) \
-                and not damping.spares(_squared_norm(block.dot(block.T)) ** -0.25, first):
+        if block.size and not damping.spares(_squared_norm(block) ** -0.5, c, first) \
+                and not damping.spares(_squared_norm(block.dot(block.T)) ** -0.25, c, first):
             return False
     return True
 

@@ -91,18 +91,9 @@ def remaining(directions: Directions, region: float = 0.0, damping: float = 0.0)
     """
     Return what a level leaves free (n, k').
 
-    These are the motions that do not move it, orthonormal, and before them those along weak
-    directions, shortened, as far as they are released.
-
-    Parameters
-    ----------
-    directions : Directions
-        Of the level.
-    region : float
-        Singular value from which on downwards directions are released, smoothly.
-    damping : float
-        λ of the levels below: a direction that is shortened to it is followed by half.
-
+    These are the motions that do not move it, orthonormal, and before them those along directions
+    with a singular value below `region`, released smoothly: shortened so far that levels below,
+    with λ = `damping`, follow them as much as they are given up.
     """
     s, Q, rank = directions.s, directions.Q, directions.rank
     free = Q[:, rank:]

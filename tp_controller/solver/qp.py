@@ -52,27 +52,11 @@ Answer = tuple[Array, Array]
 def regularised(stiffness: Array, target: Array, A: Array, lower: Array, upper: Array,
                 least: float, start: Array) -> Answer | None:
     """
-    Return the a that minimises Σ stiffness_i (a_i − target_i)² within bounds.
+    Return the a (k,) that minimises Σ stiffness_i (a_i − target_i)² within bounds on A a.
 
-    Parameters
-    ----------
-    stiffness, target : ndarray (k,)
-        k and a°.
-    A : ndarray (r, k)
-        Rows that are bounded.
-    lower, upper : ndarray (r,)
-        Their bounds, infinite where there is none. Some a is within them.
-    least : float
-        μ²; 0: exact.
-    start : ndarray (k,)
-        What is missing to μ² pulls to at first: the nearer to the answer, the better.
-
-    Returns
-    -------
-    (a, multipliers) or None
-        a (k,), and multipliers (r,): positive at upper bounds, negative at lower ones, else zero.
-        None where rounding forbids it.
-
+    Besides multipliers (r,): positive at upper bounds, negative at lower ones, else zero. `least`
+    is μ², 0 is exact; what is missing to it pulls to `start` at first: the nearer to the answer,
+    the better. None where rounding forbids it.
     """
     softest = EXACT * (stiffness[stiffness.argmax()] or 1.0) if least == 0.0 else (least,)
     answer = None
@@ -100,24 +84,10 @@ def nearest(stiffness: Array, centre: Array, A: Array, lower: Array,
 
 def nearest_point(point: Array, A: Array, lower: Array, upper: Array) -> Answer | None:
     """
-    Return the z (k,) of a polytope that is nearest to a point.
+    Return the z (k,) of the polytope lower ≤ A z ≤ upper that is nearest to a point (k,).
 
-    Parameters
-    ----------
-    point : ndarray (k,)
-        What to come near to.
-    A : ndarray (r, k)
-        Rows of the polytope.
-    lower, upper : ndarray (r,)
-        Bounds on A z, infinite where there is none.
-
-    Returns
-    -------
-    (z, multipliers) or None
-        z (k,) within the bounds to one of `TOLERANCES`; multipliers (r,) with z = point − Aᵀ
-        multipliers, positive at upper bounds, negative at lower ones, else zero. None where no z
-        is within the bounds, or rounding says so.
-
+    Besides multipliers (r,), z = point − Aᵀ multipliers. None where no z is within the bounds to
+    one of `TOLERANCES`, or rounding says so.
     """
     identity = _identity(len(point))
     for tolerance in TOLERANCES:

@@ -27,22 +27,8 @@ def scale_uniformly(velocity: Array, lower: Array,
     with the bound on its own side. Where the bounds of a joint exclude zero, as while it brakes,
     the way to `velocity` begins at the slowest motion they allow instead of at rest.
 
-    Parameters
-    ----------
-    velocity : ndarray (n,)
-        Velocity that may be too fast.
-    lower, upper : ndarray (n,)
-        Bounds, lower ≤ upper.
-
-    Returns
-    -------
-    velocity : ndarray (n,)
-        Within the bounds, exactly.
-    scale : float
-        1/s, in [0, 1].
-    limiting : int or None
-        Index of the joint that decided it.
-
+    Returned are the velocity (n,), exactly within the bounds, 1/s in [0, 1], and the index of the
+    joint that decided it.
     """
     if not (np.count_nonzero(velocity > upper) or np.count_nonzero(velocity < lower)):
         return velocity, 1.0, None

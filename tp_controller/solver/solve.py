@@ -186,10 +186,9 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
     damping = options.damping_of(period)
     remembered = memory if memory and damping.follows_curvature else ()
     memory = (*remembered, *(0.0,) * len(levels))[:len(levels)]
-    if not any(memory):
-        x = _fast(levels, lower, upper, options, damping, speed_cap)
-        if x is not None:
-            return Solution(x, levels, memory)
+    x = _fast(levels, lower, upper, options, damping, speed_cap, memory)
+    if x is not None:
+        return Solution(x, levels, tuple(damping.follow(h, 0.0) if h else 0.0 for h in memory))
     if options.scaling == 'uniform' and lower is not None and upper is not None:
         return _uniform(levels, lower, upper, options, damping, memory)
     x, steps, memory = _loop(levels, lower, upper, options, damping, speed_cap, memory)
@@ -197,11 +196,12 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
 
 
 def _fast(levels: list[Level], lower: Array | None, upper: Array | None, options: Options,
-          damping: Damping, speed_cap: Array | None) -> Array | None:
+          damping: Damping, speed_cap: Array | None, memory: Memory) -> Array | None:
     """Return the velocity (n,) where nothing is in the way, else None."""
     demands = [level for level in levels if level.v is not None]
+    curved = [damping.curvature(h) for level, h in zip(levels, memory) if level.v is not None]
     inverse_weights = None if options.weights is None else 1.0 / options.weights
-    x = min_norm(demands, options.n, damping, inverse_weights)
+    x = min_norm(demands, options.n, damping, curved, inverse_weights)
     if x is None or not math.isfinite(x.dot(x)):
         return None
     if lower is not None or speed_cap is not None:

@@ -15,6 +15,8 @@
 """Problems for the solver, drawn at random, and how it is asked about them."""
 
 import math
+import sys
+from unittest import mock
 
 from hypothesis import strategies as st
 import numpy as np
@@ -32,6 +34,13 @@ INFINITE = math.inf
 def near(expected, rel=1e-9):
     """Return a comparison that forgives what the solver may be off."""
     return pytest.approx(expected, rel=rel, abs=1e-9)
+
+
+def by_loop(levels, *bounds, **options):
+    """Return what `solve` does without its fast path."""
+    with mock.patch.object(sys.modules['tp_controller.solver.solve'], 'min_norm',
+                           lambda *given: None):
+        return solve(levels, *bounds, **options)
 
 
 def redistribute(levels, lower=None, upper=None, **options):

@@ -20,11 +20,12 @@ import sys
 from hypothesis import assume, given
 from hypothesis import strategies as st
 import numpy as np
-from problems import DEFAULTS, EXACT, near, redistribute, SEEDS
+from problems import by_loop, DEFAULTS, EXACT, near, redistribute, SEEDS
 import pytest
 from reference import damped_recursion, lexicographic, null_of, random_levels
 from tp_controller import Level, solve
 from tp_controller.solver.damping import CURVATURE, Damping, FIRST, TURNING
+from tp_controller.solver.level import check_levels
 from tp_controller.solver.min_norm import min_norm
 from tp_controller.solver.solve import Options, solve_cycle
 
@@ -44,13 +45,18 @@ def easy_stacks(draw):
     return n, random_levels(rng, n, rows), rng.standard_normal(n)
 
 
+def fast(levels, n, damping, inverse_weights=None):
+    """Return the answer of the fast path where nothing is remembered."""
+    return min_norm(levels, n, damping, (0.0,) * len(levels), inverse_weights)
+
+
 @given(easy_stacks(), st.booleans(), st.sampled_from([(0.0, math.inf), (0.1, 0.1), (0.5, 0.2),
                                                       (0.3, 2.0), (0.1, math.inf)]))
 def test_fast_path_agrees_with_the_recursion_wherever_it_answers(stack, closed, damped):
     n, levels, closing = stack
     damping, region = damped
     last = [Level.of_joints(closing)] if closed else []
-    short = min_norm([Level(J, v) for J, v in levels] + last, n, Damping(damping, region))
+    short = fast([Level(J, v) for J, v in levels] + last, n, Damping(damping, region))
     assume(short is not None)
     levels += [(np.eye(n), closing)] if closed else []
     long = damped_recursion(levels, n, damping, region, FIRST)
@@ -69,25 +75,25 @@ def test_fast_path_answers_wherever_levels_are_far_from_singular(stack, damped):
     sizes[0] /= FIRST
     assume(min(sizes) > damped[1] * len(rows) ** 0.25 and damped[1] <= 1.0 or not damped[0])
     levels = [Level(J, v) for J, v in levels]
-    assert min_norm(levels, n, Damping(*damped)) is not None
-    assert min_norm([*levels, Level.of_joints(closing)], n, Damping(*damped)) is not None
+    assert fast(levels, n, Damping(*damped)) is not None
+    assert fast([*levels, Level.of_joints(closing)], n, Damping(*damped)) is not None
 
 
 @pytest.mark.parametrize('weights', [None, [1.0, 100.0, 0.01, 5.0, 1.0, 30.0, 2.0]])
 def test_fast_path_meets_levels_with_the_least_motion(weights):
     levels = random_levels(np.random.default_rng(5), 7, [3, 2])
     inverse_weights = None if weights is None else 1.0 / np.array(weights)
-    found = min_norm([Level(J, v) for J, v in levels], 7, UNDAMPED, inverse_weights)
+    found = fast([Level(J, v) for J, v in levels], 7, UNDAMPED, inverse_weights)
     np.testing.assert_allclose(found, lexicographic(levels, 7, weights), rtol=0, atol=1e-12)
 
 
 def test_fast_path_leaves_singular_and_damped_levels_to_the_loop():
     J = np.array([[1.0, 0.0, 0.0], [1.0, 1e-3, 0.0]])
-    assert min_norm([Level(J, np.ones(2))], 3, UNDAMPED) is None
-    assert min_norm([Level(J[:1], np.ones(1))] * 2, 3, UNDAMPED) is None
-    assert min_norm([Level(np.eye(3)[:2], np.ones(2))], 3, Damping(0.1)) is None
-    assert min_norm([Level(np.ones((4, 3)), np.ones(4))], 3, UNDAMPED) is None
-    assert min_norm([Level.of_joints(np.ones(3))], 3, Damping(0.1, 1.5)) is None
+    assert fast([Level(J, np.ones(2))], 3, UNDAMPED) is None
+    assert fast([Level(J[:1], np.ones(1))] * 2, 3, UNDAMPED) is None
+    assert fast([Level(np.eye(3)[:2], np.ones(2))], 3, Damping(0.1)) is None
+    assert fast([Level(np.ones((4, 3)), np.ones(4))], 3, UNDAMPED) is None
+    assert fast([Level.of_joints(np.ones(3))], 3, Damping(0.1, 1.5)) is None
 
 
 @pytest.mark.parametrize('share', [0.99, 1.01])
@@ -98,8 +104,8 @@ def test_fast_path_knows_the_region_of_each_level(share):
     alone = [Level(np.array([[first, 0.0]]), np.ones(1))]
     both = [Level(np.array([[1.0, 0.0]]), np.zeros(1)), Level(np.array([[2.0, s]]), np.ones(1))]
     for levels in (alone, both):
-        assert (min_norm(levels, 2, Damping(0.1, region)) is not None) == (share > 1.0)
-        assert min_norm(levels, 2, Damping(0.0, region)) is not None
+        assert (fast(levels, 2, Damping(0.1, region)) is not None) == (share > 1.0)
+        assert fast(levels, 2, Damping(0.0, region)) is not None
 
 
 @pytest.mark.parametrize('s', [0.99, 1.01])
@@ -117,7 +123,7 @@ def test_fast_path_leaves_what_is_released_to_the_loop(s, options):
     both = [Level(np.array([[1.0, 0.0]]), np.zeros(1)),
             Level(np.array([[0.3, below]]), np.ones(1))]
     for levels in (alone, both):
-        assert (min_norm(levels, 2, damping) is not None) == (s > 1.0)
+        assert (fast(levels, 2, damping) is not None) == (s > 1.0)
 
 
 def test_fast_path_is_damped_by_what_a_level_has_left_and_not_by_what_it_asks_for():
@@ -125,7 +131,7 @@ def test_fast_path_is_damped_by_what_a_level_has_left_and_not_by_what_it_asks_fo
     for demand in (0.7, 0.71, 5.0):
         levels = [(np.array([[1.0, 0.0]]), np.array([0.7])),
                   (np.array([[1.0, 0.05]]), np.array([demand]))]
-        assert min_norm([Level(J, v) for J, v in levels], 2, Damping(0.1, 0.1)) is None
+        assert fast([Level(J, v) for J, v in levels], 2, Damping(0.1, 0.1)) is None
         # s / (s² + λ² (1 − s²/ε²)) of what the first level leaves of the demand.
         expected = 0.05 * (demand - 0.7) / (0.0025 + 0.01 * 0.75)
         assert solve(levels, damping=0.1, singular_region=0.1).velocity == near([0.7, expected])
@@ -138,18 +144,43 @@ def test_fast_path_leaves_a_closing_level_to_the_loop_that_would_be_slowed(push,
         levels = [Level(np.array([[size, 0.0]]), np.zeros(1)),
                   Level.of_joints(np.array([push, 0.0]))]
         period = 0.04 * size / (CURVATURE * max(size, TURNING))
-        assert (min_norm(levels, 2, Damping(0.1, 0.1, period=period)) is not None) == answers
-        assert min_norm(levels, 2, Damping(0.1, 0.1)) is not None
+        assert (fast(levels, 2, Damping(0.1, 0.1, period=period)) is not None) == answers
+        assert fast(levels, 2, Damping(0.1, 0.1)) is not None
         # What it bends is remembered by the loop alone.
         memory = solve(levels, damping=0.1, singular_region=0.1, period=period).memory
         assert (memory == (0.0, 0.0)) == answers
 
 
+@pytest.mark.parametrize('share', [0.99, 1.01])
+def test_fast_path_answers_as_long_as_what_is_remembered_damps_nothing(share):
+    # The singular values of what each level has left.
+    for levels, s in (([(np.array([[0.5, 0.0]]), np.ones(1))], [0.5]),
+                      ([(np.eye(2), np.ones(2))], [1.0]),
+                      ([(np.array([[1.0, 0.0]]), np.zeros(1)),
+                        (np.array([[2.0, 0.3]]), np.ones(1))], [1.0, 0.3])):
+        for number, value in enumerate(s):
+            remembered = [0.0] * len(s)
+            remembered[number] = share * value ** 2 / (CURVATURE * 0.01)
+            damping = Damping(0.1, 0.1, period=0.01)
+            curved = [damping.curvature(h) for h in remembered]
+            found = min_norm(check_levels(levels), 2, damping, curved)
+            assert (found is not None) == (share < 1.0)
+            solution = solve(levels, damping=0.1, singular_region=0.1, period=0.01,
+                             memory=tuple(remembered))
+            if share < 1.0:
+                assert solution.velocity.tolist() == found.tolist()
+                # It fades all the same.
+                assert 0.0 < solution.memory[number] < remembered[number]
+            elif levels[number][1].any():
+                whole = solve(levels).velocity
+                assert np.linalg.norm(solution.velocity - whole) > 1e-3
+
+
 def test_fast_path_knows_singular_values_well_enough_where_they_are_equal():
     # All are 1: by its Frobenius norm alone the inverse of three rows could be as long as √3.
     levels = [Level(np.eye(4)[3:], np.ones(1)), Level(np.eye(4)[:3], np.ones(3))]
-    assert min_norm(levels, 4, Damping(0.1, 0.7)) is not None
-    assert min_norm(levels, 4, Damping(0.1, 1.1)) is None
+    assert fast(levels, 4, Damping(0.1, 0.7)) is not None
+    assert fast(levels, 4, Damping(0.1, 1.1)) is None
 
 
 @pytest.mark.parametrize('damping, region', [
@@ -182,16 +213,10 @@ def test_fast_path_is_taken_with_the_settings_of_the_controller(monkeypatch):
     assert len(tried) == 1 and solution.velocity.tolist() == tried[0].tolist()
 
 
-def test_loop_is_taken_where_levels_are_still_slowed(monkeypatch):
-    monkeypatch.setattr(sys.modules['tp_controller.solver.solve'], 'min_norm', None)
-    levels = random_levels(np.random.default_rng(5), 7, [3, 2])
-    solve(levels, period=0.01, memory=(0.0, 1e-3))
-
-
 def test_solution_of_the_fast_path_tells_what_that_of_the_loop_does():
     levels = random_levels(np.random.default_rng(6), 7, [3, 2])
     levels = [Level(J, v) for J, v in levels] + [Level.of_joints(np.ones(7))]
-    short, long = solve(levels), solve(levels, period=1e-9, memory=(1.0, 1.0, 1.0))
+    short, long = solve(levels), by_loop(levels)
     np.testing.assert_allclose(short.velocity, long.velocity, **EXACT)
     for one, other in zip(short.levels, long.levels):
         assert one.rank == other.rank

@@ -113,10 +113,9 @@ def test_widening_a_bound_helps_a_scaled_level_as_much_as_its_multiplier_says():
 
 
 def test_a_row_that_is_pushed_by_rounding_alone_is_not_in_the_way():
-    # The second level slides along the first, and the third leads away from it.
-    levels = [Level(np.array([[1.0, 0.0]]), lower=np.array([0.03109762])),
-              (np.array([[0.74291949, 1.07281197]]), np.array([-0.2836572])),
-              (np.array([[-1.591075, -0.8789557]]), np.array([-0.42326245]))]
-    solution = redistribute(levels, [-0.30940271, -np.inf], [np.inf, 0.40038606])
-    assert solution.velocity == near(solve(levels[1:]).velocity)
+    # The second level begins at the bound of the first, and is met all the same.
+    levels = [Level(np.array([[1.0, 0.0]]), lower=np.array([0.1])),
+              (np.array([[-2.9, 0.1]]), np.array([-0.1])), (np.array([[-1.2, 0.0]]), [-0.3])]
+    solution = redistribute(levels, -5.0 * np.ones(2), 5.0 * np.ones(2))
+    assert solution.levels[1].residual == near([0.0])
     assert not any(level.row_multipliers for level in solution.levels)

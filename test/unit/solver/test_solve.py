@@ -19,7 +19,7 @@ import math
 from hypothesis import assume, given
 from hypothesis import strategies as st
 import numpy as np
-from problems import EXACT, SEEDS, stacks, well_conditioned
+from problems import by_loop, EXACT, SEEDS, stacks, well_conditioned
 import pytest
 from reference import lexicographic, null_of, random_levels, residual_norms
 from tp_controller import Level, solve, SolverError
@@ -56,14 +56,13 @@ def test_no_level_is_disturbed_by_the_levels_below_it(stack, damping, region, we
             assert np.linalg.norm(J @ whole - J @ alone) < 1e-9 * size
 
 
-def test_three_compatible_levels_none_of_them_a_posture_are_all_met():
+@pytest.mark.parametrize('by', [solve, by_loop])
+def test_three_compatible_levels_none_of_them_a_posture_are_all_met(by):
     rng = np.random.default_rng(3)
     for rows in ([2, 2, 2], [3, 1, 2], [1, 4, 1], [1, 1, 1]):
         levels = random_levels(rng, 8, rows)
-        # What is remembered makes the loop carry them out, slowed by nothing.
-        for options in ({}, {'weights': np.ones(8)},
-                        {'period': 1e-9, 'memory': (1.0,) * len(levels)}):
-            solution = solve(levels, **options)
+        for options in ({}, {'weights': np.ones(8)}):
+            solution = by(levels, **options)
             for (J, v), level in zip(levels, solution.levels):
                 np.testing.assert_allclose(J @ solution.velocity, v, **EXACT)
                 assert np.linalg.norm(level.residual) < 1e-9
