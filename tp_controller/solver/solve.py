@@ -20,9 +20,10 @@ A fast path where all levels can be met (`min_norm`), else one loop over the lev
 cycle has to remember for the next is a value that goes in and comes out.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 import math
-from typing import Any, Iterable
+from typing import Any
 
 import numpy as np
 from tp_controller.solver.bounded_hierarchy import BoundedHierarchy, LevelStep
@@ -186,9 +187,12 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
     damping = options.damping_of(period)
     remembered = memory if memory and damping.follows_curvature else ()
     memory = (*remembered, *(0.0,) * len(levels))[:len(levels)]
-    x = _fast(levels, lower, upper, options, damping, speed_cap, memory)
+    curved = [damping.curvature(h) for h in memory] if any(memory) else memory
+    x = _fast(levels, lower, upper, options, damping, speed_cap, curved)
     if x is not None:
-        return Solution(x, levels, tuple(damping.follow(h, 0.0) if h else 0.0 for h in memory))
+        if curved is not memory:
+            memory = tuple(damping.follow(h, 0.0) for h in memory)
+        return Solution(x, levels, memory)
     if options.scaling == 'uniform' and lower is not None and upper is not None:
         return _uniform(levels, lower, upper, options, damping, memory)
     x, steps, memory = _loop(levels, lower, upper, options, damping, speed_cap, memory)
@@ -196,10 +200,11 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
 
 
 def _fast(levels: list[Level], lower: Array | None, upper: Array | None, options: Options,
-          damping: Damping, speed_cap: Array | None, memory: Memory) -> Array | None:
+          damping: Damping, speed_cap: Array | None, curved: Sequence[float]) -> Array | None:
     """Return the velocity (n,) where nothing is in the way, else None."""
     demands = [level for level in levels if level.v is not None]
-    curved = [damping.curvature(h) for level, h in zip(levels, memory) if level.v is not None]
+    if len(demands) < len(levels):
+        curved = [c for level, c in zip(levels, curved) if level.v is not None]
     inverse_weights = None if options.weights is None else 1.0 / options.weights
     x = min_norm(demands, options.n, damping, curved, inverse_weights)
     if x is None or not math.isfinite(x.dot(x)):
