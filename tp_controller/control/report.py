@@ -22,13 +22,13 @@ import numpy as np
 from tp_controller.control.velocity_limits import VelocityBounds
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
-from tp_controller.solver.level import NEGLIGIBLE as ROUNDING
+from tp_controller.solver.level import NEGLIGIBLE
 from tp_controller.solver.solution import LevelSolution, Solution
 from tp_controller.tasks.bounded import out_of_reach, STILL
 from tp_controller.tasks.task import Evaluation, norm, Task
 
 # A part of the wanted velocity below this is rounding, not something that was held back.
-NEGLIGIBLE = 1e-6
+UNNOTICED = 1e-6
 # A task is called slowed or held back when it misses more than this share of what it wants.
 NOTABLE = 0.01
 NEAR_SINGULAR = 0.1
@@ -173,7 +173,7 @@ class Report:
                 achieved: Array, stuck: str) -> str:
         """Return what holds a task back."""
         speed = norm(wanted)
-        enough = max(NEGLIGIBLE, NOTABLE * speed)
+        enough = max(UNNOTICED, NOTABLE * speed)
         if norm(wanted - achieved) <= enough:
             return stuck
         reasons = [stuck] if stuck else []
@@ -209,7 +209,7 @@ class Report:
         """Return why a level cannot move the way it wants, apart from the limits."""
         rows, smallest = len(level.wanted), level.smallest_singular_value
         alone = self._solution.singular_values_alone(number - 1)
-        possible = int(np.count_nonzero(alone > ROUNDING * norm(alone)))
+        possible = int(np.count_nonzero(alone > NEGLIGIBLE * norm(alone)))
         if possible < rows:
             return f'{possible} of {rows} directions possible for the robot here'
         if level.rank < rows:

@@ -26,16 +26,18 @@ from tp_controller.solver.level import Array
 from tp_controller.solver.solve import Options, SCALINGS
 
 
-def _number(default: float, lower: float, upper: float, unit: str, description: str) -> Any:
+def _number(default: float, lower: float, upper: float, unit: str, description: str) -> float:
     """Return a field with its range and description."""
-    return field(default=default, metadata={
+    found: float = field(default=default, metadata={
         'lower': lower, 'upper': upper, 'unit': unit, 'description': description})
+    return found
 
 
-def _choice(default: str, valid: tuple[str, ...], description: str) -> Any:
+def _choice(default: str, valid: tuple[str, ...], description: str) -> str:
     """Return a field with its valid values and description."""
-    return field(default=default, metadata={
+    found: str = field(default=default, metadata={
         'valid': valid, 'unit': '', 'description': description})
+    return found
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ class Settings:
             return None
         return np.where(slow, (1.0 - self.reserve) * robot.velocity, robot.velocity)
 
-    def _faults(self, item: 'Field[Any]') -> Iterator[str]:
+    def _faults(self, item: Field[Any]) -> Iterator[str]:
         """Return what is wrong with one field."""
         value = getattr(self, item.name)
         if 'valid' in item.metadata:

@@ -109,7 +109,7 @@ def urdf_from_dh(table: Table, convention: str | None = None) -> str:
                       '</robot>', ''])
 
 
-def _load(table: object) -> dict[str, Any]:
+def _load(table: Any) -> dict[str, Any]:
     """Return the table as a mapping with a list of joints."""
     if not isinstance(table, (list, tuple, dict)):
         try:

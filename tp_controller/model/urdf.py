@@ -78,7 +78,7 @@ def check_tree(tree: Element) -> None:
             link = None if element is None else element.get('link')
             if link not in links:
                 raise RobotError(f'joint {joint.get("name")!r}, {end}: '
-                                 f'{unknown("link", link, links)}')
+                                 f'{unknown("link", link, filter(None, links))}')
         if link in children:
             raise RobotError(f'link {link!r} is the child of two joints')
         children.add(link)

@@ -28,7 +28,6 @@ from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.tasks.pose import parse_pose
 
 # As joint states: what is lost need not be repeated, the next one is newer.
-
 ODOMETRY_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 

@@ -33,7 +33,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from tp_controller.solver.damping import Damping, ROW_TURNING, TURNING
+from tp_controller.solver.damping import bend, bend_of_rows, Damping
 from tp_controller.solver.level import Array, Level, NEGLIGIBLE, ROUNDING
 from tp_controller.solver.null_space import (
     decompose,
@@ -194,19 +194,19 @@ class BoundedHierarchy:
         size = missed.dot(missed)
         if size <= NEGLIGIBLE ** 2 * level.v.dot(level.v):
             return 0.0
-        h = 0.0 if level.is_identity else max(directions.size, TURNING) * math.sqrt(size)
+        h = 0.0 if level.is_identity else bend(directions.size, missed)
         force = missed.dot(level.J)
         if len(multipliers):
             n = len(force)
             force = force - multipliers[:n]
             if len(multipliers) > n:
                 force -= self.allowed.rows.T.dot(multipliers[n:])
-                h += bend_of_rows(multipliers[n:], self.allowed.lengths)
+                h += bend_of_rows(self.allowed.lengths, multipliers[n:])
         softest = (0.5 * self.damping.release_region) ** 2
         for number, (above, its) in enumerate(reversed(self._above), 1):
             # What this one takes of the force, with the multipliers U mu, and what it leaves.
             mu = its.s / (its.s * its.s + softest) * force.dot(its.Q[:, :its.rank])
-            h += max(its.size, TURNING) * math.sqrt(mu.dot(mu))
+            h += bend(its.size, mu)
             if number < len(self._above):
                 force = force - its.U.dot(mu).dot(above.J)
         return h
@@ -226,7 +226,7 @@ class BoundedHierarchy:
             values = rows.dot(self.x)
             lower, upper = np.minimum(lower, values), np.maximum(upper, values)
             if len(multipliers) and self.damping.follows_curvature:
-                now = bend_of_rows(multipliers[-len(rows):], lengths)
+                now = bend_of_rows(lengths, multipliers[-len(rows):])
         self.allowed.add(rows, lower, upper, lengths)
         return LevelStep(self.x, None, NONE, None, *self._apart(multipliers)), now
 
@@ -287,9 +287,3 @@ class BoundedHierarchy:
             return
         A, lower, upper = self.allowed.along(self.x, Z)
         self._move(self.x, Z, nearest_point(rest, np.ascontiguousarray(A), lower, upper))
-
-
-def bend_of_rows(multipliers: Array, lengths: Array) -> float:
-    """Return the part of h that rows have which are pushed against, with these lengths before."""
-    pushes = multipliers * np.maximum(1.0, ROW_TURNING / lengths)
-    return math.sqrt(pushes.dot(pushes))

@@ -134,8 +134,8 @@ class Damping:
         return s >= max(region, self.release_region) and s * s >= c
 
     def curvature(self, h: float) -> float:
-        """Return c."""
-        return CURVATURE * self.period * h
+        """Return c; 0 where λ acts everywhere."""
+        return 0.0 if self.everywhere else CURVATURE * self.period * h
 
     def follow(self, h: float, now: float) -> float:
         """Return the h that the next cycle begins with: this one's, nearer to that of now."""
@@ -143,3 +143,14 @@ class Damping:
         # What damps less than λ does is forgotten.
         least = self.singular_region if self.damping else self.regularisation
         return h if now > 0.0 or self.curvature(h) > least ** 2 else 0.0
+
+
+def bend(size: float, multipliers: Array) -> float:
+    """Return the part of h that a level with ‖J‖ = `size` has, which is pushed against."""
+    return max(size, TURNING) * math.sqrt(multipliers.dot(multipliers))
+
+
+def bend_of_rows(lengths: Array, multipliers: Array) -> float:
+    """Return the part of h that rows of length 1 have, with these lengths before."""
+    pushes = multipliers * np.maximum(1.0, ROW_TURNING / lengths)
+    return math.sqrt(pushes.dot(pushes))

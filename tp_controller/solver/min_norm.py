@@ -23,11 +23,12 @@ by starting from it: ζ = v_I + Jᵀ (J Jᵀ)⁻¹ (v − J v_I).
 """
 
 from collections.abc import Sequence
+import math
 
 import numpy as np
 from scipy.linalg.blas import dnrm2
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
-from tp_controller.solver.damping import Damping, TURNING
+from tp_controller.solver.damping import bend, Damping
 from tp_controller.solver.level import Array, Level
 
 # Below this, relative to ‖J‖, the squared condition number costs digits: the loop is asked [1].
@@ -35,12 +36,11 @@ WELL_CONDITIONED = 1e-2
 
 
 def min_norm(levels: list[Level], n: int, damping: Damping, curved: Sequence[float],
-             inverse_weights: Array | None = None) -> Array | None:
+             weights: Array | None = None) -> Array | None:
     """
     Return the velocity (n,) of levels with demands, which damping does not touch.
 
-    None where the loop is needed. Each level has its c in `curved`; the inverse weights are 1 / w
-    (n,).
+    None where the loop is needed. Each level has its c in `curved`; weights are (n,).
     """
     closing = None
     if levels and levels[-1].is_identity:
@@ -61,24 +61,23 @@ def min_norm(levels: list[Level], n: int, damping: Damping, curved: Sequence[flo
         return None
     if closing is not None:
         return _closed(J, v, factor, closing, damping)
-    if inverse_weights is None:
+    if weights is None:
         return J.T.dot(dpotrs(factor, v)[0])
-    return _weighted(J, v, factor, inverse_weights)
+    return _weighted(J, v, factor, weights)
 
 
 def _closed(J: Array, v: Array, factor: Array, closing: Array, damping: Damping) -> Array | None:
     """Return the velocity (n,) nearest to that of a closing level; None where that pushes hard."""
     z = dpotrs(factor, v - J.dot(closing))[0]
     # z are the multipliers of what the closing level pushes, which bends: too much for its step?
-    bend = damping.curvature(1.0) if damping.follows_curvature else 0.0
-    if bend ** 2 * z.dot(z) * max(_squared_norm(J), TURNING ** 2) > 1.0:
+    if damping.curvature(bend(math.sqrt(_squared_norm(J)), z)) > 1.0:
         return None
     return closing + J.T.dot(z)
 
 
-def _weighted(J: Array, v: Array, factor: Array, inverse_weights: Array) -> Array | None:
+def _weighted(J: Array, v: Array, factor: Array, weights: Array) -> Array | None:
     """Return the velocity (n,) with the smallest Σ w_j x_j²."""
-    weighted = J * inverse_weights
+    weighted = J / weights
     weighted_factor, info = dpotrf(weighted.dot(J.T))
     if info != 0:
         return None

@@ -20,7 +20,7 @@ A fast path where all levels can be met (`min_norm`), else one loop over the lev
 cycle has to remember for the next is a value that goes in and comes out.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -187,10 +187,9 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
     damping = options.damping_of(period)
     remembered = memory if memory and damping.follows_curvature else ()
     memory = (*remembered, *(0.0,) * len(levels))[:len(levels)]
-    curved = [damping.curvature(h) for h in memory] if any(memory) else memory
-    x = _fast(levels, lower, upper, options, damping, speed_cap, curved)
+    x = _fast(levels, lower, upper, options, damping, speed_cap, memory)
     if x is not None:
-        if curved is not memory:
+        if any(memory):
             memory = tuple(damping.follow(h, 0.0) for h in memory)
         return Solution(x, levels, memory)
     if options.scaling == 'uniform' and lower is not None and upper is not None:
@@ -200,13 +199,11 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
 
 
 def _fast(levels: list[Level], lower: Array | None, upper: Array | None, options: Options,
-          damping: Damping, speed_cap: Array | None, curved: Sequence[float]) -> Array | None:
+          damping: Damping, speed_cap: Array | None, memory: Memory) -> Array | None:
     """Return the velocity (n,) where nothing is in the way, else None."""
     demands = [level for level in levels if level.v is not None]
-    if len(demands) < len(levels):
-        curved = [c for level, c in zip(levels, curved) if level.v is not None]
-    inverse_weights = None if options.weights is None else 1.0 / options.weights
-    x = min_norm(demands, options.n, damping, curved, inverse_weights)
+    curved = [damping.curvature(h) for level, h in zip(levels, memory) if level.v is not None]
+    x = min_norm(demands, options.n, damping, curved, options.weights)
     if x is None or not math.isfinite(x.dot(x)):
         return None
     if lower is not None or speed_cap is not None:
