@@ -108,7 +108,7 @@ def follow(robot, path, settings, seconds):
         Largest change of a velocity from the cycle before [rad/s].
 
     """
-    options, memory = settings.solver_options(robot.n), None
+    options, memory = settings.solver_options(robot.n), ()
     limits = VelocityLimits(robot, settings.period, settings.braking_gain)
     cap = settings.speed_cap(robot)
     q, velocity = READY, np.zeros(robot.n)

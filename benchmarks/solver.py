@@ -73,7 +73,7 @@ class Case:
         self.controller = Controller(robot, self.stack, settings)
         # Tasks hold what they find in the first cycle.
         self.controller.update(ready, 0.0, elapsed=PERIOD)
-        self.options, self.memory = settings.solver_options(robot.n), None
+        self.options, self.memory = settings.solver_options(robot.n), ()
         self.state = robot.state(ready)
         self.frames = [task.frame for task in self.stack.tasks.values() if task.frame]
         limits = VelocityLimits(robot, settings.period, settings.braking_gain)

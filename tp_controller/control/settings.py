@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from tp_controller.errors import SettingsError
 from tp_controller.model.robot import Robot
+from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import Array
 from tp_controller.solver.solve import Options, SCALINGS
 
@@ -98,8 +99,8 @@ class Settings:
 
     def solver_options(self, n: int) -> Options:
         """Return the `Options` for a robot with n joints that these settings make."""
-        return Options(n, self.weights or None, self.damping, self.scaling, self.singular_region,
-                       self.release_region, self.regularisation)
+        return Options(n, Damping(self.damping, self.singular_region, self.release_region,
+                                  self.regularisation), self.weights or None, self.scaling)
 
     def speed_cap(self, robot: Robot) -> Array | None:
         """

@@ -29,12 +29,11 @@ that exclude zero change nothing that they do not have to. A level with bounds m
 they are met, and is a part of what is allowed from then on. No level knows of those below it.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from tp_controller.solver.damping import bend, bend_of_rows, Damping
-from tp_controller.solver.level import Array, Level, NEGLIGIBLE, ROUNDING
+from tp_controller.solver.level import Array, Level, NEGLIGIBLE, norm, ROUNDING
 from tp_controller.solver.null_space import (
     decompose,
     Directions,
@@ -66,6 +65,8 @@ class LevelStep(NamedTuple):
     multipliers, row_multipliers : ndarray (n,), (r,), or None
         Of the bounds on the joints, and on the rows of all levels with bounds down to this one;
         None where none was in the way.
+    bend : float
+        h of this cycle alone (see `damping`).
 
     """
 
@@ -75,6 +76,7 @@ class LevelStep(NamedTuple):
     released: Array | None = None
     multipliers: Array | None = None
     row_multipliers: Array | None = None
+    bend: float = 0.0
 
 
 class BoundedHierarchy:
@@ -92,37 +94,38 @@ class BoundedHierarchy:
 
     """
 
-    def __init__(self, allowed: Polytope, damping: Damping) -> None:
-        self.allowed, self.damping = allowed, damping
+    def __init__(self, allowed: Polytope, damping: Damping, period: float) -> None:
+        self.allowed, self._damping = allowed, damping
         self.x = allowed.clip(np.zeros(len(allowed.lower)))
         # None: everything.
         self.Z: Array | None = None
         # Levels with a demand so far; whether some of what they move was released.
         self._above: list[tuple[Level, Directions]] = []
         self._released = False
+        self._bends = damping.curvature(1.0, period) > 0.0
 
-    def carry_out(self, level: Level, h: float) -> tuple[LevelStep, float]:
-        """
-        Come as near to what a level demands as is allowed.
+    @property
+    def damping(self) -> Damping:
+        """Return what damps the next level."""
+        return self._damping if self._above else self._damping.first
 
-        What it pushes against bends by h (see `damping`); that of this cycle alone is returned.
-        """
+    def carry_out(self, level: Level, c: float) -> LevelStep:
+        """Come as near to what a level demands as is allowed, damped by its c."""
         directions = decompose(level, self.Z, not self._released)
-        c = self.damping.curvature(h)
-        gains = self.damping.gains(directions.s, c, not self._above)
+        gains = self.damping.gains(directions.s, c)
         approach = self._keep_direction if level.mode == 'scale' else self._approach
         multipliers = approach(level, directions, gains, c)
-        self.Z = remaining(directions, self.damping.release_region, self.damping.shortest)
+        region = self._damping.release_region
+        self.Z = remaining(directions, region, self._damping.damping or region)
         releasing = self.Z.shape[1] > directions.Q.shape[1] - directions.rank
         self._released |= releasing
         followed = directions.s * gains
         met = not len(multipliers) and directions.rank == len(level.v) \
             and (not len(followed) or followed[-1] > 1.0 - ROUNDING)
-        h = 0.0 if met else self._bend(level, directions, multipliers)
+        bend = 0.0 if met or not self._bends else self._bend(level, directions, multipliers)
         self._above.append((level, directions))
-        step = LevelStep(self.x, directions, followed, self.Z if releasing else None,
-                         *self._apart(multipliers))
-        return step, h
+        return LevelStep(self.x, directions, followed, self.Z if releasing else None,
+                         *self._apart(multipliers), bend)
 
     def _approach(self, level: Level, directions: Directions, gains: Array, c: float) -> Array:
         """Take the step of a level, or come as near to it as is allowed; return multipliers."""
@@ -143,13 +146,13 @@ class BoundedHierarchy:
             # The way to the demand begins at rest, or as near to it as the bounds allow.
             self._step(self.x, Q, -gains * achieved, s, c)
         way = gains * U.T.dot(level.v - J.dot(self.x))
-        length = math.sqrt(way.dot(way))
+        length = norm(way)
         if length == 0.0:
             return NONE
         # One direction for the level, and all that do not move it.
         D = np.column_stack([Q[:, :len(s)].dot(way / length), Q[:, len(s):]])
         along = s * way / length
-        return self._step(self.x, D, np.array([length]), np.array([math.sqrt(along.dot(along))]),
+        return self._step(self.x, D, np.array([length]), np.array([norm(along)]),
                           c)
 
     def _step(self, origin: Array, Q: Array, step: Array, s: Array, c: float) -> Array:
@@ -188,13 +191,11 @@ class BoundedHierarchy:
 
     def _bend(self, level: Level, directions: Directions, multipliers: Array) -> float:
         """Return h of a level; 0 where it pushes against nothing."""
-        if not self.damping.follows_curvature:
-            return 0.0
         missed = level.v - level.J.dot(self.x)
-        size = missed.dot(missed)
-        if size <= NEGLIGIBLE ** 2 * level.v.dot(level.v):
+        push = norm(missed)
+        if push <= NEGLIGIBLE * norm(level.v):
             return 0.0
-        h = 0.0 if level.is_identity else bend(directions.size, missed)
+        h = 0.0 if level.is_identity else bend(directions.size, push)
         force = missed.dot(level.J)
         if len(multipliers):
             n = len(force)
@@ -202,40 +203,40 @@ class BoundedHierarchy:
             if len(multipliers) > n:
                 force -= self.allowed.rows.T.dot(multipliers[n:])
                 h += bend_of_rows(self.allowed.lengths, multipliers[n:])
-        softest = (0.5 * self.damping.release_region) ** 2
+        softest = (0.5 * self._damping.release_region) ** 2
         for number, (above, its) in enumerate(reversed(self._above), 1):
             # What this one takes of the force, with the multipliers U mu, and what it leaves.
             mu = its.s / (its.s * its.s + softest) * force.dot(its.Q[:, :its.rank])
-            h += bend(its.size, mu)
+            h += bend(its.size, norm(mu))
             if number < len(self._above):
                 force = force - its.U.dot(mu).dot(above.J)
         return h
 
     # Levels with bounds
 
-    def keep(self, level: Level, h: float) -> tuple[LevelStep, float]:
+    def keep(self, level: Level, c: float) -> LevelStep:
         """Meet the bounds of a level as far as they can be, and hold on to that; as above."""
         lengths = np.sqrt((level.J * level.J).sum(axis=1))
         lengths[lengths == 0.0] = 1.0
         rows = level.J / lengths[:, np.newaxis]
         lower, upper = level.lower / lengths, level.upper / lengths
         values = rows.dot(self.x)
-        multipliers, now = NONE, 0.0
+        multipliers, bend = NONE, 0.0
         if np.count_nonzero(values > upper) or np.count_nonzero(values < lower):
-            multipliers = self._meet(rows, lower - values, upper - values, lengths, h)
+            multipliers = self._meet(rows, lower - values, upper - values, lengths, c)
             values = rows.dot(self.x)
             lower, upper = np.minimum(lower, values), np.maximum(upper, values)
-            if len(multipliers) and self.damping.follows_curvature:
-                now = bend_of_rows(lengths, multipliers[-len(rows):])
+            if len(multipliers) and self._bends:
+                bend = bend_of_rows(lengths, multipliers[-len(rows):])
         self.allowed.add(rows, lower, upper, lengths)
-        return LevelStep(self.x, None, NONE, None, *self._apart(multipliers)), now
+        return LevelStep(self.x, None, NONE, None, *self._apart(multipliers), bend)
 
     def _meet(self, rows: Array, lower: Array, upper: Array, lengths: Array,
-              h: float) -> Array:
+              c: float) -> Array:
         """Move x to within bounds on what rows (r, n) gain; return multipliers where it cannot."""
         Z = self._left()
         G = rows.dot(Z)
-        if not self.damping.off:
+        if not self._damping.off:
             share = np.minimum((G * G).sum(axis=1) / ROW_DAMPING ** 2, 1.0)
             lower = share * np.maximum(lower, 0.0) + np.minimum(lower, 0.0)
             upper = share * np.minimum(upper, 0.0) + np.maximum(upper, 0.0)
@@ -250,7 +251,7 @@ class BoundedHierarchy:
         count, k = G.shape
         A = np.block([[A, np.zeros((len(A), count))], [G, np.eye(count)]])
         stiffness, target = np.zeros((2, k + count))
-        stiffness[:k] = np.maximum(self.damping.curvature(h), self.damping.regularisation ** 2)
+        stiffness[:k] = np.maximum(c, self._damping.regularisation ** 2)
         target[:k] = -Z.T.dot(self.x)
         stiffness[k:] = lengths * lengths
         found = regularised(stiffness, target, A, least, most, 0.0, target)

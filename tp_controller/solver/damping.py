@@ -38,10 +38,11 @@ that passes does not: h follows with the time constant `MEMORY`, from cycle to c
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 import numpy as np
-from tp_controller.solver.level import Array
+from tp_controller.solver.level import Array, norm
 
 # κ: share of the bend that is taken for damping [1]. Goals out of reach shake a robot for ever in
 # 43 of 140 runs with 0, in none with 1 (`benchmarks/calm.py`). With commands two cycles late they
@@ -56,8 +57,8 @@ TURNING = 2.0
 # 245 of 500 cycles with 0.2; with 1 one of 1000 runs of `inequalities.py --types keep_in` gets
 # 0.57 mm deep, with 0.5 0.08 mm.
 ROW_TURNING = 0.5
-# Share of λ and ε that the first level has [1]. It is to lose little: it misses more than 1 %
-# beyond the least in 23 % of fast states with 1, 9 % with 0.5, 5 % with 0.2 (`loss.py`). The
+# Share of λ, ε and μ that the first level has [1]. It is to lose little: it misses more than 1 %
+# beyond the least in 23 % of fast states with 1, 9 % with 0.5, 2 % with 0.2 (`loss.py`). The
 # levels below meet singular values of zero wherever they want what one above does not let them:
 # with 0.5 for all, a swap of two levels makes joints jump by 380 rad/s² instead of 4.
 FIRST = 0.2
@@ -68,10 +69,10 @@ MEMORY = 0.1
 Memory = tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Damping:
     """
-    Numbers in the units of J, and the period.
+    What damps a level below the first, in the units of J; `first` damps that one.
 
     Attributes
     ----------
@@ -79,20 +80,24 @@ class Damping:
         λ; 0: none at all.
     singular_region : float
         ε; infinite: λ acts everywhere, the damped least squares of the lecture, and c nowhere.
-    regularisation : float
-        μ, see `tp_controller.solver.qp.regularised`.
     release_region : float
         See `tp_controller.solver.null_space.remaining`.
-    period : float
-        T [s].
+    regularisation : float
+        μ, see `tp_controller.solver.qp.regularised`.
 
     """
 
     damping: float = 0.0
     singular_region: float = math.inf
-    regularisation: float = 0.0
     release_region: float = 0.0
-    period: float = 0.0
+    regularisation: float = 0.0
+
+    @cached_property
+    def first(self) -> 'Damping':
+        """Return what damps the first level; λ as it is where it acts everywhere."""
+        share = 1.0 if self.everywhere else FIRST
+        return Damping(share * self.damping, share * self.singular_region, self.release_region,
+                       FIRST * self.regularisation)
 
     @property
     def off(self) -> bool:
@@ -100,57 +105,52 @@ class Damping:
         return self.damping == 0.0 or self.singular_region == 0.0
 
     @property
-    def shortest(self) -> float:
-        """Return the length of a direction that levels follow by half, once it is released."""
-        return self.damping or self.release_region
-
-    @property
     def everywhere(self) -> bool:
         """Say whether λ acts everywhere."""
         return self.damping > 0.0 and self.singular_region == math.inf
 
-    @property
-    def follows_curvature(self) -> bool:
-        """Say whether there is a c."""
-        return self.period > 0.0 and not self.everywhere
+    @cached_property
+    def _untouched(self) -> float:
+        """Return from which singular value on λ and the release touch nothing."""
+        return max(0.0 if self.off else self.singular_region, self.release_region)
 
-    def gains(self, s: Array, c: float, first: bool = False) -> Array:
-        """Return s / max(s² + λ² (1 − s²/ε²), c) for s (k,), of the first level or one below."""
-        if not len(s) or self.spares(s[-1], c, first):
-            return 1.0 / s
-        squares = s * s
-        if self.everywhere:
-            return s / (squares + self.damping ** 2)
-        if not self.off:
-            # At ε the terms with λ cancel; beyond it their sum is negative.
-            added = ((FIRST if first else 1.0) * self.damping) ** 2
-            ratio = self.damping / self.singular_region
-            squares = np.maximum(squares, (1.0 - ratio * ratio) * squares + added)
-        return s / np.maximum(squares, c)
+    @cached_property
+    def _added(self) -> tuple[float, float]:
+        """Return k and λ² for s² + λ² (1 − s²/ε²) = k s² + λ²."""
+        if self.off:
+            return 1.0, 0.0
+        return 1.0 - (self.damping / self.singular_region) ** 2, self.damping ** 2
 
-    def spares(self, s: float, c: float, first: bool = False) -> bool:
+    def spares(self, s: float, c: float) -> bool:
         """Say whether singular values of at least s are neither damped nor released."""
-        region = 0.0 if self.off else (FIRST if first else 1.0) * self.singular_region
-        return s >= max(region, self.release_region) and s * s >= c
+        return s >= self._untouched and s * s >= c
 
-    def curvature(self, h: float) -> float:
-        """Return c; 0 where λ acts everywhere."""
-        return 0.0 if self.everywhere else CURVATURE * self.period * h
+    def gains(self, s: Array, c: float) -> Array:
+        """Return s / max(s² + λ² (1 − s²/ε²), c) for s (k,), the largest first."""
+        if not len(s) or self.spares(s[-1], c):
+            return 1.0 / s
+        k, added = self._added
+        # At ε the terms with λ cancel; beyond it their sum is negative.
+        return np.array([
+            each / max(each * each, k * each * each + added, c) for each in s.tolist()])
 
-    def follow(self, h: float, now: float) -> float:
+    def curvature(self, h: float, period: float) -> float:
+        """Return c for a period [s]; 0 where λ acts everywhere."""
+        return 0.0 if self.everywhere else CURVATURE * period * h
+
+    def follow(self, h: float, now: float, period: float) -> float:
         """Return the h that the next cycle begins with: this one's, nearer to that of now."""
-        h = now + (h - now) * math.exp(-self.period / MEMORY)
+        h = now + (h - now) * math.exp(-period / MEMORY)
         # What damps less than λ does is forgotten.
         least = self.singular_region if self.damping else self.regularisation
-        return h if now > 0.0 or self.curvature(h) > least ** 2 else 0.0
+        return h if now > 0.0 or self.curvature(h, period) > least ** 2 else 0.0
 
 
-def bend(size: float, multipliers: Array) -> float:
-    """Return the part of h that a level with ‖J‖ = `size` has, which is pushed against."""
-    return max(size, TURNING) * math.sqrt(multipliers.dot(multipliers))
+def bend(size: float, push: float) -> float:
+    """Return the part of h that a level has with ‖J‖ = `size` and ‖multipliers‖ = `push`."""
+    return max(size, TURNING) * push
 
 
 def bend_of_rows(lengths: Array, multipliers: Array) -> float:
     """Return the part of h that rows of length 1 have, with these lengths before."""
-    pushes = multipliers * np.maximum(1.0, ROW_TURNING / lengths)
-    return math.sqrt(pushes.dot(pushes))
+    return norm(multipliers * np.maximum(1.0, ROW_TURNING / lengths))

@@ -23,20 +23,18 @@ by starting from it: ζ = v_I + Jᵀ (J Jᵀ)⁻¹ (v − J v_I).
 """
 
 from collections.abc import Sequence
-import math
 
 import numpy as np
-from scipy.linalg.blas import dnrm2
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 from tp_controller.solver.damping import bend, Damping
-from tp_controller.solver.level import Array, Level
+from tp_controller.solver.level import Array, Level, norm
 
 # Below this, relative to ‖J‖, the squared condition number costs digits: the loop is asked [1].
 WELL_CONDITIONED = 1e-2
 
 
-def min_norm(levels: list[Level], n: int, damping: Damping, curved: Sequence[float],
-             weights: Array | None = None) -> Array | None:
+def min_norm(levels: list[Level], n: int, damping: Damping, period: float,
+             curved: Sequence[float], weights: Array | None = None) -> Array | None:
     """
     Return the velocity (n,) of levels with demands, which damping does not touch.
 
@@ -60,17 +58,17 @@ def min_norm(levels: list[Level], n: int, damping: Damping, curved: Sequence[flo
     if factor is None:
         return None
     if closing is not None:
-        return _closed(J, v, factor, closing, damping)
+        return _closed(J, v, factor, closing, damping.curvature(1.0, period))
     if weights is None:
         return J.T.dot(dpotrs(factor, v)[0])
     return _weighted(J, v, factor, weights)
 
 
-def _closed(J: Array, v: Array, factor: Array, closing: Array, damping: Damping) -> Array | None:
+def _closed(J: Array, v: Array, factor: Array, closing: Array, curvature: float) -> Array | None:
     """Return the velocity (n,) nearest to that of a closing level; None where that pushes hard."""
     z = dpotrs(factor, v - J.dot(closing))[0]
     # z are the multipliers of what the closing level pushes, which bends: too much for its step?
-    if damping.curvature(bend(math.sqrt(_squared_norm(J)), z)) > 1.0:
+    if curvature * bend(norm(J), norm(z)) > 1.0:
         return None
     return closing + J.T.dot(z)
 
@@ -93,11 +91,10 @@ def _factor(J: Array, levels: list[Level], damping: Damping,
     if info != 0:
         return None
     inverse = dtrtri(factor)[0]
-    squared_norm = _squared_norm(inverse)
-    if not WELL_CONDITIONED ** 2 * _squared_norm(J) * squared_norm <= 1.0:
+    size = norm(inverse)
+    if not WELL_CONDITIONED * norm(J) * size <= 1.0:
         return None
-    if damping.spares(squared_norm ** -0.5, max(curved)) \
-            or _undamped(levels, inverse, damping, curved):
+    if damping.spares(1.0 / size, max(curved)) or _undamped(levels, inverse, damping, curved):
         return factor
     return None
 
@@ -112,19 +109,13 @@ def _undamped(levels: list[Level], inverse: Array, damping: Damping,
     value s of J̄_i is 1/‖R_ii⁻¹‖. That norm is bounded from above: cheaply by the Frobenius norm,
     and more closely by 1/s² ≤ ‖R_ii⁻ᵀ R_ii⁻¹‖.
     """
-    begin = 0
+    begin, kind = 0, damping.first
     for level, c in zip(levels, curved):
         rows = slice(begin, begin + len(level.v))
         begin = rows.stop
         block = inverse[rows, rows]
-        first = level is levels[0]
-        if block.size and not damping.spares(_squared_norm(block) ** -0.5, c, first) \
-                and not damping.spares(_squared_norm(block.dot(block.T)) ** -0.25, c, first):
+        if block.size and not kind.spares(1.0 / norm(block), c) \
+                and not kind.spares(norm(block.dot(block.T)) ** -0.5, c):
             return False
+        kind = damping
     return True
-
-
-def _squared_norm(matrix: Array) -> float:
-    """Return the square of the Frobenius norm, infinite where it is beyond all numbers."""
-    norm = float(dnrm2(matrix.ravel('K')))
-    return norm * norm

@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 from tp_controller.solver.errors import SolverError
-from tp_controller.solver.level import Array, identity, Level, NEGLIGIBLE
+from tp_controller.solver.level import Array, identity, Level, NEGLIGIBLE, norm
 
 
 class Directions(NamedTuple):
@@ -67,7 +67,7 @@ class Directions(NamedTuple):
 
 def decompose(level: Level, Z: Array | None = None, orthonormal: bool = True) -> Directions:
     """Return the `Directions` of a level on what Z (n, k) spans; None: on everything."""
-    J, size = level.J, frobenius(level.J)
+    J, size = level.J, norm(level.J)
     if Z is None:
         J_bar = J
     else:
@@ -133,7 +133,7 @@ def recursion(levels: list[Level], n: int) -> list[tuple[Array, Directions | Non
 def _singular_values(J_bar: Array) -> tuple[Array, Array, Array]:
     """Return U, s and Vᵀ; U at least as wide as s is long."""
     if J_bar.shape[1] == 1:
-        size = frobenius(J_bar)
+        size = norm(J_bar)
         U, s, V_T = J_bar / (size or 1.0), np.array([size]), identity(1)
         failed = not math.isfinite(size)
     else:
@@ -141,9 +141,3 @@ def _singular_values(J_bar: Array) -> tuple[Array, Array, Array]:
     if failed:
         raise SolverError('the levels hold numbers that are not finite')
     return U, s, V_T
-
-
-def frobenius(J: Array) -> float:
-    """Return the Frobenius norm."""
-    entries = J.ravel('K')
-    return math.sqrt(entries.dot(entries))

@@ -15,7 +15,7 @@
 """The velocities that are allowed: bounds on the joints, and rows of levels with bounds."""
 
 import numpy as np
-from tp_controller.solver.level import Array, FEASIBLE, ROUNDING
+from tp_controller.solver.level import Array, FEASIBLE, norm, ROUNDING
 
 
 class Polytope:
@@ -45,8 +45,7 @@ class Polytope:
     def fitting(self, x: Array) -> Array | None:
         """Return x (n,) without what rounding put beyond its bounds; None if it is farther off."""
         clipped = self.clip(x)
-        excess = clipped - x
-        if excess.dot(excess) > ROUNDING ** 2 * x.dot(x):
+        if norm(clipped - x) > ROUNDING * norm(x):
             return None
         if len(self.rows):
             values = self.rows.dot(clipped)

@@ -21,7 +21,7 @@ cycle has to remember for the next is a value that goes in and comes out.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 import math
 from typing import Any
 
@@ -106,8 +106,8 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
     n = checked[0].J.shape[1] if checked else np.size(others)
     if lower is not None or upper is not None:
         lower, upper = check_bounds(lower, upper, n, 'joints')
-    options = Options(n, weights, damping, scaling, singular_region, release_region,
-                      regularisation)
+    options = Options(n, Damping(damping, singular_region, release_region, regularisation),
+                      weights, scaling)
     if speed_cap is not None:
         if scaling != 'redistribute':
             raise SolverError('speed_cap needs scaling redistribute')
@@ -116,7 +116,7 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
             raise SolverError(f'speed_cap must not be negative, got {speed_cap.tolist()}')
     _check_numbers(period=period)
     _check_numbers(**{f'memory of level {number}': h for number, h in enumerate(memory or (), 1)})
-    return solve_cycle(checked, lower, upper, options, period, speed_cap, memory)
+    return solve_cycle(checked, lower, upper, options, period, speed_cap, memory or ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,8 @@ class Options:
     ----------
     n : int
         Number of joints.
-    weights, damping, scaling, singular_region, release_region, regularisation
+    damping : Damping
+    weights, scaling
         See `solve`.
 
     Raises
@@ -139,31 +140,22 @@ class Options:
     """
 
     n: int
+    damping: Damping = Damping()
     weights: Any = None
-    damping: float = 0.0
     scaling: str = 'uniform'
-    singular_region: float = math.inf
-    release_region: float = 0.0
-    regularisation: float = 0.0
 
     def __post_init__(self) -> None:
         """Check everything."""
-        _check_numbers(damping=self.damping, singular_region=self.singular_region,
-                       release_region=self.release_region, regularisation=self.regularisation)
+        _check_numbers(**asdict(self.damping))
         if self.scaling not in SCALINGS:
             raise SolverError(unknown('scaling', self.scaling, SCALINGS))
         if self.weights is not None:
             object.__setattr__(self, 'weights', _check_weights(self.weights, self.n))
 
-    def damping_of(self, period: float) -> Damping:
-        """Return the damping of a cycle that is held for a period [s]."""
-        return Damping(self.damping, self.singular_region, self.regularisation,
-                       self.release_region, period)
-
 
 def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
                 options: Options, period: float, speed_cap: Array | None = None,
-                memory: Memory | None = None) -> Solution:
+                memory: Memory = ()) -> Solution:
     """
     Return the `Solution` of levels and bounds whose shapes fit together.
 
@@ -184,82 +176,84 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
         The levels hold numbers that are not finite.
 
     """
-    damping = options.damping_of(period)
-    remembered = memory if memory and damping.follows_curvature else ()
-    memory = (*remembered, *(0.0,) * len(levels))[:len(levels)]
-    x = _fast(levels, lower, upper, options, damping, speed_cap, memory)
+    damping = options.damping
+    memory = (*memory, *(0.0,) * len(levels))[:len(levels)]
+    curved = [damping.curvature(h, period) for h in memory]
+    x = _fast(levels, lower, upper, options, period, speed_cap, curved)
     if x is not None:
         if any(memory):
-            memory = tuple(damping.follow(h, 0.0) for h in memory)
+            memory = tuple(damping.follow(h, 0.0, period) for h in memory)
         return Solution(x, levels, memory)
     if options.scaling == 'uniform' and lower is not None and upper is not None:
-        return _uniform(levels, lower, upper, options, damping, memory)
-    x, steps, memory = _loop(levels, lower, upper, options, damping, speed_cap, memory)
-    return Solution(x, levels, memory, steps)
+        return _uniform(levels, lower, upper, options, period, memory, curved)
+    x, steps = _loop(levels, lower, upper, options, period, speed_cap, curved)
+    return Solution(x, levels, _remembered(steps, memory, damping, period), steps)
 
 
 def _fast(levels: list[Level], lower: Array | None, upper: Array | None, options: Options,
-          damping: Damping, speed_cap: Array | None, memory: Memory) -> Array | None:
+          period: float, speed_cap: Array | None, curved: list[float]) -> Array | None:
     """Return the velocity (n,) where nothing is in the way, else None."""
-    demands = [level for level in levels if level.v is not None]
-    curved = [damping.curvature(h) for level, h in zip(levels, memory) if level.v is not None]
-    x = min_norm(demands, options.n, damping, curved, options.weights)
+    demands, kept = levels, []
+    if any(level.v is None for level in levels):
+        demands = [level for level in levels if level.v is not None]
+        kept = [level for level in levels if level.v is None]
+        curved = [c for level, c in zip(levels, curved) if level.v is not None]
+    x = min_norm(demands, options.n, options.damping, period, curved, options.weights)
     if x is None or not math.isfinite(x.dot(x)):
         return None
     if lower is not None or speed_cap is not None:
         allowed = _allowed(lower, upper, options.n)
         if speed_cap is not None and len(demands) > 1:
             allowed = Polytope(allowed.clip(-speed_cap), allowed.clip(speed_cap))
-        fitting = allowed.fitting(x)
-        if fitting is None:
-            return None
-        x = fitting
-    for level in levels:
-        if level.v is None and not level.meets(x):
-            return None
-    return x
+        x = allowed.fitting(x)
+    return x if x is not None and all(level.meets(x) for level in kept) else None
 
 
 def _loop(levels: list[Level], lower: Array | None, upper: Array | None, options: Options,
-          damping: Damping, speed_cap: Array | None,
-          memory: Memory) -> tuple[Array, list[LevelStep], Memory]:
-    """Return the velocity (n,), how each level was carried out, and what is remembered."""
+          period: float, speed_cap: Array | None,
+          curved: list[float]) -> tuple[Array, list[LevelStep]]:
+    """Return the velocity (n,), and how each level was carried out."""
     allowed = _allowed(lower, upper, options.n)
-    hierarchy = BoundedHierarchy(allowed, damping)
-    steps, remembered = [], []
-    for level, h in zip(levels, memory):
+    hierarchy = BoundedHierarchy(allowed, options.damping, period)
+    steps = []
+    for level, c in zip(levels, curved):
         if level.v is None:
-            step, now = hierarchy.keep(level, h)
-        else:
-            step, now = hierarchy.carry_out(level, h)
-            if speed_cap is not None:
-                allowed.narrow(speed_cap, hierarchy.x)
-                speed_cap = None
-        steps.append(step)
-        remembered.append(damping.follow(h, now))
+            steps.append(hierarchy.keep(level, c))
+            continue
+        steps.append(hierarchy.carry_out(level, c))
+        if speed_cap is not None:
+            allowed.narrow(speed_cap, hierarchy.x)
+            speed_cap = None
     hierarchy.finish(options.weights)
     x = hierarchy.x
     if not math.isfinite(x.dot(x)):
         raise SolverError('the levels hold numbers that are not finite')
-    return x, steps, tuple(remembered)
+    return x, steps
 
 
-def _uniform(levels: list[Level], lower: Array, upper: Array, options: Options, damping: Damping,
-             memory: Memory) -> Solution:
+def _uniform(levels: list[Level], lower: Array, upper: Array, options: Options, period: float,
+             memory: Memory, curved: list[float]) -> Solution:
     """Return the solution with all joints slowed alike (lecture 4)."""
     least, most = None, None
     if any(level.v is None for level in levels):
         # No bounds of levels are worth slowing the joints more than the demands need.
         demands = [level for level in levels if level.v is not None]
-        free, _, _ = _loop(demands, None, None, options, damping, None, (0.0,) * len(demands))
+        free, _ = _loop(demands, None, None, options, period, None, [0.0] * len(demands))
         least, most = enlarged(free, lower, upper)
-    whole, steps, memory = _loop(levels, least, most, options, damping, None, memory)
+    whole, steps = _loop(levels, least, most, options, period, None, curved)
+    memory = _remembered(steps, memory, options.damping, period)
     x, slowed, limiting = scale_uniformly(whole, lower, upper)
     if limiting is not None:
         multipliers = np.zeros(len(x))
         multipliers[limiting] = 1.0 if x[limiting] == upper[limiting] else -1.0
         steps = [step._replace(multipliers=multipliers) for step in steps]
     return Solution(x, levels, memory, steps, whole, slowed)
+
+
+def _remembered(steps: list[LevelStep], memory: Memory, damping: Damping,
+                period: float) -> Memory:
+    """Return what is remembered after these steps."""
+    return tuple([damping.follow(h, step.bend, period) for step, h in zip(steps, memory)])
 
 
 def _allowed(lower: Array | None, upper: Array | None, n: int) -> Polytope:

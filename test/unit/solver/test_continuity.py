@@ -21,6 +21,7 @@ from problems import DEFAULTS, redistribute, SEEDS
 import pytest
 from reference import bounded_lexicographic
 from tp_controller import Level
+from tp_controller.solver.damping import FIRST
 
 
 def largest_jump(path, steps=40, halvings=16):
@@ -169,6 +170,8 @@ def test_regularisation_costs_the_square_of_its_share():
                                 **{**DEFAULTS, 'regularisation': least}).velocity
         exact = (1.0 - 0.2) / 0.5
         assert velocity[0] == 0.2
-        # Across J, 0.8 of the way of joint 2 is free, and is held by μ² against s² + μ².
-        share = 0.8 * least ** 2 / (0.25 + 0.8 * least ** 2)
+        # Across J, 0.8 of the way of joint 2 is free, and is held by μ² against s² + μ²; the first
+        # level has a share of μ.
+        squared = (FIRST * least) ** 2
+        share = 0.8 * squared / (0.25 + 0.8 * squared)
         assert exact - velocity[1] == pytest.approx(share * (exact - 0.4), rel=1e-6)

@@ -45,9 +45,9 @@ def easy_stacks(draw):
     return n, random_levels(rng, n, rows), rng.standard_normal(n)
 
 
-def fast(levels, n, damping, weights=None):
+def fast(levels, n, damping, weights=None, period=0.0):
     """Return the answer of the fast path where nothing is remembered."""
-    return min_norm(levels, n, damping, (0.0,) * len(levels), weights)
+    return min_norm(levels, n, damping, period, (0.0,) * len(levels), weights)
 
 
 @given(easy_stacks(), st.booleans(), st.sampled_from([(0.0, math.inf), (0.1, 0.1), (0.5, 0.2),
@@ -144,7 +144,7 @@ def test_fast_path_leaves_a_closing_level_to_the_loop_that_would_be_slowed(push,
         levels = [Level(np.array([[size, 0.0]]), np.zeros(1)),
                   Level.of_joints(np.array([push, 0.0]))]
         period = 0.04 * size / (CURVATURE * max(size, TURNING))
-        assert (fast(levels, 2, Damping(0.1, 0.1, period=period)) is not None) == answers
+        assert (fast(levels, 2, Damping(0.1, 0.1), period=period) is not None) == answers
         assert fast(levels, 2, Damping(0.1, 0.1)) is not None
         # What it bends is remembered by the loop alone.
         memory = solve(levels, damping=0.1, singular_region=0.1, period=period).memory
@@ -161,9 +161,9 @@ def test_fast_path_answers_as_long_as_what_is_remembered_damps_nothing(share):
         for number, value in enumerate(s):
             remembered = [0.0] * len(s)
             remembered[number] = share * value ** 2 / (CURVATURE * 0.01)
-            damping = Damping(0.1, 0.1, period=0.01)
-            curved = [damping.curvature(h) for h in remembered]
-            found = min_norm(check_levels(levels), 2, damping, curved)
+            damping = Damping(0.1, 0.1)
+            curved = [damping.curvature(h, 0.01) for h in remembered]
+            found = min_norm(check_levels(levels), 2, damping, 0.01, curved)
             assert (found is not None) == (share < 1.0)
             solution = solve(levels, damping=0.1, singular_region=0.1, period=0.01,
                              memory=tuple(remembered))
@@ -194,7 +194,7 @@ def test_closing_level_is_the_same_whether_it_is_recognised_or_not(damping, regi
                            singular_region=region)
         assert recognised.hierarchy[-1].is_identity
         plain = solve_cycle([Level(J, v) for J, v in [*above, (np.eye(6), posture)]], None, None,
-                            Options(6, None, damping, singular_region=region), 0.0)
+                            Options(6, Damping(damping, region)), 0.0)
         np.testing.assert_allclose(recognised.velocity, plain.velocity, **EXACT)
         for one, other in zip(recognised.levels, plain.levels):
             np.testing.assert_allclose(one.residual, other.residual, **EXACT)
