@@ -75,8 +75,8 @@ class Settings:
         'move in its place and lower tasks give way first, or all joints are slowed alike')
     regularisation: float = _number(
         0.02, 0.0, 10.0, '', 'scaling redistribute: singular value below which a direction '
-        'stays near the velocity cut off at the limits, which keeps the command from jumping '
-        '(0: exact)')
+        'stays near the velocity cut off at the limits, which keeps the command from jumping; '
+        'of the first level a fifth of it (0: exact)')
     reserve: float = _number(
         0.4, 0.0, 1.0, '', 'scaling redistribute: share of its speed limit that the tasks below '
         'the first level leave to it, of every joint with an acceleration limit')

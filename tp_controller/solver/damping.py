@@ -58,7 +58,7 @@ TURNING = 2.0
 # 0.57 mm deep, with 0.5 0.08 mm.
 ROW_TURNING = 0.5
 # Share of λ, ε and μ that the first level has [1]. It is to lose little: it misses more than 1 %
-# beyond the least in 23 % of fast states with 1, 9 % with 0.5, 2 % with 0.2 (`loss.py`). The
+# beyond the least in 23 % of fast states with 1, 7 % with 0.5, 2 % with 0.2 (`loss.py`). The
 # levels below meet singular values of zero wherever they want what one above does not let them:
 # with 0.5 for all, a swap of two levels makes joints jump by 380 rad/s² instead of 4.
 FIRST = 0.2

@@ -76,7 +76,7 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
         0: never.
     regularisation : float
         With bounds: what keeps the answer from jumping from one corner of them to another, in
-        the units of J; 0 is exact.
+        the units of J; the first level has a fifth of it. 0 is exact.
     period : float
         How long the velocity will be held [s]; levels that push against what bends are damped as
         far as that needs (`tp_controller.solver.damping`). 0: not at all.
