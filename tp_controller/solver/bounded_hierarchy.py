@@ -18,11 +18,11 @@ The loop over the levels: the recursion of the lecture, damped, within bounds.
 x is the velocity that the levels so far agree on, Z what they left free. Each level decomposes
 what it can still move, J Z = U diag(s) Vᵀ with Q = Z V, and takes one damped step ::
 
-    x ← x + Q a°,   a°_i = s_i d_i / max(s_i² + …, c_i),   d = Uᵀ (v − J x)     (see `damping`)
+    x ← x + Q a°,   a°_i = s_i d_i / max(s_i² + …, c),   d = Uᵀ (v − J x)     (see `damping`)
 
 if that is allowed. If not, one quadratic program comes as near to it as it can ::
 
-    minimise  Σ max(s_i², c_i) (a_i − a°_i)²   subject to   x + Q a is allowed     (see `qp`)
+    minimise  Σ max(s_i², c) (a_i − a°_i)²   subject to   x + Q a is allowed     (see `qp`)
 
 Then it goes on in what is left, Z ← Z V_null. The first level begins at rest, so that bounds
 that exclude zero change nothing that they do not have to. A level with bounds moves x to where
@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 from tp_controller.solver.damping import bend, bend_of_rows, Damping
-from tp_controller.solver.level import Array, Level, NEGLIGIBLE, norm, ROUNDING
+from tp_controller.solver.level import Array, identity, Level, NEGLIGIBLE, norm, ROUNDING, within
 from tp_controller.solver.null_space import (
     decompose,
     Directions,
@@ -87,22 +87,20 @@ class BoundedHierarchy:
     ----------
     x : ndarray (n,)
         Velocity that they agree on.
-    Z : ndarray (n, k) or None
-        What they left free; None where that is everything.
+    Z : ndarray (n, k)
+        What they left free.
     allowed : Polytope
         What x is bound to.
 
     """
 
-    def __init__(self, allowed: Polytope, damping: Damping, period: float) -> None:
+    def __init__(self, allowed: Polytope, damping: Damping) -> None:
         self.allowed, self._damping = allowed, damping
         self.x = allowed.clip(np.zeros(len(allowed.lower)))
-        # None: everything.
-        self.Z: Array | None = None
+        self.Z = identity(len(self.x))
         # Levels with a demand so far; whether some of what they move was released.
         self._above: list[tuple[Level, Directions]] = []
         self._released = False
-        self._bends = damping.curvature(1.0, period) > 0.0
 
     @property
     def damping(self) -> Damping:
@@ -111,7 +109,7 @@ class BoundedHierarchy:
 
     def carry_out(self, level: Level, c: float) -> LevelStep:
         """Come as near to what a level demands as is allowed, damped by its c."""
-        directions = decompose(level, self.Z, not self._released)
+        directions = decompose(level, self.Z if self._above else None, not self._released)
         gains = self.damping.gains(directions.s, c)
         approach = self._keep_direction if level.mode == 'scale' else self._approach
         multipliers = approach(level, directions, gains, c)
@@ -122,7 +120,7 @@ class BoundedHierarchy:
         followed = directions.s * gains
         met = not len(multipliers) and directions.rank == len(level.v) \
             and (not len(followed) or followed[-1] > 1.0 - ROUNDING)
-        bend = 0.0 if met or not self._bends else self._bend(level, directions, multipliers)
+        bend = 0.0 if met else self._bend(level, directions, multipliers)
         self._above.append((level, directions))
         return LevelStep(self.x, directions, followed, self.Z if releasing else None,
                          *self._apart(multipliers), bend)
@@ -145,7 +143,9 @@ class BoundedHierarchy:
         if achieved.any():
             # The way to the demand begins at rest, or as near to it as the bounds allow.
             self._step(self.x, Q, -gains * achieved, s, c)
-        way = gains * U.T.dot(level.v - J.dot(self.x))
+        # What bounds left of that is made up for in full: it was damped already.
+        moved = U.T.dot(J.dot(self.x)) - achieved
+        way = gains * (U.T.dot(level.v) - achieved) - moved / s
         length = norm(way)
         if length == 0.0:
             return NONE
@@ -222,11 +222,11 @@ class BoundedHierarchy:
         lower, upper = level.lower / lengths, level.upper / lengths
         values = rows.dot(self.x)
         multipliers, bend = NONE, 0.0
-        if np.count_nonzero(values > upper) or np.count_nonzero(values < lower):
+        if not within(values, lower, upper):
             multipliers = self._meet(rows, lower - values, upper - values, lengths, c)
             values = rows.dot(self.x)
             lower, upper = np.minimum(lower, values), np.maximum(upper, values)
-            if len(multipliers) and self._bends:
+            if len(multipliers):
                 bend = bend_of_rows(lengths, multipliers[-len(rows):])
         self.allowed.add(rows, lower, upper, lengths)
         return LevelStep(self.x, None, NONE, None, *self._apart(multipliers), bend)
@@ -234,7 +234,7 @@ class BoundedHierarchy:
     def _meet(self, rows: Array, lower: Array, upper: Array, lengths: Array,
               c: float) -> Array:
         """Move x to within bounds on what rows (r, n) gain; return multipliers where it cannot."""
-        Z = self._left()
+        Z = self.Z
         G = rows.dot(Z)
         if not self._damping.off:
             share = np.minimum((G * G).sum(axis=1) / ROW_DAMPING ** 2, 1.0)
@@ -260,15 +260,11 @@ class BoundedHierarchy:
             return NONE
         return self._move(self.x, np.hstack([Z, np.zeros((len(Z), count))]), found)
 
-    def _left(self) -> Array:
-        """Return what the levels so far left free (n, k)."""
-        return np.eye(len(self.x)) if self.Z is None else self.Z
-
     def finish(self, weights: Array | None = None) -> None:
         """Of what is left, and moves no level, take what makes Σ w_j x_j² smallest."""
         if self._above and self._above[-1][0].is_identity:
             return
-        Z = self._left()
+        Z = self.Z
         if self._released:
             Z = null_space([level for level, _ in self._above], len(self.x))
         if not Z.shape[1]:
@@ -280,11 +276,9 @@ class BoundedHierarchy:
             Z = np.linalg.solve(R.T, Z.T).T
             weighted = weights * self.x
         rest = -Z.T.dot(weighted)
-        if not rest.any():
-            return
         x = self.allowed.fitting(self.x + Z.dot(rest))
         if x is not None:
             self.x = x
             return
         A, lower, upper = self.allowed.along(self.x, Z)
-        self._move(self.x, Z, nearest_point(rest, np.ascontiguousarray(A), lower, upper))
+        self._move(self.x, Z, nearest_point(rest, np.array(A, order='C'), lower, upper))

@@ -31,7 +31,7 @@ MODES = ('least_squares', 'scale')
 NEGLIGIBLE = 1e-9
 # What a result may be off by rounding alone, as a share of its size.
 ROUNDING = 1e-12
-# What a row of length 1 may be off its bound, and still be within it [rad/s].
+# What a row may be off its bound, and still be within it [unit/s].
 FEASIBLE = 1e-11
 # Squares of larger numbers would overflow.
 LARGEST = 1e100
@@ -74,9 +74,7 @@ class Level:
 
     def meets(self, x: Array) -> bool:
         """Say whether velocities x (n,) are within the bounds."""
-        values = self.J.dot(x)
-        return not (np.count_nonzero(values > self.upper + FEASIBLE)
-                    or np.count_nonzero(values < self.lower - FEASIBLE))
+        return within(self.J.dot(x), self.lower, self.upper, FEASIBLE)
 
 
 @lru_cache(maxsize=None)
@@ -91,6 +89,12 @@ def norm(array: Array) -> float:
     """Return the Frobenius norm."""
     # Of small arrays BLAS itself is three times as fast as the way through numpy.
     return float(dnrm2(array.ravel('K'))) if array.size else 0.0
+
+
+def within(values: Array, lower: Array, upper: Array, tolerance: float = 0.0) -> bool:
+    """Say whether all values are within their bounds, but for a tolerance."""
+    return not (np.count_nonzero(values > upper + tolerance)
+                or np.count_nonzero(values < lower - tolerance))
 
 
 def check_levels(levels: Iterable[Any]) -> list[Level]:

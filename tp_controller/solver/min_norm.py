@@ -29,7 +29,8 @@ from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 from tp_controller.solver.damping import bend, Damping
 from tp_controller.solver.level import Array, Level, norm
 
-# Below this, relative to ‖J‖, the squared condition number costs digits: the loop is asked [1].
+# With singular values below this share of ‖J‖ the squared condition number costs digits: the loop
+# is asked [1].
 WELL_CONDITIONED = 1e-2
 
 

@@ -46,8 +46,6 @@ class Directions(NamedTuple):
         Their singular values, the largest first.
     Q : ndarray (n, k)
         Z V: the motions of the joints that belong to `U`, then those that do not move the task.
-    smallest : float
-        m-th singular value, 0 where there are fewer.
     size : float
         ‖J‖, Frobenius norm.
 
@@ -56,7 +54,6 @@ class Directions(NamedTuple):
     U: Array
     s: Array
     Q: Array
-    smallest: float
     size: float
 
     @property
@@ -64,27 +61,31 @@ class Directions(NamedTuple):
         """Return the number of directions that can move."""
         return len(self.s)
 
+    @property
+    def smallest(self) -> float:
+        """Return the m-th singular value; 0 where there are fewer."""
+        return float(self.s[-1]) if 0 < len(self.s) == len(self.U) else 0.0
+
 
 def decompose(level: Level, Z: Array | None = None, orthonormal: bool = True) -> Directions:
     """Return the `Directions` of a level on what Z (n, k) spans; None: on everything."""
-    J, size = level.J, norm(level.J)
+    size = norm(level.J)
     if Z is None:
-        J_bar = J
+        J_bar = level.J
     else:
-        J_bar = Z if level.is_identity else J.dot(Z)
+        J_bar = Z if level.is_identity else level.J.dot(Z)
     rows, columns = J_bar.shape
     if rows == 0 or columns == 0:
-        Q = np.eye(columns) if Z is None else Z
-        return Directions(np.zeros((rows, 0)), np.zeros(0), Q, 0.0, size)
+        return Directions(np.zeros((rows, 0)), np.zeros(0), identity(columns) if Z is None else Z,
+                          size)
     if level.is_identity and orthonormal:
-        return Directions(J_bar, np.ones(columns), J_bar, 1.0 if rows <= columns else 0.0, size)
+        return Directions(J_bar, np.ones(columns), J_bar, size)
     U, s, V_T = _singular_values(J_bar)
     # Not measured by J Z itself: of a level that repeats the one above, J Z is rounding errors
     # only, and their inverse would be a velocity of 1e16.
     least = NEGLIGIBLE * size
     rank = len(s) if s[-1] > least else int(np.count_nonzero(s > least))
-    return Directions(U[:, :rank], s[:rank], V_T.T if Z is None else Z.dot(V_T.T),
-                      float(s[rows - 1]) if rows <= columns else 0.0, size)
+    return Directions(U[:, :rank], s[:rank], V_T.T if Z is None else Z.dot(V_T.T), size)
 
 
 def remaining(directions: Directions, region: float = 0.0, damping: float = 0.0) -> Array:
@@ -92,8 +93,9 @@ def remaining(directions: Directions, region: float = 0.0, damping: float = 0.0)
     Return what a level leaves free (n, k').
 
     These are the motions that do not move it, orthonormal, and before them those along directions
-    with a singular value below `region`, released smoothly: shortened so far that levels below,
-    with λ = `damping`, follow them as much as they are given up.
+    with a singular value below `region`, released smoothly. Where a level keeps the share k of one
+    it is shortened to λ √((1 − k) / k), at most 1, with λ = `damping`: what is damped by λ alone
+    follows that by 1 − k.
     """
     s, Q, rank = directions.s, directions.Q, directions.rank
     free = Q[:, rank:]
@@ -102,32 +104,16 @@ def remaining(directions: Directions, region: float = 0.0, damping: float = 0.0)
     weak = int(np.count_nonzero(s >= region))
     share = s[weak:] / region
     kept = share * share * (3.0 - 2.0 * share)
-    # What is shortened to g is followed by g² / (g² + λ²): 1 − kept, for this g.
     given = np.minimum(damping * np.sqrt((1.0 - kept) / np.maximum(kept, NEGLIGIBLE)), 1.0)
     return np.hstack([Q[:, weak:rank] * given, free])
 
 
 def null_space(levels: list[Level], n: int) -> Array:
     """Return an orthonormal basis (n, k) of what moves no level at all."""
-    Z = None
+    Z = identity(n)
     for level in levels:
         Z = remaining(decompose(level, Z))
-    return np.eye(n) if Z is None else Z
-
-
-def recursion(levels: list[Level], n: int) -> list[tuple[Array, Directions | None]]:
-    """Return for each level the velocity (n,) after it, undamped, and its `Directions`."""
-    zeta, Z = np.zeros(n), None
-    steps: list[tuple[Array, Directions | None]] = []
-    for level in levels:
-        directions = None
-        if level.v is not None:
-            directions = decompose(level, Z)
-            U, s, Q = directions.U, directions.s, directions.Q
-            zeta = zeta + Q[:, :len(s)].dot(U.T.dot(level.v - level.J.dot(zeta)) / s)
-            Z = remaining(directions)
-        steps.append((zeta, directions))
-    return steps
+    return Z
 
 
 def _singular_values(J_bar: Array) -> tuple[Array, Array, Array]:

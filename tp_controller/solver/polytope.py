@@ -15,7 +15,7 @@
 """The velocities that are allowed: bounds on the joints, and rows of levels with bounds."""
 
 import numpy as np
-from tp_controller.solver.level import Array, FEASIBLE, norm, ROUNDING
+from tp_controller.solver.level import Array, FEASIBLE, norm, ROUNDING, within
 
 
 class Polytope:
@@ -29,7 +29,7 @@ class Polytope:
     rows, row_lower, row_upper : ndarray (r, n), (r,), (r,)
         Rows of length 1, or tolerances would mean something else for every row.
     lengths : ndarray (r,)
-        What rows were multiplied by.
+        Of the rows as they were given.
 
     """
 
@@ -47,11 +47,9 @@ class Polytope:
         clipped = self.clip(x)
         if norm(clipped - x) > ROUNDING * norm(x):
             return None
-        if len(self.rows):
-            values = self.rows.dot(clipped)
-            if np.count_nonzero(values > self.row_upper + FEASIBLE) \
-                    or np.count_nonzero(values < self.row_lower - FEASIBLE):
-                return None
+        if len(self.rows) and not within(self.rows.dot(clipped), self.row_lower, self.row_upper,
+                                         FEASIBLE):
+            return None
         return clipped
 
     def narrow(self, cap: Array, x: Array) -> None:

@@ -20,11 +20,11 @@ A level moves by Q a. Its program, for stiffnesses k_i ≥ 0 and a target a°, i
     minimise    Σ k_i (a_i − a°_i)²    subject to    lower ≤ A a ≤ upper
 
 Directions with k = 0 cost nothing, so the answer may lie in a corner of the bounds, and jump to
-another corner in the next cycle. Therefore no direction is softer than μ². What is missing to that
-pulls towards the step cut off at the bounds: the nearest velocity that is allowed, mostly, so that
-the answer is hardly biased, and nothing jumps where a bound begins to be in the way. For an exact
-answer it is solved again from there, with ever smaller μ: the proximal point algorithm
-(Rockafellar, 1976).
+another corner in the next cycle. Therefore no direction is softer than μ². The added
+stiffness pulls towards the step cut off at the bounds: the nearest velocity that is allowed,
+mostly, so that the answer is hardly biased, and nothing jumps where a bound begins to be in the
+way. For an exact answer it is solved again from there, with ever smaller μ: the proximal point
+algorithm (Rockafellar, 1976).
 
 In coordinates scaled by √k a program looks for the nearest point of a polytope. DAQP, a dual
 active-set method, does that in microseconds. It takes a polytope for empty where rows of A that
@@ -44,7 +44,8 @@ from tp_controller.solver.level import Array, FEASIBLE
 TOLERANCES = (FEASIBLE, 1e-9, 1e-7, 1e-6)
 # μ² for an exact answer, as shares of the largest stiffness, one after the other. In 1,500 fast
 # states (`loss.py`) levels miss at most 2e-6 of their demand beyond the least, and no program is
-# unsolved; from 1e-6 on two are. With 1e-6 for the last, 89 states miss more than 1e-6.
+# unsolved; two are where it begins with 1e-6. Where it ends with that, 89 states miss more than
+# 1e-6.
 EXACT = np.array([1e-2, 1e-4, 1e-6, 1e-8, 1e-8])
 
 Answer = tuple[Array, Array]

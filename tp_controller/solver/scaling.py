@@ -30,14 +30,12 @@ def scale_uniformly(velocity: Array, lower: Array,
     Returned are the velocity (n,), exactly within the bounds, 1/s in [0, 1], and the index of the
     joint that decided it.
     """
-    if not (np.count_nonzero(velocity > upper) or np.count_nonzero(velocity < lower)):
-        return velocity, 1.0, None
-    slowest = np.minimum(np.maximum(lower, 0.0), upper)
+    slowest = _slowest(lower, upper)
     way = velocity - slowest
     bound = np.where(way > 0.0, upper, lower)
     room = bound - slowest
     size = np.abs(way)
-    too_fast = size - np.abs(room) > NEGLIGIBLE * size.max()
+    too_fast = size - np.abs(room) > NEGLIGIBLE * size.max(initial=0.0)
     if not too_fast.any():
         return np.clip(velocity, lower, upper), 1.0, None
     ratios = np.ones(len(velocity))
@@ -53,11 +51,15 @@ def scale_uniformly(velocity: Array, lower: Array,
 
 def enlarged(velocity: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
     """
-    Return bounds for what is scaled uniformly afterwards, as far as a velocity has to be anyway.
+    Return bounds that `scale_uniformly` shortens to `lower` and `upper` for a velocity (n,).
 
     Within them the bounds of levels make no joint so fast that all are slowed more for it.
     """
-    largest = np.maximum(-lower, upper)
-    largest[largest <= 0.0] = np.inf
-    largest *= max(1.0, (np.abs(velocity) / largest).max(initial=0.0))
-    return -largest, largest
+    share = scale_uniformly(velocity, lower, upper)[1] or 1.0
+    slowest = _slowest(lower, upper)
+    return slowest + (lower - slowest) / share, slowest + (upper - slowest) / share
+
+
+def _slowest(lower: Array, upper: Array) -> Array:
+    """Return the slowest velocity (n,) within bounds."""
+    return np.minimum(np.maximum(lower, 0.0), upper)

@@ -17,10 +17,10 @@
 from functools import cached_property
 
 import numpy as np
-from tp_controller.solver.bounded_hierarchy import LevelStep, NONE
-from tp_controller.solver.damping import Memory
+from tp_controller.solver.bounded_hierarchy import BoundedHierarchy, LevelStep
+from tp_controller.solver.damping import Damping, Memory
 from tp_controller.solver.level import Array, Level, NEGLIGIBLE, ROUNDING
-from tp_controller.solver.null_space import recursion
+from tp_controller.solver.polytope import Polytope
 
 
 class LevelSolution:
@@ -84,7 +84,7 @@ class LevelSolution:
         if self._step.directions is None:
             return np.zeros(len(self.wanted))
         missing = self.wanted
-        if self._index:
+        if any(level.v is not None for level in self._solution.hierarchy[:self._index]):
             missing = missing - self._level.J.dot(self._solution.steps[self._index - 1].velocity)
         U = self._step.directions.U
         return missing - U.dot(self._step.followed * U.T.dot(missing))
@@ -216,9 +216,10 @@ class Solution:
         if self._steps is not None:
             return self._steps
         # Nothing was damped and no bound in the way.
-        return [LevelStep(velocity, directions,
-                          NONE if directions is None else np.ones(directions.rank))
-                for velocity, directions in recursion(self.hierarchy, len(self.velocity))]
+        infinite = np.full(len(self.velocity), np.inf)
+        recursion = BoundedHierarchy(Polytope(-infinite, infinite), Damping())
+        return [LevelStep(recursion.x) if level.v is None else recursion.carry_out(level, 0.0)
+                for level in self.hierarchy]
 
     @property
     def bounded(self) -> bool:
@@ -232,7 +233,7 @@ class Solution:
 
     @property
     def scale(self) -> float:
-        """Return the smallest share, in [0, 1], that bounds on the joints leave a level."""
+        """Return the smallest share, in [0, 1], that bounds leave a level."""
         return min((level.scale for level in self.levels), default=1.0)
 
     @property

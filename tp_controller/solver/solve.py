@@ -61,7 +61,8 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
         (lecture 4). Only their ratios matter. Of the velocities that carry out all levels equally
         well, the solution minimises Σ w_j q_dot_j²; how well they do it, weights do not change.
     damping : float
-        λ of the damped inverse s / (s² + λ²), in the units of J; 0 is exact and undamped.
+        λ of the damped inverse s / (s² + λ²), in the units of J; 0 is exact and undamped. The
+        first level has a fifth of it, and of the singular region unless that is infinite.
     scaling : str
         What is done where a velocity exceeds its bounds. ``redistribute``: every level is solved
         within them, so that other joints take over, and lower levels give way before higher
@@ -177,6 +178,8 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
 
     """
     damping = options.damping
+    if lower is None or upper is None:
+        lower, upper = np.full(options.n, -np.inf), np.full(options.n, np.inf)
     memory = (*memory, *(0.0,) * len(levels))[:len(levels)]
     curved = [damping.curvature(h, period) for h in memory]
     x = _fast(levels, lower, upper, options, period, speed_cap, curved)
@@ -184,37 +187,33 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
         if any(memory):
             memory = tuple(damping.follow(h, 0.0, period) for h in memory)
         return Solution(x, levels, memory)
-    if options.scaling == 'uniform' and lower is not None and upper is not None:
+    if options.scaling == 'uniform':
         return _uniform(levels, lower, upper, options, period, memory, curved)
-    x, steps = _loop(levels, lower, upper, options, period, speed_cap, curved)
+    x, steps = _loop(levels, lower, upper, options, speed_cap, curved)
     return Solution(x, levels, _remembered(steps, memory, damping, period), steps)
 
 
-def _fast(levels: list[Level], lower: Array | None, upper: Array | None, options: Options,
+def _fast(levels: list[Level], lower: Array, upper: Array, options: Options,
           period: float, speed_cap: Array | None, curved: list[float]) -> Array | None:
     """Return the velocity (n,) where nothing is in the way, else None."""
-    demands, kept = levels, []
-    if any(level.v is None for level in levels):
-        demands = [level for level in levels if level.v is not None]
-        kept = [level for level in levels if level.v is None]
-        curved = [c for level, c in zip(levels, curved) if level.v is not None]
+    demands = [level for level in levels if level.v is not None]
+    kept = [level for level in levels if level.v is None]
+    curved = [c for level, c in zip(levels, curved) if level.v is not None]
     x = min_norm(demands, options.n, options.damping, period, curved, options.weights)
     if x is None or not math.isfinite(x.dot(x)):
         return None
-    if lower is not None or speed_cap is not None:
-        allowed = _allowed(lower, upper, options.n)
-        if speed_cap is not None and len(demands) > 1:
-            allowed = Polytope(allowed.clip(-speed_cap), allowed.clip(speed_cap))
-        x = allowed.fitting(x)
+    allowed = Polytope(lower, upper)
+    if speed_cap is not None and len(demands) > 1:
+        allowed = Polytope(allowed.clip(-speed_cap), allowed.clip(speed_cap))
+    x = allowed.fitting(x)
     return x if x is not None and all(level.meets(x) for level in kept) else None
 
 
-def _loop(levels: list[Level], lower: Array | None, upper: Array | None, options: Options,
-          period: float, speed_cap: Array | None,
-          curved: list[float]) -> tuple[Array, list[LevelStep]]:
+def _loop(levels: list[Level], lower: Array, upper: Array, options: Options,
+          speed_cap: Array | None, curved: list[float]) -> tuple[Array, list[LevelStep]]:
     """Return the velocity (n,), and how each level was carried out."""
-    allowed = _allowed(lower, upper, options.n)
-    hierarchy = BoundedHierarchy(allowed, options.damping, period)
+    allowed = Polytope(lower, upper)
+    hierarchy = BoundedHierarchy(allowed, options.damping)
     steps = []
     for level, c in zip(levels, curved):
         if level.v is None:
@@ -234,13 +233,14 @@ def _loop(levels: list[Level], lower: Array | None, upper: Array | None, options
 def _uniform(levels: list[Level], lower: Array, upper: Array, options: Options, period: float,
              memory: Memory, curved: list[float]) -> Solution:
     """Return the solution with all joints slowed alike (lecture 4)."""
-    least, most = None, None
+    least, most = np.full((2, len(lower)), [[-np.inf], [np.inf]])
     if any(level.v is None for level in levels):
         # No bounds of levels are worth slowing the joints more than the demands need.
         demands = [level for level in levels if level.v is not None]
-        free, _ = _loop(demands, None, None, options, period, None, [0.0] * len(demands))
+        free, _ = _loop(demands, least, most, options, None,
+                        [c for level, c in zip(levels, curved) if level.v is not None])
         least, most = enlarged(free, lower, upper)
-    whole, steps = _loop(levels, least, most, options, period, None, curved)
+    whole, steps = _loop(levels, least, most, options, None, curved)
     memory = _remembered(steps, memory, options.damping, period)
     x, slowed, limiting = scale_uniformly(whole, lower, upper)
     if limiting is not None:
@@ -254,13 +254,6 @@ def _remembered(steps: list[LevelStep], memory: Memory, damping: Damping,
                 period: float) -> Memory:
     """Return what is remembered after these steps."""
     return tuple([damping.follow(h, step.bend, period) for step, h in zip(steps, memory)])
-
-
-def _allowed(lower: Array | None, upper: Array | None, n: int) -> Polytope:
-    """Return what bounds on the joints allow; None: everything."""
-    if lower is None or upper is None:
-        return Polytope(np.full(n, -np.inf), np.full(n, np.inf))
-    return Polytope(lower, upper)
 
 
 def _check_numbers(**numbers: object) -> None:

@@ -545,6 +545,25 @@ def test_damped_level_of_mode_scale_is_slowed_along_the_way_it_has_without_bound
                                atol=1e-6 * np.abs(free).max())
 
 
+def test_level_that_keeps_its_direction_is_damped_once():
+    # Joint 1 gives it 0.01; of the rest it has s = 0.05 with λ = ε = 0.1: s / ε² times 0.002.
+    first = ([[1.0, 0.0, 0.0]], [0.01])
+    J, v = np.array([[1.0, 0.05, 0.0]]), np.array([0.012])
+    for mode in ('least_squares', 'scale'):
+        assert redistribute([first, Level(J, v, mode)], **DEFAULTS).velocity == near(
+            [0.01, 0.05 / 0.01 * 0.002, 0.0])
+
+
+@given(SEEDS)
+def test_mode_makes_no_difference_where_nothing_is_in_the_way(seed):
+    rng = np.random.default_rng(seed)
+    first, (J, v) = random_levels(rng, 5, [2, 3])
+    J = (J.T * [1.0, 0.1, 0.01]).T
+    velocities = [redistribute([first, Level(J, v, mode)], **DEFAULTS).velocity
+                  for mode in ('least_squares', 'scale')]
+    np.testing.assert_allclose(*velocities, rtol=1e-9, atol=1e-9)
+
+
 @given(SEEDS, st.sampled_from([0.0, 5.0, 50.0]), st.sampled_from([0.02, 0.5]))
 def test_level_of_one_row_has_but_one_direction_to_keep(seed, h, regularisation):
     rng = np.random.default_rng(seed)

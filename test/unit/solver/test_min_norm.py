@@ -23,7 +23,7 @@ import numpy as np
 from problems import by_loop, DEFAULTS, EXACT, near, redistribute, SEEDS
 import pytest
 from reference import damped_recursion, lexicographic, null_of, random_levels
-from tp_controller import Level, solve
+from tp_controller import Level, solve, SolverError
 from tp_controller.solver.damping import CURVATURE, Damping, FIRST, TURNING
 from tp_controller.solver.level import check_levels
 from tp_controller.solver.min_norm import min_norm
@@ -174,6 +174,23 @@ def test_fast_path_answers_as_long_as_what_is_remembered_damps_nothing(share):
             elif levels[number][1].any():
                 whole = solve(levels).velocity
                 assert np.linalg.norm(solution.velocity - whole) > 1e-3
+
+
+def test_fast_path_asks_for_the_bend_of_each_level_by_its_place():
+    # c = κ T h = 0.04 h. The bounds above are idle, and stand in the list of what is remembered.
+    options = {**DEFAULTS, 'period': 0.01}
+    idle = Level(np.array([[0.0, 0.0, 1.0]]), upper=np.array([0.9]))
+    first = ([[1.0, 0.0, 0.0]], [0.1])
+    assert redistribute([idle, first, ([[0.0, 0.3, 0.0]], [0.02])], memory=(0.0, 0.0, 20.0),
+                        **options).velocity == near([0.1, 0.3 * 0.02 / 0.8, 0.0])
+    # Of a closing level s = 1.
+    assert redistribute([first, (np.eye(3), [0.0, 0.4, 0.4])], memory=(0.0, 50.0),
+                        **options).velocity == near([0.1, 0.2, 0.2])
+
+
+def test_fast_path_refuses_what_is_no_number():
+    with pytest.raises(SolverError, match='not finite'):
+        solve_cycle([Level(np.eye(2)[:1], np.array([math.nan]))], None, None, Options(2), 0.0)
 
 
 def test_fast_path_knows_singular_values_well_enough_where_they_are_equal():

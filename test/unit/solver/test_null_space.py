@@ -23,7 +23,7 @@ from problems import DEFAULTS, near, redistribute, SEEDS
 import pytest
 from reference import null_of, random_levels
 from tp_controller import Level, solve
-from tp_controller.solver.null_space import decompose, null_space, recursion, remaining
+from tp_controller.solver.null_space import decompose, null_space, remaining
 
 
 def weak_problem(seed, n=6):
@@ -121,12 +121,12 @@ def test_recursion_is_that_of_the_lecture():
     rng = np.random.default_rng(3)
     levels = random_levels(rng, 7, [2, 3, 4])
     zeta, P = np.zeros(7), np.eye(7)
-    steps = recursion([Level(J, v) for J, v in levels], 7)
-    for (J, v), (velocity, directions) in zip(levels, steps):
+    steps = solve(levels).steps
+    for (J, v), step in zip(levels, steps):
         inverse = np.linalg.pinv(J @ P, rcond=1e-9)
         zeta, P = zeta + inverse @ (v - J @ zeta), P - inverse @ (J @ P)
-        np.testing.assert_allclose(velocity, zeta, rtol=0, atol=1e-9)
-        assert directions.rank == np.linalg.matrix_rank(inverse)
+        np.testing.assert_allclose(step.velocity, zeta, rtol=0, atol=1e-9)
+        assert step.directions.rank == np.linalg.matrix_rank(inverse)
 
 
 def test_null_space_of_levels_is_what_moves_none_of_them_whatever_was_released():
@@ -138,6 +138,12 @@ def test_null_space_of_levels_is_what_moves_none_of_them_whatever_was_released()
     np.testing.assert_allclose(np.concatenate([level.J for level in levels]) @ Z, 0.0, rtol=0,
                                atol=1e-12)
     assert np.linalg.norm(Z) == near(1.0)
+
+
+def test_what_two_levels_above_release_is_left_to_the_levels_below_both():
+    # s = 0.6 δ keeps k = 0.648; the last level follows g² / λ² = (1 − k) / k of its demand.
+    levels = [([[0.012, 0.0, 0.0]], [0.0]), ([[0.0, 1.0, 0.0]], [0.0]), (np.eye(3), np.ones(3))]
+    assert redistribute(levels, **DEFAULTS).velocity == near([0.352 / 0.648, 0.0, 1.0])
 
 
 def test_what_a_level_below_gets_of_a_released_direction_grows_smoothly():

@@ -56,6 +56,22 @@ def test_contradicting_rows_share_the_violation():
     assert level.row_multipliers[0] == near([-0.5, 0.5])
 
 
+def test_row_of_zeros_is_met_or_not_whatever_the_joints_do():
+    rows = Level(np.array([[0.0, 0.0], [0.0, 1.0]]), lower=np.array([1.0, -1.0]),
+                 upper=np.array([2.0, 0.5]))
+    solution = redistribute([rows, (np.eye(2), [1.0, 1.0])])
+    assert solution.velocity == near([1.0, 0.5])
+    assert solution.levels[0].residual == near([1.0, 0.0])
+
+
+def test_rows_that_cannot_be_met_bend_by_what_they_push_themselves():
+    # The bound above is pushed against with 0.7, which the low-pass of h takes in.
+    above = Level(np.array([[1.0, 0.0]]), upper=np.array([0.2]))
+    rows = Level(np.eye(2), lower=np.array([0.9, 0.1]))
+    memory = redistribute([above, rows], period=0.01).memory
+    assert memory == near((0.0, 0.7 * (1.0 - math.exp(-0.1))))
+
+
 @pytest.mark.parametrize('wish', [-5.0, 0.5, 5.0])
 def test_lower_row_never_worsens_a_higher_one(wish):
     least = Level(np.array([[1.0, 0.0]]), lower=np.array([1.0]))

@@ -176,11 +176,36 @@ def test_uniform_scaling_slows_what_the_bounds_of_levels_left(seed):
                                        atol=1e-9)
 
 
+def test_demand_that_is_damped_is_slowed_no_more_for_the_bounds_above_it():
+    # c = κ T h = 2 leaves s² / c = 1/8 of what joint 1 would do, and joint 2 nothing to wait for.
+    levels = [Level(np.array([[0.0, 0.001]]), lower=np.array([1.0])), ([[0.5, 0.0]], [2.0])]
+    solution = solve(levels, -np.ones(2), np.ones(2), period=0.01, memory=(0.0, 50.0),
+                     singular_region=0.1)
+    assert solution.velocity == pytest.approx([0.5, 1.0]) and solution.scale == 1.0
+
+
+def test_bounds_of_levels_slow_nobody_more_where_a_joint_has_to_move():
+    # From 0.3 on joint 1 may do 0.7 of the 2 that are demanded; the row demands more of it.
+    row, wish = Level(np.array([[1.0, 0.0]]), lower=np.array([5.0])), (np.eye(2), [2.3, 1.0])
+    for levels in ([wish], [row, wish], [wish, row]):
+        solution = solve(levels, [0.3, -1.0], [1.0, 1.0], scaling='uniform')
+        assert solution.velocity == pytest.approx([1.0, 0.35])
+        assert solution.scale == pytest.approx(0.35)
+
+
+def test_rows_move_joints_where_a_demand_needs_one_that_may_not_move():
+    row = Level(np.array([[0.0, 1.0]]), lower=np.array([5.0]))
+    solution = solve([row, ([[1.0, 0.0]], [0.5])], [0.0, -1.0], [0.0, 1.0], scaling='uniform')
+    assert solution.velocity == pytest.approx([0.0, 1.0])
+
+
 def test_bounds_below_a_wish_never_slow_it_when_all_joints_are_slowed_alike():
     # The row could be met with ten times the speed of joint 2.
     wish, row = ([[1.0, 0.0]], [0.5]), Level(np.array([[0.0, 0.1]]), lower=np.array([1.0]))
     solution = solve([wish, row], -np.ones(2), np.ones(2), scaling='uniform')
     assert solution.velocity == pytest.approx([0.5, 1.0]) and solution.scale == 1.0
-    # A joint that may not move at all has no say in that.
-    locked = solve([wish, row], [-1.0, 0.0], [1.0, 0.0], scaling='uniform')
-    assert locked.velocity.tolist() == [0.0, 0.0]
+    # A joint that may hardly move, or not at all, has no say in that, above as below.
+    for room in (0.1, 0.01, 0.0):
+        for levels in ([wish, row], [row, wish]):
+            locked = solve(levels, [-1.0, -2.0], [1.0, room], scaling='uniform')
+            assert locked.velocity == pytest.approx([0.5, room]) and locked.scale == 1.0

@@ -76,6 +76,17 @@ def test_joint_that_is_held_is_named_where_it_would_help():
     assert solution.levels[1].limited_by == []
 
 
+def test_unreachable_part_of_the_first_demand_does_not_depend_on_bounds_above_it():
+    # s = 0.01 is damped to s / ε² = 25, ε = 0.02 of the first level; the row has moved joint 1.
+    options = {'damping': 0.1, 'singular_region': 0.1}
+    row = Level(np.array([[1.0, 0.0]]), lower=np.array([0.2]))
+    demand = ([[0.01, 0.0]], [0.01])
+    for levels in ([demand], [row, demand]):
+        level = redistribute(levels, **options).levels[-1]
+        assert level.achieved == near([0.0025])
+        assert level.unreachable == near([0.0075])
+
+
 def test_unreachable_is_what_is_missing_without_bounds_too():
     J = np.array([[1.0, 0.0], [0.0, 0.0]])
     for bound, scale in ((9.0, 1.0), (0.5, 0.5)):

@@ -284,6 +284,15 @@ def test_numbers_of_numpy_are_numbers(number):
                                           damping=float(number)).velocity)
 
 
+def test_speed_cap_counts_from_what_the_first_level_uses():
+    # The first level takes 0.8 of joint 1; the second may use 0.5 of joint 3, not of what it used.
+    levels = [([[2.0, 1.0, 0.0]], [2.0]), ([[1.0, 0.0, 1.0]], [0.7]),
+              (np.eye(3), [0.8, 0.4, -0.1])]
+    solution = solve(levels, -np.ones(3), np.ones(3), scaling='redistribute',
+                     speed_cap=np.full(3, 0.5))
+    assert solution.velocity == pytest.approx([0.8, 0.4, -0.1])
+
+
 def test_speed_cap_goes_with_redistribution_only():
     with pytest.raises(SolverError, match='speed_cap needs scaling redistribute'):
         solve([(np.eye(2), np.ones(2))], scaling='uniform', speed_cap=[1.0, 1.0])
