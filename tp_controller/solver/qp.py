@@ -39,7 +39,7 @@ import numpy as np
 from tp_controller.solver.level import Array, FEASIBLE
 
 # How exactly DAQP keeps bounds; the next one where rounding defeats this. Of 1.6 million programs
-# (`closed_loops.py`) seven stay unsolved: their levels add nothing in that cycle. With 1e-5 for
+# (`closed_loops.py`) six stay unsolved: their levels add nothing in that cycle. With 1e-5 for
 # the last one does, but levels above would feel 1e-5 of the others.
 TOLERANCES = (FEASIBLE, 1e-9, 1e-7, 1e-6)
 # μ² for an exact answer, as shares of the largest stiffness, one after the other. In 1,500 fast
