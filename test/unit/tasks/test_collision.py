@@ -1021,7 +1021,7 @@ def test_ur5_does_not_fold_into_itself():
     for goal in ([0.0, 0.05, 0.2], [0.0, 0.1, 0.05], [-0.1, 0.1, 0.1]):
         apart, commands, _, report = follow(robot, stack, start, once(tool=goal), 4.0)
         assert -1e-3 < apart.min() < 5e-3, goal
-        assert flips(commands) < 20, goal
+        assert flips(commands) < 30, goal
 
 
 def test_arms_of_baxter_keep_apart_where_their_goals_cross():
