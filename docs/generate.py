@@ -113,6 +113,7 @@ STATUS = {
     'tolerance [m]': 'error below which the goal counts as reached; one key for each unit',
     'wanted speed': 'norm of the velocity that the task asks for',
     'achieved speed': 'norm of its part that the command carries out',
+    'hint': 'what would help; empty where nothing has to',
     'reason': 'what holds the task back; empty where nothing does',
     'goals accepted': 'goals and velocities taken since the task is in the stack',
     'goals refused': 'those refused',

@@ -76,17 +76,18 @@ def test_a_task_reports_its_error_with_unit_and_what_holds_it_back(harness):
     assert task['type'] == 'position' and task['status'] in ('moving', 'held back')
     rest = rig.status.task('rest')
     assert rest['status'] == 'held back'
-    assert rest['reason'] == '0 of 3 directions left by higher levels'
+    assert rest['reason'] == 'blocked by turn'
+    assert rest['hint'] == 'exchange turn and rest, or give them goals that fit together'
     levels = {status.name: status.level for status in rig.status.messages[-1].status}
     assert levels['tp_controller: rest'] == WARN
     texts = {status.name: status.message for status in rig.status.messages[-1].status}
-    assert texts['tp_controller: rest'] == 'held back: 0 of 3 directions left by higher levels'
+    assert texts['tp_controller: rest'] == 'held back: blocked by turn'
 
 
 def test_the_limit_that_slows_the_robot_is_named(harness):
     rig = Rig(harness, '- rest: {type: posture, target: [2.0, 0.6, 0.3]}')
     rig.spin_until(lambda: rig.status.task('rest')['reason'])
-    assert rig.status.task('rest')['reason'] == 'slowed to 50 % by joint1 at its velocity limit'
+    assert rig.status.task('rest')['reason'] == 'joint1 at its velocity limit'
     values = {value.key: value.value for value in rig.status.messages[-1].status[0].values}
     assert values == {'scale': '0.5000', 'limiting': 'joint1 at its velocity limit'}
 

@@ -14,32 +14,28 @@
 
 """The controller: joint positions in, joint velocities and a report out."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from tp_controller.control.causes import TRANSITION
+from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.cycle_time import check_time, CycleTime
 from tp_controller.control.escape import Escape
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings
 from tp_controller.control.transition import Transition
-from tp_controller.control.velocity_limits import VelocityBounds, VelocityLimits
+from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.errors import GoalError, SettingsError, TimeError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.model.state import RobotState
 from tp_controller.solver.damping import Memory
-from tp_controller.solver.level import Level
-from tp_controller.solver.solution import Solution
-from tp_controller.solver.solve import solve_cycle
 from tp_controller.tasks.pose import parse_pose
 from tp_controller.tasks.stack import Groups, levels_of, shared_levels, Stack
 from tp_controller.tasks.task import Goal, Task
 
-# What carries levels out, within the bounds of a cycle.
-Solve: TypeAlias = Callable[[list[Level]], Solution]
 ROUNDING = 1e-12
 
 
@@ -91,8 +87,6 @@ class Controller:
         self._last_update: float | None = None
         self._transition = Transition(0.0)
         self._escape = Escape(robot.n)
-        # Levels of this cycle, and what the one before left to them.
-        self._levels: list[Level] = []
         self._settings = settings = settings or Settings()
         self._time = CycleTime(settings.period)
         self.check_settings(settings)
@@ -333,48 +327,40 @@ class Controller:
         elif elapsed is None:
             elapsed = now - self._last_update
         held = self._time.advance(elapsed)
-        self._levels = levels
         bounds = self._limits.at(state.positions, self._velocity, held)
+        cycle = Cycle(levels, bounds, self._options, self._time.mean, self._speed_cap,
+                      self._memory)
+        outcome = self._blend(cycle, held) or self._follow(cycle)
+        self._velocity, self._last_update = outcome.velocity, now
+        self._memory = outcome.solution.memory
+        return Command(outcome.velocity, Report(self.robot, evaluations, self.stack.inactive,
+                                                cycle, outcome))
 
-        def solve(levels: list[Level]) -> Solution:
-            return self._solve(levels, bounds.lower, bounds.upper)
+    def _follow(self, cycle: Cycle) -> Outcome:
+        """Return what carries the stack out."""
+        solution = cycle.solve()
+        escape = self._escape.levels(solution, self._time.now, cycle.solve)
+        if escape is None:
+            return Outcome(solution, solution)
+        return Outcome(solution, cycle.solve(escape), 'leaving a singularity')
 
-        solution, why = self._lead_over(levels, bounds, held, solve)
-        if solution is None:
-            solution = solve(levels)
-            way_out = self._escape.levels(solution, self._time.now, solve)
-            if way_out is not None:
-                solution, why = solution.moved_to(solve(way_out).velocity), 'leaving a singularity'
-        self._velocity, self._last_update = solution.velocity, now
-        self._memory = solution.memory
-        return Command(solution.velocity, Report(self.robot, evaluations, self.stack.inactive,
-                                                 bounds, solution, why))
-
-    def _solve(self, levels: list[Level], lower: Array, upper: Array) -> Solution:
-        """Return what carries levels out within bounds on the velocities (n,)."""
-        # What leads over shares its first levels with the stack, and what is remembered of them.
-        shared = sum(1 for level, other in zip(levels, self._levels) if level is other)
-        return solve_cycle(levels, lower, upper, self._options, self._time.mean, self._speed_cap,
-                           self._memory[:shared])
-
-    def _lead_over(self, levels: list[Level], bounds: VelocityBounds, held: float,
-                   solve: Solve) -> tuple[Solution | None, str]:
-        """Return a solution that leads over from before a change, and why; None if need not."""
+    def _blend(self, cycle: Cycle, held: float) -> Outcome | None:
+        """Return what leads over from before a change; None where nothing has to."""
         now = self._time.now
         shared = self._transition.pending()
         if shared is not None:
             self._escape.reset()
         if self._last_update is None or not (shared is not None or self._transition.active(now)):
-            return None, ''
+            return None
         # Where it is to lead: acceleration limits only say how fast to get there.
-        aim = self._solve(levels, *bounds.settled)
+        aim = cycle.aim()
         if shared is not None:
             self._transition.begin(self._velocity - aim.velocity,
                                    now - min(held, self._settings.period), shared)
-        eased = self._transition.levels(levels, aim.velocity, now)
-        if eased is None:
-            return None, ''
-        return aim.moved_to(solve(eased).velocity), 'taking over from what was before a change'
+        blended = self._transition.levels(cycle.levels, aim.velocity, now)
+        if blended is None:
+            return None
+        return Outcome(aim, cycle.solve(blended), TRANSITION)
 
     def _announce_stack(self, before: Groups) -> None:
         """Tell the transition that the stack has changed, unless it is the same."""

@@ -14,6 +14,8 @@
 
 """Bounds on the joint velocities, from velocity, position and acceleration limits."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
@@ -29,11 +31,24 @@ FAR = 1e6
 UNLIMITED = 1e12
 # Velocities closer than this are the same where the limit that was met is to be named.
 SAME = 1e-9
+# The limits of a joint.
+VELOCITY, ACCELERATION = 'velocity limit', 'acceleration limit'
+LOWER, UPPER = 'lower position limit', 'upper position limit'
 
 
 class VelocityBounds:
     """
     The velocities that the joints may have in one cycle.
+
+    Parameters
+    ----------
+    braking : ndarray (2, n)
+        Speeds from which joints can still stop before their upper and lower position limits;
+        negative outside of them [rad/s or m/s].
+    velocity : ndarray (n,)
+        Velocity limits [rad/s or m/s].
+    window : (ndarray (n,), ndarray (n,)), optional
+        Least and largest velocity that acceleration limits let the joints reach now.
 
     Attributes
     ----------
@@ -46,41 +61,47 @@ class VelocityBounds:
 
     __slots__ = ('lower', 'upper', 'settled', '_braking', '_velocity', '_window')
 
-    def __init__(self, lower: Array, upper: Array, braking: Array, velocity: Array) -> None:
-        self.lower, self.upper = self.settled = lower, upper
-        self._braking, self._velocity = braking, velocity
-        self._window: tuple[Array, Array] | None = None
+    def __init__(self, braking: Array, velocity: Array,
+                 window: tuple[Array, Array] | None = None) -> None:
+        self._braking, self._velocity, self._window = braking, velocity, window
+        speed = np.minimum(braking, velocity)
+        upper, lower = speed[0], -speed[1]
+        if np.count_nonzero(upper < lower):
+            # Coming back from outside must not be faster than it can stop at the other end.
+            upper = np.maximum(upper, np.minimum(lower, 0.0))
+            lower = np.minimum(lower, upper)
+        self.settled = lower, upper
+        if window is not None:
+            # Velocities that can be reached now, even where they are all too fast.
+            least, most = window
+            upper = np.minimum(np.maximum(upper, least), most)
+            lower = np.minimum(np.maximum(lower, least), most)
+        self.lower, self.upper = lower, upper
 
-    def narrow(self, least: Array, most: Array) -> None:
-        """Keep to the velocities that can be reached now, even where they are all too fast."""
-        self.upper = np.minimum(np.maximum(self.upper, least), most)
-        self.lower = np.minimum(np.maximum(self.lower, least), most)
-        self._window = least, most
-
-    def name(self, joint: int, velocity: float, up: bool) -> str:
-        """
-        Return the name of the limit that a joint is at.
-
-        Parameters
-        ----------
-        joint : int
-            Index.
-        velocity : float
-            [rad/s or m/s]
-        up : bool
-            Whether it is an upper bound of the velocity.
-
-        """
-        speed = (velocity if up else -velocity) + SAME
-        if self._velocity[joint] <= speed:
-            return 'velocity limit'
-        if self._braking[0 if up else 1, joint] <= speed:
-            return f'{"upper" if up else "lower"} position limit'
+    def limits(self, joint: int, up: bool) -> list[str]:
+        """Return the limits that set the upper, or lower, bound of a joint; mostly one."""
+        bound = float(self.upper[joint] if up else -self.lower[joint])
+        speeds = {VELOCITY: self._velocity[joint],
+                  UPPER if up else LOWER: self._braking[0 if up else 1, joint]}
         if self._window is not None:
-            least, most = self._window
-            if (most[joint] if up else -least[joint]) <= speed:
-                return 'acceleration limit'
-        return 'speed reserve for the first level'
+            speeds[ACCELERATION] = self._window[1][joint] if up else -self._window[0][joint]
+        return [limit for limit, speed in speeds.items() if abs(float(speed) - bound) <= SAME]
+
+    def without(self, joint: int, limits: Sequence[str]) -> 'VelocityBounds':
+        """Return the bounds as they would be without some limits of a joint."""
+        braking, velocity, window = self._braking, self._velocity, self._window
+        if VELOCITY in limits:
+            velocity = velocity.copy()
+            velocity[joint] = np.inf
+        for side, limit in enumerate((UPPER, LOWER)):
+            if limit in limits:
+                braking = braking.copy()
+                braking[side, joint] = np.inf
+        if ACCELERATION in limits and window is not None:
+            least, most = window[0].copy(), window[1].copy()
+            least[joint], most[joint] = -np.inf, np.inf
+            window = least, most
+        return VelocityBounds(braking, velocity, window)
 
 
 class VelocityLimits:
@@ -144,17 +165,10 @@ class VelocityLimits:
         if self._endless:
             room = np.minimum(room, FAR)
         braking = np.maximum(self._braking_speed(room), -self._return)
-        speed = np.minimum(braking, self._velocity)
-        upper, lower = speed[0], -speed[1]
-        if np.count_nonzero(upper < lower):
-            # Coming back from outside must not be faster than it can stop at the other end.
-            upper = np.maximum(upper, np.minimum(lower, 0.0))
-            lower = np.minimum(lower, upper)
-        bounds = VelocityBounds(lower, upper, braking, self._velocity)
-        if self._acceleration is not None:
-            change = self._acceleration * min(elapsed, self._period)
-            bounds.narrow(previous - change, previous + change)
-        return bounds
+        if self._acceleration is None:
+            return VelocityBounds(braking, self._velocity)
+        change = self._acceleration * min(elapsed, self._period)
+        return VelocityBounds(braking, self._velocity, (previous - change, previous + change))
 
     def _braking_speed(self, room: Array) -> Array:
         """Return the speed from which a joint can still stop within `room` (2, n)."""

@@ -90,6 +90,7 @@ def _task_status(node_name: str, task: TaskReport, record: GoalRecord) -> Diagno
     values.append(_value('wanted speed', f'{task.wanted_speed:.6g}'))
     values.append(_value('achieved speed', f'{task.achieved_speed:.6g}'))
     values.append(_value('reason', task.reason))
+    values.append(_value('hint', task.hint))
     values.extend(_goal_values(record))
     message = task.status if not task.reason else f'{task.status}: {task.reason}'
     return DiagnosticStatus(name=f'{node_name}: {task.name}', hardware_id=node_name,

@@ -107,7 +107,8 @@ def test_robot_that_follows_late_comes_to_rest_too(calm, plant):
     ['inequalities.py', '--runs', '1', '--jobs', '2'], ['stacks.py', '--rounds', '1'],
     ['calm.py', '--goals', '4', '--rates', '20'], ['loss.py', '--states', '4', '--below', '2'],
     ['loss.py', '--states', '1', '--below', '1', '--cycles', '3'], ['forms.py'],
-    ['weights.py', '--states', '2', '--goals', '1']])
+    ['weights.py', '--states', '2', '--goals', '1'],
+    ['causes.py', '--states', '1']])
 def test_benchmark_runs_and_prints_a_table(command):
     name, *options = command
     done = subprocess.run([sys.executable, str(robots.REPOSITORY / 'benchmarks' / name), *options],

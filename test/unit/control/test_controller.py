@@ -425,7 +425,11 @@ def test_report_says_how_much_a_velocity_limit_slows_a_task_and_which(scaling):
     controller.update(READY, 0.0)
     controller.set_goal('m', [0.0, 0.0, -4.35, 0.0, 1.0, 0.0, 0.0], 0.0)
     task = report_of(controller, 'm')
-    assert task.reason == f'slowed to {100 * share:.0f} % by panda_joint3 at its velocity limit'
+    assert task.reason == 'panda_joint3 at its velocity limit'
+    assert task.hint == 'raise the velocity limit of panda_joint3, or give m a smaller gain'
+    cause, = task.causes
+    assert (cause.kind, cause.name) == ('velocity limit', 'panda_joint3')
+    assert cause.share == pytest.approx(1.0)
     assert task.status == 'held back'
     report = controller.update(READY, 0.0).report
     assert report.scale == pytest.approx(share)
@@ -452,7 +456,7 @@ def test_report_names_the_position_limit_that_stops_a_joint(position, wish, side
     controller.update(q, 0.0)
     controller.set_goal('m', [wish], 0.0)
     report = controller.update(q, 0.0).report
-    assert f'by turn at its {side} position limit' in report.tasks[0].reason
+    assert report.tasks[0].reason == f'turn at its {side} position limit'
     assert report.tasks[0].status == 'held back'
 
 
@@ -461,7 +465,8 @@ def test_report_says_that_higher_levels_left_no_room():
         '- a: {type: joint, joints: panda_joint1}\n'
         '- b: {type: joint, joints: [panda_joint1, panda_joint2], target: [0.5, 0.1]}\n')
     task = report_of(controller, 'b')
-    assert task.reason == '1 of 2 directions left by higher levels'
+    assert task.reason == 'blocked by a'
+    assert task.hint == 'exchange a and b, or give them goals that fit together'
     assert task.achieved_speed < task.wanted_speed
 
 
@@ -472,7 +477,10 @@ def test_report_says_that_the_robot_cannot_move_that_way():
     goal = controller.robot.state(robots.PLANAR_START).position('link3') + [0.0, 0.0, 0.1]
     controller.set_goal('tool', goal, 0.0)
     task = controller.update(robots.PLANAR_START, 0.0).report.tasks[0]
-    assert task.reason == '2 of 3 directions possible for the robot here'
+    assert task.reason == 'out of reach by 0.1 m'
+    assert task.hint == 'the goal is out of reach: choose another one'
+    assert [(cause.kind, cause.name) for cause in task.causes] == [('impossible', '')]
+    assert task.causes[0].share == pytest.approx(1.0)
     assert task.achieved_speed == pytest.approx(0.0, abs=1e-12)
 
 
@@ -484,7 +492,7 @@ def test_report_says_that_higher_levels_are_nearly_in_the_way():
         '- base: {type: joint, joints: joint1, target: [1.5]}\n', robots.planar(),
         Settings(reserve=0.0))
     task = controller.update([1.2, -1.18, 0.0], 0.0).report.tasks[1]
-    assert task.reason == 'in conflict with higher levels'
+    assert task.reason == 'blocked by tool; damped'
 
 
 def test_report_says_that_a_singularity_is_near():
@@ -493,8 +501,8 @@ def test_report_says_that_a_singularity_is_near():
     q = [0.3, 0.02, 0.02]
     controller.update(q, 0.0)
     controller.set_goal('tool', [0.2, 0.1, 0.0], 0.0)
-    assert 'near a singularity (smallest singular value 0.0' in controller.update(
-        q, 0.0).report.tasks[0].reason
+    task = controller.update(q, 0.0).report.tasks[0]
+    assert task.reason == 'near a singularity; joint3 at its velocity limit'
 
 
 def test_report_says_that_damping_costs_speed_elsewhere():
@@ -766,8 +774,7 @@ def test_speed_limit_of_zero_is_named_as_what_holds_the_robot():
     # The other joint does its part.
     assert command.velocity.tolist() == pytest.approx([0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert command.report.limiting == 'panda_joint3 at its velocity limit'
-    assert command.report.tasks[0].reason == \
-        'slowed to 50 % by panda_joint3 at its velocity limit'
+    assert command.report.tasks[0].reason == 'panda_joint3 at its velocity limit'
 
 
 def test_continuous_joint_that_is_given_limits_stays_within_them_on_the_long_way():

@@ -157,7 +157,8 @@ def test_a_goal_out_of_reach_stretches_the_arm_and_the_way_back_is_open(text, ac
     reach = np.linalg.norm(robot.state(loop.q).position(TOOL) - [0.0, 0.0, 0.333])
     assert reach > 0.84
     assert np.abs(loop.velocities[-1]).max() < 0.05
-    assert 'singularity' in loop.task('tool').reason or 'limit' in loop.task('tool').reason
+    assert any(words in loop.task('tool').reason
+               for words in ('singularity', 'limit', 'out of reach by'))
     send([0.45, 0.25, 0.45])
     assert loop.seconds_until_reached('tool', 10.0) < 7.0
     loop.check_limits(acceleration or np.inf)
@@ -255,7 +256,7 @@ def test_an_arm_that_cannot_move_towards_its_goal_is_nudged_three_times_and_then
     loop.run(0.8)
     assert loop.task('tip').reason.endswith('leaving a singularity')
     loop.run(20.0)
-    assert 'directions possible' in loop.task('tip').reason
+    assert loop.task('tip').reason == 'out of reach by 0.3 m'
     assert 'leaving' not in loop.task('tip').reason
     speeds = np.abs(np.array(loop.velocities)).max(axis=1)
     assert 0.005 < speeds.max() < 0.1
@@ -331,18 +332,19 @@ def test_a_new_goal_is_a_new_reason_to_nudge_an_arm():
         assert 'leaving' not in loop.task('tip').reason
 
 
-def test_the_report_names_the_three_limits_that_matter_most():
+def test_the_report_names_the_limits_that_matter_most_first():
     robot = robots.panda()
     loop = Loop(robot, '- turn: {type: joint_velocity, timeout: 9}\n', READY,
                 Settings(period=PERIOD, blend=0.0))
     loop.controller.set_goal('turn', robot.velocity + [0.8, 2.8, -1.0, 0.3, 6.4, -1.0, -1.0],
                              loop.now)
     loop.step()
-    assert loop.task('turn').reason.partition(' by ')[2] == ', '.join(
-        f'panda_joint{number} at its velocity limit' for number in (5, 2, 1))
+    # Without that of joint 1 less than 1 % of what is missing would come back.
+    assert loop.task('turn').reason == '; '.join(
+        f'panda_joint{number} at its velocity limit' for number in (5, 2))
 
 
-def test_the_report_tells_a_task_that_is_turned_aside_from_one_that_is_slowed():
+def test_the_report_names_the_limit_that_leads_a_task_astray():
     robot = robots.panda()
     q = READY.copy()
     q[0] = robot.upper[0] + 0.02
@@ -351,8 +353,7 @@ def test_the_report_tells_a_task_that_is_turned_aside_from_one_that_is_slowed():
     loop.controller.set_goal('turn', [0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0], loop.now)
     loop.step()
     # Joint 1 has to go back; joint 2 does all that is wanted of it.
-    assert loop.task('turn').reason == \
-        'turned aside by panda_joint1 at its upper position limit'
+    assert loop.task('turn').reason == 'panda_joint1 at its upper position limit'
 
 
 @pytest.mark.parametrize('reserve', [0.4, 1.0])

@@ -216,7 +216,7 @@ def test_stack_in_its_own_place_changes_nothing(replacement):
     still, replaced = (follow(change) for change in (
         lambda run: None, lambda run: put(run, replacement)))
     np.testing.assert_array_equal(still.velocities, replaced.velocities)
-    assert 'taking over' not in replaced.command.report.tasks[-1].reason
+    assert 'blended' not in replaced.command.report.tasks[-1].reason
 
 
 def test_stack_that_is_replaced_in_every_cycle_changes_nothing_either():
@@ -327,7 +327,7 @@ def test_the_report_says_that_a_change_is_still_going_on():
     run.update()
     tasks = {task.name: task for task in run.command.report.tasks}
     assert tasks['tool'].reason == ''
-    assert tasks['attitude'].reason == 'taking over from what was before a change'
+    assert tasks['attitude'].reason == 'a change is still being blended in'
     run.until(CHANGE + 0.45)
     assert {task.name: task for task in run.command.report.tasks}['attitude'].reason == ''
 

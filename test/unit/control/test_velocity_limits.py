@@ -259,30 +259,50 @@ def test_acceleration_is_kept_where_the_limits_contradict_each_other():
 
 # Names
 
-def test_limit_that_a_joint_is_at_is_named():
+def test_limit_that_sets_a_bound_is_named():
     limits = limits_of([-1.0] * 4, [1.0] * 4, [2.0] * 4, [100.0, 100.0, 100.0, 10.0], 0.01, 10.0)
     q, previous = np.array([0.0, 0.95, -0.95, 0.0]), np.array([2.0, 0.0, 0.0, 0.5])
     bounds = limits.at(q, previous, 0.01)
     assert bounds.upper == pytest.approx([2.0, 0.5, 1.0, 0.6])
     assert bounds.lower == pytest.approx([1.0, -1.0, -0.5, 0.4])
-    assert bounds.name(0, 2.0, True) == 'velocity limit'
-    assert bounds.name(0, 1.0, False) == 'acceleration limit'
-    assert bounds.name(1, 0.5, True) == 'upper position limit'
-    assert bounds.name(1, -1.0, False) == 'acceleration limit'
-    assert bounds.name(2, -0.5, False) == 'lower position limit'
-    assert bounds.name(2, 1.0, True) == 'acceleration limit'
-    assert bounds.name(3, 0.6, True) == 'acceleration limit'
-    assert bounds.name(3, 0.4, False) == 'acceleration limit'
-    for joint, up in ((0, True), (1, True), (3, True)):
-        assert bounds.name(joint, 0.3, up) == 'speed reserve for the first level'
-    assert bounds.name(2, -0.3, False) == 'speed reserve for the first level'
+    assert bounds.limits(0, True) == ['velocity limit']
+    assert bounds.limits(0, False) == ['acceleration limit']
+    assert bounds.limits(1, True) == ['upper position limit']
+    assert bounds.limits(1, False) == ['acceleration limit']
+    assert bounds.limits(2, False) == ['lower position limit']
+    assert bounds.limits(2, True) == ['acceleration limit']
+    assert bounds.limits(3, True) == ['acceleration limit']
+    assert bounds.limits(3, False) == ['acceleration limit']
 
 
 def test_limit_is_named_without_acceleration_limits_and_outside_the_range():
     limits = limits_of([-1.0] * 3, [1.0] * 3, [2.0] * 3, [math.inf] * 3, 0.01, 10.0)
     bounds = limits.at(np.array([0.95, 1.5, -1.5]), np.zeros(3), 0.01)
-    assert bounds.name(0, -2.0, False) == 'velocity limit'
-    assert bounds.name(0, 0.5, True) == 'upper position limit'
-    assert bounds.name(1, bounds.upper[1], True) == 'upper position limit'
-    assert bounds.name(2, bounds.lower[2], False) == 'lower position limit'
-    assert bounds.name(0, 0.3, True) == 'speed reserve for the first level'
+    assert bounds.limits(0, False) == ['velocity limit']
+    assert bounds.limits(0, True) == ['upper position limit']
+    assert bounds.limits(1, True) == ['upper position limit']
+    assert bounds.limits(2, False) == ['lower position limit']
+
+
+def test_limits_that_say_the_same_are_all_named():
+    # Braking leaves 10 /s times 0.2 rad, as much as the speed limit; the window of a joint that
+    # rests leaves 200 rad/s² for 10 ms.
+    limits = limits_of([-1.0], [1.0], [2.0], [200.0], 0.01, 10.0)
+    bounds = limits.at(np.array([0.8]), np.zeros(1), 0.01)
+    assert bounds.limits(0, True) == ['velocity limit', 'upper position limit',
+                                      'acceleration limit']
+
+
+@pytest.mark.parametrize('names, upper', [
+    ([], 0.5), (['velocity limit'], 0.5), (['upper position limit'], 1.0),
+    (['lower position limit'], 0.5), (['acceleration limit'], 0.5),
+    (['upper position limit', 'acceleration limit'], 2.0),
+    (['upper position limit', 'velocity limit', 'acceleration limit'], math.inf)])
+def test_bounds_without_a_limit_are_set_by_the_next_one(names, upper):
+    limits = limits_of([-1.0] * 2, [1.0] * 2, [2.0] * 2, [100.0] * 2, 0.01, 10.0)
+    bounds = limits.at(np.array([0.95, 0.95]), np.zeros(2), 0.01)
+    without = bounds.without(0, names)
+    assert without.upper == pytest.approx([upper, 0.5])
+    assert bounds.upper == pytest.approx([0.5, 0.5])
+    if 'acceleration limit' not in names:
+        assert without.lower == pytest.approx([-1.0, -1.0])

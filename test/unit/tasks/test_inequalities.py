@@ -685,7 +685,7 @@ def test_bounds_below_a_task_give_way_to_it_and_say_so():
     assert np.linalg.norm(states[-1].position(TOOL) - [0.5, 0.3, 0.4]) < 1e-3
     assert reports[-1].tasks[0].status == 'reached' and not reports[-1].tasks[0].reason
     guard = reports[-1].tasks[1]
-    assert guard.status == 'held back' and guard.reason == 'in conflict with higher levels'
+    assert guard.status == 'held back' and guard.reason == 'blocked by tool'
     assert guard.errors[0][0] == pytest.approx(0.1, abs=1e-3)
 
 

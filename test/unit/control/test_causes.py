@@ -1,0 +1,212 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Causes: those of states drawn at random, beside solving again without them, and by hand."""
+
+import importlib
+
+import numpy as np
+import pytest
+import robots
+from tp_controller import Controller, Robot, Settings, Stack
+
+NOW = Settings(blend=0.0, reserve=0.0, period=0.01)
+
+
+@pytest.fixture
+def sweep(monkeypatch):
+    """Return the module of the benchmark."""
+    monkeypatch.syspath_prepend(robots.REPOSITORY / 'benchmarks')
+    return importlib.import_module('causes')
+
+
+@pytest.mark.parametrize('case', ['Panda', 'Panda in a cell', 'UR5', 'Baxter', 'TIAGo on wheels'])
+def test_causes_are_what_brings_back_what_is_missing(sweep, case):
+    findings = sweep.Findings()
+    for number in range(4):
+        sweep.compare(case, number, findings)
+    assert findings.faults == []
+    assert findings.true >= 10 and findings.off < 1e-6
+
+
+def cartesian(limits=None):
+    """Return a robot whose three joints slide along x, y and z."""
+    axes = {'x': '1 0 0', 'y': '0 1 0', 'z': '0 0 1'}
+    links = ''.join(f'<link name="{name}"/>' for name in ('base', *axes))
+    joints = ''.join(
+        f'<joint name="slide_{name}" type="prismatic"><parent link="{parent}"/>'
+        f'<child link="{name}"/><axis xyz="{axis}"/>'
+        '<limit lower="-2" upper="2" velocity="1" effort="1"/></joint>'
+        for parent, (name, axis) in zip(('base', 'x', 'y'), axes.items()))
+    return Robot.from_urdf(f'<robot name="r">{links}{joints}</robot>', limits=limits)
+
+
+def first_report(robot, stack, q, settings=NOW, goals=()):
+    """Return the report of the first cycle as {task: TaskReport}."""
+    controller = Controller(robot, Stack.from_yaml(stack, robot), settings)
+    for name, goal in dict(goals).items():
+        controller.set_goal(name, goal, 0.0)
+    return {task.name: task for task in controller.update(q, 0.0).report.tasks}
+
+
+def kinds(task):
+    """Return (kind, name, share) of the causes of a task."""
+    return [(cause.kind, cause.name, pytest.approx(cause.share, abs=1e-9))
+            for cause in task.causes]
+
+
+def test_task_above_that_takes_the_direction_is_named():
+    tasks = first_report(cartesian(), """
+- left: {type: joint, joints: slide_x, target: [0.5]}
+- right: {type: joint, joints: slide_x, target: [-0.5]}
+""", [0.0, 0.0, 0.0])
+    assert tasks['left'].causes == () and tasks['left'].reason == tasks['left'].hint == ''
+    assert kinds(tasks['right']) == [('task', 'left', 1.0)]
+    assert tasks['right'].reason == 'blocked by left'
+    assert tasks['right'].hint == 'exchange left and right, or give them goals that fit together'
+
+
+def test_task_on_the_same_level_is_named_as_well():
+    tasks = first_report(cartesian(), """
+- - left: {type: joint, joints: slide_x, target: [0.5]}
+  - right: {type: joint, joints: slide_x, target: [-0.5]}
+""", [0.0, 0.0, 0.0])
+    assert kinds(tasks['left']) == [('task', 'right', 1.0)]
+    assert kinds(tasks['right']) == [('task', 'left', 1.0)]
+
+
+def test_two_tasks_that_each_suffice_hold_back_together_and_none_alone():
+    task = first_report(cartesian(), """
+- a: {type: joint, joints: slide_x, target: [0.0]}
+- b: {type: position, frame: z, axes: x}
+- c: {type: joint, joints: slide_x, target: [0.5]}
+""", [0.0, 0.0, 0.0])['c']
+    assert task.causes == ()
+    assert task.reason == 'blocked by a and b together'
+
+
+def test_limit_acts_through_the_task_above_that_it_limits():
+    # Joint x is too slow for the tool, which therefore takes all of the elbow's joint.
+    robot = robots.planar()
+    tasks = first_report(robot, """
+- tool: {type: position, frame: link3, axes: xy}
+- turn: {type: joint, joints: joint3, target: [2.0], gain: 0.3}
+""", robots.PLANAR_START, goals={'tool': np.array([0.5, 1.6, 0.0])})
+    named = {cause.name: cause.kind for cause in tasks['turn'].causes}
+    assert named.get('tool') == 'task'
+    assert 'velocity limit' in named.values()
+
+
+@pytest.mark.parametrize('scaling, shares', [
+    # Of (1, 0.5) that is missing, one half or the whole of the other part stays.
+    ('redistribute', {'slide_x': 1.0 - 0.5 / np.hypot(1.0, 0.5),
+                      'slide_y': 1.0 - 1.0 / np.hypot(1.0, 0.5)}),
+    # All are slowed to 1/2; without the limit of x, that of y lets 2/3 pass.
+    ('uniform', {'slide_x': 1.0 - (1.0 / 3.0) / 0.5})])
+def test_limits_are_named_with_the_share_that_each_costs(scaling, shares):
+    settings = Settings(blend=0.0, reserve=0.0, period=0.01, scaling=scaling)
+    task = first_report(cartesian(), '- tool: {type: position, frame: z}', [0.0, 0.0, 0.0],
+                        settings, {'tool': [2.0, 1.5, 0.1]})['tool']
+    assert kinds(task) == [('velocity limit', name, share) for name, share in shares.items()]
+
+
+def test_limits_that_say_the_same_are_one_cause():
+    # 0.1 m before its end braking leaves a joint its speed limit exactly.
+    task = first_report(cartesian(), '- tool: {type: position, frame: z}', [1.9, 0.0, 0.0],
+                        NOW, {'tool': [4.0, 0.0, 0.0]})['tool']
+    assert kinds(task) == [('velocity limit', 'slide_x', 1.0)]
+
+
+def test_reserve_is_a_cause_where_a_joint_is_kept_ready():
+    robot = cartesian({'slide_x': {'acceleration': 1000.0}})
+    tasks = first_report(robot, """
+- first: {type: joint, joints: slide_y, target: [0.1]}
+- second: {type: joint, joints: slide_x, target: [0.9]}
+""", [0.0, 0.0, 0.0], Settings(blend=0.0, reserve=0.4, period=0.01))
+    # As the first level itself it could have all of it.
+    assert kinds(tasks['second']) == [('reserve', 'slide_x', 1.0), ('task', 'first', 1.0)]
+    assert 'reserved' in tasks['second'].reason
+    assert tasks['second'].hint == 'lower the setting reserve'
+
+
+def test_acceleration_limit_is_a_cause_until_the_joint_is_fast():
+    robot = cartesian({'slide_x': {'acceleration': 10.0}})
+    task = first_report(robot, '- j: {type: joint, joints: slide_x, target: [0.9]}',
+                        [0.0, 0.0, 0.0])['j']
+    assert kinds(task) == [('acceleration limit', 'slide_x', 1.0)]
+    assert task.hint == 'wait, or raise the acceleration limit of slide_x'
+
+
+def test_bounds_of_a_task_are_named():
+    tasks = first_report(cartesian(), """
+- cell: {type: keep_in, frame: z, shape: {box: [1, 1, 1]}}
+- tool: {type: position, frame: z}
+""", [0.5, 0.0, 0.0], goals={'tool': [0.9, 0.0, 0.0]})
+    assert kinds(tasks['tool']) == [('bounds', 'cell', 1.0)]
+    assert tasks['tool'].reason == 'blocked by the bounds of cell'
+    assert tasks['cell'].causes == () and tasks['cell'].reason == ''
+
+
+def test_direction_that_the_robot_has_not_is_impossible_and_the_goal_out_of_reach():
+    robot = robots.planar()
+    x, y, _ = robot.state(robots.PLANAR_START).position('link3')
+    task = first_report(robot, '- tool: {type: position, frame: link3}', robots.PLANAR_START,
+                        goals={'tool': [x, y, 0.31]})['tool']
+    assert kinds(task) == [('impossible', '', 1.0)]
+    assert task.reason == 'out of reach by 0.31 m'
+    assert task.hint == 'the goal is out of reach: choose another one'
+
+
+def test_goal_beyond_the_reach_of_an_arm_is_out_of_reach_once_the_arm_rests():
+    robot, q = robots.panda(), np.array(robots.PANDA_READY)
+    controller = Controller(robot, Stack.from_yaml(
+        f'- tool: {{type: position, frame: {robots.PANDA_TOOL}, gain: 2.0}}', robot), NOW)
+    controller.set_goal('tool', [0.0, 0.0, 1.5], 0.0)
+    said = []
+    for cycle in range(2000):
+        command = controller.update(q, 0.01 * cycle)
+        q = q + 0.01 * command.velocity
+        if cycle % 50 == 0:
+            said.append(command.report.tasks[0].reason)
+    error = command.report.tasks[0].errors[0][0]
+    assert said[-1] == f'out of reach by {error:.2g} m'
+    assert 'out of reach' not in said[1]
+
+
+def test_change_that_fades_in_is_a_cause():
+    robot = cartesian()
+    controller = Controller(robot, Stack.from_yaml(
+        '- j: {type: joint, joints: slide_x}', robot), Settings(period=0.01, blend=0.4))
+    controller.update([0.0, 0.0, 0.0], 0.0)
+    controller.set_goal('j', [0.5], 0.0)
+    task, = controller.update([0.0, 0.0, 0.0], 0.01).report.tasks
+    assert kinds(task) == [('transition', '', 1.0)]
+    assert task.reason == 'a change is still being blended in'
+
+
+def test_damping_is_a_cause_and_so_is_the_singularity_that_it_is_for():
+    robot = robots.planar()
+    task = first_report(robot, '- tool: {type: position, frame: link3, axes: xy}',
+                        [0.0, 0.02, 0.0], goals={'tool': [1.3, 0.05, 0.0]})['tool']
+    assert {cause.kind for cause in task.causes} >= {'singularity'}
+    assert 'near a singularity' in task.reason
+
+
+def test_disabled_task_has_neither_cause_nor_reason():
+    robot = cartesian()
+    controller = Controller(robot, Stack.from_yaml(
+        '- j: {type: joint, joints: slide_x, target: [1.0]}', robot), NOW)
+    controller.enable('j', False)
+    task, = controller.update([0.0, 0.0, 0.0], 0.0).report.tasks
+    assert (task.causes, task.reason, task.hint, task.status) == ((), '', '', 'disabled')

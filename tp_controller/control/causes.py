@@ -1,0 +1,270 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What holds a task back: whatever brings back part of what is missing if it is taken away."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from tp_controller.control.cycle import Cycle, Outcome
+from tp_controller.control.velocity_limits import SAME
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.solver.damping import Damping
+from tp_controller.solver.level import Level, NEGLIGIBLE
+from tp_controller.tasks.stack import levels_of
+from tp_controller.tasks.task import Evaluation, norm
+
+# A part of the demand below this is rounding, not something that is missing.
+UNNOTICED = 1e-6
+# A task is held back where it misses more than this share of its demand, and a cause is one
+# where it brings back more than this share of that.
+NOTABLE = 0.01
+
+# A robot that is slower than this stands still [rad/s or m/s].
+STILL = 1e-3
+# Below this singular value a direction is singular, in the units of J.
+NEAR_SINGULAR = 0.1
+
+RESERVE, TASK, BOUNDS = 'reserve', 'task', 'bounds'
+SINGULARITY, IMPOSSIBLE, DAMPING, TRANSITION = (
+    'singularity', 'impossible', 'damping', 'transition')
+
+
+@dataclass(frozen=True)
+class Cause:
+    """
+    One thing that holds a task back.
+
+    Attributes
+    ----------
+    kind : str
+        ``velocity limit``, ``lower position limit``, ``upper position limit``,
+        ``acceleration limit`` or ``reserve`` of a joint; ``task`` or ``bounds``: another task
+        that takes the directions, or whose bounds are in the way; ``singularity``: a direction
+        that the robot can hardly move in here; ``impossible``: one that it cannot; ``damping``;
+        ``transition``: a change that still fades in.
+    name : str
+        The joint, or the task; else empty.
+    share : float
+        The part of what is missing that would come back if this cause alone were taken away, in
+        (0, 1].
+
+    """
+
+    kind: str
+    name: str
+    share: float
+
+
+class Causes:
+    """
+    Solves a cycle again, each time with one thing taken away.
+
+    Parameters
+    ----------
+    robot : Robot
+    evaluations : sequence of sequence of Evaluation
+        Of the tasks, level by level.
+    cycle : Cycle
+    outcome : Outcome
+        What it came to.
+
+    """
+
+    def __init__(self, robot: Robot, evaluations: Sequence[Sequence[Evaluation]], cycle: Cycle,
+                 outcome: Outcome) -> None:
+        self._robot, self._evaluations = robot, evaluations
+        self._cycle, self._outcome = cycle, outcome
+        self._places = {id(evaluation): index for index, group in enumerate(evaluations)
+                        for evaluation in group}
+        # Another task may ask for the same.
+        self._solved: dict[tuple[object, ...], Array] = {}
+
+    @property
+    def instead(self) -> str:
+        """Return why something else than the stack is carried out; mostly empty."""
+        return self._outcome.instead
+
+    def hold_back(self, evaluation: Evaluation) -> bool:
+        """Say whether a task misses more than next to nothing of its demand."""
+        level = evaluation.level
+        demand = 0.0 if level.v is None else norm(level.v)
+        return norm(missing_of(level, self._outcome.velocity)) > max(
+            UNNOTICED * evaluation.task.row_scale, NOTABLE * demand)
+
+    def at_rest(self, evaluation: Evaluation) -> bool:
+        """Say whether the robot stands still, and a task gets next to nothing of its demand."""
+        level, x = evaluation.level, self._outcome.velocity
+        return norm(x) <= STILL and norm(level.J.dot(x)) <= NOTABLE * norm(level.v)
+
+    def together(self, evaluation: Evaluation) -> list[str]:
+        """Return the names of the other tasks that hold one back together, where they do."""
+        index = self._places[id(evaluation)]
+        if not index:
+            return []
+        level, x = evaluation.level, self._outcome.velocity
+        alone = missing_of(level, self._cycle.solve([level]).velocity)
+        if norm(alone) > (1.0 - NOTABLE) * norm(missing_of(level, x)):
+            return []
+        return [other.task.name for group in self._evaluations[:index] for other in group]
+
+    def rows_in_the_way(self, evaluation: Evaluation, name: str) -> list[str]:
+        """Return which rows of a task with bounds are in the way of another one, by name."""
+        found: dict[str, None] = {}
+        index = self._places[id(evaluation)]
+        for level in self._outcome.commanded.levels[:index + 1]:
+            for number, multipliers in level.row_multipliers.items():
+                first = 0
+                for other in self._evaluations[number]:
+                    rows = multipliers[first:first + len(other.level.J)]
+                    first += len(rows)
+                    if other.task.name == name and other.row_names:
+                        found.update(
+                            (other.row_names[row], None) for row in np.flatnonzero(rows).tolist())
+        return list(found)
+
+    def of(self, evaluation: Evaluation) -> tuple[Cause, ...]:
+        """Return what holds back a task, the largest share first."""
+        if not self.hold_back(evaluation):
+            return ()
+        index, found = self._places[id(evaluation)], []
+        missing = missing_of(evaluation.level, self._outcome.velocity)
+        for kind, name, left in self._candidates(index, evaluation, missing):
+            share = 1.0 - norm(left) / norm(missing)
+            if share > NOTABLE:
+                found.append(Cause(kind, name, share))
+        return tuple(sorted(found, key=lambda cause: -cause.share))
+
+    def _candidates(self, index: int, evaluation: Evaluation,
+                    missing: Array) -> Iterator[tuple[str, str, Array]]:
+        """Yield (kind, name, what is still missing without it)."""
+        level = evaluation.level
+        for joint, up, reserved in self._pushed(index):
+            kind, x = self._without_limit(joint, up, reserved)
+            yield kind, self._robot.velocity_names[joint], missing_of(level, x)
+        for number, group in enumerate(self._evaluations[:index + 1]):
+            for other in group:
+                if other is not evaluation:
+                    yield (BOUNDS if other.task.bounded else TASK, other.task.name,
+                           missing_of(level, self._without_task(number, other)))
+        if self._outcome.instead == TRANSITION:
+            yield TRANSITION, '', missing_of(level, self._cycle.solve().velocity)
+        if self._is_damped(index):
+            yield DAMPING, '', missing_of(level, self._undamped)
+        yield from self._singular(index, evaluation, missing)
+
+    def _pushed(self, index: int) -> list[tuple[int, bool, bool]]:
+        """
+        Return the bounds of joints that a level, or one above it, pushes against.
+
+        As the joint, whether it is the upper bound, and whether it is that of the reserve.
+        """
+        found = {}
+        bounds = self._cycle.bounds
+        for level in self._outcome.commanded.levels[:index + 1]:
+            for joint in level.limited_by:
+                up = bool(level.multipliers[joint] > 0.0)
+                bound = (bounds.upper if up else bounds.lower)[joint]
+                reserved = bool(abs(level.limited_velocity[joint] - bound) > SAME)
+                found[joint, up, reserved] = True
+        solution = self._outcome.commanded
+        if solution.slowed < 1.0:
+            # Bounds of levels may have led more joints to their limits than the one that decides.
+            for up, bound in ((True, bounds.upper), (False, bounds.lower)):
+                for joint in np.flatnonzero(np.abs(solution.velocity - bound) <= SAME).tolist():
+                    found[joint, up, False] = True
+        return list(found)
+
+    def _without_limit(self, joint: int, up: bool, reserved: bool) -> tuple[str, Array]:
+        """Return what a bound of a joint is, and the velocities (n,) without that."""
+        cycle = self._cycle
+        limits = [RESERVE] if reserved else cycle.bounds.limits(joint, up)
+        key = (joint, *limits)
+        if key not in self._solved:
+            if reserved and cycle.speed_cap is not None:
+                cap = cycle.speed_cap.copy()
+                cap[joint] = np.inf
+                cycle = replace(cycle, speed_cap=cap)
+            else:
+                cycle = replace(cycle, bounds=cycle.bounds.without(joint, limits))
+            self._solved[key] = cycle.solve(self._outcome.commanded.hierarchy).velocity
+        # Limits that say the same are one: the first gives it the name.
+        return limits[0], self._solved[key]
+
+    def _without_task(self, number: int, evaluation: Evaluation) -> Array:
+        """Return the velocities (n,) without a task of a level."""
+        key = (evaluation.task.name,)
+        if key not in self._solved:
+            others = [each for each in self._evaluations[number] if each is not evaluation]
+            self._solved[key] = self._with(number, levels_of([others] if others else []))
+        return self._solved[key]
+
+    def _with(self, number: int, levels: list[Level]) -> Array:
+        """Return the velocities (n,) with other levels, one or none, in place of one."""
+        cycle, hierarchy = self._cycle, self._outcome.commanded.hierarchy
+        if number >= len(hierarchy) or hierarchy[number] is not cycle.levels[number]:
+            # While a change fades in it is not in force yet.
+            return self._outcome.velocity
+        remembered = dict(zip(map(id, cycle.levels), cycle.memory))
+        remembered.update({id(level): remembered.get(id(hierarchy[number]), 0.0)
+                           for level in levels})
+        changed = [*hierarchy[:number], *levels, *hierarchy[number + 1:]]
+        return replace(cycle, levels=changed, memory=tuple(
+            [remembered.get(id(level), 0.0) for level in changed])).solve().velocity
+
+    def _is_damped(self, index: int) -> bool:
+        """Say whether damping or release touches a level, or one above it."""
+        # Bounds of levels that cannot be met are damped, too.
+        return any(step.released is not None or step.directions is None and step.multipliers is
+                   not None or step.followed.min(initial=1.0) < 1.0 - NEGLIGIBLE
+                   for step in self._outcome.commanded.steps[:index + 1])
+
+    @cached_property
+    def _undamped(self) -> Array:
+        """Return the velocities (n,) without damping and release."""
+        cycle = self._cycle
+        options = replace(cycle.options, damping=Damping(
+            regularisation=cycle.options.damping.regularisation))
+        return replace(cycle, options=options, period=0.0, memory=()).solve(
+            self._outcome.commanded.hierarchy).velocity
+
+    def _singular(self, index: int, evaluation: Evaluation,
+                  missing: Array) -> Iterator[tuple[str, str, Array]]:
+        """Yield what is missing because the robot can hardly move, or not at all, that way."""
+        level = evaluation.level
+        if not level.J.size:
+            return
+        U, s, V_T = np.linalg.svd(level.J)
+        rank = int(np.count_nonzero(s > NEGLIGIBLE * norm(s)))
+        if rank < len(U):
+            nowhere = U[:, rank:]
+            yield IMPOSSIBLE, '', missing - nowhere.dot(nowhere.T.dot(missing))
+        weak = s[:rank] < NEAR_SINGULAR
+        if weak.any():
+            stronger = np.maximum(s[:rank], NEAR_SINGULAR)
+            J = (U[:, :rank] * stronger).dot(V_T[:rank])
+            other = Evaluation(evaluation.task, replace(level, J=J), evaluation.error)
+            group = [other if each is evaluation else each for each in self._evaluations[index]]
+            yield SINGULARITY, '', missing_of(other.level, self._with(index, levels_of([group])))
+
+
+def missing_of(level: Level, x: Array) -> Array:
+    """Return what is missing of the demand of a level, or to its bounds, at velocities x (n,)."""
+    achieved = level.J.dot(x)
+    if level.v is not None:
+        return level.v - achieved
+    return np.minimum(np.maximum(achieved, level.lower), level.upper) - achieved

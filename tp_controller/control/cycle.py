@@ -1,0 +1,98 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What one cycle solves, kept so that it can be solved again with one thing otherwise."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tp_controller.control.velocity_limits import VelocityBounds
+from tp_controller.model.spatial import Array
+from tp_controller.solver.damping import Memory
+from tp_controller.solver.level import Level
+from tp_controller.solver.solution import Solution
+from tp_controller.solver.solve import Options, solve_cycle
+
+
+@dataclass(frozen=True, eq=False)
+class Cycle:
+    """
+    What one cycle solves.
+
+    Attributes
+    ----------
+    levels : list of Level
+        Of the stack.
+    bounds : VelocityBounds
+    options : Options
+    period : float
+        How long the velocity will be held [s].
+    speed_cap : ndarray (n,) or None
+        See `tp_controller.solver.solve`.
+    memory : tuple of float
+        What the cycle before left to the levels.
+
+    """
+
+    levels: list[Level]
+    bounds: VelocityBounds
+    options: Options
+    period: float
+    speed_cap: Array | None
+    memory: Memory
+
+    def solve(self, levels: Sequence[Level] | None = None) -> Solution:
+        """Return what carries levels out; those of the stack by default."""
+        return self._solve(self.levels if levels is None else levels,
+                           self.bounds.lower, self.bounds.upper)
+
+    def aim(self) -> Solution:
+        """Return what carries the stack out without acceleration limits."""
+        return self._solve(self.levels, *self.bounds.settled)
+
+    def _solve(self, levels: Sequence[Level], lower: Array, upper: Array) -> Solution:
+        """Return what carries levels out within bounds on the velocities (n,)."""
+        # Levels that are not of the stack have nothing to remember.
+        memory = self.memory
+        if levels is not self.levels:
+            remembered = {id(level): h for level, h in zip(self.levels, memory)}
+            memory = tuple([remembered.get(id(level), 0.0) for level in levels])
+        return solve_cycle(list(levels), lower, upper, self.options, self.period,
+                           self.speed_cap, memory)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """
+    What a cycle came to.
+
+    Attributes
+    ----------
+    solution : Solution
+        Of the stack.
+    commanded : Solution
+        What is commanded: the same, unless another stack takes its place for a while.
+    instead : str
+        Why; empty where they are the same.
+
+    """
+
+    solution: Solution
+    commanded: Solution
+    instead: str = ''
+
+    @property
+    def velocity(self) -> Array:
+        """Return the commanded velocities (n,)."""
+        return self.commanded.velocity

@@ -1,0 +1,150 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Causes in words: the sentences that the report has for a task."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from tp_controller.control.causes import (
+    BOUNDS,
+    Cause,
+    Causes,
+    DAMPING,
+    IMPOSSIBLE,
+    RESERVE,
+    SINGULARITY,
+    TASK,
+    TRANSITION,
+)
+from tp_controller.control.velocity_limits import ACCELERATION, LOWER, UPPER, VELOCITY
+from tp_controller.tasks.bounded import out_of_reach, STILL
+from tp_controller.tasks.task import Evaluation
+
+# How many causes a sentence names.
+NAMED = 3
+# {kind: what it says, with the name of the joint or task}
+SENTENCES = {
+    VELOCITY: '{} at its velocity limit',
+    LOWER: '{} at its lower position limit',
+    UPPER: '{} at its upper position limit',
+    ACCELERATION: '{} at its acceleration limit',
+    RESERVE: '{} at the speed that is reserved for the first level',
+    TASK: 'blocked by {}',
+    BOUNDS: 'blocked by the bounds of {}',
+    SINGULARITY: 'near a singularity',
+    IMPOSSIBLE: 'the robot cannot move that way here',
+    DAMPING: 'damped',
+    TRANSITION: 'a change is still being blended in',
+}
+# {kind: what helps}; {own} is the task that is held back.
+HINTS = {
+    VELOCITY: 'raise the velocity limit of {name}, or give {own} a smaller gain',
+    LOWER: 'choose a goal, or an arm posture, farther from the lower position limit of {name}',
+    UPPER: 'choose a goal, or an arm posture, farther from the upper position limit of {name}',
+    ACCELERATION: 'wait, or raise the acceleration limit of {name}',
+    RESERVE: 'lower the setting reserve',
+    TASK: 'exchange {name} and {own}, or give them goals that fit together',
+    BOUNDS: 'choose a goal that the bounds of {name} allow',
+    SINGULARITY: 'lead the robot away from the singularity',
+    IMPOSSIBLE: 'leave out the axes that the robot cannot move here',
+    DAMPING: 'lower the setting damping',
+    TRANSITION: 'wait, or lower the setting blend',
+}
+ELSEWHERE = frozenset((SINGULARITY, IMPOSSIBLE, DAMPING))
+
+
+def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]],
+              found: Sequence[Cause], causes: Causes) -> str:
+    """
+    Return what holds a task back, in a sentence; empty where nothing does.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Of the task.
+    errors : sequence of (float, str, float)
+        Norm of the error, its unit and the tolerance, for each unit.
+    found : sequence of Cause
+        The largest share first.
+    causes : Causes
+        What found them.
+
+    """
+    sentences = [_stuck(evaluation)]
+    if causes.hold_back(evaluation):
+        if is_out_of_reach(evaluation, found, causes):
+            distance = ', '.join(f'{value:.2g} {unit}' for value, unit, tolerance in errors
+                                 if value > tolerance)
+            sentences.append(f'out of reach by {distance}')
+        else:
+            sentences.extend(_sentence(cause, evaluation, causes) for cause in found[:NAMED])
+            if not found:
+                sentences.append(_together(causes.together(evaluation)))
+        if causes.instead != TRANSITION:
+            sentences.append(causes.instead)
+    return '; '.join(filter(None, sentences))
+
+
+def hint_of(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> str:
+    """Return what would help a task that is held back; see `reason_of`."""
+    if is_out_of_reach(evaluation, found, causes):
+        return 'the goal is out of reach: choose another one'
+    if not found:
+        return ''
+    first = found[0]
+    return HINTS[first.kind].format(name=first.name, own=evaluation.task.name)
+
+
+def limit_text(kind: str, joint: str) -> str:
+    """Return which limit a joint is at."""
+    return SENTENCES[kind].format(joint)
+
+
+def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> bool:
+    """
+    Say whether nothing but the goal itself is in the way of a task.
+
+    Then its error does not shrink any more, and no limit, task or change keeps it from that.
+    """
+    return not evaluation.task.bounded and bool(evaluation.error.any()) and not causes.instead \
+        and all(cause.kind in ELSEWHERE for cause in found) and causes.at_rest(evaluation) \
+        and not causes.together(evaluation)
+
+
+def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
+    """Return one cause in words; what of it, where a task watches several things."""
+    rows = causes.rows_in_the_way(evaluation, cause.name) if cause.kind == BOUNDS else []
+    return SENTENCES[cause.kind].format(cause.name) + (f' ({", ".join(rows[:NAMED])})' if rows
+                                                       else '')
+
+
+def _together(names: Sequence[str]) -> str:
+    """Return what is in the way where nothing is alone."""
+    if not names:
+        return 'blocked by several causes together'
+    return f'blocked by {", ".join(names[:-1])} and {names[-1]} together'
+
+
+def _stuck(evaluation: Evaluation) -> str:
+    """Return what no joint can bring back to within its bounds, as text; mostly nothing."""
+    error, J, names = evaluation.error, evaluation.level.J, evaluation.row_names
+    if not evaluation.task.bounded or not error.any():
+        return ''
+    moved = np.sqrt((J * J).sum(axis=1))
+    still = np.flatnonzero((moved < STILL) & (out_of_reach(error, moved) > 0.0)).tolist()
+    if not still:
+        return ''
+    which = list(dict.fromkeys(names[row] for row in still))[:NAMED] if names else ['it']
+    return f'no joint brings {", ".join(which)} back'
