@@ -17,14 +17,17 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from tp_controller.control.cycle import Cycle, Outcome
+from tp_controller.control.escape import STILL
 from tp_controller.control.velocity_limits import SAME
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import Level, NEGLIGIBLE
+from tp_controller.solver.solution import LevelSolution
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation, norm
 
@@ -34,8 +37,6 @@ UNNOTICED = 1e-6
 # where it brings back more than this share of that.
 NOTABLE = 0.01
 
-# A robot that is slower than this stands still [rad/s or m/s].
-STILL = 1e-3
 # Below this singular value a direction is singular, in the units of J.
 NEAR_SINGULAR = 0.1
 
@@ -116,9 +117,11 @@ class Causes:
         index = self._places[id(evaluation)]
         if not index:
             return []
-        level, x = evaluation.level, self._outcome.velocity
-        alone = missing_of(level, self._cycle.solve([level]).velocity)
-        if norm(alone) > (1.0 - NOTABLE) * norm(missing_of(level, x)):
+        level, key = evaluation.level, (evaluation.task.name, 'alone')
+        if key not in self._solved:
+            self._solved[key] = self._cycle.solve([level]).velocity
+        alone = missing_of(level, self._solved[key])
+        if norm(alone) > (1.0 - NOTABLE) * norm(missing_of(level, self._outcome.velocity)):
             return []
         return [other.task.name for group in self._evaluations[:index] for other in group]
 
@@ -153,9 +156,10 @@ class Causes:
                     missing: Array) -> Iterator[tuple[str, str, Array]]:
         """Yield (kind, name, what is still missing without it)."""
         level = evaluation.level
-        for joint, up, reserved in self._pushed(index):
-            kind, x = self._without_limit(joint, up, reserved)
-            yield kind, self._robot.velocity_names[joint], missing_of(level, x)
+        for joint, *limits in self._pushed(index):
+            # Limits that say the same are one: the first gives it the name.
+            yield (limits[0], self._robot.velocity_names[joint],
+                   missing_of(level, self._without_limits(joint, limits)))
         for number, group in enumerate(self._evaluations[:index + 1]):
             for other in group:
                 if other is not evaluation:
@@ -167,43 +171,41 @@ class Causes:
             yield DAMPING, '', missing_of(level, self._undamped)
         yield from self._singular(index, evaluation, missing)
 
-    def _pushed(self, index: int) -> list[tuple[int, bool, bool]]:
-        """
-        Return the bounds of joints that a level, or one above it, pushes against.
-
-        As the joint, whether it is the upper bound, and whether it is that of the reserve.
-        """
-        found = {}
+    def limits_at(self, level: LevelSolution, joint: int) -> list[str]:
+        """Return what limits a joint that a level pushes against, most of the time one thing."""
+        up = bool(level.multipliers[joint] > 0.0)
         bounds = self._cycle.bounds
-        for level in self._outcome.commanded.levels[:index + 1]:
-            for joint in level.limited_by:
-                up = bool(level.multipliers[joint] > 0.0)
-                bound = (bounds.upper if up else bounds.lower)[joint]
-                reserved = bool(abs(level.limited_velocity[joint] - bound) > SAME)
-                found[joint, up, reserved] = True
-        solution = self._outcome.commanded
-        if solution.slowed < 1.0:
+        velocity = level.limited_velocity[joint]
+        # The reserve stops a joint before its own bound does.
+        if up and velocity < bounds.upper[joint] - SAME \
+                or not up and velocity > bounds.lower[joint] + SAME:
+            return [RESERVE]
+        return bounds.limits(joint, up)
+
+    def _pushed(self, index: int) -> list[tuple[Any, ...]]:
+        """Return (joint, *limits) for all that a level, or one above it, pushes against."""
+        commanded, bounds = self._outcome.commanded, self._cycle.bounds
+        found = {(joint, *self.limits_at(level, joint)): True
+                 for level in commanded.levels[:index + 1] for joint in level.limited_by}
+        if commanded.slowed < 1.0:
             # Bounds of levels may have led more joints to their limits than the one that decides.
             for up, bound in ((True, bounds.upper), (False, bounds.lower)):
-                for joint in np.flatnonzero(np.abs(solution.velocity - bound) <= SAME).tolist():
-                    found[joint, up, False] = True
+                for joint in np.flatnonzero(np.abs(commanded.velocity - bound) <= SAME).tolist():
+                    found[(joint, *bounds.limits(joint, up))] = True
         return list(found)
 
-    def _without_limit(self, joint: int, up: bool, reserved: bool) -> tuple[str, Array]:
-        """Return what a bound of a joint is, and the velocities (n,) without that."""
-        cycle = self._cycle
-        limits = [RESERVE] if reserved else cycle.bounds.limits(joint, up)
-        key = (joint, *limits)
+    def _without_limits(self, joint: int, limits: Sequence[str]) -> Array:
+        """Return the velocities (n,) without some limits of a joint."""
+        cycle, key = self._cycle, (joint, *limits)
         if key not in self._solved:
-            if reserved and cycle.speed_cap is not None:
+            if RESERVE in limits and cycle.speed_cap is not None:
                 cap = cycle.speed_cap.copy()
                 cap[joint] = np.inf
                 cycle = replace(cycle, speed_cap=cap)
             else:
                 cycle = replace(cycle, bounds=cycle.bounds.without(joint, limits))
             self._solved[key] = cycle.solve(self._outcome.commanded.hierarchy).velocity
-        # Limits that say the same are one: the first gives it the name.
-        return limits[0], self._solved[key]
+        return self._solved[key]
 
     def _without_task(self, number: int, evaluation: Evaluation) -> Array:
         """Return the velocities (n,) without a task of a level."""
@@ -219,12 +221,11 @@ class Causes:
         if number >= len(hierarchy) or hierarchy[number] is not cycle.levels[number]:
             # While a change fades in it is not in force yet.
             return self._outcome.velocity
-        remembered = dict(zip(map(id, cycle.levels), cycle.memory))
-        remembered.update({id(level): remembered.get(id(hierarchy[number]), 0.0)
-                           for level in levels})
-        changed = [*hierarchy[:number], *levels, *hierarchy[number + 1:]]
-        return replace(cycle, levels=changed, memory=tuple(
-            [remembered.get(id(level), 0.0) for level in changed])).solve().velocity
+        memory = list(cycle.memory)
+        memory[number:number + 1] *= len(levels)
+        other = replace(cycle, memory=tuple(memory), levels=[
+            *cycle.levels[:number], *levels, *cycle.levels[number + 1:]])
+        return other.solve([*hierarchy[:number], *levels, *hierarchy[number + 1:]]).velocity
 
     def _is_damped(self, index: int) -> bool:
         """Say whether damping or release touches a level, or one above it."""
@@ -265,6 +266,4 @@ class Causes:
 def missing_of(level: Level, x: Array) -> Array:
     """Return what is missing of the demand of a level, or to its bounds, at velocities x (n,)."""
     achieved = level.J.dot(x)
-    if level.v is not None:
-        return level.v - achieved
-    return np.minimum(np.maximum(achieved, level.lower), level.upper) - achieved
+    return level.demanded(achieved) - achieved

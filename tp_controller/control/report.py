@@ -17,7 +17,7 @@
 from collections.abc import Sequence
 from functools import cached_property
 
-from tp_controller.control.causes import Cause, Causes, missing_of, RESERVE
+from tp_controller.control.causes import Cause, Causes, missing_of
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.reasons import hint_of, limit_text, reason_of
 from tp_controller.model.robot import Robot
@@ -113,10 +113,15 @@ class Report:
         self._solution = outcome.solution.moved_to(outcome.velocity)
 
     @cached_property
+    def _causes(self) -> Causes:
+        """Return what finds out what holds tasks back."""
+        return Causes(self._robot, self._evaluations, self._cycle, self._outcome)
+
+    @cached_property
     def tasks(self) -> tuple[TaskReport, ...]:
         """Return a `TaskReport` for every task, in order of priority, the disabled ones last."""
-        causes = Causes(self._robot, self._evaluations, self._cycle, self._outcome)
-        reports = [TaskReport(evaluation.task, evaluation, number, self._outcome.velocity, causes)
+        reports = [TaskReport(evaluation.task, evaluation, number, self._outcome.velocity,
+                              self._causes)
                    for number, group in enumerate(self._evaluations, 1) for evaluation in group]
         return (*reports, *map(TaskReport, self._disabled))
 
@@ -137,5 +142,5 @@ class Report:
         if joint is None:
             return ''
         level = next(level for level in self._solution.levels if level.limited_by)
-        limits = self._cycle.bounds.limits(joint, bool(level.multipliers[joint] > 0.0))
-        return limit_text(limits[0] if limits else RESERVE, self._robot.velocity_names[joint])
+        return limit_text(self._causes.limits_at(level, joint)[0],
+                          self._robot.velocity_names[joint])

@@ -81,11 +81,15 @@ class VelocityBounds:
     def limits(self, joint: int, up: bool) -> list[str]:
         """Return the limits that set the upper, or lower, bound of a joint; mostly one."""
         bound = float(self.upper[joint] if up else -self.lower[joint])
-        speeds = {VELOCITY: self._velocity[joint],
-                  UPPER if up else LOWER: self._braking[0 if up else 1, joint]}
+        position = UPPER if up else LOWER
+        speeds = [(VELOCITY, self._velocity[joint]),
+                  (position, self._braking[0 if up else 1, joint])]
         if self._window is not None:
-            speeds[ACCELERATION] = self._window[1][joint] if up else -self._window[0][joint]
-        return [limit for limit, speed in speeds.items() if abs(float(speed) - bound) <= SAME]
+            # Where all that can be reached is too fast, it is the nearer end of that.
+            speeds += [(ACCELERATION, end[joint] if up else -end[joint]) for end in self._window]
+        found = {limit: True for limit, speed in speeds if abs(float(speed) - bound) <= SAME}
+        # What is left is the way back from outside of the range.
+        return list(found) or [position]
 
     def without(self, joint: int, limits: Sequence[str]) -> 'VelocityBounds':
         """Return the bounds as they would be without some limits of a joint."""

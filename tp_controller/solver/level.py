@@ -72,6 +72,12 @@ class Level:
         """Return the level that demands a velocity v (n,) of every joint."""
         return cls(identity(len(v)), v, mode, is_identity=True)
 
+    def demanded(self, achieved: Array) -> Array:
+        """Return v (m,), or what is within the bounds and nearest to what is achieved (m,)."""
+        if self.v is not None:
+            return self.v
+        return np.minimum(np.maximum(achieved, self.lower), self.upper)
+
     def meets(self, x: Array) -> bool:
         """Say whether velocities x (n,) are within the bounds."""
         return within(self.J.dot(x), self.lower, self.upper, FEASIBLE)

@@ -45,8 +45,7 @@ class LevelSolution:
         self._step = solution.steps[index]
         self._level = level = solution.hierarchy[index]
         self.achieved = level.J.dot(solution.velocity)
-        self.wanted = level.v if level.v is not None else np.minimum(
-            np.maximum(self.achieved, level.lower), level.upper)
+        self.wanted = level.demanded(self.achieved)
 
     @property
     def residual(self) -> Array:

@@ -140,6 +140,16 @@ def test_reserve_is_a_cause_where_a_joint_is_kept_ready():
     assert tasks['second'].hint == 'lower the setting reserve'
 
 
+def test_report_names_the_reserve_where_that_slows_the_command():
+    robot = cartesian({'slide_x': {'acceleration': 1000.0}})
+    controller = Controller(robot, Stack.from_yaml("""
+- first: {type: joint, joints: slide_y, target: [0.1]}
+- second: {type: joint, joints: slide_x, target: [0.9]}
+""", robot), Settings(blend=0.0, reserve=0.4, period=0.01))
+    report = controller.update([0.0, 0.0, 0.0], 0.0).report
+    assert report.limiting == 'slide_x at the speed that is reserved for the first level'
+
+
 def test_acceleration_limit_is_a_cause_until_the_joint_is_fast():
     robot = cartesian({'slide_x': {'acceleration': 10.0}})
     task = first_report(robot, '- j: {type: joint, joints: slide_x, target: [0.9]}',

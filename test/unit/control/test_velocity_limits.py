@@ -293,6 +293,17 @@ def test_limits_that_say_the_same_are_all_named():
                                       'acceleration limit']
 
 
+def test_bound_that_no_speed_alone_sets_has_a_name_as_well():
+    # Joint 1 is too fast to keep its limit: 1.9 rad/s is the least it can have. Joint 2 is far
+    # outside of its range, and has to come back.
+    limits = limits_of([-1.0] * 2, [1.0] * 2, [2.0] * 2, [10.0, math.inf], 0.01, 10.0)
+    bounds = limits.at(np.array([0.99, -9.0]), np.array([2.0, 0.0]), 0.01)
+    assert bounds.upper[0] == pytest.approx(1.9)
+    assert bounds.limits(0, True) == ['acceleration limit']
+    for up in (True, False):
+        assert bounds.limits(1, up)
+
+
 @pytest.mark.parametrize('names, upper', [
     ([], 0.5), (['velocity limit'], 0.5), (['upper position limit'], 1.0),
     (['lower position limit'], 0.5), (['acceleration limit'], 0.5),
