@@ -40,12 +40,11 @@ from tp_controller.solver.null_space import (
     null_space,
     remaining,
 )
-from tp_controller.solver.polytope import Polytope
+from tp_controller.solver.polytope import NONE, Polytope
 from tp_controller.solver.qp import nearest_point, regularised
 
 # λ and ε of rows with bounds, as a share of the row [1].
 ROW_DAMPING = 0.1
-NONE = np.zeros(0)
 
 
 class LevelStep(NamedTuple):
@@ -96,7 +95,8 @@ class BoundedHierarchy:
 
     def __init__(self, allowed: Polytope, damping: Damping) -> None:
         self.allowed, self._damping = allowed, damping
-        self.x = allowed.clip(np.zeros(len(allowed.lower)))
+        self._rest = np.zeros(len(allowed.lower))
+        self.x = allowed.clip(self._rest)
         self.Z = identity(len(self.x))
         # Levels with a demand so far; whether some of what they move was released.
         self._above: list[tuple[Level, Directions]] = []
@@ -111,29 +111,23 @@ class BoundedHierarchy:
         """Come as near to what a level demands as is allowed, damped by its c."""
         directions = decompose(level, self.Z if self._above else None, not self._released)
         gains = self.damping.gains(directions.s, c)
-        approach = self._keep_direction if level.mode == 'scale' else self._approach
-        multipliers = approach(level, directions, gains, c)
-        region = self._damping.release_region
-        self.Z = remaining(directions, region, self._damping.damping or region)
-        releasing = self.Z.shape[1] > directions.Q.shape[1] - directions.rank
-        self._released |= releasing
+        origin, missing = self._rest, level.v
+        if self._above:
+            origin, missing = self.x, missing - level.J.dot(self.x)
+        step = gains * missing.dot(directions.U)
+        if self._take(origin + directions.moving.dot(step)):
+            multipliers = NONE
+        elif level.mode == 'scale':
+            multipliers = self._keep_direction(level, directions, gains, c)
+        else:
+            multipliers = self._come_near(origin, directions.Q, step, directions.s, c)
         followed = directions.s * gains
         met = not len(multipliers) and directions.rank == len(level.v) \
             and (not len(followed) or followed[-1] > 1.0 - ROUNDING)
         bend = 0.0 if met else self._bend(level, directions, multipliers)
+        released = self._leave(directions)
         self._above.append((level, directions))
-        return LevelStep(self.x, directions, followed, self.Z if releasing else None,
-                         *self._apart(multipliers), bend)
-
-    def _approach(self, level: Level, directions: Directions, gains: Array, c: float) -> Array:
-        """Take the step of a level, or come as near to it as is allowed; return multipliers."""
-        origin, missing = self.x, level.v
-        if self._above:
-            missing = missing - level.J.dot(origin)
-        else:
-            origin = np.zeros(len(origin))
-        step = gains * missing.dot(directions.U)
-        return self._step(origin, directions.Q, step, directions.s, c)
+        return LevelStep(self.x, directions, followed, released, *self._apart(multipliers), bend)
 
     def _keep_direction(self, level: Level, directions: Directions, gains: Array,
                         c: float) -> Array:
@@ -152,20 +146,29 @@ class BoundedHierarchy:
         # One direction for the level, and all that do not move it.
         D = np.column_stack([Q[:, :len(s)].dot(way / length), Q[:, len(s):]])
         along = s * way / length
-        return self._step(self.x, D, np.array([length]), np.array([norm(along)]),
-                          c)
+        return self._step(self.x, D, np.array([length]), np.array([norm(along)]), c)
+
+    def _take(self, x: Array) -> bool:
+        """Move to x (n,) if that is allowed; say whether it was."""
+        fitting = self.allowed.fitting(x)
+        if fitting is None:
+            return False
+        self.x = fitting
+        return True
 
     def _step(self, origin: Array, Q: Array, step: Array, s: Array, c: float) -> Array:
         """Move x to `origin` + Q step (rank,), or as near to it as is allowed."""
-        rank = len(step)
-        wished = origin + Q[:, :rank].dot(step)
-        x = self.allowed.fitting(wished)
-        if x is not None:
-            self.x = x
+        if self._take(origin + Q[:, :len(step)].dot(step)):
             return NONE
+        return self._come_near(origin, Q, step, s, c)
+
+    def _come_near(self, origin: Array, Q: Array, step: Array, s: Array, c: float) -> Array:
+        """Move x as near to `origin` + Q step (rank,) as is allowed; return the multipliers."""
+        rank = len(step)
         target, stiffness = np.zeros(Q.shape[1]), np.full(Q.shape[1], c)
         target[:rank], stiffness[:rank] = step, np.maximum(s * s, c)
-        start = target + Q.T.dot(self.allowed.clip(wished) - wished)
+        demanded = origin + Q[:, :rank].dot(step)
+        start = target + Q.T.dot(self.allowed.clip(demanded) - demanded)
         return self._move(origin, Q, regularised(
             stiffness, target, *self.allowed.along(origin, Q),
             self.damping.regularisation ** 2, start))
@@ -187,6 +190,15 @@ class BoundedHierarchy:
         n = len(self.x)
         return multipliers[:n], multipliers[n:] / self.allowed.lengths
 
+    def _leave(self, directions: Directions) -> Array | None:
+        """Leave to the levels below what a level hardly moves; return what it relaxes of that."""
+        region = self._damping.release_region
+        self.Z = remaining(directions, region, self._damping.damping or region)
+        if self.Z.shape[1] == directions.Q.shape[1] - directions.rank:
+            return None
+        self._released = True
+        return self.Z
+
     # How what a level pushes against bends (h of `damping`)
 
     def _bend(self, level: Level, directions: Directions, multipliers: Array) -> float:
@@ -204,11 +216,11 @@ class BoundedHierarchy:
                 force -= self.allowed.rows.T.dot(multipliers[n:])
                 h += bend_of_rows(self.allowed.lengths, multipliers[n:])
         softest = (0.5 * self._damping.release_region) ** 2
-        for number, (above, its) in enumerate(reversed(self._above), 1):
+        for above, its in reversed(self._above):
             # What this one takes of the force, with the multipliers U mu, and what it leaves.
-            mu = its.s / (its.s * its.s + softest) * force.dot(its.Q[:, :its.rank])
+            mu = force.dot(its.moving) / (its.s + softest / its.s)
             h += bend(its.size, norm(mu))
-            if number < len(self._above):
+            if its is not self._above[0][1]:
                 force = force - its.U.dot(mu).dot(above.J)
         return h
 

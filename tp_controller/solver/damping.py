@@ -140,6 +140,8 @@ class Damping:
 
     def follow(self, h: float, now: float, period: float) -> float:
         """Return the h that the next cycle begins with: this one's, nearer to that of now."""
+        if h == now == 0.0:
+            return 0.0
         h = now + (h - now) * math.exp(-period / MEMORY)
         # What damps no direction that λ, or else μ, leaves alone is forgotten.
         least = self.singular_region if self.damping else self.regularisation

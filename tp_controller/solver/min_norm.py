@@ -55,11 +55,12 @@ def min_norm(levels: list[Level], n: int, damping: Damping, period: float,
     if len(levels) > 1:
         J = np.concatenate([level.J for level in levels])
         v = np.concatenate([level.v for level in levels])
-    factor = _factor(J, levels, damping, curved)
+    size = norm(J)
+    factor = _factor(J, size, levels, damping, curved)
     if factor is None:
         return None
     if closing is not None:
-        return _closed(J, v, factor, closing, damping.curvature(1.0, period))
+        return _closed(J, v, factor, closing, bend(size, damping.curvature(1.0, period)))
     if weights is None:
         return J.T.dot(dpotrs(factor, v)[0])
     return _weighted(J, v, factor, weights)
@@ -69,7 +70,7 @@ def _closed(J: Array, v: Array, factor: Array, closing: Array, curvature: float)
     """Return the velocity (n,) nearest to that of a closing level; None where that pushes hard."""
     z = dpotrs(factor, v - J.dot(closing))[0]
     # z are the multipliers of what the closing level pushes, which bends: too much for its step?
-    if curvature * bend(norm(J), norm(z)) > 1.0:
+    if curvature * norm(z) > 1.0:
         return None
     return closing + J.T.dot(z)
 
@@ -85,17 +86,17 @@ def _weighted(J: Array, v: Array, factor: Array, weights: Array) -> Array | None
     return x + J.T.dot(dpotrs(factor, v - J.dot(x))[0])
 
 
-def _factor(J: Array, levels: list[Level], damping: Damping,
+def _factor(J: Array, size: float, levels: list[Level], damping: Damping,
             curved: Sequence[float]) -> Array | None:
-    """Return the Cholesky factor of J Jᵀ; None where J is near a singularity."""
+    """Return the Cholesky factor of J Jᵀ, ‖J‖ = size; None where J is near a singularity."""
     factor, info = dpotrf(J.dot(J.T))
     if info != 0:
         return None
     inverse = dtrtri(factor)[0]
-    size = norm(inverse)
-    if not WELL_CONDITIONED * norm(J) * size <= 1.0:
+    largest = norm(inverse)
+    if not WELL_CONDITIONED * size * largest <= 1.0:
         return None
-    if damping.spares(1.0 / size, max(curved)) or _undamped(levels, inverse, damping, curved):
+    if damping.spares(1.0 / largest, max(curved)) or _undamped(levels, inverse, damping, curved):
         return factor
     return None
 

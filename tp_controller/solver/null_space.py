@@ -62,6 +62,11 @@ class Directions(NamedTuple):
         return len(self.s)
 
     @property
+    def moving(self) -> Array:
+        """Return the motions that belong to `U` (n, rank)."""
+        return self.Q[:, :len(self.s)]
+
+    @property
     def smallest(self) -> float:
         """Return the m-th singular value; 0 where there are fewer."""
         return float(self.s[-1]) if 0 < len(self.s) == len(self.U) else 0.0
@@ -80,12 +85,15 @@ def decompose(level: Level, Z: Array | None = None, orthonormal: bool = True) ->
                           size)
     if level.is_identity and orthonormal:
         return Directions(J_bar, np.ones(columns), J_bar, size)
-    U, s, V_T = _singular_values(J_bar)
+    U, s, V = _singular_values(J_bar)
     # Not measured by J Z itself: of a level that repeats the one above, J Z is rounding errors
     # only, and their inverse would be a velocity of 1e16.
     least = NEGLIGIBLE * size
     rank = len(s) if s[-1] > least else int(np.count_nonzero(s > least))
-    return Directions(U[:, :rank], s[:rank], V_T.T if Z is None else Z.dot(V_T.T), size)
+    if Z is not None:
+        # In the order of V, whose columns lie side by side.
+        V = Z if columns == 1 else V.T.dot(Z.T).T
+    return Directions(U[:, :rank], s[:rank], V, size)
 
 
 def remaining(directions: Directions, region: float = 0.0, damping: float = 0.0) -> Array:
@@ -117,13 +125,14 @@ def null_space(levels: list[Level], n: int) -> Array:
 
 
 def _singular_values(J_bar: Array) -> tuple[Array, Array, Array]:
-    """Return U, s and Vᵀ; U at least as wide as s is long."""
+    """Return U, s and V; U at least as wide as s is long."""
     if J_bar.shape[1] == 1:
         size = norm(J_bar)
-        U, s, V_T = J_bar / (size or 1.0), np.array([size]), identity(1)
+        U_T, s, V = J_bar.T / (size or 1.0), np.array([size]), identity(1)
         failed = not math.isfinite(size)
     else:
-        U, s, V_T, failed = lapack.dgesdd(J_bar)
+        # Transposed, what is stored row by row needs no copy.
+        V, s, U_T, failed = lapack.dgesdd(J_bar.T)
     if failed:
         raise SolverError('the levels hold numbers that are not finite')
-    return U, s, V_T
+    return U_T.T, s, V

@@ -15,7 +15,9 @@
 """The velocities that are allowed: bounds on the joints, and rows of levels with bounds."""
 
 import numpy as np
-from tp_controller.solver.level import Array, FEASIBLE, norm, ROUNDING, within
+from tp_controller.solver.level import Array, FEASIBLE, identity, norm, ROUNDING, within
+
+NONE = np.zeros(0)
 
 
 class Polytope:
@@ -35,8 +37,8 @@ class Polytope:
 
     def __init__(self, lower: Array, upper: Array) -> None:
         self.lower, self.upper = lower, upper
-        self.rows = np.zeros((0, len(lower)))
-        self.row_lower = self.row_upper = self.lengths = np.zeros(0)
+        self.rows, self.lengths = identity(len(lower))[:0], NONE
+        self.row_lower = self.row_upper = NONE
 
     def clip(self, x: Array) -> Array:
         """Return x (n,) within the bounds on the joints."""
@@ -45,7 +47,8 @@ class Polytope:
     def fitting(self, x: Array) -> Array | None:
         """Return x (n,) without what rounding put beyond its bounds; None if it is farther off."""
         clipped = self.clip(x)
-        if norm(clipped - x) > ROUNDING * norm(x):
+        excess = norm(clipped - x)
+        if excess and excess > ROUNDING * norm(x):
             return None
         if len(self.rows) and not within(self.rows.dot(clipped), self.row_lower, self.row_upper,
                                          FEASIBLE):
