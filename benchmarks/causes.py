@@ -21,7 +21,7 @@ Every limit of every joint and every task above is taken away in turn, by a robo
 limit and a stack without the task, and what comes back of what a task misses is the true share.
 *Found* are the true causes that are named, *right* the named ones that are true, a true cause
 being one that brings back more than 1 %; *off* is the largest difference between the shares. The
-times are those of `TaskReport.causes` for all tasks of a cycle in which one is held back.
+times are those of `TaskReport.causes` for all tasks of a cycle in which one is limited.
 """
 
 import argparse

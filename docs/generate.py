@@ -106,8 +106,8 @@ STATUS = {
     'limiting': 'joint and limit most in the way of the uppermost task that is limited',
     'type': 'type of the task',
     'level': 'level in the stack, 1 is the highest; `disabled` for a task that is left out',
-    'status': '`reached`, `kept` (bounds), `moving`, `held back`, `disabled` or `on hold` (zeros '
-              'are commanded)',
+    'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `disabled` or `stopped` '
+              '(zeros are commanded)',
     'error [m]': 'norm of the error, or how far outside of its bounds; one key for each unit: '
                  '`[m]`, `[rad]`, `[1]` for ratios, for velocity tasks `[m/s]`, `[rad/s]`',
     'tolerance [m]': 'error below which the goal counts as reached; one key for each unit',

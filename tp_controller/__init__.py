@@ -36,14 +36,13 @@ from tp_controller.errors import (
     TpControllerError,
 )
 from tp_controller.model.robot import Robot, RobotState
-from tp_controller.model.simulator import Imperfections, KinematicSimulator
+from tp_controller.model.simulator import KinematicSimulator, SimulatorNoise
 from tp_controller.solver.level import Level
 from tp_controller.solver.solution import LevelSolution, Solution
 from tp_controller.solver.solve import solve
 from tp_controller.tasks.stack import Stack
 
 __all__ = [
-    'Command', 'Controller', 'GoalError', 'Imperfections', 'KinematicSimulator', 'Level',
-    'LevelSolution', 'Robot', 'RobotError', 'RobotState', 'Settings', 'SettingsError', 'Solution',
-    'SolverError', 'Stack', 'StackError', 'TaskError', 'TimeError', 'TpControllerError',
-    'solve']
+    'Command', 'Controller', 'GoalError', 'KinematicSimulator', 'Level', 'LevelSolution', 'Robot',
+    'RobotError', 'RobotState', 'Settings', 'SettingsError', 'SimulatorNoise', 'Solution',
+    'SolverError', 'Stack', 'StackError', 'TaskError', 'TimeError', 'TpControllerError', 'solve']

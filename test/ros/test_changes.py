@@ -84,7 +84,7 @@ def test_stop_latches_until_start(any_harness):
     any_harness.publisher(JointState, '/tp_controller/swing/goal').publish(
         JointState(name=['joint1'], position=[-0.5]))
     rig.spin_until(lambda: rig.status.task('swing')['goals accepted'] == '1')
-    assert rig.status.task('swing')['status'] == 'on hold'
+    assert rig.status.task('swing')['status'] == 'stopped'
     assert rig.commands[-1] == ZEROS
     assert any_harness.trigger('start').success
     rig.spin_until_command([-0.5, *VELOCITY[1:]])

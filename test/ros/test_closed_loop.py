@@ -111,5 +111,5 @@ def test_goals_that_change_all_the_time_never_make_a_command_beyond_a_limit(harn
 def test_a_goal_out_of_reach_is_approached_and_said_so(harness):
     loop = Loop(harness, 10.0)
     loop.send(xyz=(2.0, 0.0, 0.5), quat_xyzw=GOAL['quat_xyzw'])
-    harness.spin_until(lambda: loop.status.task('tool')['status'] == 'held back')
+    harness.spin_until(lambda: loop.status.task('tool')['status'] == 'limited')
     harness.spin_until(lambda: loop.position()[0] > 0.6)

@@ -28,14 +28,14 @@ from tp_controller.nodes.client import make_message
 
 STACK = f"""
 - place: {{type: position, frame: {PANDA_TOOL}, gain: 2.0}}
-- attitude: {{type: orientation, frame: {PANDA_TOOL}, gain: 3.0}}
+- orientation: {{type: orientation, frame: {PANDA_TOOL}, gain: 3.0}}
 - tool: {{type: pose, frame: {PANDA_TOOL}, gain: [1, 2, 3, 4, 5, 6]}}
 - seen: {{type: position, frame: {PANDA_TOOL}, reference: panda_link4}}
 - joints: {{type: joint, joints: [panda_joint6, panda_joint2], timeout: 0.05}}
 - swing: {{type: joint_velocity, joints: [panda_joint7, panda_joint1], timeout: 0.05}}
 - carry: {{type: twist, frame: {PANDA_TOOL}, timeout: 0.05}}
 """
-TASKS = ('place', 'attitude', 'tool', 'seen', 'joints', 'swing', 'carry')
+TASKS = ('place', 'orientation', 'tool', 'seen', 'joints', 'swing', 'carry')
 ROTATION = rotation_from_rpy(0.3, -0.2, 0.5)
 QUAT_XYZW = quaternion_from_rotation(ROTATION).tolist()
 
@@ -93,7 +93,7 @@ def test_a_point_goes_to_the_position_task(any_harness):
 
 
 def test_a_quaternion_goes_to_the_orientation_task(harness):
-    rig = Rig(harness, 'attitude')
+    rig = Rig(harness, 'orientation')
     quat_xyzw = quaternion_from_rotation(
         rotation_from_rpy(0.0, 0.0, 0.1).dot(rig.state.rotation(PANDA_TOOL)))
     assert rig.send(make_message('', QuaternionStamped, {'quat_xyzw': quat_xyzw})) is None
@@ -205,8 +205,8 @@ def test_a_pose_in_a_frame_of_the_robot_is_where_that_frame_is_now(harness):
         atol=1e-9)
 
 
-def test_an_attitude_in_a_frame_of_the_robot_is_turned_with_it(harness):
-    rig = Rig(harness, 'attitude')
+def test_an_orientation_in_a_frame_of_the_robot_is_turned_with_it(harness):
+    rig = Rig(harness, 'orientation')
     assert rig.send(make_message('', QuaternionStamped, {'quat_xyzw': (0.0, 0.0, 0.6, 0.8)}),
                     PANDA_TOOL) is None
     axis, angle = rig.state.rotation(PANDA_TOOL)[:, 2], 2.0 * np.arctan2(0.6, 0.8)
@@ -321,8 +321,8 @@ BAD = [
     ('place', PointStamped, {'xyz': (0.4, NAN, 0.4)}, 'must be finite'),
     ('place', PointStamped, {'xyz': (INF, 0.0, 0.4)}, 'must be finite'),
     ('place', PointStamped, {'xyz': (1e300, 0.0, 0.4)}, 'at most 1e+06'),
-    ('attitude', QuaternionStamped, {'quat_xyzw': (0.0, 0.0, 0.0, 0.0)}, 'has norm 1'),
-    ('attitude', QuaternionStamped, {'quat_xyzw': (NAN, 0.0, 0.0, 1.0)}, 'must be finite'),
+    ('orientation', QuaternionStamped, {'quat_xyzw': (0.0, 0.0, 0.0, 0.0)}, 'has norm 1'),
+    ('orientation', QuaternionStamped, {'quat_xyzw': (NAN, 0.0, 0.0, 1.0)}, 'must be finite'),
     ('tool', PoseStamped, {'xyz': (0.4, 0.0, 0.4), 'quat_xyzw': (0.0, 0.0, 0.0, 0.0)},
      'has norm 1'),
     ('tool', PoseStamped, {'xyz': (0.4, NAN, 0.4), 'quat_xyzw': (0.0, 0.0, 0.0, 1.0)},

@@ -37,7 +37,7 @@ JOINTS = ('torso_lift', *(f'arm_{number}' for number in range(1, 8)))
 START = '{torso_lift: 0.15, arm_1: 0.3, arm_2: 0.5, arm_4: 1.2, arm_6: -0.6, base_x: 2.0, ' \
     'base_yaw: 2.0}'
 TOOL = '- tool: {type: pose, frame: tool, gain: 2.0}'
-# Both parts move from the first cycle on, the base by its own axes whatever its attitude.
+# Both parts move from the first cycle on, the base by its own axes whatever its orientation.
 MOVING = """
 - drive: {type: base_pose}
 - swing: {type: joint, joints: arm_1, target: [1.0]}

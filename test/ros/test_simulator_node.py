@@ -180,7 +180,7 @@ def test_reset_brings_the_robot_back_at_rest_while_time_goes_on(any_harness):
     assert times == sorted(times)
 
 
-def test_imperfections_are_passed_on(harness):
+def test_noise_are_passed_on(harness):
     harness.simulator(noise=0.01, seed=7)
     states = states_of(harness)
     harness.spin_for_more(states, 5)

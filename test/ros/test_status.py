@@ -73,15 +73,15 @@ def test_a_task_reports_its_error_with_unit_and_what_holds_it_back(harness):
     assert float(task['tolerance [m]']) == 1e-3
     # The gain is 2/s.
     assert float(task['wanted speed']) == pytest.approx(0.1, abs=1e-6)
-    assert task['type'] == 'position' and task['status'] in ('moving', 'held back')
+    assert task['type'] == 'position' and task['status'] in ('moving', 'limited')
     rest = rig.status.task('rest')
-    assert rest['status'] == 'held back'
+    assert rest['status'] == 'limited'
     assert rest['reason'] == 'blocked by turn'
     assert rest['hint'] == 'exchange turn and rest, or give them goals that fit together'
     levels = {status.name: status.level for status in rig.status.messages[-1].status}
     assert levels['tp_controller: rest'] == WARN
     texts = {status.name: status.message for status in rig.status.messages[-1].status}
-    assert texts['tp_controller: rest'] == 'held back: blocked by turn'
+    assert texts['tp_controller: rest'] == 'limited: blocked by turn'
 
 
 def test_the_limit_that_slows_the_robot_is_named(harness):
@@ -107,7 +107,7 @@ def test_while_on_hold_the_reason_stands_in_place_of_old_errors(harness):
     message = rig.status.messages[-1]
     assert [status.level for status in message.status] == [WARN] * 5
     assert rig.status.task('tip') == {
-        'status': 'on hold', 'goals accepted': '0', 'goals refused': '0', 'last refusal': ''}
+        'status': 'stopped', 'goals accepted': '0', 'goals refused': '0', 'last refusal': ''}
 
 
 def test_every_node_speaks_under_its_own_full_name(harness):

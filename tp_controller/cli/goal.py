@@ -37,9 +37,9 @@ def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
                         help='position [m], or direction')
     turn = parser.add_mutually_exclusive_group()
     turn.add_argument('--rpy', nargs=3, type=_finite, metavar=('R', 'P', 'Y'),
-                      help='attitude as roll, pitch, yaw [rad]')
+                      help='orientation as roll, pitch, yaw [rad]')
     turn.add_argument('--quat', nargs=4, type=_finite, metavar=('X', 'Y', 'Z', 'W'),
-                      help='attitude as a quaternion')
+                      help='orientation as a quaternion')
     parser.add_argument('--joint', action='append', type=_assignment, metavar='NAME=VALUE',
                         help='joint position [rad or m]; once for each joint')
     parser.add_argument('--velocity', action='append', type=_assignment, metavar='NAME=VALUE',
@@ -120,7 +120,7 @@ def _repeat(client: 'Client', duration: float) -> None:
 def _reach(client: 'Client', options: argparse.Namespace) -> bool:
     """Wait for the goal, and say what became of it."""
     reached = client.wait(
-        lambda: client.task_status(options.task).get('status') in ('reached', 'kept'),
+        lambda: client.task_status(options.task).get('status') in ('reached', 'satisfied'),
         options.reach)
     status = client.task_status(options.task)
     if client.hold():

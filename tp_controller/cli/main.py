@@ -90,7 +90,7 @@ def make_parser() -> argparse.ArgumentParser:
     goal = commands.add_parser(
         'goal', help='send a goal to a task of a running controller', epilog=GOAL_EXAMPLES,
         description='Send a goal to a task of a running controller. What the task takes decides '
-        'the message: a point needs --xyz, an attitude --rpy or --quat, a pose both.',
+        'the message: a point needs --xyz, an orientation --rpy or --quat, a pose both.',
         formatter_class=argparse.RawDescriptionHelpFormatter)
     add_goal_arguments(goal)
     goal.set_defaults(run=send_goal)

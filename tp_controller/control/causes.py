@@ -33,7 +33,7 @@ from tp_controller.tasks.task import Evaluation, norm
 
 # A part of the demand below this is rounding, not something that is missing.
 UNNOTICED = 1e-6
-# A task is held back where it misses more than this share of its demand, and a cause is one
+# A task is limited where it misses more than this share of its demand, and a cause is one
 # where it brings back more than this share of that.
 NOTABLE = 0.01
 

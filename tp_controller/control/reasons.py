@@ -48,7 +48,7 @@ SENTENCES = {
     DAMPING: 'damped',
     TRANSITION: 'a change is still being blended in',
 }
-# {kind: what helps}; {own} is the task that is held back.
+# {kind: what helps}; {own} is the task that is limited.
 HINTS = {
     VELOCITY: 'raise the velocity limit of {name}, or give {own} a smaller gain',
     LOWER: 'choose a goal, or an arm posture, farther from the lower position limit of {name}',
@@ -98,7 +98,7 @@ def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]]
 
 
 def hint_of(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> str:
-    """Return what would help a task that is held back; see `reason_of`."""
+    """Return what would help a task that is limited; see `reason_of`."""
     if is_out_of_reach(evaluation, found, causes):
         return 'the goal is out of reach: choose another one'
     if not found:

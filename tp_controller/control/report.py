@@ -83,12 +83,12 @@ class TaskReport:
 
     @property
     def status(self) -> str:
-        """Return ``disabled``, ``reached``, ``kept`` (bounds), ``moving`` or ``held back``."""
+        """Return ``disabled``, ``reached``, ``satisfied`` (bounds), ``moving`` or ``limited``."""
         if self.level is None:
             return 'disabled'
         if self.reached:
-            return 'kept' if self.bounded else 'reached'
-        return 'held back' if self.reason else 'moving'
+            return 'satisfied' if self.bounded else 'reached'
+        return 'limited' if self.reason else 'moving'
 
 
 class Report:

@@ -55,7 +55,7 @@ REPEAT_SECONDS = 0.1
 # Errors in units that suit their size.
 SHOWN = {'m': '{:8.2f} mm', 'rad': '{:6.2f}°', 'm/s': '{:8.2f} mm/s'}
 FACTORS = {'m': 1e3, 'rad': np.degrees(1.0), 'm/s': 1e3}
-DONE = ('reached', 'kept')
+DONE = ('reached', 'satisfied')
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ class Base:
         return q
 
     def coordinates(self, R: Array, p: Array) -> list[float]:
-        """Return the coordinates of an attitude (3, 3) and a position (3,) in the world."""
+        """Return the coordinates of an orientation (3, 3) and a position (3,) in the world."""
         return []
 
     def placement(self, q: Array) -> Array:

@@ -29,7 +29,7 @@ from tp_controller.resources import load_yaml, read_source
 
 
 @dataclass(frozen=True)
-class Imperfections:
+class SimulatorNoise:
     """
     What makes the simulated robot less than ideal; nothing does by default.
 
@@ -90,7 +90,7 @@ class KinematicSimulator:
         Initial configuration [rad or m]; as near to zero as the limits allow by default.
     timeout : float
         [s]
-    imperfections : Imperfections, optional
+    noise : SimulatorNoise, optional
 
     Attributes
     ----------
@@ -109,14 +109,14 @@ class KinematicSimulator:
     """
 
     def __init__(self, robot: Robot, q: ArrayLike | None = None, timeout: float = 0.1,
-                 imperfections: Imperfections | None = None) -> None:
+                 noise: SimulatorNoise | None = None) -> None:
         if not 0.0 < timeout < math.inf:
             raise SettingsError([f'timeout must be positive and finite, not {timeout!r}'])
         self.robot = robot
-        self.imperfections = imperfections or Imperfections()
+        self.noise = noise or SimulatorNoise()
         self.timeout = timeout
         self._initial = robot.state(robot.neutral() if q is None else q).q.copy()
-        self._random = np.random.default_rng(self.imperfections.seed)
+        self._random = np.random.default_rng(self.noise.seed)
         self.reset()
 
     def reset(self, now: float = 0.0) -> None:
@@ -143,7 +143,7 @@ class KinematicSimulator:
         Returns
         -------
         bool
-            False where the command was lost, see `Imperfections`, or was not finite: a drive
+            False where the command was lost, see `SimulatorNoise`, or was not finite: a drive
             does not act on such a command.
 
         Raises
@@ -159,7 +159,7 @@ class KinematicSimulator:
         if self._lost() or not np.isfinite(wanted[columns]).all():
             return False
         clipped = np.clip(wanted, -self.robot.velocity, self.robot.velocity)
-        self._on_the_way.append((self.now + self.imperfections.delay, columns, clipped))
+        self._on_the_way.append((self.now + self.noise.delay, columns, clipped))
         return True
 
     def step(self, dt: float) -> None:
@@ -194,19 +194,19 @@ class KinematicSimulator:
         if self._lost():
             return None
         q = self.q.copy()
-        if self.imperfections.noise > 0.0:
-            # On the way a velocity would take, so that an attitude stays one.
-            error = self.imperfections.noise * self._random.standard_normal(self.robot.n)
+        if self.noise.noise > 0.0:
+            # On the way a velocity would take, so that an orientation stays one.
+            error = self.noise.noise * self._random.standard_normal(self.robot.n)
             q = self.robot.integrate(q, error, 1.0)
         return q, self.velocity.copy()
 
     def _lost(self) -> bool:
         """Draw whether a message gets lost."""
-        return self.imperfections.drop > 0.0 and self._random.random() < self.imperfections.drop
+        return self.noise.drop > 0.0 and self._random.random() < self.noise.drop
 
     def _move(self, dt: float) -> None:
         """Move for `dt` seconds with the command in force."""
-        lag = self.imperfections.lag
+        lag = self.noise.lag
         if lag > 0.0:
             # Exact for a first-order drive: the mean velocity over dt, then the one at its end.
             decay = math.exp(-dt / lag)

@@ -33,7 +33,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tp_controller.errors import RobotError
-from tp_controller.model.simulator import Imperfections, initial_positions, KinematicSimulator
+from tp_controller.model.simulator import initial_positions, KinematicSimulator, SimulatorNoise
 from tp_controller.nodes.base_topics import fill_odometry, twist_of
 from tp_controller.nodes.parameters import declare, ROBOT, robot_from, Spec, STRINGS, warn_unknown
 from tp_controller.nodes.runner import ClosableNode, run
@@ -80,7 +80,7 @@ class SimulatorNode(ClosableNode):
             # The timeout protects against a dead controller, so it runs on the wall clock,
             # whatever the speed of the simulation.
             values['command_timeout'] * self._speed,
-            Imperfections(values['noise'], values['delay'], values['lag'], values['drop'],
+            SimulatorNoise(values['noise'], values['delay'], values['lag'], values['drop'],
                           values['seed']))
         names = self._check_names(values['command_joints'] or self._robot.joint_names)
         self._commanded = np.array([self._robot.joint_index(name) for name in names],

@@ -27,8 +27,8 @@ from tp_controller.nodes.task_topics import GoalRecord
 from visualization_msgs.msg import Marker, MarkerArray
 
 ARROW = (0.08, 0.008)
-LEVELS = {**dict.fromkeys(('reached', 'kept', 'moving', 'disabled'), DiagnosticStatus.OK),
-          'held back': DiagnosticStatus.WARN}
+LEVELS = {**dict.fromkeys(('reached', 'satisfied', 'moving', 'disabled'), DiagnosticStatus.OK),
+          'limited': DiagnosticStatus.WARN}
 COLOURS = ((0.9, 0.1, 0.1), (0.1, 0.7, 0.1), (0.2, 0.3, 0.95))
 
 
@@ -64,8 +64,8 @@ def diagnostics(stamp: Time, node_name: str, hold: str, report: Report | None,
     if report is None or hold:
         array.status.extend(
             DiagnosticStatus(name=f'{node_name}: {name}', hardware_id=node_name,
-                             level=DiagnosticStatus.WARN, message='on hold',
-                             values=[_value('status', 'on hold'), *_goal_values(record)])
+                             level=DiagnosticStatus.WARN, message='stopped',
+                             values=[_value('status', 'stopped'), *_goal_values(record)])
             for name, record in records.items())
         return array
     head.values = [_value('scale', f'{report.scale:.4f}'), _value('limiting', report.limiting)]
@@ -118,7 +118,7 @@ def markers(stamp: Time, root: str, controller: Controller) -> MarkerArray:
     Returns
     -------
     visualization_msgs.msg.MarkerArray
-        Positions as a line to the goal, attitudes as three axes (x red, y green, z blue).
+        Positions as a line to the goal, orientations as three axes (x red, y green, z blue).
 
     """
     array = MarkerArray()

@@ -277,7 +277,7 @@ class AimedTask(MovingGoalTask):
         return self.aim.in_reference(goal, T_reference_frame)
 
     def goal_pose(self, state: RobotState) -> Array:
-        """Return the point, or the place of the frame, with the attitude that is wanted."""
+        """Return the point, or the place of the frame, with the orientation that is wanted."""
         direction, _ = self.aim.sight(state, self.goal)
         return self.aim.place(state, self.goal,
                               turn_between(self.axis_in_root(state), direction))

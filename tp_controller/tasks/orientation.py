@@ -34,7 +34,7 @@ from tp_controller.tasks.task import Goal, Task
 
 
 class WayRound:
-    """The error of an attitude, with the way round remembered near half a turn."""
+    """The error of an orientation, with the way round remembered near half a turn."""
 
     def __init__(self) -> None:
         self._previous: Array | None = None
@@ -78,7 +78,7 @@ class TurningTask(Task):
 
 class Orientation(TurningTask, FrameTask):
     """
-    Turn a frame to an attitude: error log(R_d Rᵀ), Jacobian J_ω (lecture 3.3).
+    Turn a frame to an orientation: error log(R_d Rᵀ), Jacobian J_ω (lecture 3.3).
 
     The lecture's error w ε_d − w_d ε − ε × ε_d is expressed in the frame itself, while J_ω is
     expressed in the base; here both are expressed in the reference frame. The rotation vector
@@ -104,7 +104,7 @@ class Orientation(TurningTask, FrameTask):
         return parse_rotation(goal, f'the goal of task {self.name!r}')
 
     def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
-        """Return an attitude given in another frame."""
+        """Return an orientation given in another frame."""
         return T_reference_frame[:3, :3].dot(goal)
 
     def goal_pose(self, state: RobotState) -> Array:

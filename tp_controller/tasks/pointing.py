@@ -163,7 +163,7 @@ class LookAt(AxisTask):
         if self._upright is None:
             return error, J, about
         # φ = atan2(w·(a×u), w·u) is the turn about a from u to what the vertical w shows across
-        # a; both products change with the attitude alone, by ω·(u×w) and the like.
+        # a; both products change with the orientation alone, by ω·(u×w) and the like.
         up, side = self._upright.dot(state.rotation(self.frame).T)
         cosine, sine = UP.dot(up), UP.dot(side)
         reach = cosine * cosine + sine * sine

@@ -54,5 +54,5 @@ class Position(PointTask, FrameTask):
         return (self.goal - self.position(state))[self._mask]
 
     def goal_pose(self, state: RobotState) -> Array:
-        """Return the goal with the attitude of the frame (4, 4)."""
+        """Return the goal with the orientation of the frame (4, 4)."""
         return pose(self.rotation(state), self.goal)

@@ -27,12 +27,12 @@ from scipy.spatial.transform import Rotation
 from tp_controller import (
     Controller,
     GoalError,
-    Imperfections,
     KinematicSimulator,
     Robot,
     RobotError,
     Settings,
     SettingsError,
+    SimulatorNoise,
     Stack,
 )
 from tp_controller.tasks import Joint, JointLimits, Pose
@@ -58,10 +58,10 @@ def control(text, robot=None, options=EXACT):
     return Controller(robot, Stack.from_yaml(text, robot), options)
 
 
-def run(controller, q, cycles, dt=0.01, each=None, **imperfections):
+def run(controller, q, cycles, dt=0.01, each=None, **noise):
     """Run a controller on the simulator; return the positions after every cycle."""
-    simulator = KinematicSimulator(controller.robot, q, imperfections=Imperfections(
-        **imperfections))
+    simulator = KinematicSimulator(controller.robot, q, noise=SimulatorNoise(
+        **noise))
     positions = [simulator.q.copy()]
     for _ in range(cycles):
         command = controller.update(simulator.measure()[0], simulator.now)
@@ -430,7 +430,7 @@ def test_report_says_how_much_a_velocity_limit_slows_a_task_and_which(scaling):
     cause, = task.causes
     assert (cause.kind, cause.name) == ('velocity limit', 'panda_joint3')
     assert cause.share == pytest.approx(1.0)
-    assert task.status == 'held back'
+    assert task.status == 'limited'
     report = controller.update(READY, 0.0).report
     assert report.scale == pytest.approx(share)
     assert report.limiting == 'panda_joint3 at its velocity limit'
@@ -457,7 +457,7 @@ def test_report_names_the_position_limit_that_stops_a_joint(position, wish, side
     controller.set_goal('m', [wish], 0.0)
     report = controller.update(q, 0.0).report
     assert report.tasks[0].reason == f'turn at its {side} position limit'
-    assert report.tasks[0].status == 'held back'
+    assert report.tasks[0].status == 'limited'
 
 
 def test_report_says_that_higher_levels_left_no_room():

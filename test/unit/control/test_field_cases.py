@@ -174,7 +174,7 @@ def test_a_wrist_crosses_its_singularity_on_a_line(offset):
     after = before + [0.0, 0.1, 0.1, 0.0, -0.5, 0.0]
     settings = Settings(period=1e-3, braking_gain=50.0)
     loop = Loop(robot, '- position: {type: position, frame: tool0, gain: 5.0}\n'
-                       '- attitude: {type: orientation, frame: tool0, gain: 5.0}\n',
+                       '- orientation: {type: orientation, frame: tool0, gain: 5.0}\n',
                 before, settings)
     first, last = (robot.state(q).pose('tool0').copy() for q in (before, after))
     line = last[:3, 3] - first[:3, 3] + [0.0, offset, 0.0]

@@ -26,14 +26,14 @@ PERIOD = 1e-3
 CALM = Settings(period=PERIOD, braking_gain=50.0)
 STACK = """
 - tool: {type: position, frame: panda_hand_tcp, gain: 2.0}
-- attitude: {type: orientation, frame: panda_hand_tcp, gain: 2.0}
+- orientation: {type: orientation, frame: panda_hand_tcp, gain: 2.0}
 - elbow: {type: position, frame: panda_link4, axes: z, gain: 2.0}
 - posture: {type: posture, gain: 0.5}
 """
 SWAPPED = """
 - tool: {type: position, frame: panda_hand_tcp, gain: 2.0}
 - elbow: {type: position, frame: panda_link4, axes: z, gain: 2.0}
-- attitude: {type: orientation, frame: panda_hand_tcp, gain: 2.0}
+- orientation: {type: orientation, frame: panda_hand_tcp, gain: 2.0}
 - posture: {type: posture, gain: 0.5}
 """
 START = np.array([0.0, -0.4, 0.2, -2.0, 0.1, 1.6, 0.8])
@@ -45,7 +45,7 @@ class Run:
     """A Panda on its way to a goal of every task; it does as it is told."""
 
     def __init__(self, settings=CALM, acceleration=None, text=STACK,
-                 goals=('tool', 'attitude', 'elbow')):
+                 goals=('tool', 'orientation', 'elbow')):
         limits = None if acceleration is None else {
             name: {'acceleration': acceleration} for name in robots.panda().joint_names}
         self.robot = Robot.from_file(robots.PANDA_DH, limits=limits)
@@ -56,7 +56,7 @@ class Run:
         state = self.robot.state(START)
         self.goal = state.position('panda_hand_tcp') + [0.1, 0.15, -0.05]
         wanted = {'tool': self.goal, 'elbow': state.position('panda_link4') - 0.05,
-                  'attitude': [0.9238795, 0.3826834, 0.0, 0.0]}
+                  'orientation': [0.9238795, 0.3826834, 0.0, 0.0]}
         for name in goals:
             self.controller.set_goal(name, wanted[name], self.now)
 
@@ -86,7 +86,7 @@ class Run:
 
 def leave_out(run):
     """Take a task out."""
-    run.controller.enable('attitude', False)
+    run.controller.enable('orientation', False)
 
 
 def swap(run):
@@ -103,7 +103,7 @@ def raise_gain(run):
 
 def turn_back(run):
     """Give a task another goal."""
-    run.controller.set_goal('attitude', [1.0, 0.0, 0.0, 0.0], run.now)
+    run.controller.set_goal('orientation', [1.0, 0.0, 0.0, 0.0], run.now)
 
 
 def weigh(run):
@@ -133,7 +133,7 @@ def test_a_change_of_settings_makes_no_jump():
     fast = {}
     for blend in (0.0, 0.4):
         run = Run(replace(CALM, blend=blend), text='\n'.join(STACK.splitlines()[:3]),
-                  goals=('tool', 'attitude'))
+                  goals=('tool', 'orientation'))
         run.until(CHANGE)
         weigh(run)
         run.until(CHANGE + 0.5)
@@ -229,7 +229,7 @@ def test_stack_that_is_replaced_in_every_cycle_changes_nothing_either():
 
 
 def test_task_that_was_only_held_is_held_on_by_the_next_stack():
-    run = Run(goals=('attitude', 'elbow'))
+    run = Run(goals=('orientation', 'elbow'))
     run.until(CHANGE)
     held = run.controller.stack.tasks['tool'].goal
     put(run)
@@ -292,7 +292,7 @@ def test_changes_that_follow_each_other_make_no_jump_either():
     run = Run()
     for number in range(12):
         run.until(CHANGE + 0.05 * number)
-        run.controller.enable('attitude', number % 2 == 1)
+        run.controller.enable('orientation', number % 2 == 1)
     run.until(CHANGE + 1.2)
     assert run.fastest_change(CHANGE) < 20.0
 
@@ -327,9 +327,9 @@ def test_the_report_says_that_a_change_is_still_going_on():
     run.update()
     tasks = {task.name: task for task in run.command.report.tasks}
     assert tasks['tool'].reason == ''
-    assert tasks['attitude'].reason == 'a change is still being blended in'
+    assert tasks['orientation'].reason == 'a change is still being blended in'
     run.until(CHANGE + 0.45)
-    assert {task.name: task for task in run.command.report.tasks}['attitude'].reason == ''
+    assert {task.name: task for task in run.command.report.tasks}['orientation'].reason == ''
 
 
 def test_after_zeros_were_commanded_the_robot_starts_from_rest():

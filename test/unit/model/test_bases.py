@@ -23,12 +23,12 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 from tp_controller import (
     Controller,
-    Imperfections,
     KinematicSimulator,
     Robot,
     RobotError,
     Settings,
     SettingsError,
+    SimulatorNoise,
     Stack,
     StackError,
     TaskError,
@@ -601,7 +601,7 @@ def test_base_and_joints_are_commanded_and_time_out_apart():
 def test_lag_acts_on_the_velocities_of_the_base_and_delay_on_its_commands():
     robot = Robot.from_urdf(BOAT, base='planar')
     simulator = KinematicSimulator(robot, [0.0, 0.0, 0.5 * math.pi], 9.0,
-                                   Imperfections(lag=0.2, delay=0.1))
+                                   SimulatorNoise(lag=0.2, delay=0.1))
     simulator.command([0.4, 0.0, 0.0])
     simulator.step(0.5)
     decay = math.exp(-0.4 / 0.2)
@@ -617,7 +617,7 @@ def test_noise_moves_a_measured_base_and_leaves_the_true_one_alone(base):
     T = random_pose(robot, rng)
     joints = 0.5 * (robot.lower[robot.joint_columns] + robot.upper[robot.joint_columns])
     simulator = KinematicSimulator(robot, robot.configuration(joints, T),
-                                   imperfections=Imperfections(noise=0.01))
+                                   noise=SimulatorNoise(noise=0.01))
     errors = []
     for _ in range(400):
         q, _ = simulator.measure()

@@ -21,18 +21,18 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 import robots
-from tp_controller import Imperfections, KinematicSimulator, RobotError, SettingsError
+from tp_controller import KinematicSimulator, RobotError, SettingsError, SimulatorNoise
 from tp_controller.model.simulator import initial_positions
 
 START = np.array(robots.PLANAR_START)
 V = np.array([0.5, -0.25, 1.0])
 
 
-def simulator(robot=None, q=None, timeout=1.0, **imperfections):
+def simulator(robot=None, q=None, timeout=1.0, **noise):
     """Return a simulator, of the planar arm by default."""
     if robot is None:
         robot, q = robots.planar(), START if q is None else q
-    return KinematicSimulator(robot, q, timeout, Imperfections(**imperfections))
+    return KinematicSimulator(robot, q, timeout, SimulatorNoise(**noise))
 
 
 # Motion
@@ -239,9 +239,9 @@ def test_seed_decides_what_happens():
     ({'noise': -1.0, 'delay': math.nan, 'lag': math.inf, 'drop': 'x'}, 4),
     ({'noise': True}, 1), ({'drop': 1.0}, 1), ({'drop': 1.5}, 1), ({'delay': None}, 1),
 ])
-def test_all_impossible_imperfections_are_told_at_once(values, faults):
+def test_all_impossible_noise_are_told_at_once(values, faults):
     with pytest.raises(SettingsError) as caught:
-        Imperfections(**values)
+        SimulatorNoise(**values)
     assert len(caught.value.faults) == faults
     assert all(name in str(caught.value) for name in values)
 

@@ -193,8 +193,8 @@ def test_minimum_that_no_posture_has_is_missed_without_rattling(minimum, scaling
     _, _, commands, reports = loop(robot, text, q, [robot.state(q).position(TOOL)], 16.0, settings)
     assert slips(commands[300:]) == 0 and np.abs(commands[-100:]).max() < 0.2
     mobile = reports[-1].tasks[0]
-    assert mobile.status == ('kept' if minimum < 0.13 else 'held back')
-    assert mobile.status == 'kept' or mobile.reason
+    assert mobile.status == ('satisfied' if minimum < 0.13 else 'limited')
+    assert mobile.status == 'satisfied' or mobile.reason
 
 
 @pytest.mark.parametrize('region', [
@@ -213,7 +213,7 @@ def test_region_that_is_out_of_reach_does_not_make_the_robot_rattle(region, scal
     settings = Settings(period=PERIOD, scaling=scaling)
     _, _, commands, reports = loop(robot, text, q, [robot.state(q).position(TOOL)], 10.0, settings)
     assert slips(commands[500:]) < 10
-    assert 'held back' in {report.tasks[0].status for report in reports[-100:]}
+    assert 'limited' in {report.tasks[0].status for report in reports[-100:]}
 
 
 @pytest.mark.parametrize('name, keys', WITH_VALUE)
@@ -574,7 +574,7 @@ def test_bounds_are_kept_against_goals_beyond_them_and_only_then_give_a_reason(n
     outside = [excess(guard, state, velocity)
                for state, velocity in zip([robot.state(q), *states], commands)]
     assert max(outside) < (1e-3 if guard.units[0] == 'm' else 3.4e-3)
-    assert all(report.tasks[0].status == 'kept' for report in reports)
+    assert all(report.tasks[0].status == 'satisfied' for report in reports)
     assert (np.abs(commands) <= robot.velocity).all()
     reasons = {task.reason for report in reports for task in report.tasks[1:]}
     assert any('guard' in reason for reason in reasons)
@@ -685,7 +685,7 @@ def test_bounds_below_a_task_give_way_to_it_and_say_so():
     assert np.linalg.norm(states[-1].position(TOOL) - [0.5, 0.3, 0.4]) < 1e-3
     assert reports[-1].tasks[0].status == 'reached' and not reports[-1].tasks[0].reason
     guard = reports[-1].tasks[1]
-    assert guard.status == 'held back' and guard.reason == 'blocked by tool'
+    assert guard.status == 'limited' and guard.reason == 'blocked by tool'
     assert guard.errors[0][0] == pytest.approx(0.1, abs=1e-3)
 
 
@@ -767,7 +767,7 @@ def test_what_no_joint_moves_is_outside_for_a_reason():
                             'at: [0.05, 0, 0]}\n', robot)
     controller = Controller(robot, stack)
     task = controller.update(robots.PANDA_READY, 0.0).report.tasks[0]
-    assert task.status == 'held back' and task.reason == 'no joint brings it back'
+    assert task.status == 'limited' and task.reason == 'no joint brings it back'
 
 
 def test_link_that_only_turns_about_itself_is_named_and_keeps_no_joint_from_moving():
@@ -801,7 +801,7 @@ def test_bounds_of_a_level_that_contradict_each_other_are_reported_as_that():
         command = controller.update(q, cycle * PERIOD)
         q = q + PERIOD * command.velocity
     left, right = command.report.tasks
-    assert left.status == right.status == 'held back'
+    assert left.status == right.status == 'limited'
     assert 'higher levels' not in left.reason + right.reason
 
 

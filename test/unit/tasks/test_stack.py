@@ -380,7 +380,7 @@ SHARED = """\
     # A task may be called otherwise, but then it has another goal.
     ('limits:', 'range:', 4),
     ('point:', 'aim:', 4),
-    ('turn:', 'attitude:', 1),
+    ('turn:', 'orientation:', 1),
     ('posture:', 'rest:', 3),
     ('posture}', 'posture, gain: 2.0}', 3),
     ('posture}', 'posture, target: {joint1: 0.5}}', 3),

@@ -520,13 +520,13 @@ def test_linear_joint_counts_in_metres():
 # Attitudes
 
 class Body:
-    """A state in which a frame can be turned at will: an ideal robot for an attitude."""
+    """A state in which a frame can be turned at will: an ideal robot for an orientation."""
 
     def __init__(self, R, position=(0.0, 0.0, 0.0)):
         self._R, self._position = R, np.array(position)
 
     def rotation(self, frame):
-        """Return the attitude, whatever the frame."""
+        """Return the orientation, whatever the frame."""
         return self._R
 
     def position(self, frame):
@@ -535,7 +535,7 @@ class Body:
 
 
 def turn(task, R, cycles, dt=0.02, noise=0.0, rng=None):
-    """Follow an attitude task; return the attitude at the end and the angle turned."""
+    """Follow an orientation task; return the orientation at the end and the angle turned."""
     turned = 0.0
     angular = slice(3, 6) if task.rows == 6 else slice(0, 3)
     for _ in range(cycles):
@@ -549,45 +549,45 @@ def turn(task, R, cycles, dt=0.02, noise=0.0, rng=None):
 
 
 def random_attitudes(rng, count):
-    """Return rotation matrices (count, 3, 3), all attitudes equally likely."""
+    """Return rotation matrices (count, 3, 3), all orientations equally likely."""
     return Rotation.from_quat(rng.normal(size=(count, 4))).as_matrix()
 
 
 def angle(R, S):
-    """Return the angle between two attitudes [rad]."""
+    """Return the angle between two orientations [rad]."""
     return Rotation.from_matrix(R @ S.T).magnitude()
 
 
-def attitude_task(name='orientation', gain=2.0):
-    """Return a task about the attitude of the Panda's tool."""
+def orientation_task(name='orientation', gain=2.0):
+    """Return a task about the orientation of the Panda's tool."""
     return make(name, {'frame': TOOL, 'gain': gain})
 
 
-def set_attitude(task, R):
-    """Give a task an attitude as its goal."""
+def set_orientation(task, R):
+    """Give a task an orientation as its goal."""
     goal = R if task.type_name == 'orientation' else np.block([
         [R, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
     task.set_goal(task.parse_goal(goal), 0.0)
 
 
 @given(SEEDS, st.sampled_from(['orientation', 'pose']))
-def test_attitude_converges_from_anywhere_to_anywhere_by_the_shorter_way(seed, name):
+def test_orientation_converges_from_anywhere_to_anywhere_by_the_shorter_way(seed, name):
     start, goal = random_attitudes(np.random.default_rng(seed), 2)
-    task = attitude_task(name)
-    set_attitude(task, goal)
+    task = orientation_task(name)
+    set_orientation(task, goal)
     end, turned = turn(task, start, 400)
     assert angle(end, goal) < 1e-5
     assert turned == pytest.approx(angle(start, goal), rel=1e-5)
 
 
 @given(SEEDS, st.floats(95.0, 180.0))
-def test_goal_far_from_the_base_attitude_is_reached(seed, degrees):
+def test_goal_far_from_the_base_orientation_is_reached(seed, degrees):
     rng = np.random.default_rng(seed)
     axis = rng.normal(size=3)
     goal = Rotation.from_rotvec(math.radians(degrees) * axis / np.linalg.norm(axis)).as_matrix()
     start = Rotation.from_rotvec(0.3 * rng.normal(size=3)).as_matrix() @ goal
-    task = attitude_task()
-    set_attitude(task, goal)
+    task = orientation_task()
+    set_orientation(task, goal)
     end, turned = turn(task, start, 400)
     assert angle(end, goal) < 1e-5
     assert turned == pytest.approx(angle(start, goal), rel=1e-5)
@@ -598,8 +598,8 @@ def test_goal_far_from_the_base_attitude_is_reached(seed, degrees):
 def test_half_a_turn_is_made_at_full_speed_from_the_start(axis):
     goal, = random_attitudes(np.random.default_rng(1), 1)
     start = Rotation.from_rotvec(math.pi * np.array(axis)).as_matrix() @ goal
-    task = attitude_task()
-    set_attitude(task, goal)
+    task = orientation_task()
+    set_orientation(task, goal)
     assert np.linalg.norm(task.error(Body(start))) == pytest.approx(math.pi, abs=1e-6)
     end, turned = turn(task, start, 400)
     assert angle(end, goal) < 1e-5
@@ -614,8 +614,8 @@ def test_half_a_turn_does_not_stall_where_measurements_are_noisy(name):
         axis = rng.normal(size=3)
         start = Rotation.from_rotvec(
             math.pi * axis / np.linalg.norm(axis)).as_matrix() @ goal
-        task = attitude_task(name)
-        set_attitude(task, goal)
+        task = orientation_task(name)
+        set_orientation(task, goal)
         # At the gain of 2/s and 10 ms, 0.2 s of steady motion make one third of the way.
         end, turned = turn(task, start, 20, dt=0.01, noise=1e-3, rng=rng)
         assert angle(end, goal) < 0.72 * math.pi
@@ -629,8 +629,8 @@ def test_noise_at_half_a_turn_never_turns_the_robot_round(name):
     for goal in random_attitudes(rng, 10):
         axis = rng.normal(size=3)
         half = Rotation.from_rotvec(math.pi * axis / np.linalg.norm(axis)).as_matrix() @ goal
-        task = attitude_task(name)
-        set_attitude(task, goal)
+        task = orientation_task(name)
+        set_orientation(task, goal)
         wishes = [task.error(Body(Rotation.from_rotvec(1e-3 * rng.normal(size=3)).as_matrix()
                                   @ half))[-3:] for _ in range(50)]
         assert (np.array(wishes) @ wishes[0] > 0.99 * math.pi ** 2).all()
@@ -638,8 +638,8 @@ def test_noise_at_half_a_turn_never_turns_the_robot_round(name):
 
 @pytest.mark.parametrize('degrees', [10, 90, 170])
 def test_robot_pushed_past_its_goal_comes_back_the_shorter_way(degrees):
-    task = attitude_task()
-    set_attitude(task, np.eye(3))
+    task = orientation_task()
+    set_orientation(task, np.eye(3))
     for sign in (1.0, -1.0, 1.0):
         vector = sign * math.radians(degrees) * np.array([0.6, 0.0, 0.8])
         wish = task.error(Body(Rotation.from_rotvec(vector).as_matrix()))
@@ -647,8 +647,8 @@ def test_robot_pushed_past_its_goal_comes_back_the_shorter_way(degrees):
 
 
 def test_longer_way_is_kept_only_close_to_half_a_turn():
-    task = attitude_task()
-    set_attitude(task, np.eye(3))
+    task = orientation_task()
+    set_orientation(task, np.eye(3))
     for angle_ in (3.0, math.pi + 0.09, math.pi + 0.11):
         wish = task.error(Body(Rotation.from_rotvec([0.0, 0.0, angle_]).as_matrix()))
         expected = -angle_ if angle_ < math.pi + 0.1 else 2.0 * math.pi - angle_
@@ -656,16 +656,16 @@ def test_longer_way_is_kept_only_close_to_half_a_turn():
 
 
 def test_new_goal_is_approached_the_shorter_way_whatever_was_followed_before():
-    task = attitude_task()
+    task = orientation_task()
     start = np.eye(3)
     for sign in (1.0, -1.0, 1.0):
-        set_attitude(task, Rotation.from_rotvec([0.0, 0.0, sign * 3.1]).as_matrix())
+        set_orientation(task, Rotation.from_rotvec([0.0, 0.0, sign * 3.1]).as_matrix())
         assert task.error(Body(start)) == pytest.approx([0.0, 0.0, sign * 3.1])
 
 
-def test_attitude_is_a_quaternion_of_either_sign_or_a_matrix():
+def test_orientation_is_a_quaternion_of_either_sign_or_a_matrix():
     rotation = Rotation.from_rotvec([0.1, -0.7, 0.4])
-    task = attitude_task()
+    task = orientation_task()
     for goal in (rotation.as_quat(), -rotation.as_quat(), 1.001 * rotation.as_quat(),
                  rotation.as_matrix()):
         np.testing.assert_allclose(task.parse_goal(goal), rotation.as_matrix(), atol=1e-12)
@@ -677,9 +677,9 @@ def test_attitude_is_a_quaternion_of_either_sign_or_a_matrix():
 @pytest.mark.parametrize('goal', [
     [0.0] * 4, [0.5, 0.0, 0.0, 0.5], [0.0, 0.0, 0.0, 1.2], np.diag([1.0, 1.0, -1.0]),
     2.0 * np.eye(3), np.ones((3, 3)), np.zeros((3, 3))])
-def test_what_is_no_attitude_is_refused(goal):
+def test_what_is_no_orientation_is_refused(goal):
     with pytest.raises(GoalError, match="the goal of task 'task'"):
-        attitude_task().parse_goal(goal)
+        orientation_task().parse_goal(goal)
     pose = make('pose', {'frame': TOOL})
     whole = np.eye(4)
     if np.shape(goal) == (3, 3):
@@ -714,7 +714,7 @@ def test_tool_that_points_down_turns_by_30_degrees_about_any_axis():
         assert turned < 1.02 * math.radians(30)
 
 
-def test_attitude_in_a_moving_reference_is_led_there_too():
+def test_orientation_in_a_moving_reference_is_led_there_too():
     robot = robots.panda()
     task = make('orientation', {'frame': TOOL, 'reference': ELBOW, 'gain': 5.0})
     goal = task.value(robot.state(np.add(robots.PANDA_READY, [0.3, 0.2, -0.4, 0.3, 0.2, -0.5, 1])))

@@ -1,0 +1,86 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+One term for one thing, and the field's own: words that grew here do not come back.
+
+Whoever knows another library for differential inverse kinematics, or a book on robotics, is to
+read names, docstrings, messages and pages without having to guess.
+"""
+
+from pathlib import Path
+import re
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+# {what is not written: what is written instead}
+WORDS = {
+    r'wish(es|ed)?': 'demand, desired velocity',
+    r'wants|ask(s|ed|ing) for': 'demands, desired',
+    r'held back': 'limited, blocked',
+    r'g(iven|ives?|ave|iving) up|lets? go|released?|releases|releasing': 'relaxed',
+    r'climb(s|ed|ing)?': 'maximize, objective',
+    r'ke(pt|eps?|eping) bounds': 'inequality task, satisfied',
+    r'turned aside': 'direction changed',
+    r'slowed to': 'scaled to',
+    r'(leads?|leading) over|(takes?|taking|taken|took) over': 'transition, blending',
+    r'things?': 'object, obstacle, or what it is',
+    r'attitudes?': 'orientation',
+    r'room|ways? out': 'clearance, direction',
+    r"(lab|lecture|textbook)'s|textbooks?": 'the exercise or equation, with its source',
+    r'held|holds? (still|what)|on hold': 'stopped, default goal, zero-order hold',
+}
+FOUND = re.compile('|'.join(rf'\b({word})\b' for word in WORDS), re.IGNORECASE)
+# Names that users have written into their files.
+NAMES = re.compile(r'release_region')
+SUFFIXES = {'.md', '.py', '.yaml', '.xml', '.toml', '.cfg'}
+FOLDERS = ('tp_controller', 'config', 'docs', 'benchmarks', 'test', 'scripts', 'examples')
+
+
+def texts():
+    """Return the files that people read."""
+    found = [path for path in ROOT.iterdir() if path.suffix in SUFFIXES]
+    for folder in FOLDERS:
+        found += [path for path in (ROOT / folder).rglob('*') if path.suffix in SUFFIXES]
+    return sorted(path for path in found if path != Path(__file__).resolve())
+
+
+def faults(text):
+    """Return (line, word, what to write instead) for a text; a name is its words."""
+    text = NAMES.sub('', text).replace('_', ' ')
+    return [
+        (text.count('\n', 0, match.start()) + 1, match.group(),
+         list(WORDS.values())[next(
+             index for index, word in enumerate(WORDS)
+             if re.fullmatch(word, match.group(), re.IGNORECASE))])
+        for match in FOUND.finditer(text)]
+
+
+@pytest.mark.parametrize('path', texts(), ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_text_has_the_words_of_the_field(path):
+    assert not faults(path.read_text(encoding='utf-8'))
+
+
+@pytest.mark.parametrize(('text', 'word'), [
+    ('its wish', 'wish'), ('the task\nis Held back', 'Held back'), ('one thing', 'thing'),
+    ("the lab's gain", "lab's"), ('def wished_velocity', 'wished'),
+    ('a direction is released', 'released')])
+def test_a_word_that_grew_here_is_found(text, word):
+    assert [found for _, found, _ in faults(text)] == [word]
+
+
+@pytest.mark.parametrize('text', ['release_region', 'nothing', 'something else', 'the threshold'])
+def test_other_words_are_left_alone(text):
+    assert not faults(text)
