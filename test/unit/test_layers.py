@@ -27,8 +27,9 @@ import tp_controller
 
 PACKAGE = robots.REPOSITORY / 'tp_controller'
 # The rooms, in the order in which they stand on each other: a room imports only what is before it.
-ROOMS = ['solver', 'errors', 'resources', 'model', 'tasks', 'control', '', 'nodes', 'demos', 'cli']
-WITH_ROS = ('nodes', 'demos', 'cli')
+ROOMS = ['solver', 'errors', 'resources', 'model', 'tasks', 'control', '', 'nodes', 'demos', 'cli',
+         '__main__']
+WITH_ROS = ('nodes', 'demos', 'cli', '__main__')
 # What the method may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'daqp', 'tp_controller'}
 OPTIONAL = {('resources', 'ament_index_python')}
