@@ -69,8 +69,8 @@ SETTLING, MEASURED = 10.0, 2.0
 MEASURED_AT_MOST = 1000
 CALM = 1.0
 KINDS = 'far', 'turned', 'far', 'outside'
-# Where a base starts and may have to go to [m].
-ROOM = 2.0
+# A base starts, and has its goals, within ± this in x and y [m].
+AREA = 2.0
 SAMPLES = 2000
 # What commands go through: cycles they come late, time constant of the actuators [s], noise on
 # the measured positions [rad or m].
@@ -143,7 +143,7 @@ class Scene:
         middle, reach = _reach(self.name)
         beyond = reach * self.random.uniform(1.1, 2.0)
         if self.robot.moves:
-            self.goal[:2, 3] = self.random.uniform(-ROOM, ROOM, 2)
+            self.goal[:2, 3] = self.random.uniform(-AREA, AREA, 2)
             self.goal[2, 3] = middle + self.random.choice((-1.0, 1.0)) * beyond
             return
         way = self.random.normal(size=3)
@@ -176,7 +176,7 @@ def _place(robot: Robot, random: np.random.Generator, widened: float = 0.0) -> n
     """Return a random configuration (nq,); joints without end and the yaw are within ±π."""
     lower, upper = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
     if robot.moves:
-        lower[:2], upper[:2] = -ROOM, ROOM
+        lower[:2], upper[:2] = -AREA, AREA
     wider = widened * (upper - lower)
     return random.uniform(lower - wider, upper + wider)
 

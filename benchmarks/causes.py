@@ -171,20 +171,20 @@ def compare(case: str, number: int, findings: Findings) -> None:
     if any(named.values()):
         findings.times.append(1e6 * elapsed)
     order = [task.name for task in report.tasks]
-    for thing, left in scene.alone():
+    for removed, left in scene.alone():
         for index, task in enumerate(report.tasks):
-            above = thing[1] in order[:index] or thing[1] not in order
+            above = removed[1] in order[:index] or removed[1] not in order
             if not above or missing[task.name] <= max(1e-6, NOTABLE * task.wanted_speed):
                 continue
             share = 1.0 - left[task.name] / missing[task.name]
-            given = named[task.name].get(thing, 0.0)
+            given = named[task.name].get(removed, 0.0)
             findings.true += share > NOTABLE + MARGIN
             findings.found += share > NOTABLE + MARGIN and given > 0.0
             findings.named += given > 0.0
             findings.right += given > 0.0 and share > NOTABLE - MARGIN
             findings.off = max(findings.off, abs(share - given) if given else 0.0)
             if (share > NOTABLE + MARGIN) != (given > 0.0) and abs(share - NOTABLE) > MARGIN:
-                findings.faults.append(f'{case}, state {number}: {task.name}, {thing}: '
+                findings.faults.append(f'{case}, state {number}: {task.name}, {removed}: '
                                        f'{share:.3f}, not {given:.3f}')
 
 

@@ -19,8 +19,9 @@ Run as ``python benchmarks/closed_loops.py``; ``--cycles 20000`` for a first imp
 robot is ideal: positions are the integral of the commands. Stacks, modes, goals, feed-forward
 velocities, settings and starts are drawn at random; while the robot moves, tasks are switched
 and the stack is replaced. It may start outside its position limits or on a singularity. Half of
-the episodes have a period of 10 ms and end with a long hold, the others have one of 1 ms. Half
-of the episodes have acceleration limits, and in a third cycles come early at random.
+the episodes have a period of 10 ms and end with 700 cycles in which nothing changes any more,
+the others have a period of 1 ms. Half of the episodes have acceleration limits, and in a third
+cycles come early at random.
 
 Every episode draws from its own generator, so that what was found can be looked at again: a
 finding names robot, seed and episode, and `Episode(robot name, seed, episode)` is that one.
@@ -53,8 +54,8 @@ ROBOTS = {
 }
 PERIODS = (0.01, 0.001)
 ACCELERATIONS = (None, None, 5.0, 15.0)
-# Cycles in which things happen, and of the hold at the end (period 10 ms only).
-MOVING, HOLD = 300, 700
+# Cycles with random events, and without any at the end (period 10 ms only).
+MOVING, SETTLING = 300, 700
 # How often something happens, per cycle.
 CHANCES = {'goal': 0.01, 'feed_forward': 0.02, 'enable': 0.005, 'replace': 0.003}
 # After this time nothing that happened before acts on the command any more [s].
@@ -207,9 +208,9 @@ class Episode:
     def run(self, result, most):
         """Run at most some cycles; return how many it were."""
         robot, controller = self.robot, self.controller
-        self.now, self.held_since, self.chatter = 0.0, math.inf, 0
+        self.now, self.settling_since, self.chatter = 0.0, math.inf, 0
         previous, elapsed = np.zeros(robot.n), self.period
-        cycles = min(most, MOVING + HOLD)
+        cycles = min(most, MOVING + SETTLING)
         for cycle in range(cycles):
             try:
                 if cycle < MOVING or self.period != PERIODS[0]:
@@ -233,7 +234,7 @@ class Episode:
             self.check(result, cycle, velocity, previous, elapsed, step)
             self.q = self.q + step * velocity
             self.now, elapsed, previous = self.now + step, step, velocity
-        if self.held_since < math.inf and cycles == MOVING + HOLD:
+        if self.settling_since < math.inf and cycles == MOVING + SETTLING:
             self.judge(result, previous, elapsed)
         return cycles
 
@@ -258,7 +259,7 @@ class Episode:
             result.acceleration = max(result.acceleration, ratio)
         elif cycle:
             result.change = max(result.change, float(change.max()))
-            if self.now > self.held_since + DIED_OUT:
+            if self.now > self.settling_since + DIED_OUT:
                 result.change_alone = max(result.change_alone, float(change.max()))
                 self.chatter += int(change.max() > CHATTER)
 
@@ -268,7 +269,7 @@ class Episode:
         for name in tuple(controller.stack.disabled):
             controller.enable(name, True)
         self.goal(controller.stack.groups[0][0])
-        self.held_since = self.now
+        self.settling_since = self.now
 
     def judge(self, result, previous, elapsed):
         """
@@ -281,7 +282,7 @@ class Episode:
         if self.chatter > CHATTER_CYCLES:
             result.holds['chattering'] += 1
             result.find(f'{self.chatter} changes by more than {CHATTER} rad/s', self,
-                        MOVING + HOLD)
+                        MOVING + SETTLING)
         robot, settings = self.robot, self.settings
         state = robot.state(self.q)
         wanted = self.controller.stack.levels(state, self.now)[0]
@@ -307,7 +308,7 @@ class Episode:
         if lost > LOST * np.linalg.norm(v) and not weak and wanted.mode != 'scale':
             result.holds['stuck'] += 1
             result.find(f'stuck: {lost:.2e} of {np.linalg.norm(v):.2e} lost; {task.reason}',
-                        self, MOVING + HOLD)
+                        self, MOVING + SETTLING)
 
 
 def run(robot_name, cycles, seed):

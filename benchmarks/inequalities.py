@@ -14,7 +14,7 @@
 
 
 """
-Run every type of task that keeps bounds in closed loops at random, and count what must not happen.
+Run every type of inequality task in random closed loops, and count what must not happen.
 
 Run as ``python benchmarks/inequalities.py``; ``--runs 30`` for a first impression, ``--types
 keep_in`` for some. Each run draws a robot, a start, the bounds and two goals for its tool, which
@@ -59,7 +59,7 @@ FASTEST = 0.2
 # Largest excess that is still none: what a tolerance of 1 mm or 0.2° is in each unit.
 ALLOWED = {'m': 1e-3, 'rad': np.radians(0.2), '1': 5e-3, 'm/s': 1e-3}
 SHOWN = {'m': (1e3, 'mm'), 'rad': (180.0 / np.pi, '°'), '1': (100.0, '%'), 'm/s': (1e3, 'mm/s')}
-# How deep a link may be in a thing at the start [m], and how much joints have to move it [m/rad].
+# How deep a link may be in an obstacle at the start [m], and how far joints must move it [m/rad].
 DEEPEST, LEAST_MOVED = 0.05, 0.1
 REPEATED = 5
 
@@ -181,12 +181,13 @@ def _self_collision(scene):
 
 
 def _obstacles(scene):
-    """Keep links away from three things of any shape, which they may touch in the beginning."""
+    """Keep links away from three obstacles of any shape, which they may touch at the start."""
     while True:
-        things = ', '.join(f'thing{number}: {{{scene.region(scene.near(scene.tool, 0.2, 0.7))}}}'
-                           for number in range(3))
+        obstacles = ', '.join(
+            f'obstacle{number}: {{{scene.region(scene.near(scene.tool, 0.2, 0.7))}}}'
+            for number in range(3))
         scene.at = None
-        text = f'- guard: {{type: obstacles, {_shapes(scene)}, obstacles: {{{things}}}}}'
+        text = f'- guard: {{type: obstacles, {_shapes(scene)}, obstacles: {{{obstacles}}}}}'
         if _can_leave(Stack.from_yaml(text, scene.robot).tasks['guard'], scene.state):
             return text
 

@@ -16,7 +16,7 @@
 Compare what to do where joints are too fast, on the same random states (see docs/limits.md).
 
 Run as ``python benchmarks/limits.py``. Positions are drawn evenly from the ranges of the joints;
-every level wants a random direction, the first at 0.3 to 2 (metres, or metres and radians, per
+every level demands a random direction, the first at 0.3 to 2 (metres, or metres and radians, per
 second), the others at 0.3 to 2 rad/s, or, the posture, at up to half the speed limits.
 """
 

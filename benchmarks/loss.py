@@ -16,7 +16,7 @@
 Measure what the first two levels miss beyond what the joints force them to, at random states.
 
 Run as ``python benchmarks/loss.py``; ``--states 100`` for a first impression. States are drawn
-evenly from the ranges of the joints. Every level wants a random direction, the first at 0.3 to 2
+evenly from the ranges of the joints. Every level demands a random direction, the first at 0.3 to 2
 (metres, or metres and radians, per second), the others at 0.3 to 2 rad/s, or, the posture, at up
 to half the speed limits. Joints are at rest and keep their velocity and position limits.
 

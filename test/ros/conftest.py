@@ -24,7 +24,7 @@ if find_spec('rclpy') is None:
 else:
     with warnings.catch_warnings():
         # The generator of the messages' Python code, loaded with the first of them, has a
-        # dependency that uses a module of the standard library that is on its way out.
+        # dependency that uses a deprecated module of the standard library.
         warnings.filterwarnings('ignore', "module 'sre_", DeprecationWarning)
         import rosidl_generator_py  # noqa: F401
     from harness import Harness

@@ -60,7 +60,7 @@ class Storm:
         self.knobs = node.create_client(SetParameters, '/tp_controller/set_parameters')
 
     def __call__(self):
-        """Send one thing."""
+        """Do one of these at random."""
         self._outside.executor.spin_once(timeout_sec=0.0)
         kinds = (self.send_state, self.send_state, self.send_state, self.send_goal,
                  self.send_goal, self.send_bytes, self.throw_switch, self.press_button,

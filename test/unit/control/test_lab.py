@@ -25,7 +25,7 @@ DT = 1.0 / 60.0
 CYCLES = 600
 TOOL = '- tool: {type: position, frame: link3, axes: xy}\n'
 MOTION = '- motion: {type: joint_velocity}\n'
-# Damped everywhere, uniform scaling, nothing released, changes at once.
+# Damped everywhere, uniform scaling, nothing relaxed, no transition.
 LECTURE = {'singular_region': math.inf, 'scaling': 'uniform', 'release_region': 0.0,
            'blend': 0.0}
 JOINT = '- base: {type: joint, joints: joint1, target: [0.0]}\n'
