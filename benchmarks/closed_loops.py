@@ -65,7 +65,8 @@ ROUNDING = 1e-9
 OUTWARDS = 1e-12
 # Share of the speed of the first task that may get lost before it counts as stuck wrongly.
 LOST = 0.05
-# A hold with more than `CHATTER_CYCLES` changes of a velocity by more than this chatters [rad/s].
+# A settling phase with more than `CHATTER_CYCLES` changes of a velocity by more than this counts
+# as chattering [rad/s].
 CHATTER = 0.5
 CHATTER_CYCLES = 5
 # Further findings are counted but not described.
@@ -89,13 +90,14 @@ class Result:
     # Largest change of a velocity over what its acceleration limit allows.
     acceleration: float = 0.0
     # Largest change of a velocity between cycles, without acceleration limits [rad/s], and the
-    # same in long holds, when no change of stack, goal or feed-forward velocity acts any more.
+    # same in settling phases, when no change of stack, goal or feed-forward velocity has an effect
+    # any more.
     change: float = 0.0
     change_alone: float = 0.0
     # Cycles in which a limit slowed a level.
     active: int = 0
-    # What became of the first task in long holds.
-    holds: Counter = field(default_factory=Counter)
+    # What became of the first task in settling phases.
+    outcomes: Counter = field(default_factory=Counter)
     seconds: float = 0.0
     findings: list = field(default_factory=list)
 
@@ -216,7 +218,7 @@ class Episode:
                 if cycle < MOVING or self.period != PERIODS[0]:
                     self.happen()
                 elif cycle == MOVING:
-                    self.hold()
+                    self.settle()
                 began = time.thread_time_ns()
                 command = controller.update(self.q, self.now)
                 result.seconds += (time.thread_time_ns() - began) * 1e-9
@@ -263,7 +265,7 @@ class Episode:
                 result.change_alone = max(result.change_alone, float(change.max()))
                 self.chatter += int(change.max() > CHATTER)
 
-    def hold(self):
+    def settle(self):
         """Give the first task a goal it can reach, enable all tasks, and change nothing more."""
         controller = self.controller
         for name in tuple(controller.stack.disabled):
@@ -273,14 +275,14 @@ class Episode:
 
     def judge(self, result, previous, elapsed):
         """
-        Say what became of the first task at the end of a long hold.
+        Say what became of the first task at the end of a settling phase.
 
         ``stuck``: velocities within the same bounds would bring it on notably better than the
         command does, although it is in no weak direction. All else is where a way straight to
         the goal ends. Chattering is counted besides, without acceleration limits.
         """
         if self.chatter > CHATTER_CYCLES:
-            result.holds['chattering'] += 1
+            result.outcomes['chattering'] += 1
             result.find(f'{self.chatter} changes by more than {CHATTER} rad/s', self,
                         MOVING + SETTLING)
         robot, settings = self.robot, self.settings
@@ -291,14 +293,14 @@ class Episode:
         command = self.controller.update(self.q, self.now)
         task = command.report.tasks[0]
         if task.reached:
-            result.holds['reached'] += 1
+            result.outcomes['reached'] += 1
             return
         if 'singularity' in task.reason:
-            result.holds['singularity'] += 1
+            result.outcomes['singularity'] += 1
         elif 'position limit' in task.reason:
-            result.holds['position limit'] += 1
+            result.outcomes['position limit'] += 1
         else:
-            result.holds['under way'] += 1
+            result.outcomes['under way'] += 1
         J, v = wanted.J, wanted.v
         best = lsq_linear(J, v, (bounds.lower, np.maximum(bounds.upper, bounds.lower + 1e-12)))
         lost = np.linalg.norm(v - J.dot(command.velocity)) - np.linalg.norm(v - J.dot(best.x))
@@ -306,7 +308,7 @@ class Episode:
         weak = np.linalg.svd(J * np.sqrt(weights.min() / weights))[1].min() \
             < settings.singular_region
         if lost > LOST * np.linalg.norm(v) and not weak and wanted.mode != 'scale':
-            result.holds['stuck'] += 1
+            result.outcomes['stuck'] += 1
             result.find(f'stuck: {lost:.2e} of {np.linalg.norm(v):.2e} lost; {task.reason}',
                         self, MOVING + SETTLING)
 
@@ -347,7 +349,7 @@ def _robot(name, acceleration):
 
 def rows(result):
     """Yield what the table shows of a result, (name, text)."""
-    holds = result.holds
+    outcomes = result.outcomes
     ends = ('reached', 'position limit', 'singularity', 'under way')
     yield 'cycles', f'{result.cycles:,}'
     yield 'failures', result.failures
@@ -357,11 +359,11 @@ def rows(result):
     yield 'position limit violated', result.position
     yield 'largest acceleration / limit', f'{result.acceleration:.9f}'
     yield 'largest change without such a limit', f'{result.change:.2f} rad/s'
-    yield '… in long holds', f'{result.change_alone:.2f} rad/s'
+    yield '… in settling phases', f'{result.change_alone:.2f} rad/s'
     yield 'cycles slowed by limits', f'{100.0 * result.active / result.cycles:.0f} %'
-    yield 'long holds', sum(holds[name] for name in ends)
+    yield 'settling phases', sum(outcomes[name] for name in ends)
     for name in (*ends, 'stuck', 'chattering'):
-        yield f'… {name}', holds[name]
+        yield f'… {name}', outcomes[name]
     yield 'µs per update', f'{1e6 * result.seconds / result.cycles:.0f}'
 
 

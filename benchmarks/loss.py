@@ -24,8 +24,8 @@ The loss of a level is (‖v − J x‖ − ‖v − J x*‖) / ‖v‖ with the
 exact optimum x*: of the first level within the bounds, and of the second one where the first is
 at its optimum. A second level that gains what the first one loses has a negative loss. Every
 state is solved by itself: nothing is remembered of the state before. With ``--cycles 100`` it is
-solved as often, each time with what is remembered of the time before: the loss where a robot goes
-on to be asked for what it cannot do.
+solved as often, each time with what is remembered of the time before: that is the loss of a robot
+whose tasks demand the impossible for a while.
 """
 
 import argparse
