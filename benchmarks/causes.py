@@ -13,15 +13,18 @@
 # limitations under the License.
 
 """
-Compare the causes that are reported with cycles that are solved again without them.
+Compare the causes in the report with what solving again without each of them shows.
 
-Run as ``python benchmarks/causes.py``; ``--states 20`` for a first impression. Each state draws
-positions, goals, settings and, in a third of them, acceleration limits and velocities before.
-Every limit of every joint and every task above is taken away in turn, by a robot without the
-limit and a stack without the task, and what comes back of what a task misses is the true share.
-*Found* are the true causes that are named, *right* the named ones that are true, a true cause
-being one that brings back more than 1 %; *off* is the largest difference between the shares. The
-times are those of `TaskReport.causes` for all tasks of a cycle in which one is limited.
+Run as ``python benchmarks/causes.py``; ``--states 20`` for a first impression. Every state draws
+joint positions, goals and settings, and in a third of the states acceleration limits. Then every
+limit of every joint, and every task above, is removed in turn: the robot gets a copy without the
+limit, the stack is solved without the task. The share of the missing velocity that comes back is
+the true share of this cause; a true cause has more than 1 %.
+
+*Found* are the true causes that the report names, as a share of all true ones. *Right* are the
+named causes that are true, as a share of all named ones. *Shares off by* is the largest difference
+between a reported and a true share. The times are those of `TaskReport.causes` for all tasks of a
+cycle in which at least one task is limited.
 """
 
 import argparse

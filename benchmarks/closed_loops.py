@@ -13,18 +13,19 @@
 # limitations under the License.
 
 """
-Run closed loops at random, a million cycles, and count what must not happen.
+Run a million cycles of random closed loops, and count what must not happen.
 
 Run as ``python benchmarks/closed_loops.py``; ``--cycles 20000`` for a first impression. The
-robot is ideal: positions are the integral of the commands. Stacks, modes, goals, feed-forward
-velocities, settings and starts are drawn at random; while the robot moves, tasks are switched
-and the stack is replaced. It may start outside its position limits or on a singularity. Half of
-the episodes have a period of 10 ms and end with 700 cycles in which nothing changes any more,
-the others have a period of 1 ms. Half of the episodes have acceleration limits, and in a third
-cycles come early at random.
+robot is ideal: its positions are the integral of the commands. Stacks, modes, goals, feed-forward
+velocities, settings and starts are random; some starts are outside the position limits or at a
+singularity. While the robot moves, tasks are enabled and disabled and the stack is replaced.
 
-Every episode draws from its own generator, so that what was found can be looked at again: a
-finding names robot, seed and episode, and `Episode(robot name, seed, episode)` is that one.
+Half of the episodes have a period of 10 ms and end with a settling phase: 700 cycles in which
+nothing changes any more. The others have a period of 1 ms. Half of the episodes have acceleration
+limits; in a third of them cycles come early at random.
+
+Every episode has its own random generator, so that it can be repeated: a finding names robot,
+seed and episode, which `Episode(robot name, seed, episode)` takes.
 """
 
 import argparse

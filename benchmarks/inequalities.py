@@ -17,14 +17,15 @@
 Run every type of inequality task in random closed loops, and count what must not happen.
 
 Run as ``python benchmarks/inequalities.py``; ``--runs 30`` for a first impression, ``--types
-keep_in`` for some. Each run draws a robot, a start, the bounds and two goals for its tool, which
-mostly lie beyond the bounds: bounds > tool pose > posture, 100 cycles a second, 2.5 s for each
-goal. The robot is ideal: positions are the integral of the commands.
+keep_in`` for some types only. Every run draws a robot, a start, the bounds, and two goals for the
+tool, most of them beyond the bounds. The stack is inequality task > tool pose > posture, with 100
+cycles per second and 2.5 s for each goal. The robot is ideal: its positions are the integral of
+the commands.
 
-A run that starts outside of its bounds may not get deeper, and has to be back inside in the end.
-A reversal is a cycle in which the velocity of a joint changes to the other side of how it changed
-before, both by more than 0.01 rad/s; counted are those of the joint that has most, per second.
-Every fifth run is repeated without the bounds, to compare with.
+A run that starts outside its bounds must not go further out, and must end inside. A reversal is a
+cycle in which the velocity of a joint that rose falls, or that fell rises, both by more than
+0.01 rad/s; counted per second, for the joint that has most. Every fifth run is repeated without
+the inequality task for comparison.
 """
 
 import argparse

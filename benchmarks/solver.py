@@ -13,16 +13,17 @@
 # limitations under the License.
 
 """
-Time one control cycle, in microseconds, beside the plain recursion with `np.linalg.pinv`.
+Time one control cycle, in microseconds, beside the plain recursion with np.linalg.pinv.
 
-Run as ``python benchmarks/solver.py`` (or ``make bench``). Every stack is timed in states in
-which no limit is active, and in states that ask for two to three times the speed that the joints
-have, so that limits are active in every cycle; then also with mode ``scale`` on the first level.
+Run as ``python benchmarks/solver.py`` (or ``make bench``). The plain recursion is section 2.2 of
+*lecture* (docs/sources.md) as one writes it first: ``np.linalg.pinv(J @ P)`` for every level, then
+uniform scaling (section 4). Every stack is timed in states in which no limit is active, and in
+states that demand two to three times the speed limits, so that limits are active in every cycle;
+the latter also with mode ``scale`` on the first level.
 
-Everything is measured in turns in one process, so that a machine whose speed drifts disturbs all
-figures alike; ratios are what to quote. Time is that of the processor, without what other
-programs took from it; each figure is the median over the rounds, with the fastest and the
-slowest round.
+All variants take turns in one process, so that a machine whose speed drifts affects all figures
+alike: quote ratios. Measured is processor time, without other processes. Each figure is the median
+over the rounds, with the fastest and the slowest round.
 """
 
 import argparse

@@ -16,13 +16,14 @@
 """
 Time control cycles of larger stacks, in microseconds: inequality tasks, and thirty joints.
 
-Run as ``python benchmarks/stacks.py`` (or ``make bench``). Every stack is run in closed loops with
-an ideal robot, 1,000 cycles a second: to a goal that the bounds allow, and to one beyond them,
-where they limit the tool in nearly every cycle. Each figure is the processor time of
-`Controller.update`, a mean over the cycles of a run; shown are the median over the rounds, with
-the fastest and the slowest round. Everything is measured in turns in one process. The plain
-recursion is (2.2) of *lecture* (docs/sources.md) with `np.linalg.pinv` and uniform scaling, for
-the levels that demand a velocity, without the inequality tasks.
+Run as ``python benchmarks/stacks.py`` (or ``make bench``). Every stack runs in closed loops
+with an ideal robot at 1 kHz: first to a goal within the bounds, then to a goal beyond them, where
+the bounds limit the tool in nearly every cycle. Each figure is the processor time of
+`Controller.update`, a mean over the cycles of a run; shown are the median over the rounds, the
+fastest and the slowest round. All variants take turns in one process.
+
+The plain recursion is that of `solver.py`: np.linalg.pinv and uniform scaling, for the equality
+levels only.
 """
 
 import argparse

@@ -117,7 +117,7 @@ def test_directions_are_those_of_what_is_left_and_what_is_left_moves_no_level():
             np.testing.assert_allclose(Z.T @ Z, np.eye(Z.shape[1]), rtol=0, atol=1e-12)
 
 
-def test_recursion_is_that_of_the_lecture():
+def test_recursion_is_the_one_of_lecture_section_2_2():
     rng = np.random.default_rng(3)
     levels = random_levels(rng, 7, [2, 3, 4])
     zeta, P = np.zeros(7), np.eye(7)
