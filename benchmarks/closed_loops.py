@@ -22,7 +22,7 @@ singularity. While the robot moves, tasks are enabled and disabled and the stack
 
 Half of the episodes have a period of 10 ms and end with a settling phase: 700 cycles in which
 nothing changes any more. The others have a period of 1 ms. Half of the episodes have acceleration
-limits; in a third of them cycles come early at random.
+limits; in a third of all episodes cycles come early at random.
 
 Every episode has its own random generator, so that it can be repeated: a finding names robot,
 seed and episode, which `Episode(robot name, seed, episode)` takes.

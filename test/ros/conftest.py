@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every test of the nodes is given; without ROS there are no tests here."""
+"""Fixtures of the node tests; without ROS no test of this folder is collected."""
 
 from importlib.util import find_spec
 import warnings

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A base that moves, behind its topics: odometry in, cmd_vel out, both as safe as the joints."""
+"""Mobile bases: odometry in, cmd_vel out, checked and limited in the same way as joints."""
 
 import math
 

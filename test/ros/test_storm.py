@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Everything at once, sense and nonsense in any order: the node lives on and commands no harm."""
+"""Random messages and calls, valid or not, in any order: the node goes on, within all limits."""
 
 from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped
 from harness import Arm, Harness, JOINTS, MOVING_STACK, Status

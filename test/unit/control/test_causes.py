@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Causes: those of states drawn at random, beside solving again without them, and by hand."""
+"""Causes: at random states beside solving again without them, and cases worked out by hand."""
 
 import importlib
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Clocks that stand still, go back, tick seldom or say nonsense, and what becomes of commands."""
+"""Clocks that stand still, go back, tick seldom or make no sense, and the commands that result."""
 
 from decimal import Decimal
 import math

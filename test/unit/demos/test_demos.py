@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The files of the demos: robots, parameters, stacks and goals fit, and the goals are reached."""
+"""The files of the demos: robots, parameters, stacks and goals match, and goals are reached."""
 
 import importlib
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Robots on a base that moves: where it stands, how it moves, and what tasks make of it."""
+"""Robots with a mobile base: its pose, how it moves, and tasks that use it."""
 
 import math
 

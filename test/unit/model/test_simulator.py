@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The kinematic simulator, against what its drives and sensors are said to do."""
+"""The kinematic simulator: its drives and sensors do what their parameters say."""
 
 import math
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Problems for the solver, drawn at random, and how it is asked about them."""
+"""Random problems for the solver, and helpers that solve them."""
 
 import math
 import sys

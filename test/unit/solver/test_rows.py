@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Levels with bounds, by hand."""
+"""Levels with bounds, beside answers worked out by hand."""
 
 import math
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Uniform scaling."""
+"""Uniform scaling: one factor for all joints (*lecture* 4, see docs/sources.md)."""
 
 import math
 

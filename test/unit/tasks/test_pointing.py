@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Axes that point in a direction or at a point: errors, ways, and the five rows of drilling."""
+"""Axes that point in a direction or at a point: errors, paths, and the five rows of drilling."""
 
 import math
 
