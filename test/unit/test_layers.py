@@ -28,7 +28,7 @@ import tp_controller
 PACKAGE = robots.REPOSITORY / 'tp_controller'
 # The layers, lowest first: each imports only itself and those before it.
 LAYERS = ['solver', 'errors', 'resources', 'model', 'tasks', 'control', '', 'nodes', 'demos',
-          'cli']
+          'cli', '__main__']
 WITH_ROS = ('nodes', 'demos', 'cli', '__main__')
 # What the method may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'daqp', 'tp_controller'}
