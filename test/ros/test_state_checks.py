@@ -1,0 +1,176 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Joint states that cannot be believed are noticed, and no others: streams drawn at random."""
+
+import math
+
+import numpy as np
+import pytest
+from tp_controller.nodes.state_checks import Following, MotionCheck, StampAge
+from tp_controller.nodes.stops import Stops
+
+LIMIT = 0.1
+SEEDS = range(20)
+
+
+def stamps(seed, seconds=20.0, rate=100.0, jitter=0.004, drift=0.0, offset=1.7e9):
+    """Yield (stamp, time of receipt) of a publisher with a clock of its own."""
+    rng = np.random.default_rng(seed)
+    for time in np.arange(0.0, seconds, 1.0 / rate):
+        yield offset + time * (1.0 + drift), time + jitter * rng.exponential()
+
+
+# Stamps ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('offset', [-1e3, 1.0, 1.7e9])
+@pytest.mark.parametrize('drift', [-0.01, 0.0, 0.01])
+def test_any_clock_that_goes_on_is_believed(seed, offset, drift):
+    age = StampAge(LIMIT)
+    assert not [fault for stamp, received in stamps(seed, drift=drift, offset=offset)
+                if (fault := age.fault(stamp, received))]
+
+
+def test_a_message_without_a_stamp_has_no_age():
+    age = StampAge(LIMIT)
+    assert not any(age.fault(0.0, time) for time in (0.0, 5.0, 100.0))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_stamps_that_stand_still_are_too_old_after_the_limit(seed):
+    age, last = StampAge(LIMIT), 0.0
+    for stamp, received in stamps(seed):
+        assert not age.fault(stamp, received)
+        last, since = stamp, received
+    ages = np.arange(0.0, 10.0, 0.01)
+    faults = [age.fault(last, since + later) for later in ages]
+    assert not any(faults[:int(0.8 * LIMIT / 0.01)])
+    # For ever: a stamp that stands still is no other clock.
+    assert all('old by its stamp' in fault for fault in faults[int(1.2 * LIMIT / 0.01):])
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('shift', [-0.5, -30.0, 0.5, 30.0])
+def test_stamps_of_another_time_are_left_out_until_the_clock_has_gone_on_for_a_while(seed, shift):
+    age = StampAge(LIMIT)
+    for stamp, received in stamps(seed):
+        age.fault(stamp, received)
+    faults = [age.fault(stamp + shift + 20.0, received + 20.0)
+              for stamp, received in stamps(seed, seconds=4.0)]
+    assert all(('old' if shift < 0.0 else 'ahead') in fault for fault in faults[:190])
+    assert not any(faults[215:])
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_messages_that_queued_up_are_old_and_the_newest_is_not(seed):
+    age = StampAge(LIMIT)
+    messages = list(stamps(seed, seconds=10.0))
+    for stamp, received in messages[:500]:
+        age.fault(stamp, received)
+    # Nothing was read for two seconds; then everything at once.
+    woken = messages[700][1]
+    faults = [age.fault(stamp, woken) for stamp, _ in messages[500:700]]
+    assert all(faults[:180]) and not any(faults[195:])
+
+
+# Motion ----------------------------------------------------------------------------------------
+
+
+def drive(seed, check, *, lag=0.0, delay=0, noise=0.0, quantum=0.0, dropped=0.0, rate=100.0,
+          seconds=8.0, follows=1.0, amplitude=1.0):
+    """Return the faults of a joint that is commanded to swing to and fro, and rest in between."""
+    rng = np.random.default_rng(seed)
+    dt, q, actual, measured = 1.0 / rate, 0.0, 0.0, 0.0
+    frequency, phase = rng.uniform(0.05, 1.0), rng.uniform(0.0, 6.28)
+    commands, faults = [0.0] * (delay + 1), []
+    for step in range(int(seconds * rate)):
+        time = step * dt
+        moves = (time // 2.0) % 2.0 == 0.0
+        commands.append(amplitude * math.sin(frequency * 6.28 * time + phase) if moves else 0.0)
+        faults.append(check.check(np.array([measured]), np.array([commands[-1]]), time))
+        actual += (commands[-1 - delay] - actual) * (-math.expm1(-dt / lag) if lag else 1.0)
+        q += follows * actual * dt
+        if rng.random() >= dropped:
+            measured = q + noise * rng.standard_normal()
+            measured = round(measured / quantum) * quantum if quantum else measured
+    return list(filter(None, faults))
+
+
+def checker(**values):
+    """Return a check of one joint."""
+    return MotionCheck(('joint1',), np.array([2.0]), Following(**values), 0.1, 0.05)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('rate', [20.0, 100.0, 1000.0])
+@pytest.mark.parametrize('plant', [
+    {}, {'lag': 0.1}, {'delay': 2}, {'noise': 1e-3}, {'quantum': 5e-3}, {'dropped': 0.1},
+    {'lag': 0.05, 'delay': 1, 'noise': 1e-4, 'quantum': 1e-3, 'dropped': 0.1},
+    {'amplitude': 0.05, 'noise': 1e-3, 'quantum': 5e-3}, {'amplitude': 0.0, 'noise': 2e-3}])
+def test_a_robot_that_moves_late_or_is_measured_badly_follows(seed, rate, plant):
+    assert not drive(seed, checker(), rate=rate, **plant)
+
+
+@pytest.mark.parametrize('rate', [20.0, 100.0, 1000.0])
+@pytest.mark.parametrize('follows', [0.0, 0.1, -1.0])
+def test_a_robot_that_stands_still_or_moves_the_wrong_way_does_not_follow(rate, follows):
+    check, q, dt = checker(), 0.0, 1.0 / rate
+    for step in range(int(10.0 * rate)):
+        fault = check.check(np.array([q]), np.array([0.3]), step * dt)
+        if fault:
+            break
+        q += follows * 0.3 * dt
+    assert 'joint1 does not follow: commanded to move by 0.3' in fault
+    # One window, and as much as the robot may be late.
+    assert 1.1 <= step * dt <= 1.5
+
+
+def test_what_was_before_a_start_is_forgotten():
+    check = checker()
+    for step in range(130):
+        assert not check.check(np.zeros(1), np.array([0.3]), 0.01 * step)
+    check.forget()
+    for step in range(130, 250):
+        assert not check.check(np.zeros(1), np.array([0.3]), 0.01 * step)
+
+
+def test_a_window_of_zero_checks_nothing():
+    check = checker(window=0.0)
+    assert not any(check.check(np.zeros(1), np.ones(1), 0.01 * step) for step in range(1000))
+
+
+# Stops -----------------------------------------------------------------------------------------
+
+
+def test_what_passes_stops_until_it_has_been_over_for_a_while():
+    stops = Stops(0.5)
+    assert stops.reason('', 0.0) == ''
+    assert stops.reason('late', 1.0) == 'late'
+    assert stops.reason('', 1.4) == 'late, until a moment ago'
+    assert stops.reason('late', 1.45) == 'late'
+    assert stops.reason('', 1.9) == 'late, until a moment ago'
+    assert stops.reason('', 1.95) == ''
+
+
+def test_what_latches_stops_until_a_start_without_its_cause():
+    stops = Stops(0.5)
+    stops.latch('joint1 jumped')
+    stops.latch('joint2 jumped')
+    assert stops.reason('', 0.0) == 'joint1 jumped; call ~/start to go on'
+    assert stops.start('joint1 is still off') == 'joint1 is still off'
+    assert stops.reason('', 1.0)
+    assert stops.start('') == ''
+    assert stops.reason('', 2.0) == ''

@@ -1,0 +1,201 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What joint states say about themselves: how old they are, and whether they can be true.
+
+Everything here is numbers in and sentences out. A message that cannot be believed is left out;
+what that means for the robot is decided in `tp_controller.nodes.stops`.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from tp_controller.model.spatial import Array
+
+# For how long the smallest delay of a publisher is remembered [s]: clocks that drift apart by
+# 1 % stay unnoticed, a queue that grows by 4 % does not.
+REMEMBERED = 5.0
+# After how long stamps that are off by a constant time are taken as another clock [s].
+RELEARNED = 2.0
+
+
+class StampAge:
+    """
+    How old messages of one publisher are by their stamps, although its clock may be any.
+
+    The clock's offset is the smallest difference between receipt and stamp of late. Stamps that
+    are off by a constant time for `RELEARNED` seconds come from a clock that was set.
+
+    Parameters
+    ----------
+    limit : float
+        Age from which a message is too old [s].
+
+    """
+
+    def __init__(self, limit: float) -> None:
+        self._limit = limit
+        # Smallest differences of two halves of the time that is remembered.
+        self._older = self._newer = math.inf
+        self._turned = -math.inf
+        # Where stamps are off: since when, and between which differences.
+        self._off: tuple[float, float, float] | None = None
+
+    def fault(self, stamp: float, received: float) -> str:
+        """
+        Return what is wrong with a stamp; empty where nothing is.
+
+        Parameters
+        ----------
+        stamp : float
+            Of the message [s]; 0 where it has none.
+        received : float
+            When it was received [s].
+
+        """
+        if stamp == 0.0:
+            return ''
+        difference = received - stamp
+        offset = min(self._older, self._newer)
+        age = difference - offset if math.isfinite(offset) else 0.0
+        if abs(age) > self._limit and not self._is_another_clock(difference, received):
+            return f'{age:.2g} s old by its stamp' if age > 0.0 \
+                else f'stamped {-age:.2g} s ahead of the ones before'
+        if abs(age) > self._limit:
+            self._older = self._newer = difference
+        self._off = None
+        self._remember(difference, received)
+        return ''
+
+    def _remember(self, difference: float, received: float) -> None:
+        """Keep the smallest differences."""
+        if received - self._turned > 0.5 * REMEMBERED:
+            self._older, self._newer, self._turned = self._newer, math.inf, received
+        self._newer = min(self._newer, difference)
+
+    def _is_another_clock(self, difference: float, received: float) -> bool:
+        """Say whether stamps have been off by the same time for long enough."""
+        since, least, most = self._off or (received, difference, difference)
+        least, most = min(least, difference), max(most, difference)
+        if most - least > self._limit:
+            since, least, most = received, difference, difference
+        self._off = since, least, most
+        return received - since >= RELEARNED
+
+
+@dataclass(frozen=True)
+class Following:
+    """
+    When a robot counts as one that does not follow.
+
+    Attributes
+    ----------
+    window : float
+        Time over which motion is compared [s]; 0: never.
+    lag : float
+        By how much the robot may be late [s].
+    distance : float
+        What has to be commanded in that time, at least [rad or m].
+    share : float
+        Smallest share of it that counts as following [1].
+
+    """
+
+    window: float = 1.0
+    lag: float = 0.3
+    distance: float = 0.05
+    share: float = 0.2
+
+
+class MotionCheck:
+    """
+    Whether joints move as they are commanded, and no faster than they can.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the driven joints.
+    speeds : ndarray (n,)
+        Their velocity limits, infinite where there is none [rad/s or m/s].
+    following : Following
+    slack : float
+        By how much messages may be late [s].
+    tolerance : float
+        What a position may be off [rad or m].
+
+    """
+
+    # Samples in a window.
+    SAMPLES = 20
+
+    def __init__(self, names: tuple[str, ...], speeds: Array, following: Following,
+                 slack: float, tolerance: float) -> None:
+        self._names, self._speeds, self._following = names, speeds, following
+        self._slack, self._tolerance = slack, tolerance
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: what comes next need not follow from what was."""
+        late = 1 + math.ceil(self.SAMPLES * self._following.lag / (self._following.window or 1.0))
+        self._samples: deque[tuple[Array, Array, float]] = deque(maxlen=self.SAMPLES + late)
+        self._commanded = np.zeros(len(self._names))
+        self._sampled = self._last = -math.inf
+
+    def check(self, q: Array, velocity: Array, now: float) -> str:
+        """
+        Return which joint does not follow; empty where all do.
+
+        Parameters
+        ----------
+        q : ndarray (n,)
+            Measured positions [rad or m].
+        velocity : ndarray (n,)
+            What is commanded from now on [rad/s or m/s].
+        now : float
+            [s]
+
+        """
+        window = self._following.window
+        if not window or not len(q):
+            return ''
+        if self._last > -math.inf:
+            self._commanded = self._commanded + self._velocity * (now - self._last)
+        self._velocity, self._last = velocity.copy(), now
+        # A little early is better than a whole cycle late.
+        if now - self._sampled < 0.9 * window / self.SAMPLES:
+            return ''
+        self._sampled = now
+        self._samples.append((q.copy(), self._commanded, now))
+        return self._fault() if len(self._samples) == self._samples.maxlen else ''
+
+    def _fault(self) -> str:
+        """Return which joint has not followed in the window that ends now."""
+        positions, commanded, times = (np.array(rows) for rows in zip(*self._samples))
+        moved = positions[-1] - positions[-1 - self.SAMPLES]
+        # What was commanded in windows of the same length that end earlier: however late the
+        # robot is, one of them is what it has to follow now.
+        asked = commanded[self.SAMPLES:] - commanded[:-self.SAMPLES]
+        least = np.where(np.abs(np.sign(asked).sum(axis=0)) == len(asked),
+                         np.abs(asked).min(axis=0), 0.0)
+        along = moved * np.sign(asked[-1])
+        still = (least > self._following.distance) & (along < self._following.share * least)
+        if not still.any():
+            return ''
+        joint = int(np.argmax(still))
+        return (f'{self._names[joint]} does not follow: commanded to move by '
+                f'{asked[-1][joint]:.2g}, moved by {moved[joint]:.2g} '
+                f'in {times[-1] - times[-1 - self.SAMPLES]:.2g} s')
