@@ -96,7 +96,7 @@ def imported_modules(folder):
 
 
 def requirements(metadata):
-    """Return the names of all distributions that setup.py asks for, with any extra."""
+    """Return the names of all distributions that setup.py requires, with any extra."""
     wanted = [*metadata['install_requires'], *sum(metadata['extras_require'].values(), [])]
     return {re.match(r'[\w.-]+', requirement)[0] for requirement in wanted}
 

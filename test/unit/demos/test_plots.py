@@ -147,7 +147,7 @@ def test_animation_in_space_is_small(tmp_path, name):
     assert path.stat().st_size < 3_000_000
 
 
-def test_animation_shows_the_base_what_is_held_and_what_stands_around(tmp_path):
+def test_animation_shows_the_base_the_carried_object_and_its_surroundings(tmp_path):
     robot = Robot.from_file(CONFIG / 'robots' / 'mobile_arm.urdf', base='planar')
     q = np.tile(robot.neutral(), (20, 1))
     q[:, 0] = np.linspace(0.0, 1.0, 20)
