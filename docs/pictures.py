@@ -145,7 +145,7 @@ class Run:
 
     @cached_property
     def chain(self):
-        """Return (parent, child) of the links up to the frames of tasks, and the driven children."""
+        """Return (parent, child) of the links up to frames of tasks, and the driven children."""
         links, driven = links_of(self.robot)
         parents = {child: parent for parent, child in links}
         needed = {*driven, *(frame for task in self.stack.tasks.values() for frame in (
