@@ -26,7 +26,7 @@ The errors a user can meet.
     ├── TimeError       a time is no finite number
     └── SolverError     the levels handed to ``solve`` do not fit together
 
-Every message names the thing that is wrong and says what is valid.
+Every message names what is wrong and says what is valid.
 """
 
 from collections.abc import Iterable
@@ -42,7 +42,7 @@ LONGEST = 2000
 
 
 class RobotError(TpControllerError):
-    """A robot description, or something asked of the robot, is not usable."""
+    """A robot description, or a name or position of the robot, is not valid."""
 
 
 class SettingsError(TpControllerError):
@@ -73,7 +73,7 @@ class TimeError(TpControllerError):
 @dataclass(frozen=True)
 class Fault:
     """
-    One thing that is wrong in a stack.
+    One fault of a stack.
 
     Attributes
     ----------

@@ -48,8 +48,9 @@ def robot(domain, tmp_path_factory):
             NodeProcess('controller_node', [*arguments, '-p', f'stack:={folder / "stack.yaml"}'],
                         domain, folder / 'controller.log') as controller:
         listener = Listener()
-        listener.wait(lambda: listener.client.status and not listener.client.hold(), 'motion',
-                      [simulator, controller])
+        listener.wait(
+            lambda: listener.client.status and not listener.client.stop_reason(), 'motion',
+            [simulator, controller])
         yield listener
         listener.client.close()
 

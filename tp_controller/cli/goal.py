@@ -123,8 +123,8 @@ def _reach(client: 'Client', options: argparse.Namespace) -> bool:
         lambda: client.task_status(options.task).get('status') in ('reached', 'satisfied'),
         options.reach)
     status = client.task_status(options.task)
-    if client.hold():
-        print(f'not reached: {client.hold()}')
+    if client.stop_reason():
+        print(f'not reached: {client.stop_reason()}')
         return False
     errors = ', '.join(f'{float(value):.3g} {key[7:-1]}' for key, value in status.items()
                        if key.startswith('error ['))

@@ -68,7 +68,7 @@ ELSEWHERE = frozenset((SINGULARITY, IMPOSSIBLE, DAMPING))
 def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]],
               found: Sequence[Cause], causes: Causes) -> str:
     """
-    Return what holds a task back, in a sentence; empty where nothing does.
+    Return what limits a task, in a sentence; empty where nothing does.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]]
 
     """
     sentences = [_stuck(evaluation)]
-    if causes.hold_back(evaluation):
+    if causes.is_limited(evaluation):
         if is_out_of_reach(evaluation, found, causes):
             distance = ', '.join(f'{value:.2g} {unit}' for value, unit, tolerance in errors
                                  if value > tolerance)
@@ -124,7 +124,7 @@ def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Caus
 
 
 def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
-    """Return one cause in words; what of it, where a task watches several things."""
+    """Return one cause in words, with the rows of a task that has several."""
     rows = causes.rows_in_the_way(evaluation, cause.name) if cause.kind == BOUNDS else []
     return SENTENCES[cause.kind].format(cause.name) + (f' ({", ".join(rows[:NAMED])})' if rows
                                                        else '')

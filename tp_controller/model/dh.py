@@ -15,8 +15,8 @@
 """
 Denavit-Hartenberg tables, turned into URDF.
 
-Writing a URDF keeps a single way into the robot model, and gives a DH robot what every other ROS
-tool wants: a ``robot_description``.
+So there is a single path into the robot model, and a DH robot has what other ROS tools need: a
+``robot_description``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ def urdf_from_dh(table: Table, convention: str | None = None) -> str:
     """
     Return the URDF of a DH table.
 
-    With ``standard`` (the lab's) the transform of row i is Rz(θ) Tz(d) Tx(a) Rx(α), with
+    With ``standard`` (as in the lab) the transform of row i is Rz(θ) Tz(d) Tx(a) Rx(α), with
     ``modified`` (Craig's) it is Rx(α) Tx(a) Rz(θ) Tz(d). The joint variable is added to θ for a
     revolute and to d for a prismatic joint.
 

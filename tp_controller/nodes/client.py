@@ -228,7 +228,7 @@ class Client:
         status = self.task_status(task)
         return (status['goals accepted'], status['goals refused']) if status else ABSENT
 
-    def hold(self) -> str:
+    def stop_reason(self) -> str:
         """Return why the controller commands zeros; empty while it runs."""
         head = self.status.status[0].message if self.status else 'no status yet'
         return '' if head == 'running' else head

@@ -59,7 +59,7 @@ PARAMETERS = (
          True),
     Spec('seed', 0, 'seed of noise and loss, not negative', read_only=True),
 )
-# How far the simulation may fall behind before it gives up catching up [s].
+# How far the simulation may fall behind before it stops catching up [s].
 LARGEST_GAP = 0.2
 
 

@@ -94,7 +94,7 @@ class TaskTopics:
             _, close = self._open.pop(key)
             close()
         self._refusals = 0
-        # A topic cannot have another type before the executor has let go of what was closed.
+        # A topic cannot have another type before the executor has dropped what was closed.
         self._open_missing(later=closed)
 
     def _open_missing(self, later: Collection[tuple[str, str]] = ()) -> None:

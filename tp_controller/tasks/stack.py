@@ -85,7 +85,7 @@ class Stack:
         return cls(_Reader(robot).read(text))
 
     def enable(self, name: str, enabled: bool) -> None:
-        """Take a task into the stack (True) or leave it out (False)."""
+        """Enable or disable a task."""
         (self.disabled.discard if enabled else self.disabled.add)(name)
         self._arrange()
 
@@ -98,7 +98,7 @@ class Stack:
         self._arrange()
 
     def start(self, state: RobotState) -> None:
-        """Let every task without a goal hold the value it has at a `RobotState`."""
+        """Give every task without a goal its value at a `RobotState` as default goal."""
         for task in self.tasks.values():
             task.start(state)
 
@@ -172,7 +172,7 @@ class _Reader:
         self._types = task_types()
         self._faults: list[Fault] = []
         self._lines_of_names: dict[str, int] = {}
-        # Tasks read so far that keep bounds.
+        # Inequality tasks read so far.
         self._bounded: list[Task] = []
 
     def read(self, text: str) -> list[list[Task]]:
@@ -206,8 +206,8 @@ class _Reader:
         modes = {task.mode for task in read}
         if 0 < len(bounded) < len(read):
             others = _names(task for task in read if not task.bounded)
-            self._fault(node, '', f'tasks that keep bounds ({_names(bounded)}) and tasks that '
-                                  f'want a velocity ({others}) cannot share a level')
+            self._fault(node, '', f'inequality tasks ({_names(bounded)}) and other tasks '
+                                  f'({others}) cannot share a level')
         elif len(modes) > 1:
             self._fault(node, '', f'tasks that share a level need the same mode, not '
                                   f'{" and ".join(sorted(modes))}')

@@ -541,7 +541,7 @@ def test_jump_of_the_nearest_points_is_not_taken_for_a_curve():
     curved = 0.5 * (later.J - after.J)[0, 0]
     assert curved != 0.0
     np.testing.assert_allclose(later.lower, free - min(curved, 0.0))
-    task.release()
+    task.reset()
     level(0.02)
     back, free = level(0.01)
     np.testing.assert_allclose(back.lower, free - min(0.5 * (back.J - later.J)[0, 0], 0.0))
