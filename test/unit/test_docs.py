@@ -189,7 +189,7 @@ def test_list_of_messages_has_messages_of_every_kind(message, generate):
 
 def test_list_of_messages_has_nothing_else(generate):
     # A docstring, the description of a key and of a parameter.
-    for text in ('Collects what is wrong', 'gain K, one number', 'cycles per second', '<robot name'):
+    for text in ('Collects what is wrong', 'gain K, one', 'cycles per second', '<robot name'):
         assert text not in generate.messages()
 
 

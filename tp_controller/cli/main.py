@@ -161,7 +161,7 @@ def _lacks(error: ModuleNotFoundError) -> int:
 def _seed(text: str) -> int:
     """Return a seed of the command line."""
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f'{text!r} is no whole number from 0 on')
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
     return int(text)
 
 

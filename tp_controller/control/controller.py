@@ -410,14 +410,15 @@ class Controller:
     def _pose_in(self, task: Task, frame: str | Array) -> Array:
         """Return T_reference_frame (4, 4), as the robot stands now."""
         if task.reference is None:
-            raise GoalError(f'task {task.name!r} takes no frame')
+            raise GoalError(f'a goal of task {task.name!r} is not expressed in a frame: '
+                            'leave it out')
         if isinstance(frame, str) and frame not in self.robot.frame_names:
             raise GoalError(unknown('frame', frame, self.robot.frame_names))
         if isinstance(frame, str) and frame == task.reference:
             return np.eye(4)
         if self._state is None:
             raise GoalError('a goal in another frame needs joint positions, '
-                            'and there were none yet')
+                            'and none have arrived yet')
         T_root_frame = self._state.pose(frame) if isinstance(frame, str) else parse_pose(
             frame, f'the frame of a goal for task {task.name!r}')
         return inverse_pose(self._state.pose(task.reference)).dot(T_root_frame)

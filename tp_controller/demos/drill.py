@@ -37,6 +37,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.resources import package_share
 from tp_controller.tasks.field_of_view import FieldOfView
 from tp_controller.tasks.joint_limits import JointLimits
+from tp_controller.tasks.keys import with_unit
 
 PERIOD = 0.01
 DURATION = 40.0
@@ -189,7 +190,7 @@ def _violations(motion: Recording) -> Iterator[str]:
         outside = motion.outside[name]
         for first, last in _spells(outside > tolerance):
             yield (f'  {name:<8} {motion.times[first]:5.1f} s to {motion.times[last]:5.1f} s, '
-                   f'by {outside[first:last + 1].max():.3f} {unit}')
+                   f'by {with_unit(f"{outside[first:last + 1].max():.3f}", unit)}')
     yield ''
 
 

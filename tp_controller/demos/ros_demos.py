@@ -196,8 +196,8 @@ def run_demo(demo: Demo, folder: Path) -> bool:
             outcomes.extend(_carry_out(client, nodes, step, number))
     print(f'\n{"goal":<42} {"  task":<10} {"error":<24} outcome')
     print('\n'.join(map(str, outcomes)))
-    print('\n> marks the task the goal was for; the others go on with their own, as far as the '
-          'tasks above let them.')
+    print('\n> marks the task that the goal was for. The others keep their own goals, in the '
+          'null space of the tasks above.')
     within = _check_limits(demo.robot, recorder)
     print('\nWritten:')
     for path in _figures(folder, demo, recorder, changes):

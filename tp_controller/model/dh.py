@@ -115,15 +115,17 @@ def _load(table: Any) -> dict[str, Any]:
         try:
             text = read_source(table, lambda text: '\n' in text or '{' in text)
             table = load_yaml(text)
-        except (OSError, ValueError) as error:
+        except OSError as error:
+            raise RobotError(f'robot description: {error}') from error
+        except ValueError as error:
             raise RobotError(f'DH table: {error}') from error
     if isinstance(table, (list, tuple)):
         table = {'joints': list(table)}
     if not isinstance(table, dict) or not table.get('joints'):
-        raise RobotError('a DH table is a list of joints, or a mapping with the key "joints"')
+        raise RobotError('a DH table must be a list of joints, or a mapping with the key "joints"')
     for key in table:
         if key not in TABLE_KEYS:
-            raise RobotError(unknown('key of a DH table', key, TABLE_KEYS))
+            raise RobotError(f'DH table: {unknown("key", key, TABLE_KEYS)}')
     _check_word(table.get('root', 'base_link'), 'DH table: root')
     return table
 

@@ -181,7 +181,7 @@ def check_rotation(R: Array) -> Array:
 
     """
     if np.abs(R.dot(R.T) - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
-        raise ValueError('the 3×3 part is no rotation matrix (R Rᵀ = 1, det R = 1)')
+        raise ValueError('the 3×3 part is not a rotation matrix (R Rᵀ = 1, det R = 1)')
     return R
 
 

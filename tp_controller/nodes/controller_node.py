@@ -180,7 +180,7 @@ class ControllerNode(ClosableNode):
             raise RobotError('parameter command_joints must be the driven joints in some order '
                              f'({", ".join(robot.joint_names)}), not {", ".join(names)}')
         for limit, what in ((np.inf, 'no velocity limit for'),
-                            (0.0, 'a velocity limit of zero, so no motion at all, for')):
+                            (0.0, 'the velocity limit is zero, so nothing moves, for')):
             names_of = [name for name, given in zip(robot.velocity_names, robot.velocity)
                         if given == limit]
             if names_of:
@@ -218,7 +218,7 @@ class ControllerNode(ClosableNode):
     def _read_stack(self, source: str) -> Stack:
         """Return the stack of a parameter's value."""
         if not source:
-            raise SettingsError(['parameter stack is empty'])
+            raise SettingsError(['parameter stack is empty: give it YAML text or a file'])
         return Stack.from_yaml(source, self._controller.robot)
 
     def _use_stack(self, stack: Stack) -> None:
@@ -308,8 +308,9 @@ class ControllerNode(ClosableNode):
             self.get_logger().info('running')
             unheard = self._buffer.unheard()
             if unheard:
-                self.get_logger().warning('no joint states of passive joints, taken as near to '
-                                          f'zero as their limits allow: {", ".join(unheard)}')
+                self.get_logger().warning(
+                    'no joint states of passive joints: until then they count as at zero, or at '
+                    f'the limit nearest to zero: {", ".join(unheard)}')
 
     def _find_stop_reason(self, now: float) -> str:
         """Return why zeros are commanded; empty if nothing speaks against motion."""
@@ -335,7 +336,7 @@ class ControllerNode(ClosableNode):
                 # The timer is only late, as on a machine that has too much to do.
                 self._cycle()
                 return
-            reason = 'time stands still'
+            reason = 'simulated time (/clock) stands still'
         if reason:
             self._publish_zeros()
             self._log_stop_reason(reason)

@@ -202,7 +202,7 @@ def _array(values: Any, dimensions: int, what: str) -> Array:
     try:
         array = np.asarray(values)
         if np.iscomplexobj(array):
-            raise TypeError('complex numbers are no velocities')
+            raise TypeError('complex numbers are not velocities')
         array = array.astype(float, copy=False)
     except (TypeError, ValueError) as error:
         raise SolverError(f'{what}: {error}') from error

@@ -243,7 +243,7 @@ class Task(ABC):
 
     def goal_in_reference(self, goal: Goal, T_reference_frame: Array) -> Goal:
         """Return a goal given in another frame; raise `GoalError` where goals have no frame."""
-        raise GoalError(f'a goal of task {self.name!r} is in no frame')
+        raise GoalError(f'a goal of task {self.name!r} is not expressed in a frame: leave it out')
 
     def goal_pose(self, state: RobotState) -> Array | None:
         """Return T_reference_goal (4, 4) for display; None where the goal is no place."""
@@ -273,7 +273,8 @@ class Task(ABC):
 
     def feed_forward_in_reference(self, velocity: Array, R_reference_frame: Array) -> Array:
         """Return a velocity given in the axes of another frame; `GoalError` where it has none."""
-        raise GoalError(f'a velocity of task {self.name!r} is in no frame')
+        raise GoalError(f'a velocity of task {self.name!r} is not expressed in a frame: '
+                        'leave it out')
 
     def set_feed_forward(self, velocity: Array, now: float) -> None:
         """Add a velocity, as `parse_feed_forward` returned it, until it times out."""
