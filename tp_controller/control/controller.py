@@ -96,9 +96,9 @@ class Controller:
         """
         Carry out another stack from the next cycle on.
 
-        Tasks of the same name, type and frame or joints go on with their goals, and with the
-        velocities in force. The upper levels whose tasks are the same in both stacks, with the
-        same keys and goals, do not feel the change.
+        Tasks of the same name, type and frame or joints keep their goals, and the velocities in
+        force. The change does not disturb the upper levels whose tasks are the same in both
+        stacks, with the same keys and goals.
 
         Parameters
         ----------
