@@ -786,7 +786,8 @@ def test_link_that_only_turns_about_itself_is_named_and_keeps_no_joint_from_movi
             command = controller.update(q, began + cycle * PERIOD)
             q = q + PERIOD * command.velocity
         assert command.report.tasks[1].reached
-        assert command.report.tasks[0].reason == 'no joint can move panda_link1 – foot back within bounds'
+        assert command.report.tasks[0].reason == (
+            'no joint can move panda_link1 – foot back within bounds')
 
 
 def test_bounds_of_a_level_that_contradict_each_other_are_reported_as_that():
