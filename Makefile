@@ -22,7 +22,7 @@ ifneq ($(file < $(STAMP)),$(MADE_FOR))
 .PHONY: $(STAMP)
 endif
 
-.PHONY: help demo test bench lint clean
+.PHONY: help demo test bench docs lint clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -38,12 +38,17 @@ test: $(STAMP)  ## run all tests (PYTEST_FLAGS='-k solver' for some)
 bench: $(STAMP)  ## measure times on this machine (benchmarks/)
 	@set -e; for file in benchmarks/[a-z]*.py; do $(BIN)/python "$$file"; done
 
+docs: $(STAMP)  ## build the pages as a site, strictly: docs/_build/index.html
+	@$(BIN)/python -c 'import furo, myst_parser, sphinx' 2> /dev/null || \
+	  $(BIN)/python -m pip --disable-pip-version-check install -qq -e '.[docs]'
+	@$(BIN)/python -m sphinx -q -n -W --keep-going docs docs/_build
+
 lint: $(STAMP)  ## check code style and types
 	@$(BIN)/python -m ruff check .
 	@$(BIN)/python -m mypy
 
 clean:  ## remove .venv and everything built
-	@rm -rf $(VENV) build install log tp_demo *.egg-info
+	@rm -rf $(VENV) build install log tp_demo docs/_build *.egg-info
 	@rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 

@@ -26,16 +26,16 @@ ROOT = Path(find_spec('tp_controller').origin).parents[1]
 # Files beside the folder that are pages of the site.
 INCLUDED = {'README.md': 'index.md', 'CONTRIBUTING.md': 'contributing.md',
             'CHANGELOG.rst': 'changelog.md'}
-OUTSIDE = re.compile(r'(?P<before>\]\(|include(?:\}|::) )(?P<path>(?:\.\./)+[^)\s#]+)')
+OUTSIDE = re.compile(r'(?P<before>\]\(|include:: )(?P<path>(?:\.\./)+[^)\s#]+)')
 
 project = 'tp_controller'
 author = project_copyright = 'tp_controller contributors'
 release = version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
 
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
-# rosdoc2 adds pages in reStructuredText that are not ours.
+# rosdoc2 adds pages that are not ours: these two, and all in reStructuredText.
 source_suffix = {'.md': 'markdown'}
-exclude_patterns = ['_build']
+exclude_patterns = ['_build', 'README.md', 'CONTRIBUTING.md']
 highlight_language = 'text'
 html_theme = 'furo'
 html_title = f'{project} {release}'
@@ -60,6 +60,8 @@ MODULES = ('tp_controller', 'tp_controller.tasks', 'tp_controller.errors')
 
 def lead_outside(app, docname, source):
     """Let links, and files that are included, lead out of the folder of the pages."""
+    if docname == 'contributing':
+        source[0] = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8').replace('](docs/', '](')
     page = (ROOT / 'docs' / docname).parent
 
     def correct(match):
@@ -72,7 +74,6 @@ def lead_outside(app, docname, source):
         return match['before'] + os.path.relpath(target, (app.srcdir / docname).parent)
 
     source[0] = OUTSIDE.sub(correct, source[0])
-
 
 
 def look_up(app, env, node, contnode):
