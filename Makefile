@@ -2,13 +2,24 @@
 
 PYTHON ?= python3
 # Where there are no ROS wheels (they are for x86_64): make EXTRAS=test ...
-EXTRAS ?= ros,plots,test
+EXTRAS ?= ros plots test
 PYTEST_FLAGS ?=
 DEMO_FLAGS ?=
 
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/made_for
+PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq
+comma := ,
+CHOSEN := $(subst $(comma), ,$(EXTRAS))
+# Which of them a target needs.
+DEMO_NEEDS := $(patsubst %,$(VENV)/with_%,$(filter ros plots,$(CHOSEN)))
+TEST_NEEDS := $(patsubst %,$(VENV)/with_%,$(CHOSEN))
+# What each installs, and how large its files are then.
+SIZE_ros := ROS 2 nodes: rclpy and messages as wheels, 150 MB
+SIZE_plots := plots and films: matplotlib, 100 MB
+SIZE_test := tests, lint, robots to test with, and what docs needs: 660 MB
+SIZE_docs := the site: Sphinx, MyST and a theme, 95 MB
 
 # A ROS sourced in this shell has other libraries than the ones in .venv.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
@@ -16,8 +27,8 @@ unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH RMW_IMPLEMENTATI
 unexport ROS_LOCALHOST_ONLY ROS_STATIC_PEERS ROS_DISCOVERY_SERVER
 unexport FASTRTPS_DEFAULT_PROFILES_FILE FASTDDS_DEFAULT_PROFILES_FILE
 
-# An environment holds its own path: make a new one when the tree was moved or copied.
-MADE_FOR := $(CURDIR) [$(EXTRAS)]
+# An environment contains its own path: make a new one when the tree was moved or copied.
+MADE_FOR := $(CURDIR)
 ifneq ($(file < $(STAMP)),$(MADE_FOR))
 .PHONY: $(STAMP)
 endif
@@ -28,22 +39,20 @@ endif
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*##/make \1\t/p' Makefile | expand -t 16
 
-demo: $(STAMP)  ## run the demonstrations; films, plots and numbers go to tp_demo/
+demo: $(STAMP) $(DEMO_NEEDS)  ## run the demonstrations; films, plots and numbers go to tp_demo/
 	@$(BIN)/tp_controller demo $(DEMO_FLAGS)
 
-test: $(STAMP)  ## run all tests (PYTEST_FLAGS='-k solver' for some)
+test: $(STAMP) $(TEST_NEEDS)  ## run all tests (PYTEST_FLAGS='-k solver' for some)
 	@logs=$$(mktemp -d) && trap 'rm -rf "$$logs"' EXIT && \
 	  ROS_LOG_DIR="$$logs" $(BIN)/python -m pytest $(PYTEST_FLAGS)
 
-bench: $(STAMP)  ## measure times on this machine (benchmarks/)
+bench: $(STAMP) $(TEST_NEEDS)  ## measure times on this machine (benchmarks/)
 	@set -e; for file in benchmarks/[a-z]*.py; do $(BIN)/python "$$file"; done
 
-docs: $(STAMP)  ## build the pages as a site, strictly: docs/_build/index.html
-	@$(BIN)/python -c 'import furo, myst_parser, sphinx' 2> /dev/null || \
-	  $(BIN)/python -m pip --disable-pip-version-check install -qq -e '.[docs]'
+docs: $(STAMP) $(VENV)/with_docs  ## build the pages as a site, strictly: docs/_build/index.html
 	@$(BIN)/python -m sphinx -q -n -W --keep-going docs docs/_build
 
-lint: $(STAMP)  ## check code style and types
+lint: $(STAMP) $(TEST_NEEDS)  ## check code style and types
 	@$(BIN)/python -m ruff check .
 	@$(BIN)/python -m mypy
 
@@ -59,9 +68,14 @@ $(STAMP): setup.py
 	@$(PYTHON) -c 'import ensurepip, venv' 2> /dev/null || { \
 	  echo '"$(PYTHON)" has no venv module: sudo apt install python3-venv' >&2; exit 1; }
 	@if [ "$$(cat $@ 2> /dev/null)" != '$(MADE_FOR)' ]; then \
-	  echo 'Making .venv (once; about a minute) ...'; \
-	  $(PYTHON) -m venv --clear $(VENV); fi
-	@$(BIN)/python -m pip --disable-pip-version-check install -qq -e '.[$(EXTRAS)]' || { \
+	  echo 'Making .venv, once.'; $(PYTHON) -m venv --clear $(VENV); fi
+	@echo '+ library: numpy, scipy, pinocchio, daqp, 580 MB ...'
+	@$(PIP) -e .
+	@echo '$(MADE_FOR)' > $@
+
+$(VENV)/with_%: $(STAMP)
+	@echo '+ $(SIZE_$*) ...'
+	@$(PIP) -e '.[$*]' || { \
 	  echo 'The packages could not be installed. ROS wheels exist for Linux on x86_64, Python' \
 	       '3.10 to 3.14; elsewhere: make EXTRAS=test ...' >&2; exit 1; }
-	@echo '$(MADE_FOR)' > $@
+	@touch $@

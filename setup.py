@@ -52,7 +52,8 @@ setup(
          glob('config/robots/*.yaml') + glob('config/robots/*.urdf')),
         *shims(),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin>=4', 'coal', 'daqp'],
+    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin>=4', 'coal', 'daqp',
+                      'argcomplete'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'plots': plots,

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What benchmarks count in a sequence of commands."""
+"""Counts of reversals, sign changes and swings in a sequence of commands."""
 
 import numpy as np
 

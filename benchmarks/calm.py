@@ -13,29 +13,37 @@
 # limitations under the License.
 
 """
-Hold goals that cannot be reached in closed loops, and count whether the robot comes to rest.
+Send goals, most of them out of reach, and measure whether the robot comes to rest.
 
-Run as ``python benchmarks/calm.py``; ``--goals 10 --rates 20 100`` for a first impression. Each
-run draws a start and a goal for the tool, pose > posture; for the planar arm the pose is a
-position in its plane. By number the goals of a robot are, in turns:
+Run as ``python benchmarks/calm.py``; ``--goals 10 --rates 20 100`` for a first impression. The
+loop is closed, the stack is tool pose > posture; for the planar arm the tool task is a position in
+its plane. Every run draws a start and a goal. The number of the goal says which kind it is:
 
-far
-    Every second one: in a random direction from the root, 1.1 to 2 times as far as the tool
-    reaches; with a base that moves, up to 2 m away, and 1.1 to 2 times as far above or below the
-    middle of the heights it reaches. The orientation is random.
-turned
-    Every fourth one: a position of the tool at random positions of the joints, and a random
-    orientation. Some can be reached. The planar arm: 1 to 1.1 times as far as it reaches.
-outside
-    Every fourth one: the pose of the tool at positions of the joints that are drawn from ranges
-    twice as wide as the limits. Some can be reached. The planar arm: as turned.
+far (every second goal)
+    A position out of reach: in a random direction from the root, 1.1 to 2 times as far away as the
+    tool reaches. For a moving base: within ± 2 m in x and y, and 1.1 to 2 times as far above or
+    below the middle of the heights that the tool reaches. The orientation is random.
+turned (every fourth goal)
+    A position that the tool has at random joint positions, with a random orientation. Some of
+    these goals can be reached. For the planar arm: 1 to 1.1 times as far away as it reaches.
+outside (every fourth goal)
+    A pose that the tool has at joint positions drawn from ranges twice as wide as the limits. Some
+    of these goals can be reached. For the planar arm: as turned.
 
-The goal stays for 10 s; what follows is measured: 2 s, at 1000 Hz 1 s. A reversal is a cycle in
-which the velocity of a joint changes to the other side of how it changed before, both by more
-than 0.01 rad/s (m/s); a flip is one in which the velocity itself changes sides, both faster than
-that. A swing, which may take any number of cycles, ends where the velocity turns by more than
-that. Counted are those of the joint that has most, per second. A run with at most one reversal
-per second is calm. Each can be repeated alone: ``calm.run('Panda', 100, None, 7)``.
+The goal stays the same. The first 10 s are not measured, the next 2 s are (1 s at 1000 Hz).
+Counted are, per second and for the joint that has most of them:
+
+reversal
+    A cycle in which a velocity that rose falls, or that fell rises, both by more than 0.01 rad/s
+    (m/s).
+flip
+    A cycle in which a velocity changes its sign, with more than 0.01 rad/s (m/s) before and after.
+swing
+    A rise of a velocity that a fall by more than 0.01 rad/s (m/s) follows, or the other way round,
+    however many cycles they take.
+
+A run with at most one reversal per second is calm. Every run can be repeated alone:
+``calm.run('Panda', 100, None, 7)``.
 """
 
 import argparse
@@ -69,8 +77,8 @@ SETTLING, MEASURED = 10.0, 2.0
 MEASURED_AT_MOST = 1000
 CALM = 1.0
 KINDS = 'far', 'turned', 'far', 'outside'
-# Where a base starts and may have to go to [m].
-ROOM = 2.0
+# A base starts, and has its goals, within ± this in x and y [m].
+AREA = 2.0
 SAMPLES = 2000
 # What commands go through: cycles they come late, time constant of the actuators [s], noise on
 # the measured positions [rad or m].
@@ -143,7 +151,7 @@ class Scene:
         middle, reach = _reach(self.name)
         beyond = reach * self.random.uniform(1.1, 2.0)
         if self.robot.moves:
-            self.goal[:2, 3] = self.random.uniform(-ROOM, ROOM, 2)
+            self.goal[:2, 3] = self.random.uniform(-AREA, AREA, 2)
             self.goal[2, 3] = middle + self.random.choice((-1.0, 1.0)) * beyond
             return
         way = self.random.normal(size=3)
@@ -176,7 +184,7 @@ def _place(robot: Robot, random: np.random.Generator, widened: float = 0.0) -> n
     """Return a random configuration (nq,); joints without end and the yaw are within ±π."""
     lower, upper = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
     if robot.moves:
-        lower[:2], upper[:2] = -ROOM, ROOM
+        lower[:2], upper[:2] = -AREA, AREA
     wider = widened * (upper - lower)
     return random.uniform(lower - wider, upper + wider)
 

@@ -13,15 +13,18 @@
 # limitations under the License.
 
 """
-Compare the causes that are reported with cycles that are solved again without them.
+Compare the causes in the report with what solving again without each of them shows.
 
-Run as ``python benchmarks/causes.py``; ``--states 20`` for a first impression. Each state draws
-positions, goals, settings and, in a third of them, acceleration limits and velocities before.
-Every limit of every joint and every task above is taken away in turn, by a robot without the
-limit and a stack without the task, and what comes back of what a task misses is the true share.
-*Found* are the true causes that are named, *right* the named ones that are true, a true cause
-being one that brings back more than 1 %; *off* is the largest difference between the shares. The
-times are those of `TaskReport.causes` for all tasks of a cycle in which one is limited.
+Run as ``python benchmarks/causes.py``; ``--states 20`` for a first impression. Every state draws
+joint positions, goals and settings, and in a third of the states acceleration limits. Then every
+limit of every joint, and every task above, is removed in turn: the robot gets a copy without the
+limit, the stack is solved without the task. The share of the missing velocity that comes back is
+the true share of this cause; a true cause has more than 1 %.
+
+*Found* are the true causes that the report names, as a share of all true ones. *Right* are the
+named causes that are true, as a share of all named ones. *Shares off by* is the largest difference
+between a reported and a true share. The times are those of `TaskReport.causes` for all tasks of a
+cycle in which at least one task is limited.
 """
 
 import argparse
@@ -171,20 +174,20 @@ def compare(case: str, number: int, findings: Findings) -> None:
     if any(named.values()):
         findings.times.append(1e6 * elapsed)
     order = [task.name for task in report.tasks]
-    for thing, left in scene.alone():
+    for removed, left in scene.alone():
         for index, task in enumerate(report.tasks):
-            above = thing[1] in order[:index] or thing[1] not in order
+            above = removed[1] in order[:index] or removed[1] not in order
             if not above or missing[task.name] <= max(1e-6, NOTABLE * task.wanted_speed):
                 continue
             share = 1.0 - left[task.name] / missing[task.name]
-            given = named[task.name].get(thing, 0.0)
+            given = named[task.name].get(removed, 0.0)
             findings.true += share > NOTABLE + MARGIN
             findings.found += share > NOTABLE + MARGIN and given > 0.0
             findings.named += given > 0.0
             findings.right += given > 0.0 and share > NOTABLE - MARGIN
             findings.off = max(findings.off, abs(share - given) if given else 0.0)
             if (share > NOTABLE + MARGIN) != (given > 0.0) and abs(share - NOTABLE) > MARGIN:
-                findings.faults.append(f'{case}, state {number}: {task.name}, {thing}: '
+                findings.faults.append(f'{case}, state {number}: {task.name}, {removed}: '
                                        f'{share:.3f}, not {given:.3f}')
 
 

@@ -13,17 +13,19 @@
 # limitations under the License.
 
 """
-Run closed loops at random, a million cycles, and count what must not happen.
+Run a million cycles of random closed loops, and count what must not happen.
 
 Run as ``python benchmarks/closed_loops.py``; ``--cycles 20000`` for a first impression. The
-robot is ideal: positions are the integral of the commands. Stacks, modes, goals, feed-forward
-velocities, settings and starts are drawn at random; while the robot moves, tasks are switched
-and the stack is replaced. It may start outside its position limits or on a singularity. Half of
-the episodes have a period of 10 ms and end with a long hold, the others have one of 1 ms. Half
-of the episodes have acceleration limits, and in a third cycles come early at random.
+robot is ideal: its positions are the integral of the commands. Stacks, modes, goals, feed-forward
+velocities, settings and starts are random; some starts are outside the position limits or at a
+singularity. While the robot moves, tasks are enabled and disabled and the stack is replaced.
 
-Every episode draws from its own generator, so that what was found can be looked at again: a
-finding names robot, seed and episode, and `Episode(robot name, seed, episode)` is that one.
+Half of the episodes have a period of 10 ms and end with a settling phase: 700 cycles in which
+nothing changes any more. The others have a period of 1 ms. Half of the episodes have acceleration
+limits; in a third of all episodes cycles come early at random.
+
+Every episode has its own random generator, so that it can be repeated: a finding names robot,
+seed and episode, which `Episode(robot name, seed, episode)` takes.
 """
 
 import argparse
@@ -53,8 +55,8 @@ ROBOTS = {
 }
 PERIODS = (0.01, 0.001)
 ACCELERATIONS = (None, None, 5.0, 15.0)
-# Cycles in which things happen, and of the hold at the end (period 10 ms only).
-MOVING, HOLD = 300, 700
+# Cycles with random events, and without any at the end (period 10 ms only).
+MOVING, SETTLING = 300, 700
 # How often something happens, per cycle.
 CHANCES = {'goal': 0.01, 'feed_forward': 0.02, 'enable': 0.005, 'replace': 0.003}
 # After this time nothing that happened before acts on the command any more [s].
@@ -64,7 +66,8 @@ ROUNDING = 1e-9
 OUTWARDS = 1e-12
 # Share of the speed of the first task that may get lost before it counts as stuck wrongly.
 LOST = 0.05
-# A hold with more than `CHATTER_CYCLES` changes of a velocity by more than this chatters [rad/s].
+# A settling phase with more than `CHATTER_CYCLES` changes of a velocity by more than this counts
+# as chattering [rad/s].
 CHATTER = 0.5
 CHATTER_CYCLES = 5
 # Further findings are counted but not described.
@@ -88,13 +91,14 @@ class Result:
     # Largest change of a velocity over what its acceleration limit allows.
     acceleration: float = 0.0
     # Largest change of a velocity between cycles, without acceleration limits [rad/s], and the
-    # same in long holds, when no change of stack, goal or feed-forward velocity acts any more.
+    # same in settling phases, when no change of stack, goal or feed-forward velocity has an effect
+    # any more.
     change: float = 0.0
     change_alone: float = 0.0
     # Cycles in which a limit slowed a level.
     active: int = 0
-    # What became of the first task in long holds.
-    holds: Counter = field(default_factory=Counter)
+    # What became of the first task in settling phases.
+    outcomes: Counter = field(default_factory=Counter)
     seconds: float = 0.0
     findings: list = field(default_factory=list)
 
@@ -207,15 +211,15 @@ class Episode:
     def run(self, result, most):
         """Run at most some cycles; return how many it were."""
         robot, controller = self.robot, self.controller
-        self.now, self.held_since, self.chatter = 0.0, math.inf, 0
+        self.now, self.settling_since, self.chatter = 0.0, math.inf, 0
         previous, elapsed = np.zeros(robot.n), self.period
-        cycles = min(most, MOVING + HOLD)
+        cycles = min(most, MOVING + SETTLING)
         for cycle in range(cycles):
             try:
                 if cycle < MOVING or self.period != PERIODS[0]:
                     self.happen()
                 elif cycle == MOVING:
-                    self.hold()
+                    self.settle()
                 began = time.thread_time_ns()
                 command = controller.update(self.q, self.now)
                 result.seconds += (time.thread_time_ns() - began) * 1e-9
@@ -233,7 +237,7 @@ class Episode:
             self.check(result, cycle, velocity, previous, elapsed, step)
             self.q = self.q + step * velocity
             self.now, elapsed, previous = self.now + step, step, velocity
-        if self.held_since < math.inf and cycles == MOVING + HOLD:
+        if self.settling_since < math.inf and cycles == MOVING + SETTLING:
             self.judge(result, previous, elapsed)
         return cycles
 
@@ -258,30 +262,30 @@ class Episode:
             result.acceleration = max(result.acceleration, ratio)
         elif cycle:
             result.change = max(result.change, float(change.max()))
-            if self.now > self.held_since + DIED_OUT:
+            if self.now > self.settling_since + DIED_OUT:
                 result.change_alone = max(result.change_alone, float(change.max()))
                 self.chatter += int(change.max() > CHATTER)
 
-    def hold(self):
+    def settle(self):
         """Give the first task a goal it can reach, enable all tasks, and change nothing more."""
         controller = self.controller
         for name in tuple(controller.stack.disabled):
             controller.enable(name, True)
         self.goal(controller.stack.groups[0][0])
-        self.held_since = self.now
+        self.settling_since = self.now
 
     def judge(self, result, previous, elapsed):
         """
-        Say what became of the first task at the end of a long hold.
+        Say what became of the first task at the end of a settling phase.
 
         ``stuck``: velocities within the same bounds would bring it on notably better than the
         command does, although it is in no weak direction. All else is where a way straight to
         the goal ends. Chattering is counted besides, without acceleration limits.
         """
         if self.chatter > CHATTER_CYCLES:
-            result.holds['chattering'] += 1
+            result.outcomes['chattering'] += 1
             result.find(f'{self.chatter} changes by more than {CHATTER} rad/s', self,
-                        MOVING + HOLD)
+                        MOVING + SETTLING)
         robot, settings = self.robot, self.settings
         state = robot.state(self.q)
         wanted = self.controller.stack.levels(state, self.now)[0]
@@ -290,14 +294,14 @@ class Episode:
         command = self.controller.update(self.q, self.now)
         task = command.report.tasks[0]
         if task.reached:
-            result.holds['reached'] += 1
+            result.outcomes['reached'] += 1
             return
         if 'singularity' in task.reason:
-            result.holds['singularity'] += 1
+            result.outcomes['singularity'] += 1
         elif 'position limit' in task.reason:
-            result.holds['position limit'] += 1
+            result.outcomes['position limit'] += 1
         else:
-            result.holds['under way'] += 1
+            result.outcomes['under way'] += 1
         J, v = wanted.J, wanted.v
         best = lsq_linear(J, v, (bounds.lower, np.maximum(bounds.upper, bounds.lower + 1e-12)))
         lost = np.linalg.norm(v - J.dot(command.velocity)) - np.linalg.norm(v - J.dot(best.x))
@@ -305,9 +309,9 @@ class Episode:
         weak = np.linalg.svd(J * np.sqrt(weights.min() / weights))[1].min() \
             < settings.singular_region
         if lost > LOST * np.linalg.norm(v) and not weak and wanted.mode != 'scale':
-            result.holds['stuck'] += 1
+            result.outcomes['stuck'] += 1
             result.find(f'stuck: {lost:.2e} of {np.linalg.norm(v):.2e} lost; {task.reason}',
-                        self, MOVING + HOLD)
+                        self, MOVING + SETTLING)
 
 
 def run(robot_name, cycles, seed):
@@ -346,7 +350,7 @@ def _robot(name, acceleration):
 
 def rows(result):
     """Yield what the table shows of a result, (name, text)."""
-    holds = result.holds
+    outcomes = result.outcomes
     ends = ('reached', 'position limit', 'singularity', 'under way')
     yield 'cycles', f'{result.cycles:,}'
     yield 'failures', result.failures
@@ -356,11 +360,11 @@ def rows(result):
     yield 'position limit violated', result.position
     yield 'largest acceleration / limit', f'{result.acceleration:.9f}'
     yield 'largest change without such a limit', f'{result.change:.2f} rad/s'
-    yield '… in long holds', f'{result.change_alone:.2f} rad/s'
+    yield '… in settling phases', f'{result.change_alone:.2f} rad/s'
     yield 'cycles slowed by limits', f'{100.0 * result.active / result.cycles:.0f} %'
-    yield 'long holds', sum(holds[name] for name in ends)
+    yield 'settling phases', sum(outcomes[name] for name in ends)
     for name in (*ends, 'stuck', 'chattering'):
-        yield f'… {name}', holds[name]
+        yield f'… {name}', outcomes[name]
     yield 'µs per update', f'{1e6 * result.seconds / result.cycles:.0f}'
 
 

@@ -13,9 +13,11 @@
 # limitations under the License.
 
 """
-Recursive against sequential form: how well lower levels are met (see docs/sequential.md).
+Compare the recursive and the sequential form: how well lower levels are met.
 
-Run by hand: ``python benchmarks/forms.py``.
+Run as ``python benchmarks/forms.py``. The recursive form is section 2.2 of *lecture*, which the
+solver uses; the sequential form is (50) and (51) of *slides*. The sources are listed in
+docs/sources.md, the results in docs/sequential.md.
 """
 
 import math

@@ -14,17 +14,18 @@
 
 
 """
-Run every type of task that keeps bounds in closed loops at random, and count what must not happen.
+Run every type of inequality task in random closed loops, and count what must not happen.
 
 Run as ``python benchmarks/inequalities.py``; ``--runs 30`` for a first impression, ``--types
-keep_in`` for some. Each run draws a robot, a start, the bounds and two goals for its tool, which
-mostly lie beyond the bounds: bounds > tool pose > posture, 100 cycles a second, 2.5 s for each
-goal. The robot is ideal: positions are the integral of the commands.
+keep_in`` for some types only. Every run draws a robot, a start, the bounds, and two goals for the
+tool, most of them beyond the bounds. The stack is inequality task > tool pose > posture, with 100
+cycles per second and 2.5 s for each goal. The robot is ideal: its positions are the integral of
+the commands.
 
-A run that starts outside of its bounds may not get deeper, and has to be back inside in the end.
-A reversal is a cycle in which the velocity of a joint changes to the other side of how it changed
-before, both by more than 0.01 rad/s; counted are those of the joint that has most, per second.
-Every fifth run is repeated without the bounds, to compare with.
+A run that starts outside its bounds must not go further out, and must end inside. A reversal is a
+cycle in which the velocity of a joint that rose falls, or that fell rises, both by more than
+0.01 rad/s; counted per second, for the joint that has most. Every fifth run is repeated without
+the inequality task for comparison.
 """
 
 import argparse
@@ -59,7 +60,7 @@ FASTEST = 0.2
 # Largest excess that is still none: what a tolerance of 1 mm or 0.2° is in each unit.
 ALLOWED = {'m': 1e-3, 'rad': np.radians(0.2), '1': 5e-3, 'm/s': 1e-3}
 SHOWN = {'m': (1e3, 'mm'), 'rad': (180.0 / np.pi, '°'), '1': (100.0, '%'), 'm/s': (1e3, 'mm/s')}
-# How deep a link may be in a thing at the start [m], and how much joints have to move it [m/rad].
+# How deep a link may be in an obstacle at the start [m], and how far joints must move it [m/rad].
 DEEPEST, LEAST_MOVED = 0.05, 0.1
 REPEATED = 5
 
@@ -181,12 +182,13 @@ def _self_collision(scene):
 
 
 def _obstacles(scene):
-    """Keep links away from three things of any shape, which they may touch in the beginning."""
+    """Keep links away from three obstacles of any shape, which they may touch at the start."""
     while True:
-        things = ', '.join(f'thing{number}: {{{scene.region(scene.near(scene.tool, 0.2, 0.7))}}}'
-                           for number in range(3))
+        obstacles = ', '.join(
+            f'obstacle{number}: {{{scene.region(scene.near(scene.tool, 0.2, 0.7))}}}'
+            for number in range(3))
         scene.at = None
-        text = f'- guard: {{type: obstacles, {_shapes(scene)}, obstacles: {{{things}}}}}'
+        text = f'- guard: {{type: obstacles, {_shapes(scene)}, obstacles: {{{obstacles}}}}}'
         if _can_leave(Stack.from_yaml(text, scene.robot).tasks['guard'], scene.state):
             return text
 

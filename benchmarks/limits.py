@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-Compare what to do where joints are too fast, on the same random states (see docs/limits.md).
+Compare ways to respect velocity limits, on the same random states (see docs/limits.md).
 
-Run as ``python benchmarks/limits.py``. Positions are drawn evenly from the ranges of the joints;
-every level wants a random direction, the first at 0.3 to 2 (metres, or metres and radians, per
-second), the others at 0.3 to 2 rad/s, or, the posture, at up to half the speed limits.
+Run as ``python benchmarks/limits.py``. Joint positions are uniformly distributed in their ranges.
+Every level demands a velocity in a random direction: the first level 0.3 to 2 (m/s, or m/s and
+rad/s), the others 0.3 to 2 rad/s, a posture up to half the speed limits of the joints.
 """
 
 import argparse

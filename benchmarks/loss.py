@@ -13,19 +13,21 @@
 # limitations under the License.
 
 """
-Measure what the first two levels miss beyond what the joints force them to, at random states.
+Measure what the first two levels miss beyond what the limits make impossible, at random states.
 
-Run as ``python benchmarks/loss.py``; ``--states 100`` for a first impression. States are drawn
-evenly from the ranges of the joints. Every level wants a random direction, the first at 0.3 to 2
-(metres, or metres and radians, per second), the others at 0.3 to 2 rad/s, or, the posture, at up
-to half the speed limits. Joints are at rest and keep their velocity and position limits.
+Run as ``python benchmarks/loss.py``; ``--states 100`` for a first impression. Joint positions are
+uniformly distributed in their ranges. Every level demands a velocity in a random direction: the
+first level 0.3 to 2 (m/s, or m/s and rad/s), the others 0.3 to 2 rad/s, a posture up to half the
+speed limits of the joints. The joints are at rest and have their velocity and position limits.
 
-The loss of a level is (‖v − J x‖ − ‖v − J x*‖) / ‖v‖ with the velocity x of the solver and the
-exact optimum x*: of the first level within the bounds, and of the second one where the first is
-at its optimum. A second level that gains what the first one loses has a negative loss. Every
-state is solved by itself: nothing is remembered of the state before. With ``--cycles 100`` it is
-solved as often, each time with what is remembered of the time before: the loss where a robot goes
-on to be asked for what it cannot do.
+The loss of a level is (‖v − J x‖ − ‖v − J x*‖) / ‖v‖, where x is the velocity of the solver and
+x* the exact optimum: for the first level the optimum within the limits; for the second level the
+optimum among the velocities that are optimal for the first. The loss of the second level is
+negative where it gains what the first level loses.
+
+Every state is solved on its own, without what the solver remembers from cycle to cycle. With
+``--cycles 100`` every state is solved 100 times in a row, and the solver remembers: this is the
+loss of a robot whose tasks demand the impossible for a while.
 """
 
 import argparse

@@ -15,11 +15,11 @@
 """
 Run the controller node at 1 kHz: how long its cycles take, and how regular they are.
 
-Run as ``python benchmarks/node.py`` (or ``make bench``). The node runs in this process, as
-``controller_node`` would run it, and a simulator with the same rate in another one; joint states
-and commands go over real topics. A Panda first holds its pose. Then, with joints that may move at
-a hundredth of their speed only, it is sent half a metre away, so that limits are active in every
-cycle.
+Run as ``python benchmarks/node.py`` (or ``make bench``). The node runs in this process in the same
+way as in ``controller_node``, and a simulator with the same rate in another process; joint states
+and commands are sent over real topics. In the first run a Panda stays at its pose. In the second
+run its joints have 1 % of their speed limits and its goal is half a metre away, so that limits are
+active in every cycle.
 """
 
 import argparse

@@ -15,10 +15,10 @@
 """
 Follow fast random paths under limits, with and without a reserve (see docs/limits.md).
 
-Run as ``python benchmarks/paths.py``. The Panda leads its tool along random Lissajous figures,
-below that keeps it pointing down, below that moves its elbow up and down, and last keeps a
-posture; the robot is ideal, at 1 kHz. What counts begins after a second, when the tool is on the
-figure.
+Run as ``python benchmarks/paths.py``. A Panda follows a random Lissajous figure with its tool.
+Below this level it keeps the tool pointing down, below that it moves its elbow up and down, and
+the last level is a posture. The robot is ideal, at 1 kHz. Measured is from 1 s on, when the tool
+has reached the figure.
 """
 
 import argparse

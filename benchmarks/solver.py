@@ -13,16 +13,17 @@
 # limitations under the License.
 
 """
-Time one control cycle, in microseconds, beside a textbook recursion.
+Time one control cycle, in microseconds, beside the plain recursion with np.linalg.pinv.
 
-Run as ``python benchmarks/solver.py`` (or ``make bench``). Every stack is timed in states in
-which no limit is active, and in states that ask for two to three times the speed that the joints
-have, so that limits are active in every cycle; then also with mode ``scale`` on the first level.
+Run as ``python benchmarks/solver.py`` (or ``make bench``). The plain recursion is section 2.2 of
+*lecture* (docs/sources.md) as one writes it first: ``np.linalg.pinv(J @ P)`` for every level, then
+uniform scaling (section 4). Every stack is timed in states in which no limit is active, and in
+states that demand two to three times the speed limits, so that limits are active in every cycle;
+the latter also with mode ``scale`` on the first level.
 
-Everything is measured in turns in one process, so that a machine whose speed drifts disturbs all
-figures alike; ratios are what to quote. Time is that of the processor, without what other
-programs took from it; each figure is the median over the rounds, with the fastest and the
-slowest round.
+All variants take turns in one process, so that a machine whose speed drifts affects all figures
+alike: quote ratios. Measured is processor time, without other processes. Each figure is the median
+over the rounds, with the fastest and the slowest round.
 """
 
 import argparse
@@ -71,7 +72,7 @@ class Case:
             next(iter(self.stack.tasks.values())).mode = 'scale'
         self.settings = settings = Settings(period=PERIOD)
         self.controller = Controller(robot, self.stack, settings)
-        # Tasks hold what they find in the first cycle.
+        # In the first cycle tasks without a goal take their current value as default goal.
         self.controller.update(ready, 0.0, elapsed=PERIOD)
         self.options, self.memory = settings.solver_options(robot.n), ()
         self.state = robot.state(ready)
@@ -116,7 +117,7 @@ class Case:
         self.memory = found.memory
         return found
 
-    def textbook(self, k):
+    def plain(self, k):
         """Run kinematics, levels, the recursion with `np.linalg.pinv`, and uniform scaling."""
         robot, state = self.robot, self.state
         state.update(self.states[k])
@@ -142,9 +143,9 @@ ROWS = (
     ('limits active: solve', 'limited', Case.solve),
     ('the same, scale: Controller.update', 'scaled', Case.update),
     ('the same, scale: solve', 'scaled', Case.solve),
-    ('textbook pinv', 'free', Case.textbook),
+    ('plain recursion, pinv', 'free', Case.plain),
 )
-REFERENCE = 'textbook pinv'
+REFERENCE = 'plain recursion, pinv'
 
 
 def load_case(robot_name, ready, stack_text):
@@ -215,7 +216,7 @@ def _measure(case, cycle, pause):
 def print_text(times, pace, rounds):
     """Print figures of one pace, aligned."""
     print(f'µs per cycle, {pace}: median (fastest to slowest of {rounds} rounds), '
-          'and share of the textbook recursion\n')
+          'and share of the plain recursion with pinv\n')
     for case in CASES:
         print(case)
         for shown, _, _ in ROWS:

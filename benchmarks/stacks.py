@@ -14,14 +14,16 @@
 
 
 """
-Time control cycles of larger stacks, in microseconds: tasks that keep bounds, and thirty joints.
+Time control cycles of larger stacks, in microseconds: inequality tasks, and thirty joints.
 
-Run as ``python benchmarks/stacks.py`` (or ``make bench``). Every stack is run in closed loops with
-an ideal robot, 1,000 cycles a second: to a goal that the bounds allow, and to one beyond them,
-where they hold the tool back in nearly every cycle. Each figure is the processor time of
-`Controller.update`, a mean over the cycles of a run; shown are the median over the rounds, with
-the fastest and the slowest round. Everything is measured in turns in one process. The textbook is
-the recursion with `np.linalg.pinv` and uniform scaling, for the levels that want a velocity.
+Run as ``python benchmarks/stacks.py`` (or ``make bench``). Every stack runs in closed loops
+with an ideal robot at 1 kHz: first to a goal within the bounds, then to a goal beyond them, where
+the bounds limit the tool in nearly every cycle. Each figure is the processor time of
+`Controller.update`, a mean over the cycles of a run; shown are the median over the rounds, the
+fastest and the slowest round. All variants take turns in one process.
+
+The plain recursion is that of `solver.py`: np.linalg.pinv and uniform scaling, for the equality
+levels only.
 """
 
 import argparse
@@ -37,7 +39,7 @@ CYCLES = 300
 APPROACH = 1500
 TOOL = 'panda_hand_tcp'
 CAPSULES = CONFIG / 'panda_capsules.yaml'
-THINGS = ('{table: {shape: half_space, at: [0, 0, -0.05]}, '
+OBSTACLES = ('{table: {shape: half_space, at: [0, 0, -0.05]}, '
           'post: {shape: {cylinder: [0.08, 1.2]}, at: [0.45, 0.35, 0.6]}, '
           'box: {shape: {box: [0.2, 0.2, 0.2]}, at: [0.5, -0.4, 0.5]}}')
 # What stands above tool and posture, and a goal for the tool beyond it [m].
@@ -54,7 +56,7 @@ BOUNDS = {
     'speed_limit': (f'- guard: {{type: speed_limit, frame: {TOOL}, linear: 0.02}}',
                     [0.45, 0.35, 0.6]),
     'obstacles, three': (f'- guard: {{type: obstacles, capsules: {CAPSULES}, '
-                         f'obstacles: {THINGS}}}', [0.45, 0.35, 0.6]),
+                         f'obstacles: {OBSTACLES}}}', [0.45, 0.35, 0.6]),
     'self_collision': (f'- guard: {{type: self_collision, capsules: {CAPSULES}}}',
                        [0.05, 0.1, 0.2]),
 }
@@ -94,8 +96,8 @@ class Loop:
             q = q + PERIOD * velocity
         return spent / CYCLES / 1e3
 
-    def textbook(self):
-        """Return microseconds per cycle of the textbook recursion, at the start."""
+    def plain(self):
+        """Return microseconds per cycle of the plain recursion, at the start."""
         robot, state = self.robot, self.robot.state(self.start)
         stack = Stack.from_yaml(self.text, robot)
         stack.start(state)
@@ -146,10 +148,10 @@ def main():
     times = {name: [] for name in pairs}
     books = {'Panda': [], 'Talos': []}
     for _ in range(rounds):
-        for name, (free, held) in pairs.items():
-            times[name].append((free.run(), held.run()))
-        books['Panda'].append(panda.textbook())
-        books['Talos'].append(talos.textbook())
+        for name, (free, bounded) in pairs.items():
+            times[name].append((free.run(), bounded.run()))
+        books['Panda'].append(panda.plain())
+        books['Talos'].append(talos.plain())
     print('| stack | bounds not reached | share | at the bounds | share |')
     print('| --- | --- | --- | --- | --- |')
     for name, measured in times.items():
@@ -158,8 +160,8 @@ def main():
                  f'{np.median(column) / book:.2f}' for column in zip(*measured)]
         print(f'| {name} | {" | ".join(cells)} |')
     for name, column in books.items():
-        print(f'| {name}: textbook pinv, levels that want a velocity | {np.median(column):.0f} '
-              f'({min(column):.0f} to {max(column):.0f}) | 1.00 | | |')
+        print(f'| {name}: plain recursion with pinv, levels that demand a velocity '
+              f'| {np.median(column):.0f} ({min(column):.0f} to {max(column):.0f}) | 1.00 | | |')
 
 
 if __name__ == '__main__':

@@ -79,7 +79,7 @@ def moving_panda(base='planar'):
 
 @lru_cache(maxsize=None)
 def planar():
-    """Return the planar arm of the lab."""
+    """Return the planar arm with three joints of *lab* (docs/sources.md)."""
     return Robot.from_file(PLANAR_DH)
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every test of the nodes is given; without ROS there are no tests here."""
+"""Fixtures of the node tests; without ROS no test of this folder is collected."""
 
 from importlib.util import find_spec
 import warnings
@@ -24,7 +24,7 @@ if find_spec('rclpy') is None:
 else:
     with warnings.catch_warnings():
         # The generator of the messages' Python code, loaded with the first of them, has a
-        # dependency that uses a module of the standard library that is on its way out.
+        # dependency that uses a deprecated module of the standard library.
         warnings.filterwarnings('ignore', "module 'sre_", DeprecationWarning)
         import rosidl_generator_py  # noqa: F401
     from harness import Harness

@@ -45,7 +45,7 @@ class Harness:
     """
     The nodes of a test and a node of its own, on one executor that the test spins.
 
-    Nothing runs while the test does not spin, so what it sees between two spins holds still.
+    Nothing runs while the test does not spin, so nothing changes between two spins.
     """
 
     def __init__(self, make_executor):
@@ -89,7 +89,7 @@ class Harness:
             parameters['robot'] = str(PLANAR_DH)
         parameters.setdefault('stack', MOVING_STACK)
         parameters.setdefault('status_rate', 50.0)
-        # Every command shows what was asked for, not what it takes over from.
+        # Without a transition, every command is what the tasks demand.
         parameters.setdefault('blend', 0.0)
         return self.make(ControllerNode, **parameters)
 
@@ -167,7 +167,7 @@ class Harness:
 
 
 class Arm:
-    """Joint states of an arm that stands still, as often as the test wants."""
+    """Joint states of an arm at rest, published when the test says so."""
 
     def __init__(self, harness, q=(0.0, 0.6, 0.3), names=JOINTS):
         self.names, self.q = list(names), list(q)

@@ -107,7 +107,7 @@ def test_stop_is_said_even_where_joint_states_are_missing(harness):
     assert rig.commands[-1] == ZEROS
 
 
-def test_after_start_tasks_without_a_goal_hold_what_they_find(harness):
+def test_after_start_tasks_without_a_goal_keep_their_current_values(harness):
     rig = Rig(harness, stack='- rest: {type: posture}')
     rig.spin_until(lambda: rig.status.head == 'running')
     harness.trigger('stop')

@@ -36,7 +36,7 @@ class Loop:
         self.harness = harness
         harness.controller(robot=str(PANDA_DH), stack=STACK, use_sim_time=True, rate=rate,
                            status_rate=100.0)
-        # Slow enough for a machine that has other things to do.
+        # Slow enough for a busy machine.
         harness.simulator(robot=str(PANDA_DH), speed=speed, publish_clock=True, rate=50.0,
                           initial_positions=START)
         self.commands, self.status = harness.commands(), Status(harness)
@@ -85,7 +85,7 @@ def test_the_error_of_the_tool_decays_with_its_gain(harness):
     errors = np.array([float(entry['error [m]']) for entry in entries])
     assert errors[-1] < 1e-3 < errors[0]
     assert (np.diff(errors) <= 1e-4).all()
-    # What the law wants is what comes about, except where a limit slows it.
+    # The achieved speed is the demanded one, except where a limit reduces it.
     for entry in entries:
         if not entry['reason']:
             assert float(entry['achieved speed']) == pytest.approx(

@@ -87,7 +87,7 @@ def test_an_empty_message_holds_neither_goal_nor_velocity():
 def test_every_type_of_task_can_be_told_what_to_do():
     for name, task_type in task_types().items():
         entries = messages_of(task_type)
-        # Only what keeps bounds, or climbs, needs to be told nothing.
+        # Only inequality tasks, and those that maximize a function, take no goal.
         assert entries or issubclass(task_type, (BoundedTask, GradientTask)), name
         assert len({entry.topic for entry in entries}) == len(entries), name
         assert all(entry.type in FIELDS for entry in entries if entry.topic != 'obstacles'), name

@@ -41,7 +41,7 @@ def test_publishers_complement_each_other(buffer):
     np.testing.assert_array_equal(buffer.q, [1.0, 2.0])
 
 
-def test_joints_that_nobody_asked_for_are_passed_over(buffer):
+def test_joints_that_the_robot_does_not_have_are_ignored(buffer):
     assert buffer.put(['wheel', 'a', 'b'], [math.nan, 1.0, 2.0], 0.0) == ''
     np.testing.assert_array_equal(buffer.q, [1.0, 2.0])
 

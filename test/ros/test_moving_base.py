@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A base that moves, behind its topics: odometry in, cmd_vel out, both as safe as the joints."""
+"""Mobile bases: odometry in, cmd_vel out, checked and limited in the same way as joints."""
 
 import math
 
@@ -62,7 +62,7 @@ def odometry(x=0.0, y=0.0, yaw=0.0, frame='odom', child='base_link', quat_xyzw=N
 
 
 class Standing:
-    """A robot that stands still, whose parts are heard of as often as the test wants."""
+    """A robot at rest; the test says when joint states and odometry are published."""
 
     def __init__(self, harness, **place):
         self.arm = Arm(harness, [0.0] * 8, JOINTS)
@@ -115,7 +115,7 @@ def start_moving(harness, place=None, goal=(1.0, 0.0), **parameters):
 # Closed loops
 
 @pytest.mark.parametrize('base, rate', [('differential', 50.0), ('planar', 0.0)])
-def test_tool_is_brought_across_the_room(any_harness, base, rate):
+def test_tool_reaches_a_goal_that_the_base_has_to_drive_to(any_harness, base, rate):
     harness, robot = any_harness, Robot.from_file(FILE, base=base)
     options = {'robot': str(FILE), 'base': base}
     harness.controller(**options, stack=TOOL, use_sim_time=True, rate=rate, status_rate=100.0)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Obstacles from topics: a MarkerArray puts them in the way of an arm and takes them away."""
+"""Obstacles from topics: a MarkerArray adds obstacles before an arm, and removes them."""
 
 import math
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Passive joints that nothing is heard of, and cycles that come late."""
+"""Passive joints without joint states, and cycles that come late."""
 
 from harness import Arm, Status
 import numpy as np

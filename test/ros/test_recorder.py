@@ -45,6 +45,8 @@ def test_configurations_and_commands_of_a_base_and_its_joints_are_recorded(harne
     assert q.shape == (robot.nq,) and velocity.shape == (robot.n,)
     np.testing.assert_allclose(q[:3], [2.0, 0.0, 1.0], atol=0.05)
     assert q[robot.joint_rows][robot.joint_names.index('arm_4')] == pytest.approx(0.5, abs=0.05)
+    harness.spin_until(lambda: recorder.reasons[-1][1].keys() == {'park', 'swing'}, 'reasons')
+    assert [time for time, _ in recorder.reasons] == [time for time, _ in recorder.errors]
     assert all(np.isfinite(values).all() for rows in (recorder.states, recorder.commands)
                for _, values in rows)
 

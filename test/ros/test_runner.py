@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What spins a node until its end."""
+"""The runner, which spins a node until it ends."""
 
 import os
 import threading

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the controller says: status, diagnostics and markers."""
+"""What the controller publishes: status, diagnostics and markers."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PointStamped
@@ -100,7 +100,7 @@ def test_diagnostics_say_the_same(harness):
     assert diagnostics[-1].status[0].hardware_id == 'tp_controller'
 
 
-def test_while_on_hold_the_reason_stands_in_place_of_old_errors(harness):
+def test_while_stopped_the_status_shows_the_reason_instead_of_old_errors(harness):
     rig = Rig(harness)
     rig.spin_until(lambda: rig.status.head == 'running')
     harness.spin_until(lambda: rig.status.head == 'no joint states of joint1, joint2, joint3')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Everything at once, sense and nonsense in any order: the node lives on and commands no harm."""
+"""Random messages and calls, valid or not, in any order: the node goes on, within all limits."""
 
 from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped
 from harness import Arm, Harness, JOINTS, MOVING_STACK, Status
@@ -60,7 +60,7 @@ class Storm:
         self.knobs = node.create_client(SetParameters, '/tp_controller/set_parameters')
 
     def __call__(self):
-        """Send one thing."""
+        """Do one of these at random."""
         self._outside.executor.spin_once(timeout_sec=0.0)
         kinds = (self.send_state, self.send_state, self.send_state, self.send_goal,
                  self.send_goal, self.send_bytes, self.throw_switch, self.press_button,

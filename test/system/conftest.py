@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every test of whole processes is given."""
+"""Fixtures of the tests that run whole processes."""
 
 from importlib.util import find_spec
 import os

@@ -14,6 +14,7 @@
 
 """The command line against running nodes, and every example that it shows."""
 
+from importlib.metadata import version
 from importlib.util import find_spec
 import os
 from pathlib import Path
@@ -101,8 +102,8 @@ def test_a_velocity_is_repeated_for_as_long_as_asked(robot, goal):
 def test_a_goal_out_of_reach_returns_1_and_says_why(goal):
     status, said, _ = goal('elbow', '--xyz', '0', '2', '0', '--reach', '1.5')
     assert status == 1
-    assert re.search(r'^not reached: error [\d.]+ m \((out of reach|blocked) by .+\)$', said,
-                     re.MULTILINE)
+    assert re.search(r'^not reached: error [\d.]+ m \((out of reach|blocked) by .+\)\n'
+                     r'what would help: \w+', said, re.MULTILINE)
     assert goal('elbow', '--xyz', '0', '0', '0')[0] == 0
 
 
@@ -164,6 +165,24 @@ def test_negative_numbers_are_numbers_however_they_are_written(monkeypatch, numb
                         lambda options: taken.append(options.xyz) or 0)
     assert main(['goal', 'tool', '--xyz', *numbers, '--frame', 'base']) == 0
     assert taken == [[float(number) for number in numbers]]
+
+
+def test_the_package_is_the_command(tmp_path):
+    found = subprocess.run([sys.executable, '-m', 'tp_controller', '--version'], cwd=tmp_path,
+                           capture_output=True, text=True, timeout=DEADLINE)
+    assert (found.returncode, found.stdout.strip()) == (0, version('tp_controller'))
+
+
+@pytest.mark.parametrize(('line', 'completed'), [
+    ('tp_controller de', {'demo'}), ('tp_controller demo under', {'underwater'}),
+    ('tp_controller goal --re', {'--reach'})])
+def test_a_shell_completes_commands(tmp_path, line, completed):
+    answer = tmp_path / 'completions'
+    environment = {**os.environ, '_ARGCOMPLETE': '1', '_ARGCOMPLETE_STDOUT_FILENAME': str(answer),
+                   '_ARGCOMPLETE_IFS': ':', 'COMP_LINE': line, 'COMP_POINT': str(len(line))}
+    subprocess.run([sys.executable, '-c', 'from tp_controller.cli.main import main; main()'],
+                   env=environment, timeout=DEADLINE)
+    assert {text.strip() for text in answer.read_text().split(':')} == completed
 
 
 @pytest.mark.parametrize('command', [(), ('demo',), ('goal',)])

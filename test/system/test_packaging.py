@@ -34,6 +34,7 @@ import zipfile
 
 import pytest
 import setuptools
+import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'tp_controller'
@@ -57,6 +58,7 @@ THIRD_PARTY = {
     'pytest': ('pytest', 'python3-pytest'),
     'rosbags': ('rosbags', None),
     'scipy': ('scipy', 'python3-scipy'),
+    'argcomplete': ('argcomplete', 'python3-argcomplete'),
     'setuptools': ('setuptools', 'python3-setuptools'),
     'viser': ('viser', None),
     'yaml': ('PyYAML', 'python3-yaml'),
@@ -96,7 +98,7 @@ def imported_modules(folder):
 
 
 def requirements(metadata):
-    """Return the names of all distributions that setup.py asks for, with any extra."""
+    """Return the names of all distributions that setup.py requires, with any extra."""
     wanted = [*metadata['install_requires'], *sum(metadata['extras_require'].values(), [])]
     return {re.match(r'[\w.-]+', requirement)[0] for requirement in wanted}
 
@@ -113,6 +115,15 @@ def test_package_xml_and_setup_py_agree(metadata, package_xml):
     assert metadata['maintainer'] == maintainer.text
     assert metadata['maintainer_email'] == maintainer.get('email')
     assert f'{metadata["version"]} (' in (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+
+
+def test_citation_names_this_version(metadata):
+    citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text(encoding='utf-8'))
+    assert citation['cff-version'] == '1.2.0'
+    assert citation['title'] == metadata['name']
+    assert citation['version'] == metadata['version']
+    assert citation['license'] == metadata['license']
+    assert citation['authors'] == [{'name': metadata['maintainer']}]
 
 
 def test_package_xml_is_what_colcon_needs(package_xml):

@@ -26,9 +26,10 @@ import robots
 import tp_controller
 
 PACKAGE = robots.REPOSITORY / 'tp_controller'
-# The rooms, in the order in which they stand on each other: a room imports only what is before it.
-ROOMS = ['solver', 'errors', 'resources', 'model', 'tasks', 'control', '', 'nodes', 'demos', 'cli']
-WITH_ROS = ('nodes', 'demos', 'cli')
+# The layers, lowest first: each imports only itself and those before it.
+LAYERS = ['solver', 'errors', 'resources', 'model', 'tasks', 'control', '', 'nodes', 'demos',
+          'cli', '__main__']
+WITH_ROS = ('nodes', 'demos', 'cli', '__main__')
 # What the method may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'daqp', 'tp_controller'}
 OPTIONAL = {('resources', 'ament_index_python')}
@@ -43,12 +44,12 @@ def module_name(path):
 MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob('*.py'))}
 
 
-def room(module):
-    """Return the room of a module: the first part of its name below the package."""
+def layer(module):
+    """Return the layer of a module: the first part of its name below the package."""
     return module.partition('.')[0]
 
 
-METHOD = [name for name in MODULES if room(name) not in WITH_ROS]
+METHOD = [name for name in MODULES if layer(name) not in WITH_ROS]
 
 
 def imported(path):
@@ -80,20 +81,20 @@ def named(name):
     return name or 'tp_controller'
 
 
-def test_every_module_stands_in_a_room():
-    assert {room(name) for name in MODULES} == set(ROOMS)
+def test_every_module_belongs_to_a_layer():
+    assert {layer(name) for name in MODULES} == set(LAYERS)
 
 
 @pytest.mark.parametrize('name', MODULES, ids=named)
-def test_module_imports_only_from_rooms_below(name):
-    allowed = ROOMS[:ROOMS.index(room(name)) + 1]
-    assert {room(module) for module in own_imports(name)} <= set(allowed)
+def test_module_imports_only_from_its_layer_and_those_below(name):
+    allowed = LAYERS[:LAYERS.index(layer(name)) + 1]
+    assert {layer(module) for module in own_imports(name)} <= set(allowed)
 
 
 def test_solver_imports_nothing_of_the_rest():
     for name in MODULES:
-        if room(name) == 'solver':
-            assert {room(module) for module in own_imports(name)} <= {'solver'}, name
+        if layer(name) == 'solver':
+            assert {layer(module) for module in own_imports(name)} <= {'solver'}, name
 
 
 def test_no_module_needs_itself_to_be_imported():
@@ -115,7 +116,7 @@ def test_method_uses_its_libraries_and_nothing_of_ros(name):
 
 def test_only_the_nodes_speak_ros():
     for name, path in MODULES.items():
-        for module in imported(path) if room(name) != 'nodes' else ():
+        for module in imported(path) if layer(name) != 'nodes' else ():
             top = module.split('.')[0]
             assert top != 'rclpy' and not top.endswith(('_msgs', '_srvs', '_interfaces')), path
 

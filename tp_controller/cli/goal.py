@@ -131,6 +131,8 @@ def _reach(client: 'Client', options: argparse.Namespace) -> bool:
     reason = status.get('reason', f'the stack has no task {options.task} any more')
     print(f'{"reached" if reached else "not reached"}: error {errors}'
           + (f' ({reason})' if reason and not reached else ''))
+    if not reached and status.get('hint'):
+        print(f'what would help: {status["hint"]}')
     return reached
 
 

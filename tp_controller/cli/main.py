@@ -14,6 +14,7 @@
 
 """The command ``tp_controller``."""
 
+# argcomplete looks for this line: PYTHON_ARGCOMPLETE_OK
 import argparse
 from collections.abc import Sequence
 import importlib
@@ -21,6 +22,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 import sys
 
+import argcomplete
 from tp_controller.cli.goal import add_goal_arguments, send_goal
 from tp_controller.errors import TpControllerError
 
@@ -112,7 +114,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 if what was asked for came about; 1 if not; 2 for a command that makes no sense.
 
     """
-    options = make_parser().parse_args(
+    parser = make_parser()
+    argcomplete.autocomplete(parser)
+    options = parser.parse_args(
         _mark_numbers(sys.argv[1:] if arguments is None else arguments))
     try:
         return options.run(options)

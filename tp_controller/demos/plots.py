@@ -19,8 +19,10 @@ Everything is drawn on a canvas of its own, so neither a display nor the global 
 is touched, and figures can be made in any thread.
 """
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -48,13 +50,15 @@ from tp_controller.demos.drawing import (
 STYLES = ('-', '--', ':', '-.')
 # Height of a line of a legend [in].
 LEGEND_LINE = 0.24
+# Longest line of a reason [characters].
+LEGEND_WIDTH = 34
 
 
 def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str, Array]], *,
-                title: str = 'Task errors', changes: Iterable[float] = (),
-                log: bool = False) -> Path:
+                reasons: Mapping[str, Sequence[str]] | None = None, title: str = 'Task errors',
+                changes: Iterable[float] = (), log: bool = False) -> Path:
     """
-    Draw errors over time, one axis for each unit.
+    Draw errors over time, one axis for each unit, and below them what limits each task.
 
     Parameters
     ----------
@@ -65,6 +69,8 @@ def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str,
     errors : sequence of (str, str, ndarray (T,))
         Name, unit and values; not a number where there is no error. A name keeps its colour on
         every axis.
+    reasons : {str: sequence of str (T,)}, optional
+        What limits each task; empty where nothing does.
     title : str
         Of the whole figure.
     changes : sequence of float
@@ -79,7 +85,10 @@ def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str,
     """
     names = list(dict.fromkeys(name for name, _, _ in errors))
     units = list(dict.fromkeys(unit for _, unit, _ in errors))
-    figure, axes = _figure(title, len(units), height=2.0 + 1.9 * len(units))
+    changes = list(changes)
+    limited = {name: texts for name, texts in (reasons or {}).items() if any(texts)}
+    heights = [1.9] * len(units) + [LEGEND_LINE * (2 + len(COLOURS))] * bool(limited)
+    figure, axes = _figure(title, len(heights), 2.0 + sum(heights), heights)
     for axis, unit in zip(axes, units):
         curves = [(name, np.abs(values)) for name, kind, values in errors if kind == unit]
         for name, values in curves:
@@ -90,6 +99,10 @@ def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str,
         axis.set_ylabel(f'error [{unit}]')
         _set_error_range(axis, [values for _, values in curves], log)
         _legend(axis)
+    if limited:
+        _add_reasons(axes[-1], times, limited)
+        _mark_changes(axes[-1], changes)
+        _legend(axes[-1])
     _finish_time_axes(figure, axes, times)
     return save(figure, path)
 
@@ -271,12 +284,41 @@ def _add_coloured_path(scene: Scene, points: Array, values: Array) -> LineCollec
     return collection
 
 
-def _figure(title: str, rows: int, height: float) -> tuple[Figure, list[Axes]]:
+def _add_reasons(axis: Axes, times: Array, reasons: Mapping[str, Sequence[str]]) -> None:
+    """Draw what limits each task (T,) as bands, a row for a task and a colour for a reason."""
+    times = np.asarray(times, dtype=float)
+    ends = np.append(times[1:], times[-1])
+    lasting = Counter[str]()
+    for texts in reasons.values():
+        for text, duration in zip(texts, ends - times):
+            lasting[text] += duration
+    del lasting['']
+    shown = [text for text, _ in lasting.most_common(len(COLOURS))]
+    for row, texts in enumerate(reasons.values()):
+        for text in dict.fromkeys(texts):
+            if text:
+                where = np.flatnonzero(np.array(texts, dtype=object) == text)
+                axis.broken_barh(
+                    np.column_stack([times[where], ends[where] - times[where]]).tolist(),
+                    (row - 0.4, 0.8), linewidth=0.0,
+                    color=COLOURS[shown.index(text)] if text in shown else FAINT)
+    for text, colour in zip(shown, COLOURS):
+        axis.plot([], [], color=colour, linewidth=6.0, label=fill(text, LEGEND_WIDTH))
+    if len(lasting) > len(shown):
+        axis.plot([], [], color=FAINT, linewidth=6.0, label='other')
+    axis.set_yticks(range(len(reasons)), list(reasons))
+    axis.set_ylim(len(reasons) - 0.4, -0.6)
+    axis.set_ylabel('limited')
+
+
+def _figure(title: str, rows: int, height: float,
+            heights: Sequence[float] | None = None) -> tuple[Figure, list[Axes]]:
     """Return a figure and its axes, from above, over one time axis."""
     figure = Figure(figsize=(8.2, height), dpi=DPI, layout='constrained')
     FigureCanvasAgg(figure)
     figure.suptitle(title)
-    axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False).ravel())
+    axes = list(figure.subplots(
+        rows, 1, sharex=True, squeeze=False, height_ratios=heights).ravel())
     for axis in axes:
         tidy(axis)
     return figure, axes

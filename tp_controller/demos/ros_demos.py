@@ -316,8 +316,8 @@ def _figures(folder: Path, demo: Demo, recorder: 'Recorder',
     changes = np.array(goal_times) - goal_times[0]
     times, q = (np.array(column) for column in zip(*recorder.states))
     command_times, velocities = (np.array(column) for column in zip(*recorder.commands))
-    yield plot_errors(folder / 'errors.png', *_error_curves(recorder), title='Task errors',
-                      changes=changes, log=True)
+    yield plot_errors(folder / 'errors.png', *_error_curves(recorder),
+                      reasons=_reasons(recorder), changes=changes, log=True)
     yield plot_velocities(folder / 'velocities.png', command_times, velocities, robot.velocity,
                           robot.velocity_names, units=robot.velocity_units, changes=changes,
                           title='Velocities of base and joints' if robot.moves
@@ -343,6 +343,14 @@ def _error_curves(recorder: 'Recorder') -> tuple[Array, list[tuple[str, str, Arr
     curves = [(task, unit, np.array([errors.get((task, unit), np.nan) for errors in kept]))
               for task, unit in kept[0] if unit in ('m', 'rad')]
     return times, [curve for curve in curves if np.nanmax(curve[2]) > 0.0]
+
+
+def _reasons(recorder: 'Recorder') -> dict[str, list[str]]:
+    """Return what limits each task, at the times of the errors, in whatever order of shares."""
+    rows = [reasons for (_, errors), (_, reasons) in zip(recorder.errors, recorder.reasons)
+            if errors]
+    return {task: ['; '.join(sorted(reasons.get(task, '').split('; '))) for reasons in rows]
+            for task in rows[0]}
 
 
 def _goals_over_time(times: Array, goals: Sequence[tuple[float, Sequence[float]]],

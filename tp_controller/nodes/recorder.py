@@ -60,6 +60,8 @@ class Recorder:
         Time [s] and commanded velocities, those of the base included.
     errors : list of (float, dict)
         Time [s] and {(task, unit): error}.
+    reasons : list of (float, dict)
+        Time [s] and {task: what limits it}, at the same times.
 
     """
 
@@ -71,6 +73,7 @@ class Recorder:
         self.states: list[tuple[float, Array]] = []
         self.commands: list[tuple[float, Array]] = []
         self.errors: list[tuple[float, dict[tuple[str, str], float]]] = []
+        self.reasons: list[tuple[float, dict[str, str]]] = []
         node = client.node
         node.create_subscription(JointState, '/joint_states', self._on_state, 50)
         node.create_subscription(Float64MultiArray, '/velocity_controller/commands',
@@ -95,6 +98,7 @@ class Recorder:
         self.states = _shifted(self.states, first, zero)
         self.commands = _shifted(self.commands, first, zero)
         self.errors = _shifted(self.errors, first, zero)
+        self.reasons = _shifted(self.reasons, first, zero)
 
     def _on_state(self, message: JointState) -> None:
         """Record the configuration, once all of it is known."""
@@ -130,14 +134,18 @@ class Recorder:
             self.commands.append((self.now(), self._velocity.copy()))
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        """Record the error of every task: {(task, unit): error}."""
-        errors = {}
+        """Record the error of every task, and what limits it."""
+        errors, reasons = {}, {}
         for status in message.status[1:]:
             task = status.name.partition(': ')[2]
             for value in status.values:
                 if value.key.startswith('error ['):
                     errors[task, value.key[7:-1]] = float(value.value)
-        self.errors.append((self.now(), errors))
+                elif value.key == 'reason':
+                    reasons[task] = value.value
+        now = self.now()
+        self.errors.append((now, errors))
+        self.reasons.append((now, reasons))
 
 
 def _shifted(rows: list[tuple[float, Value]], first: float,

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Causes: those of states drawn at random, beside solving again without them, and by hand."""
+"""Causes: at random states beside solving again without them, and cases worked out by hand."""
 
 import importlib
 
@@ -112,7 +112,7 @@ def test_limit_acts_through_the_task_above_that_it_limits():
     # Of (1, 0.5) that is missing, one half or the whole of the other part stays.
     ('redistribute', {'slide_x': 1.0 - 0.5 / np.hypot(1.0, 0.5),
                       'slide_y': 1.0 - 1.0 / np.hypot(1.0, 0.5)}),
-    # All are slowed to 1/2; without the limit of x, that of y lets 2/3 pass.
+    # All are scaled to 1/2; without the limit of x, that of y lets 2/3 pass.
     ('uniform', {'slide_x': 1.0 - (1.0 / 3.0) / 0.5})])
 def test_limits_are_named_with_the_share_that_each_costs(scaling, shares):
     settings = Settings(blend=0.0, reserve=0.0, period=0.01, scaling=scaling)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The benchmarks: closed loops at random in a small version, and that all of them run."""
+"""The benchmarks: random closed loops in a small version, and every benchmark runs at all."""
 
 import importlib
 import subprocess

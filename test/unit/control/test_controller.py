@@ -40,7 +40,7 @@ from tp_controller.tasks import Joint, JointLimits, Pose
 SEEDS = st.integers(0, 2 ** 32 - 1)
 TOOL = robots.PANDA_TOOL
 READY = np.array(robots.PANDA_READY)
-# Nothing fades, so that each update shows what was asked for.
+# Without a transition, so that each update is what the tasks demand.
 EXACT = Settings(damping=0.0, blend=0.0)
 POSE_AND_POSTURE = ('- tool: {type: pose, frame: panda_hand_tcp, gain: 2.0}\n'
                     '- posture: {type: posture, gain: 0.5}\n')
@@ -350,7 +350,7 @@ def test_joint_outside_its_range_comes_back_in_and_goes_no_further_out():
     controller = control('- m: {type: joint_velocity, joints: turn}\n', robot)
     controller.update([2.8, 0.0, 0.0, 0.0], 0.0)
     controller.set_goal('m', [1.0], 0.0)
-    # It is led back whatever is wished: 10 /s times 0.3 rad, but no faster than a fifth of its
+    # Whatever is demanded, it returns: at 10 /s times 0.3 rad, but no faster than a fifth of its
     # speed limit.
     assert controller.update([2.8, 0.0, 0.0, 0.0], 0.0).velocity.tolist() == pytest.approx(
         [-0.2 * robot.velocity[0], 0.0, 0.0, 0.0])
@@ -447,20 +447,20 @@ def test_velocity_limit_is_named_as_such_whatever_the_rounding(speed):
     assert command.report.limiting == 'joint1 at its velocity limit'
 
 
-@pytest.mark.parametrize('position, wish, side', [
+@pytest.mark.parametrize('position, demand, side', [
     (2.5, 1.0, 'upper'), (2.45, 1.0, 'upper'), (-2.0, -1.0, 'lower'), (-1.95, -1.0, 'lower'),
     (2.6, 1.0, 'upper')])
-def test_report_names_the_position_limit_that_stops_a_joint(position, wish, side):
+def test_report_names_the_position_limit_that_stops_a_joint(position, demand, side):
     controller = control('- m: {type: joint_velocity, joints: turn}\n', robots.mixed())
     q = [position, 0.0, 0.0, 0.0]
     controller.update(q, 0.0)
-    controller.set_goal('m', [wish], 0.0)
+    controller.set_goal('m', [demand], 0.0)
     report = controller.update(q, 0.0).report
     assert report.tasks[0].reason == f'turn at its {side} position limit'
     assert report.tasks[0].status == 'limited'
 
 
-def test_report_says_that_higher_levels_left_no_room():
+def test_report_names_the_task_above_that_blocks_a_task():
     controller = control(
         '- a: {type: joint, joints: panda_joint1}\n'
         '- b: {type: joint, joints: [panda_joint1, panda_joint2], target: [0.5, 0.1]}\n')
@@ -471,7 +471,7 @@ def test_report_says_that_higher_levels_left_no_room():
 
 
 def test_report_says_that_the_robot_cannot_move_that_way():
-    # A planar arm has no way out of its plane, whatever else is asked of it.
+    # A planar arm cannot leave its plane.
     controller = control('- tool: {type: position, frame: link3}\n', robots.planar())
     controller.update(robots.PLANAR_START, 0.0)
     goal = controller.robot.state(robots.PLANAR_START).position('link3') + [0.0, 0.0, 0.1]
@@ -720,7 +720,7 @@ def test_robot_with_one_joint_is_controlled_like_any_other(kind):
     assert q == pytest.approx([0.5], abs=1e-3)
 
 
-def test_held_value_is_not_handed_to_a_task_about_another_frame():
+def test_default_goal_is_not_inherited_by_a_task_about_another_frame():
     robot = robots.panda()
     controller = control(f'- tool: {{type: position, frame: {TOOL}}}\n', robot)
     controller.update(READY, 0.0)
@@ -729,7 +729,7 @@ def test_held_value_is_not_handed_to_a_task_about_another_frame():
     assert controller.update(READY, 0.1).velocity == pytest.approx(np.zeros(7), abs=1e-12)
 
 
-def test_posture_that_was_only_held_is_still_only_held_in_the_next_stack():
+def test_default_goal_of_a_posture_is_still_a_default_in_the_next_stack():
     robot = robots.panda()
     controller = control('- posture: {type: posture}\n', robot)
     controller.update(READY, 0.0)
@@ -739,7 +739,7 @@ def test_posture_that_was_only_held_is_still_only_held_in_the_next_stack():
     assert controller.update(READY + 0.1, 0.2).velocity == pytest.approx(np.zeros(7), abs=1e-12)
 
 
-def test_task_that_is_enabled_again_holds_what_it_finds_unless_it_has_a_goal():
+def test_task_that_is_enabled_again_keeps_its_current_value_unless_it_has_a_goal():
     controller = control('- a: {type: joint, joints: panda_joint1}\n'
                          '- b: {type: joint, joints: panda_joint2, target: [-0.7]}\n')
     controller.update(READY, 0.0)

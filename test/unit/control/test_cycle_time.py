@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Clocks that stand still, go back, tick seldom or say nonsense, and what becomes of commands."""
+"""Clocks that stand still, go back, tick seldom or make no sense, and the commands that result."""
 
 from decimal import Decimal
 import math
@@ -68,7 +68,7 @@ def test_clock_that_does_not_advance_is_taken_to_go_on_as_before(measured):
     assert time.now == pytest.approx(3 * PERIOD + 0.0005 + 0.004 + 4.0, rel=1e-9)
 
 
-def test_clock_that_ticks_more_seldom_than_commands_are_asked_for_counts_as_it_ticks():
+def test_clock_that_ticks_less_often_than_the_cycle_runs_counts_as_it_ticks():
     time, ticks = CycleTime(0.1), []
     for _ in range(50):
         ticks.append(sum(time.advance(measured) for measured in [0.01] + [0.0] * 9))
@@ -94,8 +94,8 @@ def test_pause_counts_no_longer_than_a_period_in_the_mean():
     assert time.mean == pytest.approx(PERIOD)
 
 
-def test_slow_cycles_are_held_no_longer_than_a_period_as_far_as_damping_goes():
-    """The longer commands are held, the more is damped near a singularity."""
+def test_damping_takes_slow_cycles_for_no_longer_than_a_period():
+    """The longer a command is applied, the more is damped near a singularity."""
     velocities = []
     for seconds in (PERIOD, 100.0 * PERIOD):
         robot = robots.planar()

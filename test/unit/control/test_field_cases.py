@@ -310,12 +310,12 @@ def test_only_a_joint_with_an_acceleration_limit_is_kept_ready(slow):
 def test_a_task_of_mode_scale_keeps_its_direction(text):
     robot = robots.panda()
     loop = Loop(robot, text, READY, Settings(period=PERIOD, blend=0.0))
-    wish = np.array([0.0, 0.5, -2.0, 0.3, 9.0, 0.1, 0.4])
-    loop.controller.set_goal('turn', wish, loop.now)
+    demand = np.array([0.0, 0.5, -2.0, 0.3, 9.0, 0.1, 0.4])
+    loop.controller.set_goal('turn', demand, loop.now)
     loop.step()
     v = loop.velocities[-1]
     assert v[4] == robot.velocity[4]
-    np.testing.assert_allclose(v, v[4] / 9.0 * wish, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(v, v[4] / 9.0 * demand, rtol=0, atol=1e-6)
 
 
 def test_a_new_goal_is_a_new_reason_to_nudge_an_arm():
@@ -393,17 +393,17 @@ def test_a_tool_that_pushes_against_a_wall_comes_to_rest_at_it(links, direction,
         tool, J = ends.sum(axis=1), np.array([-y, x])
         if wall is None:
             wall, goal = normal @ tool - 0.05, tool - 0.8 * normal + 0.2 * normal[::-1] * (1, -1)
-        room = normal @ tool - wall
+        clearance = normal @ tool - wall
         solution = solve_cycle([
-            Level((normal @ J)[np.newaxis], lower=np.array([-10.0 * room]),
+            Level((normal @ J)[np.newaxis], lower=np.array([-10.0 * clearance]),
                   upper=np.array([np.inf])),
             Level(J, 3.0 * (goal - tool)), Level(np.ones((1, links)), -q.sum(keepdims=True)),
             Level.of_joints(-0.2 * q)], -bound, bound, options, period, None, memory)
         velocity, memory = solution.velocity, solution.memory
-        deepest = min(deepest, room)
+        deepest = min(deepest, clearance)
         velocities.append(velocity)
         q = q + period * velocity
-    assert room < 2e-3 and deepest > -1e-3
+    assert clearance < 2e-3 and deepest > -1e-3
     changes = np.diff(velocities[-100:], axis=0)
     assert np.abs(changes).max() < 0.02
 

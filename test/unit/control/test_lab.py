@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The exercises of the lab: 60 Hz, Euler steps, gain 1, and numbers computed beforehand."""
+"""
+Exercises 1 and 2 of *lab* (docs/sources.md): 60 Hz, Euler steps, gain 1.
+
+The expected numbers were computed beforehand.
+"""
 
 import math
 
@@ -25,9 +29,9 @@ DT = 1.0 / 60.0
 CYCLES = 600
 TOOL = '- tool: {type: position, frame: link3, axes: xy}\n'
 MOTION = '- motion: {type: joint_velocity}\n'
-# Damped everywhere, uniform scaling, nothing released, changes at once.
-LECTURE = {'singular_region': math.inf, 'scaling': 'uniform', 'release_region': 0.0,
-           'blend': 0.0}
+# Damped everywhere, uniform scaling, nothing relaxed, no transition.
+AS_IN_LAB = {'singular_region': math.inf, 'scaling': 'uniform', 'release_region': 0.0,
+             'blend': 0.0}
 JOINT = '- base: {type: joint, joints: joint1, target: [0.0]}\n'
 
 
@@ -36,7 +40,7 @@ def exercise_1(damping):
     unlimited = {name: {'velocity': math.inf} for name in robots.planar().joint_names}
     robot = Robot.from_file(robots.PLANAR_DH, limits=unlimited)
     controller = Controller(robot, Stack.from_yaml(TOOL + MOTION, robot),
-                            Settings(period=DT, damping=damping, **LECTURE))
+                            Settings(period=DT, damping=damping, **AS_IN_LAB))
     q, errors = np.array(robots.PLANAR_START), []
     start = robot.state(q).position('link3').copy()
     for cycle in range(CYCLES):
@@ -67,7 +71,7 @@ def exercise_2(order, goal):
     """Return the error of the end-effector [m] and q after 10 s."""
     robot = robots.planar()
     controller = Controller(robot, Stack.from_yaml(order, robot),
-                            Settings(period=DT, damping=0.1, **LECTURE))
+                            Settings(period=DT, damping=0.1, **AS_IN_LAB))
     controller.set_goal('tool', [*goal, 0.0], 0.0)
     q = np.array(robots.PLANAR_START)
     for cycle in range(CYCLES):

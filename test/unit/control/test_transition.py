@@ -22,7 +22,7 @@ import robots
 from tp_controller import Controller, Robot, Settings, Stack
 
 PERIOD = 1e-3
-# Room to brake in, so that no limit is felt.
+# Joints brake early enough that no limit becomes active.
 CALM = Settings(period=PERIOD, braking_gain=50.0)
 STACK = """
 - tool: {type: position, frame: panda_hand_tcp, gain: 2.0}
@@ -228,21 +228,21 @@ def test_stack_that_is_replaced_in_every_cycle_changes_nothing_either():
     np.testing.assert_array_equal(still.velocities, run.velocities)
 
 
-def test_task_that_was_only_held_is_held_on_by_the_next_stack():
+def test_default_goal_is_inherited_by_the_next_stack():
     run = Run(goals=('orientation', 'elbow'))
     run.until(CHANGE)
-    held = run.controller.stack.tasks['tool'].goal
+    goal = run.controller.stack.tasks['tool'].goal
     put(run)
     run.update()
-    assert run.controller.stack.tasks['tool'].goal is held
+    assert run.controller.stack.tasks['tool'].goal is goal
     tool = run.command.report.tasks[0]
     assert tool.errors[0][0] < 1e-6 and abs(tool.wanted_speed - tool.achieved_speed) < 1e-12
 
 
-def test_restart_fades_in_what_the_tasks_hold_from_then_on():
+def test_restart_blends_to_the_default_goals_it_takes():
     run = Run(goals=())
     run.until(0.01)
-    # Pushed aside, the robot comes back to where it was held.
+    # After a push the robot returns to the default goals.
     run.q = run.q + 0.2
     run.until(0.5)
     speed = np.abs(run.velocities[-1]).max()
@@ -367,12 +367,12 @@ def test_bounds_of_the_new_stack_hold_while_a_change_fades_out():
     from tp_controller.control.transition import Transition
     transition = Transition(0.4)
     transition.begin(np.ones(2), 0.0, 1)
-    first, wish = (Level(np.eye(2)[:1], np.array([wanted])) for wanted in (0.1, 0.2))
+    first, demand = (Level(np.eye(2)[:1], np.array([wanted])) for wanted in (0.1, 0.2))
     bound = Level(np.eye(2)[1:], upper=np.array([0.3]), lower=np.array([-0.3]))
-    eased = transition.levels([first, bound, wish], np.zeros(2), 0.1)
+    eased = transition.levels([first, bound, demand], np.zeros(2), 0.1)
     assert len(eased) == 3 and eased[0] is first and eased[1] is bound
-    # Below a task that changes they do not, or they would push it aside meanwhile.
-    below = transition.levels([first, wish, bound], np.zeros(2), 0.1)
+    # Below a task that changes they do not, or they would change its direction meanwhile.
+    below = transition.levels([first, demand, bound], np.zeros(2), 0.1)
     assert len(below) == 2 and below[0] is first and below[1].v is not None
 
 

@@ -113,26 +113,27 @@ def test_joints_without_an_acceleration_limit_keep_their_ranges_too(seed, period
 @example(0.0, 1.0, 0.01)
 @example(3e-4, 1.0, 0.01)
 @example(1.0, 2.0, 0.05)
-def test_full_gain_is_the_exact_discrete_stopping_distance(room, acceleration, period):
+def test_full_gain_is_the_exact_discrete_stopping_distance(distance, acceleration, period):
     # METHOD: u = d / (a T²), M = floor((√(1 + 8u) − 1) / 2), v = a T (M/2 + u / (M + 1)).
-    u = room / (acceleration * period ** 2)
+    u = distance / (acceleration * period ** 2)
     M = math.floor((math.sqrt(1.0 + 8.0 * u) - 1.0) / 2.0)
     exact = acceleration * period * (M / 2.0 + u / (M + 1.0))
     limits = limits_of([-50.0], [0.0], [1e3], [acceleration], period)
-    assert settled(limits, np.array([-room]), period) == pytest.approx(exact, rel=1e-9, abs=1e-12)
+    assert settled(limits, np.array([-distance]), period) == pytest.approx(
+        exact, rel=1e-9, abs=1e-12)
     mirrored = limits_of([0.0], [50.0], [1e3], [acceleration], period)
-    assert settled(mirrored, np.array([room]), period, up=False) == pytest.approx(
+    assert settled(mirrored, np.array([distance]), period, up=False) == pytest.approx(
         -exact, rel=1e-9, abs=1e-12)
 
 
 @given(st.floats(1e-6, 3.0), st.floats(0.5, 50.0), st.floats(2e-3, 0.05), SHARES)
 @example(0.1, 5.0, 0.01, 0.5)
-def test_allowed_speed_is_the_one_whose_stopping_distance_is_the_room(room, acceleration, period,
-                                                                      share):
+def test_allowed_speed_stops_within_the_distance(distance, acceleration, period, share):
     gain = share / period
     limits = limits_of([-1e5], [0.0], [1e4], [acceleration], period, gain)
-    speed = float(settled(limits, np.array([-room]), period)[0])
-    assert stopping_distance(speed, acceleration, period, gain) == pytest.approx(room, rel=1e-8)
+    speed = float(settled(limits, np.array([-distance]), period)[0])
+    needed = stopping_distance(speed, acceleration, period, gain)
+    assert needed == pytest.approx(distance, rel=1e-8)
 
 
 def test_stopping_distance_worked_out_by_hand():

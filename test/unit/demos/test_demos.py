@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The files of the demos: robots, parameters, stacks and goals fit, and the goals are reached."""
+"""The files of the demos: robots, parameters, stacks and goals match, and goals are reached."""
 
 import importlib
 
@@ -242,7 +242,7 @@ def test_vehicle_goes_around_the_riser_and_gives_way_to_tool_and_view(run):
     assert motion.errors('tool')[turning:].max() < 2e-3 < motion.errors('station')[-1]
 
 
-def test_hands_keep_the_thing_while_it_is_carried(run):
+def test_hands_keep_their_distance_while_they_carry(run):
     motion = run('two_arms')
     between = np.linalg.norm(motion.places('left_hand') - motion.places('right_hand'), axis=1)
     assert np.ptp(between) < 3e-3

@@ -43,14 +43,14 @@ def test_first_level_is_within_half_a_millimetre_and_half_a_degree_throughout(mo
     assert np.ptp(tips, axis=0).min() > 0.2
 
 
-def test_tasks_below_are_given_up_where_they_must_be_and_kept_where_they_can_be(motion):
+def test_tasks_below_are_relaxed_where_they_must_be_and_satisfied_where_they_can_be(motion):
     settled = motion.times >= drill.SETTLED
     for name in drill.LOWER:
         outside = motion.outside[name][settled] > 0.01
         # For a while in every round of the target, and never for the most of it.
         assert 0.1 < outside.mean() < 0.5, name
         assert outside[:1700].any() and outside[2000:].any()
-    # At its bound a value rests: the marker is held at the edge of the view.
+    # A value stays at its bound: the marker stays at the edge of the view.
     angle = motion.values['markers'][settled]
     assert (np.abs(angle - 0.6) < 1e-3).sum() > 100
 

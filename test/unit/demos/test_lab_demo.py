@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-The lab's exercises against a plain program for the planar arm, and against geometry.
+Exercises 1 and 2 of *lab* (docs/sources.md): the demos beside a plain program and geometry.
 
-The plain program below is the lab's listing with its slips put right: rows 0 and 1 of the
-Jacobian are the linear velocities, and the scaling takes absolute values in both orders.
+The plain program below is the listing of *lab* without its errors: rows 0 and 1 of the Jacobian
+are the linear velocities, and the scaling takes absolute values in both orders.
 """
 
 import math
@@ -45,7 +45,7 @@ def kinematics(q):
 
 
 def damped(J):
-    """Return the lab's DLS(J, 0.1)."""
+    """Return DLS(J, 0.1), the damped inverse of *lab*, exercise 2."""
     return J.T @ np.linalg.inv(J @ J.T + 0.1 ** 2 * np.eye(len(J)))
 
 

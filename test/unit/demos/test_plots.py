@@ -72,6 +72,31 @@ def test_errors_are_drawn_in_the_colour_of_their_task(tmp_path, log):
     assert count(picture, drawing.COLOURS[1]) > 300
 
 
+def test_what_limits_a_task_is_a_band_as_long_as_it_lasts(tmp_path):
+    def drawn(**reasons):
+        return pixels(plots.plot_errors(
+            tmp_path / 'errors.png', TIMES, [('tool', 'm', np.zeros(len(TIMES)))],
+            reasons=reasons))
+
+    none, half, whole = ([('joint 4 at its limit' if time < share * TIMES[-1] else '')
+                          for time in TIMES] for share in (0.0, 0.5, 1.0))
+    picture = drawn(tool=half, elbow=none)
+    # The line of the error and the legend are as they are without a band.
+    bare = count(drawn(tool=none, elbow=none), drawing.COLOURS[0])
+    legend = count(drawn(tool=half[:1] + none[1:]), drawing.COLOURS[0]) - bare
+    short = count(drawn(tool=half), drawing.COLOURS[0]) - bare - legend
+    long = count(drawn(tool=whole), drawing.COLOURS[0]) - bare - legend
+    assert long == pytest.approx(2.0 * short, rel=0.1)
+    assert len(picture) == len(drawn(tool=half)) > len(drawn(tool=none))
+
+
+def test_more_reasons_than_colours_share_one(tmp_path):
+    texts = [f'reason {int(time)}' for time in TIMES]
+    picture = pixels(plots.plot_errors(tmp_path / 'errors.png', TIMES, ERRORS,
+                                       reasons={'tool': texts}))
+    assert all(count(picture, colour) > 100 for colour in (*drawing.COLOURS, drawing.FAINT))
+
+
 @pytest.mark.parametrize('values', [np.zeros(300), np.full(300, np.nan),
                                     np.where(TIMES < 5.0, np.nan, 1e-12)])
 @pytest.mark.parametrize('log', [False, True])
@@ -147,7 +172,7 @@ def test_animation_in_space_is_small(tmp_path, name):
     assert path.stat().st_size < 3_000_000
 
 
-def test_animation_shows_the_base_what_is_held_and_what_stands_around(tmp_path):
+def test_animation_shows_the_base_the_carried_object_and_its_surroundings(tmp_path):
     robot = Robot.from_file(CONFIG / 'robots' / 'mobile_arm.urdf', base='planar')
     q = np.tile(robot.neutral(), (20, 1))
     q[:, 0] = np.linspace(0.0, 1.0, 20)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Robots on a base that moves: where it stands, how it moves, and what tasks make of it."""
+"""Robots with a mobile base: its pose, how it moves, and tasks that use it."""
 
 import math
 
@@ -445,7 +445,7 @@ def test_tool_reaches_what_the_arm_alone_could_not(base, accelerations):
 
 
 @pytest.mark.parametrize('base', FLAT)
-def test_tiago_reaches_a_place_across_the_room(base):
+def test_tiago_reaches_a_goal_that_its_base_has_to_drive_to(base):
     robot = Robot.from_urdf(robots.urdf_path('tiago'), base=base, joints=[
         'torso_lift_joint', *(f'arm_{number}_joint' for number in range(1, 8))])
     q = initial_positions('{torso_lift_joint: 0.15, arm_1_joint: 0.6, arm_2_joint: 0.2, '

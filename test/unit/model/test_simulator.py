@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The kinematic simulator, against what its drives and sensors are said to do."""
+"""The kinematic simulator: its drives and sensors do what their parameters say."""
 
 import math
 
@@ -182,7 +182,7 @@ def test_size_of_the_steps_does_not_matter(steps, delay, lag):
 
 # Noise and losses
 
-def test_noise_has_the_deviation_asked_for_and_no_bias():
+def test_noise_has_the_deviation_of_its_setting_and_no_bias():
     sim = simulator(noise=0.01, seed=3)
     samples = np.array([sim.measure()[0] for _ in range(4000)]) - START
     np.testing.assert_allclose(samples.std(axis=0), 0.01, rtol=0.05)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Two arms that hold one thing, in a closed loop with an ideal robot."""
+"""Two arms that carry one object, in a closed loop with an ideal robot."""
 
 import numpy as np
 import pytest
@@ -42,15 +42,15 @@ def test_what_two_arms_hold_keeps_its_shape_while_one_of_them_is_moved(kind, kep
 - posture: {{type: posture, gain: 0.5}}
 """, robot), Settings(period=PERIOD))
     q, state = READY, robot.state(READY)
-    held, goal = between(state)[kept], state.position(LEFT) + [0.08, 0.0, 0.12]
+    before, goal = between(state)[kept], state.position(LEFT) + [0.08, 0.0, 0.12]
     other = state.position(RIGHT)
     controller.update(q, 0.0)
     controller.set_goal('carry', goal, 0.0)
     for cycle in range(1, 600):
         q = q + PERIOD * controller.update(q, cycle * PERIOD).velocity
         state.update(q)
-        # What is left is of second order: a velocity is held for 10 ms.
-        assert np.abs(between(state)[kept] - held).max() < 2e-4
+        # What is left is of second order: a velocity stays for 10 ms.
+        assert np.abs(between(state)[kept] - before).max() < 2e-4
     np.testing.assert_allclose(state.position(LEFT), goal, atol=1e-3)
     # The other arm has come along.
     assert np.linalg.norm(state.position(RIGHT) - other) > 0.02

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Problems for the solver, drawn at random, and how it is asked about them."""
+"""Random problems for the solver, and helpers that solve them."""
 
 import math
 import sys
@@ -55,7 +55,7 @@ def as_levels(hierarchy):
 
 
 def misses(hierarchy, x):
-    """Return how far each level is from what it wants: ‖v − J x‖, or what exceeds its bounds."""
+    """Return what each level misses: ‖v − J x‖, or by how much J x exceeds its bounds."""
     return np.array([np.linalg.norm(J @ x - (wanted[0] if len(wanted) == 1
                                              else np.clip(J @ x, *wanted)))
                      for J, *wanted in hierarchy])

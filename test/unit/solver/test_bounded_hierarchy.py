@@ -41,7 +41,7 @@ def test_reference_knows_the_answers_that_can_be_worked_out_by_hand():
     box = -np.ones(2), np.ones(2)
     one = np.array([[1.0, 1.0]])
     cases = [
-        # Both joints at their bounds; joint 1 at its bound and joint 2 taking over.
+        # Both joints at their bounds; joint 1 at its bound, joint 2 does the rest.
         ([(one, [3.0])], *box, [1.0, 1.0]),
         ([(np.array([[2.0, 1.0]]), [2.5])], *box, [1.0, 0.5]),
         # Σ = 1 first, then (2, 0): the nearest point of the line within the bounds.
@@ -56,7 +56,7 @@ def test_reference_knows_the_answers_that_can_be_worked_out_by_hand():
         ([(np.array([[1.0, 0.0]]), [0.6], [INFINITE]),
           (np.array([[1.0, 0.0]]), [-INFINITE], [0.0]), (np.eye(2), [0.9, 0.9])], *box,
          [0.6, 0.9]),
-        # Below a wish, a row has to take what is left: Σ = 0, so that x_2 ≥ 2 comes to 1.
+        # The level above demands Σ = 0, so that of x_2 ≥ 2 only 1 is possible.
         ([(one, [0.0]), (np.array([[0.0, 1.0]]), [2.0], [3.0]), (np.eye(2), [5.0, 0.0])], *box,
          [-1.0, 1.0]),
     ]
@@ -126,7 +126,7 @@ def test_large_hierarchies_are_solved_as_well(problem):
 
 
 @given(SEEDS, st.sampled_from([0.0, 1e-14, 1e-10, 1e-7, 1e-4]), st.booleans())
-def test_near_rank_loss_the_answer_is_finite_and_keeps_bounds_and_priorities(seed, gap, exact):
+def test_near_rank_loss_the_answer_is_finite_and_within_bounds_and_priorities(seed, gap, exact):
     rng = np.random.default_rng(seed)
     n = 6
     (J, v), other = random_levels(rng, n, [2, 2])
@@ -150,7 +150,7 @@ def test_bounds_that_exclude_zero_are_kept_without_any_level():
     assert redistribute([empty], [0.2, -0.5], [0.5, -0.1]).velocity == near([0.2, -0.1])
 
 
-def test_what_one_joint_cannot_do_the_others_take_over():
+def test_what_one_joint_cannot_do_the_others_do():
     solution = redistribute([([[1.0, 1.0]], [1.0])], [-1.0, -1.0], [0.2, 1.0])
     assert solution.velocity == near([0.2, 0.8])
     assert solution.levels[0].residual == near([0.0])
@@ -160,7 +160,7 @@ def test_what_one_joint_cannot_do_the_others_take_over():
 
 
 @pytest.mark.parametrize('excess', [1e-4, 1e-6, 1e-9])
-def test_the_least_excess_is_taken_over_too(excess):
+def test_the_least_excess_is_redistributed_too(excess):
     solution = redistribute([([[1.0, 1.0]], [1.0])], [-1.0, -1.0], [0.5 - excess, 1.0])
     assert solution.velocity[0] == 0.5 - excess
     assert abs(solution.levels[0].residual[0]) < 1e-11
@@ -238,7 +238,7 @@ def test_multipliers_prove_that_levels_with_bounds_are_violated_least(problem):
 
 
 @given(hierarchies(max_joints=6, kinds=('mixed', 'fixed')))
-def test_multipliers_count_joints_that_are_held(problem):
+def test_multipliers_count_joints_at_their_bounds(problem):
     n, hierarchy, lower, upper = problem
     assume(well_conditioned(n, hierarchy))
     check_optimality(n, hierarchy, lower, upper)
@@ -299,12 +299,12 @@ def test_bounds_that_are_idle_change_nothing(problem, options, barely):
     n, hierarchy, _, _ = problem
     assume(well_conditioned(n, hierarchy))
     free = solve(hierarchy, **options)
-    room = np.abs(free.velocity).max() + 1e-3
+    largest = np.abs(free.velocity).max() + 1e-3
     if options or not barely:
         # No level is to meet them on the way either, or it costs the regularisation's share.
-        room = max(room, *(np.abs(level.velocity).max() + 1e-3 for level in free.levels))
-    bounded = redistribute(hierarchy, np.full(n, -room), np.full(n, room), **options)
-    np.testing.assert_allclose(bounded.velocity, free.velocity, rtol=0, atol=1e-9 * room)
+        largest = max(largest, *(np.abs(level.velocity).max() + 1e-3 for level in free.levels))
+    bounded = redistribute(hierarchy, np.full(n, -largest), np.full(n, largest), **options)
+    np.testing.assert_allclose(bounded.velocity, free.velocity, rtol=0, atol=1e-9 * largest)
     assert bounded.scale == near(1.0) and bounded.limiting is None
     assert all(not level.limited_by for level in bounded.levels)
 
@@ -314,8 +314,8 @@ def test_bounds_that_only_levels_on_the_way_meet_cost_little(problem):
     n, hierarchy, _, _ = problem
     assume(well_conditioned(n, hierarchy, 0.1))
     free = solve(hierarchy, **DEFAULTS).velocity
-    room = np.full(n, np.abs(free).max() * (1.0 + 1e-9) + 1e-12)
-    bounded = redistribute(hierarchy, -room, room, **DEFAULTS).velocity
+    largest = np.full(n, np.abs(free).max() * (1.0 + 1e-9) + 1e-12)
+    bounded = redistribute(hierarchy, -largest, largest, **DEFAULTS).velocity
     for J, v in hierarchy:
         assert np.linalg.norm(J @ bounded - v) <= \
             np.linalg.norm(J @ free - v) + 0.01 * np.linalg.norm(v)
@@ -324,13 +324,13 @@ def test_bounds_that_only_levels_on_the_way_meet_cost_little(problem):
 @given(hierarchies(rows=False, max_levels=4), st.sampled_from([{}, DEFAULTS, {'damping': 0.3}]),
        st.floats(0.1, 2.0))
 def test_joint_that_is_limited_leaves_joints_it_has_nothing_to_do_with_alone(problem, options,
-                                                                             wish):
+                                                                             demand):
     # One more joint, at its bound: the levels have to be solved within the bounds.
     n, hierarchy, _, _ = problem
     assume(well_conditioned(n, hierarchy))
     free = solve(hierarchy, **options).velocity
     extended = [(np.block([[J, np.zeros((len(J), 1))], [np.zeros((1, n)), np.eye(1)]]),
-                 np.append(v, wish)) for J, v in hierarchy]
+                 np.append(v, demand)) for J, v in hierarchy]
     upper = np.append(np.full(n, np.abs(free).max() * 1e3 + 1.0), 0.05)
     velocity = redistribute(extended, -upper, upper, **options).velocity
     assert velocity[-1] == near(0.05)
@@ -440,7 +440,7 @@ def test_weighted_motion_is_least_among_those_that_do_the_same_for_every_level(p
 @pytest.mark.parametrize('weights, velocity', [(None, [0.3, 0.3]), ([1.0, 5.0], [0.5, 0.1]),
                                                ([7.0, 1.0], [0.075, 0.525])])
 def test_what_moves_no_level_is_shared_by_weights_within_the_bounds(weights, velocity):
-    # Σ = 0.6 of two joints; what is damped or released of another level makes no difference.
+    # Σ = 0.6 of two joints; what another level damps or relaxes makes no difference.
     stack = [([[1.0, 1.0, 0.0]], [0.6]), ([[0.0, 0.0, 1e-3]], [1.0])]
     for options in ({}, DEFAULTS):
         found = redistribute(stack[:2 if options else 1], -np.ones(3), np.ones(3),
@@ -511,14 +511,14 @@ def test_lower_level_of_mode_scale_is_the_largest_share_that_the_levels_above_le
 
 
 def test_mode_scale_worked_out_by_hand():
-    # (2, 1) within 0.5: slowed to a quarter, where least squares would give (0.5, 0.5).
-    wish = np.array([2.0, 1.0])
+    # (2, 1) within 0.5: scaled to a quarter, where least squares would give (0.5, 0.5).
+    demand = np.array([2.0, 1.0])
     box = np.full(2, -0.5), np.full(2, 0.5)
-    solution = redistribute([Level(np.eye(2), wish, 'scale')], *box)
+    solution = redistribute([Level(np.eye(2), demand, 'scale')], *box)
     assert solution.velocity == near([0.5, 0.25])
     assert (solution.scale, solution.limiting) == (near(0.25), 0)
-    assert redistribute([Level(np.eye(2), wish)], *box).velocity == near([0.5, 0.5])
-    # Three joints for two directions: the third takes over before anything is slowed.
+    assert redistribute([Level(np.eye(2), demand)], *box).velocity == near([0.5, 0.5])
+    # Three joints for two directions: the third makes up for the first, and nothing is scaled.
     J = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
     solution = redistribute([Level(J, np.array([0.9, 0.4]), 'scale')], np.full(3, -0.5),
                             np.array([0.2, 0.5, 1.0]))
@@ -529,7 +529,7 @@ def test_mode_scale_worked_out_by_hand():
 @given(SEEDS, st.floats(-3.0, 0.0), st.sampled_from([0.0, 20.0]))
 def test_damped_level_of_mode_scale_is_slowed_along_the_way_it_has_without_bounds(seed, exponent,
                                                                                    h):
-    # As many rows as joints, one of them weak: nothing can take over.
+    # As many rows as joints, one of them weak: no joint can make up for another.
     rng = np.random.default_rng(seed)
     U, V = (np.linalg.qr(rng.standard_normal((3, 3)))[0] for _ in range(2))
     J, v = U @ np.diag([1.0, 0.8, 10.0 ** exponent]) @ V, rng.standard_normal(3)
@@ -575,7 +575,7 @@ def test_level_of_one_row_has_but_one_direction_to_keep(seed, h, regularisation)
     assert scaled.memory == (near(plain.memory[0], rel=1e-6),)
 
 
-def test_scaled_level_that_cannot_be_brought_to_rest_gets_what_it_wants_all_the_same():
+def test_scaled_level_that_cannot_be_brought_to_rest_gets_what_it_demands_all_the_same():
     # Level 1 moves it by 0.5, joint 2 can take 0.2 of that away; the last level is too fast.
     levels = [([[1.0, 0.0, 0.0]], [0.5]), Level(np.array([[1.0, 1.0, 0.0]]), np.array([2.0]),
                                                 'scale'), (np.eye(3), [0.0, 0.0, 5.0])]
@@ -622,7 +622,7 @@ def test_speed_cap_holds_without_bounds_too():
 @pytest.mark.parametrize('side', [1.0, -1.0])
 def test_speed_cap_gives_way_to_bounds_that_exclude_it(side):
     lower, upper = sorted([np.full(2, 0.8 * side), np.full(2, 1.0 * side)], key=sum)
-    wish = np.full(2, 0.5 * side)
-    solution = redistribute([(np.eye(2)[:1], wish[:1]), (np.eye(2), wish)], lower, upper,
+    demand = np.full(2, 0.5 * side)
+    solution = redistribute([(np.eye(2)[:1], demand[:1]), (np.eye(2), demand)], lower, upper,
                             speed_cap=[0.5, 0.5])
     assert solution.velocity == near([0.8 * side] * 2)

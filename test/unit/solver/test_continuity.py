@@ -53,19 +53,19 @@ def separated(rng, m, n):
 
 def along_a_line(seed, n=6, rows=(2, 1), mode='least_squares'):
     """
-    Return levels(t) and box(t), of which wishes and bounds change, so that bounds come and go.
+    Return levels(t) and box(t): demands and bounds change, so that bounds come and go.
 
     The Jacobians stay: two columns that become parallel, while all other joints are at their
     bounds, are a singularity of its own.
     """
     rng = np.random.default_rng(seed)
     Js = [separated(rng, m, n) for m in rows]
-    wishes = [(rng.standard_normal(m), rng.standard_normal(m)) for m in rows]
+    demands = [(rng.standard_normal(m), rng.standard_normal(m)) for m in rows]
     upper = rng.uniform(0.1, 0.6, (2, n))
 
     def levels(t):
         return [Level(J, v + t * (w - v), mode if number == 0 else 'least_squares')
-                for number, (J, (v, w)) in enumerate(zip(Js, wishes))]
+                for number, (J, (v, w)) in enumerate(zip(Js, demands))]
 
     def box(t):
         return upper[0] + t * (upper[1] - upper[0])
@@ -115,8 +115,8 @@ def test_damped_direction_does_not_jump_where_another_joint_reaches_its_bound():
     assert largest_jump(velocity) < 1e-3
 
 
-def test_released_direction_does_not_jump_where_another_joint_reaches_its_bound():
-    # Half of joint 1 is released; joint 2 has nothing to do with it.
+def test_relaxed_direction_does_not_jump_where_another_joint_reaches_its_bound():
+    # Half of joint 1 is relaxed; joint 2 has nothing to do with it.
     levels = [([[0.01, 0.0]], [0.0]), ([[0.1, 0.0], [0.0, 1.0]], [1.0, 1.0])]
 
     def velocity(t):
@@ -170,7 +170,7 @@ def test_regularisation_costs_the_square_of_its_share():
                                 **{**DEFAULTS, 'regularisation': least}).velocity
         exact = (1.0 - 0.2) / 0.5
         assert velocity[0] == 0.2
-        # Across J, 0.8 of the way of joint 2 is free, and is held by μ² against s² + μ²; the first
+        # Across J, 0.8 of the motion of joint 2 is free; μ² acts on it against s² + μ². The first
         # level has a share of μ.
         squared = (FIRST * least) ** 2
         share = 0.8 * squared / (0.25 + 0.8 * squared)

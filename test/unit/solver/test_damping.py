@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Damping: near singularities, and of what bends while a velocity is held."""
+"""Damping: near singularities, and of levels that bend while a velocity stays constant."""
 
 import math
 
@@ -103,7 +103,7 @@ def test_damping_of_zero_or_an_empty_region_is_no_damping():
         np.testing.assert_allclose(solve(levels, **options).velocity, exact, rtol=1e-8)
 
 
-# What bends while a velocity is held: c
+# What bends while a velocity stays constant: c
 
 T = 0.01
 REGION = {'damping': 0.1, 'singular_region': 0.1, 'period': T}
@@ -118,31 +118,31 @@ def remembered(h, cycles=1):
 @pytest.mark.parametrize('h', [0.0, 0.5, 7.0, 60.0])
 @pytest.mark.parametrize('first', [True, False])
 def test_directions_softer_than_the_level_bends_are_slowed(h, first):
-    s, wish = np.array([1.0, 0.3, 0.05 if first else 0.08]), np.array([1e-3, 0.2, -0.01])
+    s, demand = np.array([1.0, 0.3, 0.05 if first else 0.08]), np.array([1e-3, 0.2, -0.01])
     above = [] if first else [(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros(1))]
     J = np.hstack([np.diag(s), np.zeros((3, 1))])
     share = FIRST if first else 1.0
     damped = s ** 2 + (0.1 * share) ** 2 * np.maximum(0.0, 1.0 - (s / (0.1 * share)) ** 2)
-    found = solve([*above, (J, wish)], memory=(0.0,) * len(above) + (h,), **REGION)
+    found = solve([*above, (J, demand)], memory=(0.0,) * len(above) + (h,), **REGION)
     # The larger of the two: c = κ T h.
-    assert found.velocity[:3] == near(s * wish / np.maximum(damped, CURVATURE * T * h))
+    assert found.velocity[:3] == near(s * demand / np.maximum(damped, CURVATURE * T * h))
 
 
 @pytest.mark.parametrize('h', [0.0, 20.0, 100.0])
 def test_bend_is_a_stiffness_where_bounds_are_in_the_way(h):
     # Stiffnesses are 2.25 and 0.09, or what the level bends; a_1 may be 1 + 0.3 a_2.
     row = Level(np.array([[1.0, -0.3]]), upper=np.array([1.0]))
-    s, wish = np.array([1.5, 0.3]), np.array([30.0, 0.15])
+    s, demand = np.array([1.5, 0.3]), np.array([30.0, 0.15])
     stiff = np.maximum(s ** 2, CURVATURE * T * h)
-    target, across = s * wish / stiff, np.array([1.0, -0.3])
+    target, across = s * demand / stiff, np.array([1.0, -0.3])
     push = (across @ target - 1.0) / (across @ (across / stiff))
-    solution = redistribute([row, (np.diag(s), wish)], memory=(0.0, h), **REGION)
+    solution = redistribute([row, (np.diag(s), demand)], memory=(0.0, h), **REGION)
     assert solution.velocity == near(target - push * across / stiff, rel=1e-6)
 
 
 @pytest.mark.parametrize('h', [1.0, 20.0, 100.0])
 def test_bend_makes_motions_stiff_that_do_not_move_the_level(h):
-    # Joint 1 is at its bound; joint 2 could take over by moving across (1, 0.5).
+    # Joint 1 is at its bound; joint 2 could do the rest by moving across (1, 0.5).
     c = CURVATURE * T * h
     along, across = np.array([1.0, 0.5]) / math.sqrt(1.25), np.array([-0.5, 1.0]) / math.sqrt(1.25)
     stiff, target = np.array([max(1.25, c), c]), np.array([math.sqrt(1.25) / max(1.25, c), 0.0])
@@ -166,29 +166,29 @@ def test_level_bends_by_what_it_misses(size):
 
 
 def test_level_bends_by_the_levels_above_that_it_pushes_against():
-    # It wants 3 of the first joint, which the first level holds, and 3 of the second: at 1.
+    # It demands 3 of joint 1, which the first level stops, and 3 of joint 2, whose bound is 1.
     level = (np.array([[5.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), np.array([3.0, 3.0]))
     for size in (4.0, 1.0):
-        held, turns = (np.array([[size, 0.0, 0.0]]), np.zeros(1)), max(size, TURNING)
-        solution = redistribute([held, level], *BOX, **REGION)
+        stopped, turns = (np.array([[size, 0.0, 0.0]]), np.zeros(1)), max(size, TURNING)
+        solution = redistribute([stopped, level], *BOX, **REGION)
         missed = math.hypot(3.0, 2.0)
         # The force along joint 1 is 5 · 3, in the units of the first level a share of that.
         expected = math.sqrt(26.0) * missed + turns * 15.0 / size
         assert solution.memory == (0.0, remembered(expected))
-        # Where directions are released below 0.9, μ = A f / (A² + 0.45²).
-        solution = redistribute([held, level], *BOX, release_region=0.9, **REGION)
+        # Where directions are relaxed below 0.9, μ = A f / (A² + 0.45²).
+        solution = redistribute([stopped, level], *BOX, release_region=0.9, **REGION)
         expected = math.sqrt(26.0) * missed + turns * size * 15.0 / (size ** 2 + 0.45 ** 2)
         assert solution.memory == (0.0, remembered(expected))
-        # Uniform scaling takes none of that away; joint 2 has what it wants, then.
-        solution = solve([held, level], *BOX, scaling='uniform', **REGION)
+        # Uniform scaling changes nothing of that; joint 2 does what is demanded, then.
+        solution = solve([stopped, level], *BOX, scaling='uniform', **REGION)
         assert solution.memory == (0.0, remembered(math.sqrt(26.0) * 3.0 + turns * 15.0 / size))
 
 
 @pytest.mark.parametrize('size', [1.0, 5.0])
-def test_level_that_wants_a_velocity_of_every_joint_bends_by_others_alone(size):
-    held = (np.array([[4.0, 0.0, 0.0]]), np.zeros(1))
+def test_level_that_demands_a_velocity_of_every_joint_bends_by_others_alone(size):
+    stopped = (np.array([[4.0, 0.0, 0.0]]), np.zeros(1))
     closing = Level(size * np.eye(3), size * np.array([3.0, 3.0, 0.0]))
-    solution = redistribute([held, closing], *BOX, **REGION)
+    solution = redistribute([stopped, closing], *BOX, **REGION)
     # That of other sizes is a level like others.
     own = 0.0 if size == 1.0 else size ** 2 * math.sqrt(3.0) * math.hypot(3.0, 2.0)
     assert solution.memory == (0.0, remembered(own + size ** 2 * 3.0))
@@ -207,16 +207,16 @@ def test_level_bends_by_the_rows_that_it_pushes_against(length, faster):
 
 def test_level_bends_by_what_rows_and_levels_above_share_of_a_force():
     row = Level(np.array([[0.0, 1.0, 0.0]]), upper=np.array([0.5]))
-    held = (np.array([[1.0, 0.0, 0.0]]), np.zeros(1))
+    stopped = (np.array([[1.0, 0.0, 0.0]]), np.zeros(1))
     level = (np.array([[1.0, 1.0, 1.0]]), np.array([4.5]))
-    solution = redistribute([row, held, level], *BOX, **REGION)
-    # 3 are missing: as much is held by the row, the level and the bound of joint 3.
+    solution = redistribute([row, stopped, level], *BOX, **REGION)
+    # 3 are missing: the row, the level and the bound of joint 3 each push back with 3.
     assert solution.velocity == near([0.0, 0.5, 1.0])
     assert solution.memory == (0.0, 0.0, remembered(TURNING * (3.0 + 3.0) + 3.0))
-    # (0, 2.5) is 3.125 of an oblique row less 1.875 of joint 1, which the level holds.
+    # (0, 2.5) is 3.125 of an oblique row less 1.875 of joint 1, which the level stops.
     row = Level(np.array([[0.6, 0.8, 0.0]]), upper=np.array([0.4]))
     level = (np.array([[0.0, 1.0, 0.0]]), np.array([3.0]))
-    solution = redistribute([row, held, level], *BOX, **REGION)
+    solution = redistribute([row, stopped, level], *BOX, **REGION)
     assert solution.velocity == near([0.0, 0.5, 0.0])
     assert solution.memory == (0.0, 0.0, remembered(TURNING * (2.5 + 1.875) + 3.125))
 
@@ -265,11 +265,11 @@ def test_bend_is_that_of_multipliers_found_by_least_squares(seed, rows):
         expected = 0.0
         if np.linalg.norm(missed) > 1e-8:
             active = np.eye(n)[np.abs(x) == upper]
-            held = np.concatenate([active, *above])
+            pushing = np.concatenate([active, *above])
             # Where more is in the way than there are joints, many multipliers would do.
-            assume(len(held) <= n and (len(held) == 0 or np.linalg.cond(held) < 50.0))
-            pushes = np.linalg.lstsq(held.T, J.T @ missed, rcond=None)[0]
-            np.testing.assert_allclose(held.T @ pushes, J.T @ missed, rtol=0, atol=1e-6)
+            assume(len(pushing) <= n and (len(pushing) == 0 or np.linalg.cond(pushing) < 50.0))
+            pushes = np.linalg.lstsq(pushing.T, J.T @ missed, rcond=None)[0]
+            np.testing.assert_allclose(pushing.T @ pushes, J.T @ missed, rtol=0, atol=1e-6)
             sizes = [max(np.linalg.norm(A), TURNING) for A in above]
             pushes = np.split(pushes, len(active) + np.cumsum([0, *map(len, above)]))[1:-1]
             expected = max(np.linalg.norm(J), TURNING) * np.linalg.norm(missed) + sum(
@@ -279,10 +279,10 @@ def test_bend_is_that_of_multipliers_found_by_least_squares(seed, rows):
 
 
 def test_bend_follows_what_is_missed_and_is_forgotten_where_nothing_is():
-    wish, met = ([[4.0, 0.0, 0.0]], [5.0]), ([[4.0, 0.0, 0.0]], [2.0])
+    unmet, met = ([[4.0, 0.0, 0.0]], [5.0]), ([[4.0, 0.0, 0.0]], [2.0])
     memory = None
     for cycle in range(1, 40):
-        memory = redistribute([wish], *BOX, memory=memory, **REGION).memory
+        memory = redistribute([unmet], *BOX, memory=memory, **REGION).memory
         assert memory == (remembered(4.0, cycle),)
     h = memory[0]
     while True:
@@ -328,9 +328,9 @@ def test_call_without_a_memory_is_the_same_whatever_the_period(problem, scaling)
     at_once = solve(levels, lower, upper, scaling=scaling, **DEFAULTS)
     assert at_once.memory == (0.0,) * len(levels)
     for period in (1e-3, 0.1, 1.0):
-        held = solve(levels, lower, upper, scaling=scaling, period=period, **DEFAULTS)
-        np.testing.assert_allclose(held.velocity, at_once.velocity, rtol=0, atol=1e-9)
-        assert len(held.memory) == len(levels) and min(held.memory) >= 0.0
+        timed = solve(levels, lower, upper, scaling=scaling, period=period, **DEFAULTS)
+        np.testing.assert_allclose(timed.velocity, at_once.velocity, rtol=0, atol=1e-9)
+        assert len(timed.memory) == len(levels) and min(timed.memory) >= 0.0
 
 
 @given(hierarchies(max_levels=3), SEEDS)

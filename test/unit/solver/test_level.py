@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the solver takes for a level, and what it says of what is none."""
+"""Which levels the solver accepts, and what it says about others."""
 
 import math
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The fast path, against the loop."""
+"""The stacked fast path gives the same answer as the loop over levels."""
 
 import math
 import sys
@@ -114,7 +114,7 @@ def test_fast_path_knows_the_region_of_each_level(share):
                                       'release_region': 0.05},
                                      {'damping': 0.1, 'singular_region': 0.1,
                                       'release_region': 0.15}])
-def test_fast_path_leaves_what_is_released_to_the_loop(s, options):
+def test_fast_path_leaves_relaxed_directions_to_the_loop(s, options):
     damping = Damping(**options)
     first = s * max(damping.release_region, FIRST * damping.singular_region
                     if damping.damping else 0.0)
@@ -126,8 +126,8 @@ def test_fast_path_leaves_what_is_released_to_the_loop(s, options):
         assert (fast(levels, 2, damping) is not None) == (s > 1.0)
 
 
-def test_fast_path_is_damped_by_what_a_level_has_left_and_not_by_what_it_asks_for():
-    # Joint 1 gives the second level most of what it asks for, or all; what is left of it is weak.
+def test_fast_path_is_damped_by_what_a_level_has_left_and_not_by_what_it_demands():
+    # Joint 1 gives the second level most of its demand, or all; what is left of the level is weak.
     for demand in (0.7, 0.71, 5.0):
         levels = [(np.array([[1.0, 0.0]]), np.array([0.7])),
                   (np.array([[1.0, 0.05]]), np.array([demand]))]
@@ -176,7 +176,7 @@ def test_fast_path_answers_as_long_as_what_is_remembered_damps_nothing(share):
                 assert np.linalg.norm(solution.velocity - whole) > 1e-3
 
 
-def test_fast_path_asks_for_the_bend_of_each_level_by_its_place():
+def test_fast_path_finds_the_bend_of_each_level_by_its_place():
     # c = κ T h = 0.04 h. The bounds above are idle, and stand in the list of what is remembered.
     options = {**DEFAULTS, 'period': 0.01}
     idle = Level(np.array([[0.0, 0.0, 1.0]]), upper=np.array([0.9]))

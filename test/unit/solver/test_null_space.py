@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a level leaves free: released directions, and what that costs it."""
+"""What a level leaves free: relaxed directions, and what that costs it."""
 
 import math
 
@@ -27,7 +27,7 @@ from tp_controller.solver.null_space import decompose, null_space, remaining
 
 
 def weak_problem(seed, n=6):
-    """Return levels whose singular values lie in, around and below the release region."""
+    """Return levels whose singular values lie in, around and below `release_region`."""
     rng = np.random.default_rng(seed)
     levels = []
     for m in rng.integers(1, 4, 4):
@@ -51,14 +51,14 @@ def check_disturbance(levels, bounds, indices, **options):
 
 
 @given(SEEDS, st.booleans())
-def test_released_directions_of_the_first_level_are_disturbed_by_no_more_than_the_bound(seed,
-                                                                                        tight):
+def test_relaxed_directions_of_the_first_level_are_disturbed_by_no_more_than_the_bound(seed,
+                                                                                       tight):
     levels, upper = weak_problem(seed)
     check_disturbance(levels, (-upper, upper) if tight else (None, None), [0])
 
 
 @given(SEEDS, st.booleans())
-def test_released_directions_of_any_level_are_disturbed_by_no_more_than_the_bound(seed, tight):
+def test_relaxed_directions_of_any_level_are_disturbed_by_no_more_than_the_bound(seed, tight):
     levels, upper = weak_problem(seed)
     check_disturbance(levels, (-upper, upper) if tight else (None, None), range(4))
 
@@ -69,7 +69,7 @@ def test_disturbance_bound_holds_with_weights_too(seed):
     check_disturbance(levels, (-upper, upper), [0], weights=[1.0, 4.0, 1.0, 9.0, 1.0, 0.5])
 
 
-def test_disturbance_bound_of_a_level_whose_direction_another_has_released():
+def test_disturbance_bound_of_a_level_whose_direction_another_has_relaxed():
     # The second level sees what is left of the first one's weak direction, 0.12 of it.
     levels = [([[0.009, 0.0]], [0.0]), ([[0.1, 0.0]], [0.0]), (np.eye(2), [1.0, 1.0])]
     level = redistribute(levels, -np.ones(2), np.ones(2), **DEFAULTS).levels[1]
@@ -79,13 +79,13 @@ def test_disturbance_bound_of_a_level_whose_direction_another_has_released():
 @pytest.mark.parametrize('damping', [0.05, 0.1, 0.2])
 @pytest.mark.parametrize('s, share', [(0.02, 0.0), (0.01, 0.0), (0.005, 0.5), (0.0025, 0.84375),
                                       (0.001, 0.972), (1e-6, 1.0)])
-def test_nothing_is_released_above_the_region_and_more_and_more_below_it(damping, s, share):
+def test_nothing_is_relaxed_above_the_region_and_more_and_more_below_it(damping, s, share):
     # k = t² (3 − 2 t) is kept, t = s / 0.01.
     levels = [([[s, 0.0]], [0.0]), (np.eye(2), [1.0, 1.0])]
     solution = solve(levels, release_region=0.01)
     # What is left of the direction, undamped.
     assert solution.velocity == near([1.0 if share else 0.0, 1.0])
-    # Damped, the level below follows it by as much as is released.
+    # With damping the level below follows the direction by the share that is relaxed.
     damped = solve(levels, release_region=0.01, damping=damping)
     free = 1.0 / (1.0 + damping ** 2)
     assert damped.velocity == near([min(share, free), free])
@@ -117,7 +117,7 @@ def test_directions_are_those_of_what_is_left_and_what_is_left_moves_no_level():
             np.testing.assert_allclose(Z.T @ Z, np.eye(Z.shape[1]), rtol=0, atol=1e-12)
 
 
-def test_recursion_is_that_of_the_lecture():
+def test_recursion_is_the_one_of_lecture_section_2_2():
     rng = np.random.default_rng(3)
     levels = random_levels(rng, 7, [2, 3, 4])
     zeta, P = np.zeros(7), np.eye(7)
@@ -129,7 +129,7 @@ def test_recursion_is_that_of_the_lecture():
         assert step.directions.rank == np.linalg.matrix_rank(inverse)
 
 
-def test_null_space_of_levels_is_what_moves_none_of_them_whatever_was_released():
+def test_null_space_of_levels_is_what_moves_none_of_them_whatever_was_relaxed():
     rng = np.random.default_rng(3)
     levels = [Level(np.diag([1.0, 1e-4, 0.0, 0.0])[:2], np.zeros(2)),
               Level(rng.standard_normal((1, 4)), np.zeros(1))]
@@ -140,13 +140,13 @@ def test_null_space_of_levels_is_what_moves_none_of_them_whatever_was_released()
     assert np.linalg.norm(Z) == near(1.0)
 
 
-def test_what_two_levels_above_release_is_left_to_the_levels_below_both():
+def test_what_two_levels_above_relax_is_left_to_the_levels_below_both():
     # s = 0.6 δ keeps k = 0.648; the last level follows g² / λ² = (1 − k) / k of its demand.
     levels = [([[0.012, 0.0, 0.0]], [0.0]), ([[0.0, 1.0, 0.0]], [0.0]), (np.eye(3), np.ones(3))]
     assert redistribute(levels, **DEFAULTS).velocity == near([0.352 / 0.648, 0.0, 1.0])
 
 
-def test_what_a_level_below_gets_of_a_released_direction_grows_smoothly():
+def test_what_a_level_below_gets_of_a_relaxed_direction_grows_smoothly():
     shares = []
     for s in np.linspace(0.021, 0.001, 101):
         levels = [([[s, 0.0]], [0.0]), (np.eye(2), [1.0, 0.0])]
@@ -157,7 +157,7 @@ def test_what_a_level_below_gets_of_a_released_direction_grows_smoothly():
     assert np.diff(shares).max() < 0.08
 
 
-def test_bound_of_the_disturbance_counts_the_strongest_direction_that_is_released():
+def test_bound_of_the_disturbance_counts_the_strongest_direction_that_is_relaxed():
     levels = [(np.diag([0.5, 0.008, 0.0005]), np.zeros(3)), (np.eye(3), np.ones(3))]
     level = solve(levels, release_region=0.01).levels[0]
     assert level.disturbance == near([0.0, 0.008, 0.0005])
@@ -165,7 +165,7 @@ def test_bound_of_the_disturbance_counts_the_strongest_direction_that_is_release
 
 
 def test_disturbance_is_told_where_bounds_are_in_the_way_as_well():
-    # Joint 1 is wholly released; the bound on joint 2 has nothing to do with that.
+    # Joint 1 is wholly relaxed; the bound on joint 2 has nothing to do with that.
     levels = [([[0.0005, 0.0], [0.0, 1.0]], [0.0, 2.0]), (np.eye(2), [0.4, 0.0])]
     for upper in (9.0, 1.0):
         level = redistribute(levels, np.full(2, -upper), np.full(2, upper),
@@ -177,7 +177,7 @@ def test_disturbance_is_told_where_bounds_are_in_the_way_as_well():
 @pytest.mark.parametrize('s', [0.0005, 0.003, 0.006, 0.009])
 @pytest.mark.parametrize('below', [[], [([[0.0, 1.0, 0.0, 0.0]], [0.3])],
                                    [(np.eye(4), [0.5, 0.3, 0.2, 0.0])]])
-def test_released_direction_is_left_alone_by_a_bound_it_has_nothing_to_do_with(s, below):
+def test_relaxed_direction_is_left_alone_by_a_bound_it_has_nothing_to_do_with(s, below):
     levels = [([[s, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]], [0.002, 2.0]), *below]
     free = solve(levels, **DEFAULTS).velocity
     bounded = redistribute(levels, -np.ones(4), np.array([1.0, 1.0, 1.0, 0.1]), **DEFAULTS)

@@ -65,26 +65,26 @@ def test_nearest_point_is_the_one_of_an_independent_method(seed, exponent):
 
 @pytest.mark.parametrize('signs', [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 @pytest.mark.parametrize('push', [1.2177, 120.0])
-def test_joints_that_can_only_move_together_are_no_way_out_of_their_limits(signs, push):
+def test_joints_that_can_only_move_together_do_not_leave_their_limits(signs, push):
     A, lower = WEDGE * signs, np.array([-2.175, -2.61])
     point = np.array([push * signs[0], 0.0])
-    room = 1e-6 * (1.0 + push)
+    tolerance = 1e-6 * (1.0 + push)
     # The wedge is open on the other side only; its sides differ by a few parts in 1e5.
     found = nearest_point(point, A, lower, np.zeros(2))
     if found is not None:
-        assert (A @ found[0] <= room).all() and (A @ found[0] >= lower - room).all()
+        assert (A @ found[0] <= tolerance).all() and (A @ found[0] >= lower - tolerance).all()
         assert np.linalg.norm(found[0]) < 1e-2
     # That way both may go, in a line.
     z, _ = nearest_point(-point, A, np.full(2, -np.inf), np.zeros(2))
-    assert (A @ z <= room).all()
+    assert (A @ z <= tolerance).all()
     assert z[0] * signs[0] == pytest.approx(-push, rel=1e-3)
     # As rows of a level they hold as well, for their length.
     solution = redistribute([Level(A, lower=lower, upper=np.zeros(2)), (np.eye(2), point)])
-    assert (A @ solution.velocity <= 16.0 * room).all()
-    assert (A @ solution.velocity >= lower - 16.0 * room).all()
+    assert (A @ solution.velocity <= 16.0 * tolerance).all()
+    assert (A @ solution.velocity >= lower - 16.0 * tolerance).all()
 
 
-def test_polytope_that_is_hardly_more_than_a_point_is_left_by_no_more_than_the_room():
+def test_polytope_that_is_hardly_more_than_a_point_is_left_by_no_more_than_the_tolerance():
     # Out of a closed loop: an arm at rest with joints at their limits.
     A = np.array([[1.085173078696e-05, 2e-17], [0.121455747478269, -1.5e-16],
                   [6e-17, 0.6144037409529498]])
@@ -143,7 +143,7 @@ def test_program_that_rounding_defeats_moves_nothing(monkeypatch):
 @pytest.mark.parametrize('answered', [1, 3])
 def test_answer_is_kept_where_a_later_program_is_defeated(monkeypatch, regularisation, answered):
     monkeypatch.setattr(qp, 'daqp', tiring(answered))
-    # a_1 wants 3 and may have 1 + 0.3 a_2, which costs nothing.
+    # a_1 demands 3 and may have 1 + 0.3 a_2, which costs nothing.
     a, multipliers = regularised(
         np.array([1.5, 0.0]), np.array([3.0, 0.0]), np.array([[1.0, -0.3]]),
         np.array([-np.inf]), np.array([1.0]), regularisation, np.array([3.0, 0.0]))
@@ -155,7 +155,7 @@ def test_answer_is_kept_where_a_later_program_is_defeated(monkeypatch, regularis
 @pytest.mark.parametrize('soft', [0.0, 1e-4, 0.0025, 0.5, 2.0])
 @pytest.mark.parametrize('start', [[0.0, 0.0], [1.0, 0.7], [2.0, 4.0]])
 def test_soft_direction_that_helps_a_stiff_one_is_the_formula(soft, start):
-    # a_1 wants 3 and may have 1 + ρ a_2.
+    # a_1 demands 3 and may have 1 + ρ a_2.
     rho, stiffness, target = 0.3, np.array([1.5, soft]), np.array([3.0, 0.2])
     # What is missing to 0.0025 pulls to where it began.
     stiff = np.maximum(stiffness, 0.0025)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Levels with bounds, by hand."""
+"""Levels with bounds, beside answers worked out by hand."""
 
 import math
 
@@ -72,13 +72,13 @@ def test_rows_that_cannot_be_met_bend_by_what_they_push_themselves():
     assert memory == near((0.0, 0.7 * (1.0 - math.exp(-0.1))))
 
 
-@pytest.mark.parametrize('wish', [-5.0, 0.5, 5.0])
-def test_lower_row_never_worsens_a_higher_one(wish):
+@pytest.mark.parametrize('demand', [-5.0, 0.5, 5.0])
+def test_lower_row_never_worsens_a_higher_one(demand):
     least = Level(np.array([[1.0, 0.0]]), lower=np.array([1.0]))
     most = Level(np.array([[1.0, 0.0]]), upper=np.array([0.0]))
-    solution = redistribute([least, most, (np.eye(2), [wish, 0.0])])
+    solution = redistribute([least, most, (np.eye(2), [demand, 0.0])])
     assert solution.velocity == near([1.0, 0.0])
-    solution = redistribute([most, least, (np.eye(2), [wish, 0.0])])
+    solution = redistribute([most, least, (np.eye(2), [demand, 0.0])])
     assert solution.velocity == near([0.0, 0.0])
     assert [level.rank for level in solution.levels] == [0, 0, 2]
 
@@ -90,15 +90,15 @@ def test_row_holds_against_what_is_below_however_short_it_is(length, period):
     wall = Level(np.array([[length, 0.0]]), upper=np.array([0.2 * length]))
     push = Level(np.array([[length, 0.0]]), lower=np.array([length]))
     box = np.full(2, -2.0), np.full(2, 2.0)
-    for wish in (1.0, 2.0):
+    for demand in (1.0, 2.0):
         memory = None
         for cycle in range(20):
-            solution = redistribute([wall, (np.eye(2), [wish, wish])], *box, memory=memory,
+            solution = redistribute([wall, (np.eye(2), [demand, demand])], *box, memory=memory,
                                     **options)
             memory = solution.memory
             assert solution.velocity[0] <= 0.2 + 1e-9
             if cycle == 0 or not period:
-                assert solution.velocity == near([0.2, wish])
+                assert solution.velocity == near([0.2, demand])
     solution = redistribute([push], *box, **options)
     assert solution.velocity == near([1.0, 0.0])
     # What can be met needs nobody's permission.
@@ -141,7 +141,7 @@ def test_what_is_missing_counts_in_the_units_of_the_rows():
     assert redistribute([rows]).velocity == near([0.2], rel=1e-7)
 
 
-def test_rows_below_a_wish_give_way_to_it():
+def test_rows_below_an_equality_level_give_way_to_it():
     rows = Level(np.array([[1.0, 0.0], [0.0, 1.0]]), lower=np.array([0.5, 0.5]))
     solution = redistribute([([[1.0, 0.0]], [0.2]), rows])
     assert solution.velocity == near([0.2, 0.5])
@@ -168,7 +168,7 @@ def test_multipliers_of_rows_stay_with_their_levels_where_some_are_equations():
     assert 0 not in found or found[0] == near([0.0])
 
 
-def test_equation_holds_beside_a_released_direction():
+def test_equation_is_met_beside_a_relaxed_direction():
     equation = Level(np.array([[0.0, 1.0, 0.0]]), lower=np.array([0.2]), upper=np.array([0.2]))
     weak = ([[0.005, 0.0, 0.0]], [0.001])
     for below in ([], [([[0.0, 0.0, 1.0]], [0.3])]):
@@ -235,12 +235,12 @@ def test_bounds_of_which_little_is_left_do_not_make_the_joints_race():
 def test_bounds_that_cannot_be_met_do_not_make_joints_race_for_little():
     """Two ends of a link in an obstacle: turning one out of it turns the other one in."""
     ends = Level(np.array([[0.010, 0.0], [-0.009, 0.0]]), lower=np.array([0.2, 0.2]))
-    wish = (np.eye(2), np.array([0.3, 0.5]))
+    demand = (np.eye(2), np.array([0.3, 0.5]))
     box = -2.0 * np.ones(2), 2.0 * np.ones(2)
-    exact = redistribute([ends, wish], *box).velocity
+    exact = redistribute([ends, demand], *box).velocity
     # The least violation, worked out: Σ (0.2 − J q̇)².
     assert exact[0] == pytest.approx(0.2 * (0.010 - 0.009) / (0.010 ** 2 + 0.009 ** 2), rel=1e-6)
-    calm = redistribute([ends, wish], *box, regularisation=0.05).velocity
+    calm = redistribute([ends, demand], *box, regularisation=0.05).velocity
     # Least Σ (0.2 − J q̇)² + μ² q̇², whatever is below.
     stiff = 0.010 ** 2 + 0.009 ** 2
     assert calm[0] == pytest.approx(0.2 * (0.010 - 0.009) / (stiff + 0.05 ** 2), rel=1e-6)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Uniform scaling."""
+"""Uniform scaling: one factor for all joints (*lecture* 4, see docs/sources.md)."""
 
 import math
 
@@ -153,10 +153,10 @@ def test_uniform_scaling_slows_what_the_bounds_of_levels_left(seed):
     n = 6
     rows = Level(rng.normal(size=(2, n)), lower=-rng.uniform(0.1, 0.5, 2),
                  upper=rng.uniform(0.1, 0.5, 2))
-    wish = (rng.normal(size=(3, n)), rng.normal(size=3))
+    equality = (rng.normal(size=(3, n)), rng.normal(size=3))
     limit = rng.uniform(0.05, 0.5, n)
-    plain = solve([wish], -limit, limit, scaling='uniform').scale
-    for levels in ([rows, wish], [wish, rows]):
+    plain = solve([equality], -limit, limit, scaling='uniform').scale
+    for levels in ([rows, equality], [equality, rows]):
         free = solve(levels, scaling='uniform').velocity
         whole = solve(levels, scaling='redistribute').velocity
         np.testing.assert_allclose(free, whole, atol=1e-12)
@@ -170,10 +170,10 @@ def test_uniform_scaling_slows_what_the_bounds_of_levels_left(seed):
         if levels[0] is rows:
             assert (values <= rows.upper + 1e-9).all() and (values >= rows.lower - 1e-9).all()
         else:
-            # Bounds below never slow a wish more than it is slowed alone.
+            # Bounds below never slow the level more than it is slowed alone.
             assert solution.scale >= plain - 1e-9
-            np.testing.assert_allclose(wish[0] @ solution.velocity, solution.scale * wish[1],
-                                       atol=1e-9)
+            J, v = equality
+            np.testing.assert_allclose(J @ solution.velocity, solution.scale * v, atol=1e-9)
 
 
 def test_demand_that_is_damped_is_slowed_no_more_for_the_bounds_above_it():
@@ -186,8 +186,8 @@ def test_demand_that_is_damped_is_slowed_no_more_for_the_bounds_above_it():
 
 def test_bounds_of_levels_slow_nobody_more_where_a_joint_has_to_move():
     # From 0.3 on joint 1 may do 0.7 of the 2 that are demanded; the row demands more of it.
-    row, wish = Level(np.array([[1.0, 0.0]]), lower=np.array([5.0])), (np.eye(2), [2.3, 1.0])
-    for levels in ([wish], [row, wish], [wish, row]):
+    row, equality = Level(np.array([[1.0, 0.0]]), lower=np.array([5.0])), (np.eye(2), [2.3, 1.0])
+    for levels in ([equality], [row, equality], [equality, row]):
         solution = solve(levels, [0.3, -1.0], [1.0, 1.0], scaling='uniform')
         assert solution.velocity == pytest.approx([1.0, 0.35])
         assert solution.scale == pytest.approx(0.35)
@@ -199,13 +199,13 @@ def test_rows_move_joints_where_a_demand_needs_one_that_may_not_move():
     assert solution.velocity == pytest.approx([0.0, 1.0])
 
 
-def test_bounds_below_a_wish_never_slow_it_when_all_joints_are_slowed_alike():
+def test_bounds_below_an_equality_level_never_slow_it_when_all_joints_are_scaled_alike():
     # The row could be met with ten times the speed of joint 2.
-    wish, row = ([[1.0, 0.0]], [0.5]), Level(np.array([[0.0, 0.1]]), lower=np.array([1.0]))
-    solution = solve([wish, row], -np.ones(2), np.ones(2), scaling='uniform')
+    equality, row = ([[1.0, 0.0]], [0.5]), Level(np.array([[0.0, 0.1]]), lower=np.array([1.0]))
+    solution = solve([equality, row], -np.ones(2), np.ones(2), scaling='uniform')
     assert solution.velocity == pytest.approx([0.5, 1.0]) and solution.scale == 1.0
     # A joint that may hardly move, or not at all, has no say in that, above as below.
-    for room in (0.1, 0.01, 0.0):
-        for levels in ([wish, row], [row, wish]):
-            locked = solve(levels, [-1.0, -2.0], [1.0, room], scaling='uniform')
-            assert locked.velocity == pytest.approx([0.5, room]) and locked.scale == 1.0
+    for speed in (0.1, 0.01, 0.0):
+        for levels in ([equality, row], [row, equality]):
+            locked = solve(levels, [-1.0, -2.0], [1.0, speed], scaling='uniform')
+            assert locked.velocity == pytest.approx([0.5, speed]) and locked.scale == 1.0

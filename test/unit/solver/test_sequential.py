@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The sequential form of the slides, and how it differs from the recursion."""
+"""The sequential form, *slides* (50) and (51), and how it differs from the recursion."""
 
 import math
 

@@ -60,14 +60,14 @@ def test_second_level_is_limited_where_the_first_is_not():
     assert solution.levels[0].scale == 1.0
     assert set(solution.levels[1].limited_by) <= {0, 1}
     assert solution.levels[1].scale == near(1.0 / 3.0)
-    # Along (1, −1, 0) the residual 2 is held, by either bound or by both.
+    # Along (1, −1, 0) the residual is 2, because of either bound or of both.
     multipliers = solution.levels[1].multipliers
     assert multipliers[0] - multipliers[1] == near(2.0)
     assert solution.scale == near(1.0 / 3.0)
     assert solution.limiting in {0, 1}
 
 
-def test_joint_that_is_held_is_named_where_it_would_help():
+def test_joint_that_cannot_move_is_named_where_it_would_help():
     solution = redistribute([([[1.0, 0.0]], [2.0]), ([[0.0, 1.0]], [0.5])], [0.0, -1.0],
                             [0.0, 1.0])
     assert solution.velocity == near([0.0, 0.5])

@@ -69,7 +69,7 @@ def test_three_compatible_levels_none_of_them_a_posture_are_all_met(by):
                 assert level.rank == len(v)
 
 
-def test_one_task_moves_at_the_speed_it_asks_for_not_at_twice_that():
+def test_one_task_moves_at_the_speed_it_demands_not_at_twice_that():
     assert solve([([[1.0, 0.0]], [0.5])]).velocity == pytest.approx([0.5, 0.0])
     assert solve([([[1.0, 0.0]], [0.5])], weights=[1, 1]).velocity == pytest.approx([0.5, 0.0])
 
@@ -83,11 +83,11 @@ def test_conflicting_level_gives_way_and_takes_the_closest_it_can():
 
 
 @given(SEEDS, st.integers(2, 20), st.floats(-1e3, 1e3))
-def test_repeating_a_level_with_another_wish_changes_nothing(seed, n, wish):
+def test_repeating_a_level_with_another_demand_changes_nothing(seed, n, offset):
     rng = np.random.default_rng(seed)
     (J, v), below = random_levels(rng, n, [n // 2, 1])
     once = solve([(J, v), below]).velocity
-    twice = solve([(J, v), (J, v + wish), below]).velocity
+    twice = solve([(J, v), (J, v + offset), below]).velocity
     np.testing.assert_allclose(twice, once, rtol=1e-8, atol=1e-9 * max(1.0, abs(once).max()))
 
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""The centre of mass: of all links, and where a task leads it."""
+"""The centre of mass of all links, and the task that moves it."""
 
 from xml.etree import ElementTree
 

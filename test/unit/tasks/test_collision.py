@@ -499,7 +499,7 @@ def test_error_is_how_much_is_missing_to_the_distance():
     assert evaluation.level.upper.tolist() == [math.inf]
 
 
-def test_what_no_joint_can_change_is_reported_but_not_asked_for():
+def test_what_no_joint_can_change_is_reported_but_not_demanded():
     robot = arm(upper='<sphere radius="0.1"/>')
     floor = {'floor': {'shape': 'half_space', 'at': [0.0, 0.0, -0.09]}}
     task = make('obstacles', robot, obstacles=floor, links=['upper'])

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Functions that are climbed: their gradients, and what tasks make of them."""
+"""Functions that tasks maximize: their gradients, and how tasks follow them."""
 
 import inspect
 import math
@@ -27,7 +27,7 @@ from tp_controller.tasks import GradientTask, Keys, task_types
 
 TOOL = robots.PANDA_TOOL
 START = (0.3, -0.9, 0.6, -2.2, 0.5, 1.9, 0.2)
-# For every type that climbs a function: keys.
+# For every type that maximizes a function: keys.
 CASES = {
     'manipulability': [{'frame': TOOL}, {'frame': TOOL, 'axes': 'xyz', 'gain': 3.0},
                        {'frame': 'panda_link5', 'axes': ['rz', 'x']}],
@@ -80,17 +80,17 @@ def test_wanted_is_the_gradient_times_the_gain_up_to_the_top_speed(name, keys):
     np.testing.assert_allclose(slow.level(state, 0.0).v, 1e-4 * gradient)
 
 
-@pytest.mark.parametrize('climb', [
+@pytest.mark.parametrize('keys', [
     'type: manipulability, frame: panda_hand_tcp', 'type: joint_limit_distance, gain: 0.3'])
-def test_function_is_climbed_in_what_the_task_above_leaves_without_disturbing_it(climb):
+def test_function_grows_in_the_null_space_of_the_task_above_without_disturbing_it(keys):
     robot = robots.panda()
     stack = Stack.from_yaml(f"""
 - tool: {{type: pose, frame: {TOOL}, gain: 5.0}}
-- climb: {{{climb}}}
+- objective: {{{keys}}}
 """, robot)
     controller, q = Controller(robot, stack, Settings(period=0.01)), np.array(START)
     start = robot.state(q)
-    task, values = stack.tasks['climb'], []
+    task, values = stack.tasks['objective'], []
     for cycle in range(3000):
         command = controller.update(q, 0.01 * cycle)
         q = q + 0.01 * command.velocity
@@ -167,7 +167,7 @@ def test_joints_without_limits_stay_out_of_the_distance_from_limits():
         make('joint_limit_distance', {}, free)
 
 
-def test_climbing_task_takes_no_goal_and_says_so():
+def test_task_that_maximizes_a_function_takes_no_goal_and_says_so():
     task = make('joint_limit_distance', {})
     with pytest.raises(GoalError, match="task 'task' takes no goal: it climbs a function"):
         task.parse_goal([0.0])
@@ -188,7 +188,7 @@ def test_faults_of_keys_are_named():
 
 
 class Reach(GradientTask):
-    """Climb the height of a frame: a function of somebody else."""
+    """Maximize the height of a frame: a task type of another package."""
 
     type_name = None
 
@@ -203,7 +203,7 @@ class Reach(GradientTask):
         return state.position(self.frame)[2], state.jacobian(self.frame)[2]
 
 
-def test_function_of_somebody_else_is_climbed():
+def test_function_of_another_package_is_maximized():
     robot = robots.panda()
     task = Reach(robot, 'up', frame=TOOL, gain=2.0)
     controller, q = Controller(robot, Stack([[task]])), np.array(robots.PANDA_READY)

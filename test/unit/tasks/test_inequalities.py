@@ -147,7 +147,7 @@ def test_bounds_are_approached_and_come_back_to_at_the_rate_of_the_gain(name, ke
         assert error == np.abs(way_back).max() and unit == task.units[0] and tolerance > 0.0
 
 
-def test_row_that_hardly_moves_asks_for_little_and_is_let_go_where_its_bound_is_out_of_reach():
+def test_row_that_hardly_moves_demands_little_and_is_relaxed_where_its_bound_is_unreachable():
     def joint_bound(arm, outside):
         """Return how fast a joint has to turn back from a wall that a tool is beyond."""
         robot = Robot.from_dh([{'name': 'joint', 'a': arm, 'velocity': 1.0}])
@@ -161,9 +161,9 @@ def test_row_that_hardly_moves_asks_for_little_and_is_let_go_where_its_bound_is_
 
     assert [joint_bound(arm, 0.1) for arm in (2.0, 0.5, 0.3, 0.11)] == pytest.approx(
         [0.1, 0.4, 0.5, 0.5])
-    # Nor is it given up where a rad would do.
+    # It is not relaxed either where a turn by 1 rad would reach the bound.
     assert [joint_bound(arm, 0.9 * arm) for arm in (0.01, 0.001)] == pytest.approx([0.5, 0.5])
-    # Where it would not, the joint is free to turn further, and more so the less that means.
+    # Where it would not, the joint may turn further, and the more the less that moves the tool.
     free = [joint_bound(arm, 0.1) for arm in (0.0205, 0.019, 0.015, 0.01, 1e-3)]
     assert free[0] == pytest.approx(0.5) and free[1] == pytest.approx(0.472, abs=1e-3)
     assert free == sorted(free, reverse=True) and free[3] < -0.4 and free[4] < -100.0
@@ -189,7 +189,7 @@ def test_minimum_that_no_posture_has_is_missed_without_rattling(minimum, scaling
 - posture: {{type: posture}}
 """
     settings = Settings(period=PERIOD, scaling=scaling)
-    # Up to 14 s the arm climbs on, from one ridge to a higher one.
+    # Up to 14 s the manipulability grows on, from one ridge to a higher one.
     _, _, commands, reports = loop(robot, text, q, [robot.state(q).position(TOOL)], 16.0, settings)
     assert slips(commands[300:]) == 0 and np.abs(commands[-100:]).max() < 0.2
     mobile = reports[-1].tasks[0]
@@ -217,7 +217,7 @@ def test_region_that_is_out_of_reach_does_not_make_the_robot_rattle(region, scal
 
 
 @pytest.mark.parametrize('name, keys', WITH_VALUE)
-def test_a_row_that_curves_outwards_keeps_room_for_that(name, keys):
+def test_a_row_that_curves_outwards_keeps_a_clearance_for_that(name, keys):
     task, rng, period, seen = make(name, keys), np.random.default_rng(3), 1e-4, 0.0
     for state in list(random_states(task, 8)):
         velocity = rng.normal(size=7)
@@ -353,7 +353,7 @@ def test_distance_from_a_shape_is_that_to_the_nearest_point_of_its_surface(kind,
 
 @pytest.mark.parametrize('kind, sizes', [
     ('box', [0.3, 0.5, 0.8]), ('sphere', 0.4), ('cylinder', [0.3, 0.5]), ('half_space', [])])
-def test_point_is_in_a_shape_where_all_its_values_are_within_their_room(kind, sizes):
+def test_point_is_in_a_shape_where_all_its_values_are_within_their_bounds(kind, sizes):
     shape, rng = parse_shape({kind: sizes}), np.random.default_rng(5)
     lower, upper = shape.room()
     inner = 0
@@ -457,7 +457,7 @@ def fault(text, robot=None):
     return str(caught.value)
 
 
-def test_bounds_and_wishes_cannot_share_a_level():
+def test_inequality_tasks_and_equality_tasks_cannot_share_a_level():
     text = fault(f"""
 - [view: {{type: field_of_view, frame: {TOOL}, half_angle: 0.4}},
    tool: {{type: position, frame: {TOOL}}}]
@@ -487,7 +487,7 @@ def test_faults_without_a_key_are_reported_at_the_task():
 def test_bounds_that_share_a_level_are_all_kept():
     stack = Stack.from_yaml(f"""
 - [wall: {{type: keep_out, frame: {TOOL}, shape: half_space}},
-   room: {{type: keep_in, frame: {TOOL}, shape: {{box: [2, 2, 2]}}}}]
+   cell: {{type: keep_in, frame: {TOOL}, shape: {{box: [2, 2, 2]}}}}]
 """, robots.panda())
     state = robots.panda().state(robots.PANDA_READY)
     stack.start(state)
@@ -737,7 +737,7 @@ def test_region_that_is_told_where_it_is_in_every_cycle_is_kept_as_well():
 
 
 def test_level_that_is_made_twice_in_a_cycle_is_the_same():
-    """As where somebody asks for the levels besides the controller."""
+    """As where a program computes the levels besides the controller."""
     task = make('keep_in', CASES['keep_in'][1])
     first, second = list(random_states(task, 2))
     second.velocity = (task.jacobian(second) - task.jacobian(first))[0] * 0.1

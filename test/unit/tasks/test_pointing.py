@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Axes that point in a direction or at a point: errors, ways, and the five rows of drilling."""
+"""Axes that point in a direction or at a point: errors, paths, and the five rows of drilling."""
 
 import math
 
@@ -236,7 +236,7 @@ def test_camera_gets_upright_while_it_looks():
 
 
 def test_row_of_the_roll_fades_out_straight_down():
-    """Where nothing is upright it is finite, and asks for nothing."""
+    """Where no direction is upright its error is finite, and it demands nothing."""
     robot, task = robots.panda(), make('look_at', up='-y', target=[0.3, 0.0, -3.0])
     state = robot.state(robots.PANDA_READY)
     assert state.rotation(TOOL)[2, 2] < -0.9999

@@ -172,7 +172,7 @@ def test_all_faults_are_told_at_once_in_order_of_their_lines():
 
 @pytest.mark.parametrize('text, line, where, pattern', [
     ('', 0, '', 'no file'),
-    ('- room: joint_limits', 1, 'room', 'mapping'),
+    ('- limits: joint_limits', 1, 'limits', 'mapping'),
     ('no/such/stack.yaml', 0, '', 'no file no/such/stack.yaml'),
     ('~no_such_user_here/stack.yaml', 0, '', 'no file'),
     ('\n', 1, '', 'a stack is a list'),
@@ -303,7 +303,7 @@ class Hover(Position):
                               'timeout', 'mode'}
 
 
-def test_type_that_makes_its_own_level_is_asked_for_it(registry):
+def test_level_that_a_type_makes_itself_is_used(registry):
     class Halved(Position):
         """A position that is approached at half the gain."""
 
@@ -340,7 +340,7 @@ def test_package_whose_type_cannot_be_loaded_is_named(registry, monkeypatch):
 
 # One stack after another
 
-def test_stack_that_takes_over_keeps_the_goals_of_tasks_that_mean_the_same():
+def test_new_stack_inherits_the_goals_of_compatible_tasks():
     robot = robots.planar()
     old, new = read(GOOD), read("""\
 - posture: {type: posture, gain: 2.0}
@@ -354,7 +354,7 @@ def test_stack_that_takes_over_keeps_the_goals_of_tasks_that_mean_the_same():
     old.enable('left', False)
     new.inherit_goals(old)
     new.start(later)
-    # The goal of joint 2 was 0.4 in the old stack; the others were held where they started.
+    # The goal of joint 2 was 0.4 in the old stack; for the others it was the first position.
     assert new.tasks['posture'].goal == pytest.approx([0.0, 0.4, 0.3])
     # Another reference frame, or other joints: not the same task any more.
     np.testing.assert_allclose(new.tasks['left'].error(later), 0.0, atol=1e-12)

@@ -34,9 +34,9 @@ TOOL, ELBOW = robots.PANDA_TOOL, 'panda_link3'
 ALL = [0, 1, 2, 3, 4, 5]
 ARM = tuple(f'panda_joint{number}' for number in range(1, 8))
 
-# For every type that wants a velocity: keys, and which rows of a twist (or which joints) the task
-# is about; a number of rows where it is neither. Types with bounds, and functions that are
-# climbed, have cases in test_inequalities.py and test_functions.py.
+# For every equality task: keys, and which rows of a twist (or which joints) the task is about; a
+# number of rows where it is neither. Inequality tasks, and tasks that maximize a function, have
+# their cases in test_inequalities.py and test_functions.py.
 CASES = {
     'position': [
         ({'frame': TOOL, 'gain': 2.0}, [0, 1, 2]),
@@ -311,10 +311,10 @@ def test_task_without_a_goal_holds_the_value_it_started_at(name, keys, rows):
     task.start(start)
     np.testing.assert_allclose(task.error(start), 0.0, atol=1e-7)
     elsewhere = task.robot.state(inside(task.robot, rng))
-    held = task.error(elsewhere)
-    assert np.linalg.norm(held) > 1e-3
+    error = task.error(elsewhere)
+    assert np.linalg.norm(error) > 1e-3
     task.start(elsewhere)
-    np.testing.assert_array_equal(task.error(elsewhere), held)
+    np.testing.assert_array_equal(task.error(elsewhere), error)
 
 
 @pytest.mark.parametrize('name, keys, rows', WITH_VALUE)
@@ -398,7 +398,7 @@ def test_message_names_the_key_what_was_given_and_what_is_valid():
         make('pose', {'frame': TOOL, 'axes': 'w'})
 
 
-# Gains, tolerances, held goals
+# Gains, tolerances, default goals
 
 def test_each_row_can_have_its_own_gain():
     task = make('pose', {'frame': TOOL, 'gain': [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]})
@@ -433,7 +433,7 @@ def test_velocity_task_reports_what_is_missing_of_its_velocity():
 
 
 @pytest.mark.parametrize('name, keys, rows', WITH_VALUE)
-def test_only_a_held_value_is_forgotten_on_release(name, keys, rows):
+def test_restart_forgets_default_goals_only(name, keys, rows):
     task, rng = make(name, keys), np.random.default_rng(9)
     first, second = (task.robot.state(inside(task.robot, rng)) for _ in range(2))
     task.start(first)
@@ -517,7 +517,7 @@ def test_linear_joint_counts_in_metres():
     assert task.units == ('rad', 'm', 'rad', 'rad')
 
 
-# Attitudes
+# Orientations
 
 class Body:
     """A state in which a frame can be turned at will: an ideal robot for an orientation."""
@@ -548,7 +548,7 @@ def turn(task, R, cycles, dt=0.02, noise=0.0, rng=None):
     return R, turned
 
 
-def random_attitudes(rng, count):
+def random_orientations(rng, count):
     """Return rotation matrices (count, 3, 3), all orientations equally likely."""
     return Rotation.from_quat(rng.normal(size=(count, 4))).as_matrix()
 
@@ -572,7 +572,7 @@ def set_orientation(task, R):
 
 @given(SEEDS, st.sampled_from(['orientation', 'pose']))
 def test_orientation_converges_from_anywhere_to_anywhere_by_the_shorter_way(seed, name):
-    start, goal = random_attitudes(np.random.default_rng(seed), 2)
+    start, goal = random_orientations(np.random.default_rng(seed), 2)
     task = orientation_task(name)
     set_orientation(task, goal)
     end, turned = turn(task, start, 400)
@@ -596,7 +596,7 @@ def test_goal_far_from_the_base_orientation_is_reached(seed, degrees):
 @pytest.mark.parametrize('axis', [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.6, 0.0, 0.8],
                                   [-0.48, 0.6, 0.64]])
 def test_half_a_turn_is_made_at_full_speed_from_the_start(axis):
-    goal, = random_attitudes(np.random.default_rng(1), 1)
+    goal, = random_orientations(np.random.default_rng(1), 1)
     start = Rotation.from_rotvec(math.pi * np.array(axis)).as_matrix() @ goal
     task = orientation_task()
     set_orientation(task, goal)
@@ -610,7 +610,7 @@ def test_half_a_turn_is_made_at_full_speed_from_the_start(axis):
 def test_half_a_turn_does_not_stall_where_measurements_are_noisy(name):
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        goal, = random_attitudes(rng, 1)
+        goal, = random_orientations(rng, 1)
         axis = rng.normal(size=3)
         start = Rotation.from_rotvec(
             math.pi * axis / np.linalg.norm(axis)).as_matrix() @ goal
@@ -626,14 +626,14 @@ def test_half_a_turn_does_not_stall_where_measurements_are_noisy(name):
 @pytest.mark.parametrize('name', ['orientation', 'pose'])
 def test_noise_at_half_a_turn_never_turns_the_robot_round(name):
     rng = np.random.default_rng(4)
-    for goal in random_attitudes(rng, 10):
+    for goal in random_orientations(rng, 10):
         axis = rng.normal(size=3)
         half = Rotation.from_rotvec(math.pi * axis / np.linalg.norm(axis)).as_matrix() @ goal
         task = orientation_task(name)
         set_orientation(task, goal)
-        wishes = [task.error(Body(Rotation.from_rotvec(1e-3 * rng.normal(size=3)).as_matrix()
+        errors = [task.error(Body(Rotation.from_rotvec(1e-3 * rng.normal(size=3)).as_matrix()
                                   @ half))[-3:] for _ in range(50)]
-        assert (np.array(wishes) @ wishes[0] > 0.99 * math.pi ** 2).all()
+        assert (np.array(errors) @ errors[0] > 0.99 * math.pi ** 2).all()
 
 
 @pytest.mark.parametrize('degrees', [10, 90, 170])
@@ -642,17 +642,17 @@ def test_robot_pushed_past_its_goal_comes_back_the_shorter_way(degrees):
     set_orientation(task, np.eye(3))
     for sign in (1.0, -1.0, 1.0):
         vector = sign * math.radians(degrees) * np.array([0.6, 0.0, 0.8])
-        wish = task.error(Body(Rotation.from_rotvec(vector).as_matrix()))
-        np.testing.assert_allclose(wish, -vector, atol=1e-9)
+        error = task.error(Body(Rotation.from_rotvec(vector).as_matrix()))
+        np.testing.assert_allclose(error, -vector, atol=1e-9)
 
 
 def test_longer_way_is_kept_only_close_to_half_a_turn():
     task = orientation_task()
     set_orientation(task, np.eye(3))
     for angle_ in (3.0, math.pi + 0.09, math.pi + 0.11):
-        wish = task.error(Body(Rotation.from_rotvec([0.0, 0.0, angle_]).as_matrix()))
+        error = task.error(Body(Rotation.from_rotvec([0.0, 0.0, angle_]).as_matrix()))
         expected = -angle_ if angle_ < math.pi + 0.1 else 2.0 * math.pi - angle_
-        np.testing.assert_allclose(wish, [0.0, 0.0, expected], atol=1e-9)
+        np.testing.assert_allclose(error, [0.0, 0.0, expected], atol=1e-9)
 
 
 def test_new_goal_is_approached_the_shorter_way_whatever_was_followed_before():
