@@ -40,6 +40,9 @@ highlight_language = 'text'
 html_theme = 'furo'
 html_title = f'{project} {release}'
 html_copy_source = False
+if find_spec(html_theme):
+    # Lines of 99 columns fit.
+    html_theme_options = {'light_css_variables': {'code-font-size': '12px'}}
 # The anchors of headings that GitHub has.
 myst_heading_anchors = 4
 
