@@ -30,7 +30,7 @@ OUTSIDE = re.compile(r'(?P<before>\]\(|include:: )(?P<path>(?:\.\./)+[^)\s#]+)')
 
 project = 'tp_controller'
 author = project_copyright = 'tp_controller contributors'
-release = version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
+version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
 
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 # rosdoc2 adds pages that are not ours: these two, and all in reStructuredText.
@@ -38,7 +38,7 @@ source_suffix = {'.md': 'markdown'}
 exclude_patterns = ['_build', 'README.md', 'CONTRIBUTING.md']
 highlight_language = 'text'
 html_theme = 'furo'
-html_title = f'{project} {release}'
+html_title = f'{project} {version}'
 html_copy_source = False
 if find_spec(html_theme):
     # Lines of 99 columns fit.
