@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-Writes the tables of README.md and docs/*.md that say what the code says.
+Write the tables of README.md and docs/*.md that repeat what is in the code.
 
 ``python docs/generate.py`` rewrites every region between ``<!-- begin generated: name -->`` and
 ``<!-- end generated -->``; with ``--check`` it changes nothing, and fails if a region is out of
-date. What is about the nodes needs rclpy; without it those regions are left as they are.
+date. Regions about the nodes need rclpy; without it they stay as they are.
 """
 
 import argparse
@@ -60,7 +60,7 @@ GOALS = {
                '`name`, `position`; `velocity` as feed-forward'),
     'joint_velocities': ('velocities in the order of `joints`, or `{joint: velocity}`',
                          '`name`, `velocity`'),
-    'obstacles': ('`{name: {shape: …, at: …, lifetime: …}}`; `{name: None}` takes one away, '
+    'obstacles': ('`{name: {shape: …, at: …, lifetime: …}}`; `{name: None}` removes one, '
                   "`{'*': None}` all",
                   '`ns`, `id`, `type`, `action`, `pose`, `scale`, `lifetime`, `header.frame_id` '
                   'of each marker'),
@@ -68,56 +68,56 @@ GOALS = {
 }
 # Topic or service: what it is for.
 TOPICS = {
-    'joint_states': 'positions, merged by name; any number of publishers, other joints in '
-                    'between',
-    'odom': '[where the base is](docs/ros.md#moving-bases); only with a `base` that moves',
+    'joint_states': 'positions, merged by name, from any number of publishers; may contain '
+                    'other joints',
+    'odom': '[pose of the base](docs/ros.md#moving-bases); only with a `base` that moves',
     'cmd_vel': '[velocities of the base](docs/ros.md#moving-bases), every cycle; zeros while the '
-               'robot is held; only with a `base` that moves',
-    'robot_description': 'URDF text, latched; only without the parameters `robot` and '
+               'robot is stopped; only with a `base` that moves',
+    'robot_description': 'URDF text, transient local; only without the parameters `robot` and '
                          '`robot_description`',
     '~/<task>/goal': 'the goal of a task; the type follows from the task',
-    '~/<task>/obstacles': 'what stands in the way, for tasks of the type `obstacles`',
+    '~/<task>/obstacles': 'obstacles, for tasks of the type `obstacles`',
     '~/<task>/twist': 'velocity of a frame, as feed-forward or as the goal of a `twist` task; '
                       'times out',
     'velocity_controller/commands': 'joint velocities, every cycle; zeros while the robot is '
-                                    'held',
-    '~/status': 'for the node and each task: error, speeds, what holds it back',
+                                    'stopped',
+    '~/status': 'for the node and each task: error, speeds, reasons',
     '/diagnostics': 'the same, where ROS tools look for it',
-    '~/markers': 'goals and the way to them, for RViz; only while somebody subscribes',
+    '~/markers': 'goals and the paths to them, for RViz; only if there is a subscriber',
     '~/stop': 'command zeros until `~/start`',
-    '~/start': 'go on; tasks without a goal hold what they find',
+    '~/start': 'move again; tasks without a goal take their current value as the goal',
     '~/reload': 'read the stack file again; one with faults changes nothing',
-    '~/<task>/enable': 'take a task into the stack (true) or leave it out (false)',
+    '~/<task>/enable': 'enable (true) or disable (false) a task',
     '/clock': 'simulated time, with `publish_clock`',
     '~/reset': 'back to the initial positions',
 }
 SIMULATOR_TOPICS = {
     **TOPICS,
     'joint_states': 'positions and velocities, `rate` times a second',
-    'robot_description': 'the URDF of the robot, latched',
+    'robot_description': 'the URDF of the robot, transient local',
     'odom': 'pose and velocity of the base, `rate` times a second; only with a `base` that moves',
-    'cmd_vel': 'velocities of the base; it stops when none came for `command_timeout`; only with '
-               'a `base` that moves',
-    'velocity_controller/commands': 'joint velocities; the robot stops when none came for '
-                                    '`command_timeout`',
+    'cmd_vel': 'velocities of the base; it stops if none was received for `command_timeout`; '
+               'only with a `base` that moves',
+    'velocity_controller/commands': 'joint velocities; the robot stops if none was received '
+                                    'for `command_timeout`',
 }
 STATUS = {
-    'scale': 'smallest share of its velocity that limits leave a task; 1 where none is in the way',
-    'limiting': 'joint and limit most in the way of the uppermost task that is limited',
+    'scale': 'smallest share of its velocity that limits leave a task; 1 if no limit is active',
+    'limiting': 'joint and limit that cost the uppermost limited task most',
     'type': 'type of the task',
-    'level': 'level in the stack, 1 is the highest; `disabled` for a task that is left out',
+    'level': 'level in the stack, 1 is the highest; `disabled` for a disabled task',
     'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `disabled` or `stopped` '
               '(zeros are commanded)',
-    'error [m]': 'norm of the error, or how far outside of its bounds; one key for each unit: '
+    'error [m]': 'norm of the error, or distance outside its bounds; one key for each unit: '
                  '`[m]`, `[rad]`, `[1]` for ratios, for velocity tasks `[m/s]`, `[rad/s]`',
     'tolerance [m]': 'error below which the goal counts as reached; one key for each unit',
-    'wanted speed': 'norm of the velocity that the task asks for',
-    'achieved speed': 'norm of its part that the command carries out',
-    'hint': 'what would help; empty where nothing has to',
-    'reason': 'what holds the task back; empty where nothing does',
-    'goals accepted': 'goals and velocities taken since the task is in the stack',
-    'goals refused': 'those refused',
-    'last refusal': 'why the last one was refused',
+    'wanted speed': 'norm of the velocity that the task demands',
+    'achieved speed': 'norm of the part of it that is commanded',
+    'hint': 'what would help; empty if there is no reason',
+    'reason': 'what limits or blocks the task; empty if nothing does',
+    'goals accepted': 'goals and velocities accepted since the task is in the stack',
+    'goals refused': 'goals and velocities refused',
+    'last refusal': 'reason of the last refusal',
 }
 
 
@@ -129,7 +129,7 @@ def table(head, rows):
 
 
 def literal(value):
-    """Return a default as a reader would write it."""
+    """Return a default as it is written in YAML."""
     if value is inspect.Parameter.empty:
         return '**needed**'
     if value is None or value == '':
@@ -140,7 +140,7 @@ def literal(value):
 
 
 def interval(lower, upper, valid=()):
-    """Return what a value may be."""
+    """Return the values that are valid, as text."""
     if valid:
         return ', '.join(f'`{value}`' for value in valid)
     if lower is None or (lower == float('-inf') and upper == float('inf')):
@@ -148,9 +148,9 @@ def interval(lower, upper, valid=()):
     return f'{lower:g} … {upper:g}'.replace('inf', '∞')
 
 
-def summary(thing):
+def summary(described):
     """Return the first line of a docstring, without its sources and final full stop."""
-    line = inspect.getdoc(thing).partition('\n')[0]
+    line = inspect.getdoc(described).partition('\n')[0]
     return re.sub(r' \((lecture|slides|lab|wiki|notes)\b.*\)', '', line).rstrip('.')
 
 
@@ -268,7 +268,7 @@ def topics(node):
 
 @cache
 def interfaces(node):
-    """Return (direction, name, type) of the topics and services of a node, as it opens them."""
+    """Return (direction, name, type) of the topics and services that a node opens."""
     import rclpy
     from rclpy.parameter import Parameter
     # On a base that moves, or its topics would be missing.
@@ -299,7 +299,7 @@ def interfaces(node):
 
 
 def _example_keys(kind):
-    """Return the keys without which a task of a type cannot be (or one of several)."""
+    """Return the required keys of a type of tasks (or one of several), with values."""
     examples = {'frame': 'panda_hand_tcp', 'reference': 'panda_link4', 'joints': 'panda_joint1',
                 'half_angle': 0.5, 'linear': 0.25, 'minimum': 0.05, 'shape': 'half_space',
                 'capsules': 'package://tp_controller/config/panda_capsules.yaml'}
@@ -308,7 +308,7 @@ def _example_keys(kind):
 
 
 def _opened(node):
-    """Yield (direction, name, type) of what a node has opened, without what every node has."""
+    """Yield (direction, name, type) of a node's own topics and services."""
     opened = [('in', entry.topic_name, entry.msg_type) for entry in node.subscriptions]
     opened += [('out', entry.topic_name, entry.msg_type) for entry in node.publishers]
     opened += [('service', entry.srv_name, entry.srv_type) for entry in node.services]
@@ -380,20 +380,20 @@ def environment(**changes):
 
 @cache
 def content(name):
-    """Return what belongs in a region."""
+    """Return the current text of a region."""
     return {**REGIONS, **ROS_REGIONS}[name]()
 
 
 def renewed(page, ros=True):
     """
-    Return the text of a page with its regions as they should be.
+    Return the text of a page with current regions.
 
     Parameters
     ----------
     page : pathlib.Path
         Its file.
     ros : bool
-        Renew the regions that need ROS, too.
+        Whether to renew the regions that need ROS, too.
 
     Returns
     -------
@@ -416,7 +416,7 @@ def renewed(page, ros=True):
 
 
 def same(one, other):
-    """Say whether two texts differ in white space at most: argparse breaks lines as it likes."""
+    """Return whether two texts differ at most in white space: line breaks of argparse vary."""
     return one.split() == other.split()
 
 

@@ -13,13 +13,13 @@
 # limitations under the License.
 
 """
-Draws the pictures of docs/tasks.md: one for a task type, of a run with an ideal robot.
+Draw the pictures of docs/tasks.md: one for a task type, of a run with an ideal robot.
 
 ``python docs/pictures.py`` writes docs/images/tasks/<type>.png for all types, ``python
 docs/pictures.py keep_out look_at`` only those two, and prints the numbers that the page quotes.
 ``python docs/pictures.py method_damping method_levels`` draws the two pictures of docs/method.md.
-Robots of example-robot-data are needed for some types. On the left of a picture is the robot, on
-the right what the task is about, over time. A picture more is one entry more in `SCENES`.
+Some need robots of example-robot-data. On the left of a picture is the robot, on the right the
+controlled quantities over time. Every picture of a task type is one entry of `SCENES`.
 """
 
 import argparse
@@ -51,7 +51,7 @@ END_COLOUR = drawing.COLOURS[0]
 WITHOUT_COLOUR = '#5F6B78'
 WITHOUT_STYLE = {'linewidth': 1.3, 'linestyle': (0, (4, 2))}
 TARGET_COLOUR = drawing.GOAL_COLOUR
-# Where the eye is, as azimuth and elevation [deg].
+# Directions to the viewer, as azimuth and elevation [deg].
 SIDE, ABOVE, OBLIQUE = (-90.0, 0.0), (-90.0, 90.0), (-60.0, 18.0)
 
 TOOL = 'panda_hand_tcp'
@@ -97,7 +97,7 @@ class Run:
     robot : Robot
     stack : Stack
     task : Task
-        The one that the picture is about.
+        The task of the picture.
     times : ndarray (T,)
         [s]
     states, velocities, reports : list
@@ -127,11 +127,11 @@ class Run:
             q = robot.integrate(q, command.velocity, PERIOD)
 
     def of_states(self, function):
-        """Return what a function makes of every state (T, …)."""
+        """Return the values of a function of the state (T, …)."""
         return np.array([function(state) for state in self.states])
 
     def path(self, frame):
-        """Return where the origin of a frame was (T, 3) [m]."""
+        """Return the positions of the origin of a frame (T, 3) [m]."""
         return self.of_states(lambda state: state.position(frame))
 
     def error(self, name, unit='m'):
@@ -141,19 +141,19 @@ class Run:
                                       if kind == unit) for reports in self.reports])
 
     def speed(self, frame):
-        """Return how fast a frame was (T,) [m/s]."""
+        """Return the speed of a frame (T,) [m/s]."""
         return np.array([np.linalg.norm((state.jacobian(frame) @ velocity)[:3])
                          for state, velocity in zip(self.states, self.velocities)])
 
     @cached_property
     def chain(self):
-        """Return (parent, child) of the links that carry what moves, and the children driven."""
+        """Return (parent, child) of the links up to frames of tasks, and the driven children."""
         links, driven = links_of(self.robot)
         parents = {child: parent for parent, child in links}
-        wanted = {*driven, *(frame for task in self.stack.tasks.values() for frame in (
+        needed = {*driven, *(frame for task in self.stack.tasks.values() for frame in (
             getattr(task, 'frame', None), getattr(task, 'reference', None)))}
         carrying = set()
-        for frame in wanted:
+        for frame in needed:
             while frame in parents and frame not in carrying:
                 carrying.add(frame)
                 frame = parents[frame]
@@ -165,7 +165,7 @@ class Run:
 
 class Canvas:
     """
-    An axis on which space is drawn as an eye far away sees it.
+    An axis with an orthographic projection of space.
 
     Points are (k, 3) in the root [m].
 
@@ -173,7 +173,7 @@ class Canvas:
     ----------
     axis : matplotlib.axes.Axes
     view : tuple of float
-        Azimuth and elevation of the eye [deg].
+        Azimuth and elevation of the viewer [deg].
 
     """
 
@@ -195,7 +195,7 @@ class Canvas:
             self._draw_floor(0.2 * np.arange(-1, 4), 0.2 * np.arange(-2, 3))
 
     def flat(self, points):
-        """Return points as they are seen (2, k)."""
+        """Return projected points (2, k)."""
         return self._rows @ np.atleast_2d(points).T
 
     def line(self, points, colour, **style):
@@ -211,31 +211,31 @@ class Canvas:
         """Mark a goal."""
         self.dots(point, 'x', TARGET_COLOUR, markersize=10, markeredgewidth=2.5, label=label)
 
-    def arrow(self, start, way, colour):
+    def arrow(self, start, vector, colour):
         """Draw an arrow."""
-        (x, u), (y, v) = np.column_stack((self.flat(start), self.flat(way)))
+        (x, u), (y, v) = np.column_stack((self.flat(start), self.flat(vector)))
         self.axis.annotate('', (x + u, y + v), (x, y), zorder=8, arrowprops={
             'arrowstyle': '-|>', 'color': colour, 'linewidth': 2, 'shrinkA': 0, 'shrinkB': 0,
             'mutation_scale': 13})
 
     def text(self, point, text, colour, offset=(8, 0), **style):
-        """Write beside a point; the offset is in points of the page."""
+        """Write beside a point, at an offset in points (1/72 inch)."""
         self.axis.annotate(text, self.flat(point)[:, 0], offset, textcoords='offset points',
                            color=colour, zorder=9, va='center', **style)
 
     def body(self, points, colour, opacity=0.12, **style):
-        """Draw the outline of a convex body that is spanned by points."""
-        seen = self.flat(points).T
-        outline = seen[ConvexHull(seen).vertices]
+        """Draw the outline of the convex hull of points."""
+        projected = self.flat(points).T
+        outline = projected[ConvexHull(projected).vertices]
         self.axis.fill(*outline.T, color=colour, alpha=opacity, linewidth=0, zorder=1)
         self.axis.fill(*outline.T, fill=False, edgecolor=colour, **{
             'linewidth': 1.0, 'zorder': 2, **style})
 
     def fit(self):
-        """Leave some room around what is drawn; call this last."""
+        """Set a margin around the drawing; call this last."""
         (low, high), axis = self.axis.dataLim.get_points(), self.axis
-        room = 0.06 * (high - low).max()
-        axis.update_datalim([low - room, high + room])
+        margin = 0.06 * (high - low).max()
+        axis.update_datalim([low - margin, high + margin])
         axis.margins(0.0)
         axis.autoscale_view()
 
@@ -246,7 +246,7 @@ class Canvas:
             self.line(ends, '#E1E4E8', linewidth=0.8, zorder=0)
 
     def robot(self, run, state, colour, label, **style):
-        """Draw a robot as lines between the origins of its links, and its bodies."""
+        """Draw a robot: lines between the origins of its links, and its shapes."""
         (links, driven), dashed = run.chain, 'linestyle' in style
         if not dashed:
             carrying = {link for pair in links for link in pair}
@@ -266,7 +266,7 @@ class Canvas:
 
 
 def corners(shape, count=48):
-    """Return points (k, 3) that span a box, a cylinder or a sphere about its origin."""
+    """Return points (k, 3) whose convex hull is a box, a cylinder or a sphere about its origin."""
     turn = np.linspace(0.0, 2.0 * np.pi, count)
     circle = np.column_stack((np.cos(turn), np.sin(turn)))
     if isinstance(shape, Box):
@@ -279,12 +279,12 @@ def corners(shape, count=48):
 
 
 def moved(points, T):
-    """Return points (k, 3) of a frame that is at T (4, 4)."""
+    """Return points (k, 3) transformed by T (4, 4)."""
     return points @ T[:3, :3].T + T[:3, 3]
 
 
 def bodies(robot, state):
-    """Yield links and the corners (k, 3) of each simple shape that they are drawn with."""
+    """Yield (link, corners (k, 3)) for each simple visual shape of the robot."""
     kinds = {'box': lambda of: Box(*floats(of, 'size')),
              'cylinder': lambda of: Cylinder(*floats(of, 'radius'), *floats(of, 'length')),
              'sphere': lambda of: Sphere(*floats(of, 'radius'))}
@@ -302,7 +302,7 @@ def bodies(robot, state):
 
 
 def floats(element, attribute):
-    """Return the numbers of an attribute in XML, those of a place by default."""
+    """Return the numbers of an XML attribute, by default three zeros."""
     return [float(word) for word in element.get(attribute, '0 0 0').split()]
 
 
@@ -323,15 +323,15 @@ class Plot:
     Attributes
     ----------
     label : str
-        With the unit.
+        Quantity and unit.
     values : callable
-        Of a `Run`; values (T,), or {name: (T,)} for curves with a legend.
+        Function of a `Run` that returns (T,), or {name: (T,)} for curves with a legend.
     lower, upper : float
-        Bounds, infinite where there is none.
+        Bounds, infinite if there is none.
     log : bool
         Logarithmic axis.
     names : str
-        What the names of several curves are.
+        Title of the legend.
 
     """
 
@@ -351,7 +351,7 @@ class Plot:
             for name, curve in curves.items())
 
     def draw(self, axis, run, without):
-        """Draw what the robot did with the task, and without it where there is such a run."""
+        """Draw the curves with the task, and those without it if there is such a run."""
         for other, style in ((without, {'color': WITHOUT_COLOUR, **WITHOUT_STYLE}),
                              (run, {'linewidth': 2.0})):
             if other is None:
@@ -370,10 +370,10 @@ class Plot:
             axis.set_yscale('log')
         axis.margins(y=0.08)
         low, high = axis.get_ylim()
-        room = 0.12 * (high - low)
+        margin = 0.12 * (high - low)
         for bound, outward in ((self.lower, -1.0), (self.upper, 1.0)):
             if np.isfinite(bound):
-                low, high = min(low, bound - room), max(high, bound + room)
+                low, high = min(low, bound - margin), max(high, bound + margin)
                 drawing.mark_bound(axis, bound, outward * 1e3 * (high - low))
         axis.set_ylim(low, high)
         axis.set_xlim(run.times[0], run.times[-1])
@@ -389,7 +389,7 @@ class Plot:
 @dataclass(frozen=True)
 class Scene:
     """
-    What a picture shows.
+    The content of a picture.
 
     Attributes
     ----------
@@ -400,16 +400,16 @@ class Scene:
     stack : str
         YAML.
     plots : tuple of Plot
-        From above.
+        From top to bottom.
     frames : tuple of str
-        Whose paths are drawn.
+        Frames whose paths are drawn.
     view : tuple of float
-        Where the eye is, as azimuth and elevation [deg].
+        Azimuth and elevation of the viewer [deg].
     goals : tuple of (float, str, array_like)
         Time [s], task and goal.
     seconds : float
     draw : callable
-        Adds what the task is about to the scene; of a `Canvas` and both runs.
+        Function of a `Canvas` and both runs that adds details of the task to the scene.
     compare : bool
         Draw a run without the task too.
 
@@ -436,7 +436,7 @@ def make_figure():
 
 
 def draw(kind, folder=FOLDER):
-    """Draw the picture of a task type; return its path, and what the page may quote as lines."""
+    """Draw the picture of a task type; return its path, and the numbers of its curves as lines."""
     scene = SCENES[kind]
     run = Run(scene, kind)
     without = Run(scene, kind, without=True) if scene.compare else None
@@ -451,7 +451,7 @@ def draw(kind, folder=FOLDER):
     entries = dict(zip(*reversed(canvas.axis.get_legend_handles_labels())))
     figure.legend(entries.values(), entries.keys(), loc='outside lower center', ncols=len(entries),
                   frameon=False, fontsize=9.5, columnspacing=1.6)
-    # Limits, and with them the width of labels, are known after the first time.
+    # The width of labels is known only after a first drawing.
     figure.canvas.draw()
     lines = [f'{which} {plot.numbers(one)}' for plot in scene.plots
              for which, one in (('with   ', run), ('without', without)) if one]
@@ -476,7 +476,7 @@ def draw_scene(canvas, scene, kind, run, without):
     canvas.fit()
 
 
-# What the plots show, as functions of a run.
+# Curves of the plots, as functions of a run.
 
 
 def value(run, row=0):
@@ -495,7 +495,7 @@ def angle(run):
 
 
 def turn_about_z(run):
-    """Return how far the tool has turned about the vertical (T,) [deg]."""
+    """Return the angle of the tool about the vertical (T,) [deg]."""
     angles = run.of_states(lambda state: np.arctan2(*state.rotation(TOOL)[1::-1, 0]))
     return np.degrees(np.unwrap(angles - angles[0]))
 
@@ -507,7 +507,7 @@ def mobility(run):
 
 
 def sight_errors(run):
-    """Return how far off and how far from upright a camera is (T,) [deg]."""
+    """Return the errors of direction and of upright of a camera (T,) [deg]."""
     errors = np.degrees(run.of_states(run.task.error))
     return {'direction': np.linalg.norm(errors[:, :2], axis=1), 'upright': np.abs(errors[:, 2])}
 
@@ -518,13 +518,13 @@ def between(state):
 
 
 def slip(run):
-    """Return how far one hand has moved in the other (T,) [mm]."""
+    """Return the displacement of one hand in the other (T,) [mm]."""
     grips = run.of_states(between)[:, :3, 3]
     return 1e3 * np.linalg.norm(grips - grips[0], axis=1)
 
 
 def turn_of_grip(run):
-    """Return how far one hand has turned in the other (T,) [deg]."""
+    """Return the rotation of one hand in the other (T,) [deg]."""
     grips = Rotation.from_matrix(run.of_states(between)[:, :3, :3])
     return np.degrees((grips * grips[0].inv()).magnitude())
 
@@ -535,7 +535,7 @@ def components(run):
 
 
 def shift_of_mass(run):
-    """Return how far the centre of mass has moved sideways (T,) [mm]."""
+    """Return the horizontal displacement of the centre of mass (T,) [mm]."""
     centres = run.of_states(lambda state: state.center_of_mass()[0])[:, :2]
     return 1e3 * np.linalg.norm(centres - centres[0], axis=1)
 
@@ -547,16 +547,16 @@ def yaw(run):
 
 
 def base_to_go(run):
-    """Return how far a base is from its goal, in two units (T,)."""
+    """Return the error of a base, in two units (T,)."""
     name = run.task.name
     return {'position [cm]': run.error(name) / 10.0, 'heading [°]': run.error(name, 'rad')}
 
 
 def shares(run):
-    """Return where the joints are in their ranges, -1 to 1 (T,)."""
+    """Return the positions of the joints in their ranges, -1 to 1 (T,)."""
     lower, upper = run.robot.lower, run.robot.upper
-    places = (2.0 * run.of_states(lambda state: state.q) - lower - upper) / (upper - lower)
-    return {str(joint): places[:, joint - 1] for joint in range(1, run.robot.n + 1)}
+    positions = (2.0 * run.of_states(lambda state: state.q) - lower - upper) / (upper - lower)
+    return {str(joint): positions[:, joint - 1] for joint in range(1, run.robot.n + 1)}
 
 
 def error(name, unit='m'):
@@ -565,11 +565,11 @@ def error(name, unit='m'):
                 lambda run: run.error(name, unit))
 
 
-# What is drawn besides the robot.
+# Details that are drawn besides the robot.
 
 
-def room(canvas, run, without):
-    """Draw the region that a frame stays in: all around it is shaded."""
+def region(canvas, run, without):
+    """Draw the region that a frame stays in: everything outside is shaded."""
     canvas.axis.set_facecolor((drawing.LIMIT_COLOUR, 0.06))
     outline = moved(corners(run.task.shape), run.task.goal)
     canvas.body(outline, 'white', opacity=1.0, linewidth=0.0)
@@ -577,17 +577,18 @@ def room(canvas, run, without):
 
 
 def pillar(canvas, run, without):
-    """Draw the cylinder that a frame stays out of, and the distance that is kept."""
+    """Draw the cylinder that a frame stays out of, and the least distance from it."""
     task, (radius, half) = run.task, run.task.shape.half
     for shape, style in ((task.shape, {}), (Cylinder(radius + task.radius, 2.0 * half),
                                             {'linestyle': '--', 'opacity': 0.06})):
         canvas.body(moved(corners(shape), task.goal), drawing.LIMIT_COLOUR, linewidth=1.3, **style)
 
 
-def things(canvas, run, without):
+def obstacles(canvas, run, without):
     """Draw the obstacles of a task."""
-    for thing in run.task.obstacles.values():
-        canvas.body(moved(corners(thing.shape), thing.pose), drawing.LIMIT_COLOUR, linewidth=1.3)
+    for obstacle in run.task.obstacles.values():
+        canvas.body(moved(corners(obstacle.shape), obstacle.pose), drawing.LIMIT_COLOUR,
+                    linewidth=1.3)
 
 
 def axes_of_tool(canvas, run, without):
@@ -597,7 +598,7 @@ def axes_of_tool(canvas, run, without):
 
 
 def sights(canvas, run, without):
-    """Draw what the camera looks at, and the lines of sight at some times."""
+    """Draw the target of a camera, and the lines of sight at some times."""
     middle = len(run.states) // 2
     for state, colour in zip(run.states[::middle], (START_COLOUR, *2 * [TARGET_COLOUR])):
         camera = state.position(run.task.frame)
@@ -618,18 +619,18 @@ def cones(canvas, run, without):
 
 
 def bar(canvas, run, without):
-    """Draw what two hands hold."""
+    """Draw the object that two hands have grasped."""
     for state, colour, label in ((run.states[0], START_COLOUR, None),
-                                 (run.states[-1], TARGET_COLOUR, 'what is held')):
+                                 (run.states[-1], TARGET_COLOUR, 'object')):
         canvas.line([state.position(LEFT), state.position(RIGHT)], colour, linewidth=6, zorder=6,
                     label=label)
 
 
 def point_in_reference(canvas, run, without):
-    """Draw where the goal of a relative task is, at the end."""
-    place = run.states[-1].pose(run.task.reference)
-    canvas.goal(moved(run.task.goal, place))
-    canvas.line([place[:3, 3], moved(run.task.goal, place)], TARGET_COLOUR, linewidth=1,
+    """Draw the goal of a relative task, at the end."""
+    T = run.states[-1].pose(run.task.reference)
+    canvas.goal(moved(run.task.goal, T))
+    canvas.line([T[:3, 3], moved(run.task.goal, T)], TARGET_COLOUR, linewidth=1,
                 linestyle=':')
 
 
@@ -643,7 +644,7 @@ def mass(canvas, run, without):
 
 
 def parking(canvas, run, without):
-    """Draw the base where it shall stand."""
+    """Draw the goal of the base."""
     state = run.states[0]
     T = run.task.goal @ np.linalg.inv(state.pose(run.robot.base_frame))
     canvas.body(moved(outline(run.robot, state), T), TARGET_COLOUR, opacity=0.0, linewidth=1.5,
@@ -652,7 +653,7 @@ def parking(canvas, run, without):
 
 
 def steps(canvas, run, without):
-    """Mark where the frame was every quarter of a second."""
+    """Mark the positions of the frame every quarter of a second."""
     canvas.dots(run.path(run.task.frame)[::round(0.25 / PERIOD)], 'o', END_COLOUR, markersize=5,
                 label='every 0.25 s')
 
@@ -726,7 +727,7 @@ SCENES = {
     'joint_limits': Scene(
         'panda', READY, f"""
 - tool: {{type: pose, frame: {TOOL}}}
-- room: {{type: joint_limits, margin: 0.2}}
+- joints: {{type: joint_limits, margin: 0.2}}
 - posture: {{type: posture, gain: 0.5}}
 """,
         goals=((0.0, 'tool', down(0.45, -0.3, 0.4, turn=-160.0)),), seconds=8.0,
@@ -739,7 +740,7 @@ SCENES = {
 - tool: {{type: position, frame: {TOOL}}}
 """,
         goals=((0.0, 'tool', [0.2, 0.6, 0.4]), (4.0, 'tool', [0.6, 0.5, 0.4])), seconds=8.0,
-        frames=(TOOL,), view=ABOVE, draw=room, compare=True,
+        frames=(TOOL,), view=ABOVE, draw=region, compare=True,
         plots=(Plot('y of the tool in the box [m]', partial(value, row=1), lower=-0.4, upper=0.4),
                error('tool'))),
     'keep_out': Scene(
@@ -769,7 +770,7 @@ SCENES = {
 - tool: {{type: position, frame: {TOOL}}}
 - posture: {{type: posture, gain: 0.5}}
 """,
-        goals=((0.0, 'tool', [0.35, -0.45, 0.45]),), frames=(TOOL,), view=ABOVE, draw=things,
+        goals=((0.0, 'tool', [0.35, -0.45, 0.45]),), frames=(TOOL,), view=ABOVE, draw=obstacles,
         compare=True,
         plots=(Plot('nearest link to the pole [m]', nearest, lower=0.02), error('tool'))),
     'field_of_view': Scene(
@@ -809,7 +810,7 @@ SCENES = {
 - relax: {{type: joint_limit_distance, gain: 0.3}}
 """,
         seconds=8.0, view=OBLIQUE,
-        plots=(Plot('place between the limits', shares, lower=-1.0, upper=1.0, names='joint'),
+        plots=(Plot('position between the limits', shares, lower=-1.0, upper=1.0, names='joint'),
                Plot('h(q)', value))),
 }
 
@@ -892,7 +893,7 @@ METHOD = {'method_damping': method_damping, 'method_levels': method_levels}
 
 
 def main():
-    """Draw pictures, all or those that are named."""
+    """Draw the pictures of all task types, or of those named on the command line."""
     parser = argparse.ArgumentParser(description=__doc__.strip().partition('\n')[0])
     parser.add_argument('names', nargs='*', metavar='name', help=', '.join((*SCENES, *METHOD)))
     for name in parser.parse_args().names or (*SCENES, *METHOD):
