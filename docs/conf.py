@@ -54,9 +54,8 @@ autodoc_member_order = 'bysource'
 autodoc_mock_imports = [name for name in ('daqp',) if not find_spec(name)]
 napoleon_google_docstring = False
 napoleon_use_param = napoleon_use_rtype = False
-napoleon_use_ivar = True
-# What Pinocchio makes of a robot has no public name.
-nitpick_ignore = [('py:class', 'Kinematics')]
+# Several attributes may share a line, as parameters do.
+napoleon_custom_sections = [('Attributes', 'params_style')]
 # Where the names of docstrings are looked for.
 MODULES = ('tp_controller', 'tp_controller.tasks', 'tp_controller.errors')
 
