@@ -71,7 +71,7 @@ class WatchedController(ControllerNode):
     @property
     def running(self):
         """Return whether it commands velocities."""
-        return not self._hold
+        return not self._stop_reason
 
     @property
     def velocity(self):

@@ -347,8 +347,17 @@ def status():
     return table(('of', 'key', 'meaning'), rows)
 
 
+def messages():
+    """Return the list of all messages."""
+    spec = importlib.util.spec_from_file_location('messages', ROOT / 'docs' / 'messages.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.listing()
+
+
 REGIONS = {
     'tasks': tasks, 'settings': settings, 'names': names, 'errors': error_tree,
+    'messages': messages,
     'help': command_help, **{f'help {name}': lambda name=name: command_help(name)
                              for name in ('demo', 'goal')},
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},

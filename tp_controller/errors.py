@@ -26,23 +26,23 @@ The errors a user can meet.
     ├── TimeError       a time is no finite number
     └── SolverError     the levels handed to ``solve`` do not fit together
 
-Every message names the thing that is wrong and says what is valid.
+Every message names what is wrong and says what is valid.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tp_controller.solver.errors import SolverError, TpControllerError, unknown
+from tp_controller.solver.errors import SolverError, suggestion, TpControllerError, unknown
 
 __all__ = [
     'Fault', 'GoalError', 'RobotError', 'SettingsError', 'SolverError', 'StackError', 'TaskError',
-    'TimeError', 'TpControllerError', 'unknown']
+    'TimeError', 'TpControllerError', 'suggestion', 'unknown']
 
 LONGEST = 2000
 
 
 class RobotError(TpControllerError):
-    """A robot description, or something asked of the robot, is not usable."""
+    """A robot description, or a name or position of the robot, is not valid."""
 
 
 class SettingsError(TpControllerError):
@@ -73,12 +73,12 @@ class TimeError(TpControllerError):
 @dataclass(frozen=True)
 class Fault:
     """
-    One thing that is wrong in a stack.
+    One fault of a stack.
 
     Attributes
     ----------
     line : int
-        Line in the YAML text, from 1.
+        Line in the YAML text, from 1; 0 where there is no text.
     where : str
         Task, or task and key, that the fault is in; empty for the list itself.
     message : str
@@ -93,7 +93,8 @@ class Fault:
     def __str__(self) -> str:
         """Return the fault as one line."""
         where = f'{self.where}: ' if self.where else ''
-        text = f'line {self.line}: {where}{self.message}'
+        line = f'line {self.line}: ' if self.line else ''
+        text = f'{line}{where}{self.message}'
         # A message that quotes what was written may quote a whole file.
         return text if len(text) <= LONGEST else f'{text[:LONGEST]} …'
 

@@ -19,6 +19,7 @@ from pathlib import Path
 import re
 from typing import Any
 
+from tp_controller.solver.errors import suggestion
 import yaml
 
 PACKAGE = 'tp_controller'
@@ -57,8 +58,8 @@ def package_share(package: str = PACKAGE) -> Path:
             for share in (folder, folder / 'share' / PACKAGE):
                 if (share / 'package.xml').is_file() and (share / 'config').is_dir():
                     return share
-    raise FileNotFoundError(f'package {package!r} is not in the ament index '
-                            '(AMENT_PREFIX_PATH): source its workspace')
+    raise FileNotFoundError(f'package {suggestion(package, [PACKAGE])} is not found: it is not '
+                            'installed, or its workspace is not sourced')
 
 
 class YamlLoader(yaml.SafeLoader):
@@ -92,9 +93,9 @@ def load_yaml(text: str) -> Any:
     try:
         return yaml.load(text, YamlLoader)
     except RecursionError as error:
-        raise ValueError('YAML that is nested too deeply') from error
+        raise ValueError('not valid YAML: nested too deeply') from error
     except (yaml.YAMLError, LookupError, AttributeError, TypeError) as error:
-        raise ValueError(str(error)) from error
+        raise ValueError(f'not valid YAML: {error}') from error
 
 
 def find_file(name: str | Path) -> Path:
@@ -116,6 +117,8 @@ def find_file(name: str | Path) -> Path:
         There is no such file, or ``~user`` names nobody.
 
     """
+    if not str(name):
+        raise FileNotFoundError('no file: its name is empty')
     if str(name).startswith(SCHEME):
         package, _, rest = str(name)[len(SCHEME):].partition('/')
         path = package_share(package) / rest

@@ -262,7 +262,8 @@ def test_a_clock_that_stands_still_stops_the_robot(any_harness):
 
     any_harness.spin_until(lambda: any(last(commands)), meanwhile=tick)
     any_harness.spin_until(lambda: last(commands) == ZEROS, meanwhile=arm.publish)
-    any_harness.spin_until(lambda: status.head == 'time stands still', meanwhile=arm.publish)
+    any_harness.spin_until(lambda: status.head == 'simulated time (/clock) stands still',
+                           meanwhile=arm.publish)
     any_harness.spin_until(lambda: any(last(commands)), meanwhile=tick)
     # Neither is time that runs backwards the end.
     time.clock.sec = 0
@@ -296,7 +297,7 @@ def test_a_slow_cycle_is_no_standstill(harness):
     ('- swing: {type: joint}', "line 1: swing: needs the key 'joints'"),
     ('- a: {type: pose, frame: nowhere}\n- b: {type: what}', "line 2: b: unknown type 'what'"),
     ('/nowhere/stack.yaml', 'no file /nowhere/stack.yaml'),
-    ('- [', 'no YAML'),
+    ('- [', 'not valid YAML'),
 ])
 def test_without_a_valid_stack_zeros_are_commanded_and_the_reason_said(harness, log, stack, told):
     harness.controller(stack=stack)

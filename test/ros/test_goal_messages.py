@@ -49,14 +49,14 @@ def test_the_controller_reads_what_the_client_writes(entry, fields, goal, feed_f
 
 
 @pytest.mark.parametrize('kind, fields, told', [
-    (PointStamped, {'quat_xyzw': QUAT_XYZW}, 'takes xyz (PointStamped), not quat_xyzw'),
-    (PoseStamped, {'xyz': XYZ}, 'takes xyz and quat_xyzw (PoseStamped), not xyz'),
-    (QuaternionStamped, {}, 'takes quat_xyzw (QuaternionStamped), not nothing'),
-    (JointState, {'xyz': XYZ}, 'takes joints and velocities (JointState), not xyz'),
-    (JointState, {}, 'not nothing'),
+    (PointStamped, {'quat_xyzw': QUAT_XYZW}, 'needs xyz (PointStamped), got quat_xyzw'),
+    (PoseStamped, {'xyz': XYZ}, 'needs xyz and quat_xyzw (PoseStamped), got xyz'),
+    (QuaternionStamped, {}, 'needs quat_xyzw (QuaternionStamped), got nothing'),
+    (JointState, {'xyz': XYZ}, 'needs joints or velocities (JointState), got xyz'),
+    (JointState, {}, 'got nothing'),
     (JointState, {'joints': {'a': 1.0}, 'velocities': {'b': 1.0}}, 'for the same joints'),
-    (TwistStamped, {}, 'takes linear and angular (TwistStamped), not nothing'),
-    (TwistStamped, {'linear': LINEAR, 'xyz': XYZ}, 'not linear and xyz'),
+    (TwistStamped, {}, 'needs linear or angular (TwistStamped), got nothing'),
+    (TwistStamped, {'linear': LINEAR, 'xyz': XYZ}, 'got linear and xyz'),
 ])
 def test_a_goal_that_does_not_fit_the_task_is_refused_with_what_fits(kind, fields, told):
     with pytest.raises(GoalError) as error:

@@ -176,7 +176,7 @@ def test_message_with_a_bad_marker_is_refused_as_a_whole(scene, bad, told):
 
 def test_message_without_markers_holds_nothing(scene):
     scene.send(refused=True)
-    assert 'holds nothing' in scene.status.task('clear')['last refusal']
+    assert 'no goal or velocity' in scene.status.task('clear')['last refusal']
 
 
 def test_parts_of_a_message_in_several_frames_are_all_taken(scene):

@@ -17,7 +17,7 @@
 from harness import COMMANDS, JOINTS, LATCHED
 import numpy as np
 import pytest
-from robots import PLANAR_DH
+from robots import PANDA_DH, PLANAR_DH
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
@@ -54,6 +54,14 @@ def test_joint_states_and_the_latched_description_are_published(any_harness):
     descriptions = any_harness.record(String, '/robot_description', LATCHED)
     any_harness.spin_for_more(descriptions)
     assert Robot.from_urdf(descriptions[0].data).joint_names == JOINTS
+
+
+def test_a_robot_without_initial_positions_starts_away_from_its_limits(harness):
+    harness.simulator(robot=str(PANDA_DH))
+    states = states_of(harness)
+    harness.spin_for_more(states)
+    # Zero is outside the range of joint 4, and 0.0175 rad from a limit of joint 6.
+    np.testing.assert_allclose(states[0].position, [0, 0, 0, -1.5708, 0, 1.8675, 0])
 
 
 def test_commands_move_the_joints_in_the_order_of_the_commands(any_harness):
@@ -99,8 +107,8 @@ def test_commands_are_clipped_at_the_velocity_limits(harness):
     ([], 'command ignored: 0 velocities for 3 joints'),
     ([0.1, 0.2], 'command ignored: 2 velocities for 3 joints'),
     ([0.1, 0.2, 0.3, 0.4], 'command ignored: 4 velocities for 3 joints'),
-    ([0.1, float('nan'), 0.3], 'command ignored: not finite'),
-    ([float('inf'), 0.2, 0.3], 'command ignored: not finite'),
+    ([0.1, float('nan'), 0.3], 'command ignored: a velocity is not a finite number'),
+    ([float('inf'), 0.2, 0.3], 'command ignored: a velocity is not a finite number'),
 ])
 def test_a_command_that_makes_no_sense_is_ignored(harness, log, data, told):
     harness.simulator()

@@ -77,11 +77,22 @@ def test_a_task_reports_its_error_with_unit_and_what_holds_it_back(harness):
     rest = rig.status.task('rest')
     assert rest['status'] == 'limited'
     assert rest['reason'] == 'blocked by turn'
-    assert rest['hint'] == 'exchange turn and rest, or give them goals that fit together'
+    assert rest['hint'] == ('exchange turn and rest in the stack, or choose goals that are '
+                            'compatible')
     levels = {status.name: status.level for status in rig.status.messages[-1].status}
     assert levels['tp_controller: rest'] == WARN
     texts = {status.name: status.message for status in rig.status.messages[-1].status}
     assert texts['tp_controller: rest'] == 'limited: blocked by turn'
+
+
+def test_a_disabled_task_says_so_once(harness):
+    rig = Rig(harness)
+    rig.spin_until(lambda: rig.status.head == 'running')
+    harness.enable('rest', False)
+    rig.spin_until(lambda: rig.status.task('rest')['status'] == 'disabled')
+    texts = {status.name: status.message for status in rig.status.messages[-1].status}
+    assert texts['tp_controller: rest'] == 'disabled'
+    assert rig.status.task('rest')['reason'] == rig.status.task('rest')['hint'] == ''
 
 
 def test_the_limit_that_slows_the_robot_is_named(harness):

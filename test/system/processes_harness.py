@@ -57,7 +57,8 @@ class Listener:
 
         if not self.client.wait(ready, DEADLINE):
             pytest.fail(f'{what} did not come about within {DEADLINE:g} s: '
-                        f'{self.client.hold()}\n' + '\n'.join(node.output() for node in nodes))
+                        f'{self.client.stop_reason()}\n'
+                        + '\n'.join(node.output() for node in nodes))
 
     def moving(self):
         """Return whether the latest command moves the robot."""

@@ -29,6 +29,7 @@ from PIL import Image
 from processes_harness import command_line, DEADLINE, Listener
 import pytest
 from robots import CONFIG, panda, PANDA_TOOL
+from tp_controller.cli.goal import _reach
 from tp_controller.cli.main import DEMO_EXAMPLES, EXAMPLES, GOAL_EXAMPLES, main, make_parser
 import yaml
 
@@ -49,8 +50,9 @@ def robot(domain, tmp_path_factory):
             NodeProcess('controller_node', [*arguments, '-p', f'stack:={folder / "stack.yaml"}'],
                         domain, folder / 'controller.log') as controller:
         listener = Listener()
-        listener.wait(lambda: listener.client.status and not listener.client.hold(), 'motion',
-                      [simulator, controller])
+        listener.wait(
+            lambda: listener.client.status and not listener.client.stop_reason(), 'motion',
+            [simulator, controller])
         yield listener
         listener.client.close()
 
@@ -116,14 +118,15 @@ def test_a_goal_out_of_reach_returns_1_and_says_why(goal):
     (('tool', '--xyz', '0.4', '0', '0.5', *DOWN, '--frame', 'camera'),
      "refused: frame 'camera' is not on the robot"),
     (('tool', '--xyz', '0.4', '0', '0.5'),
-     r"task 'tool' takes xyz and quat_xyzw \(PoseStamped\), not xyz"),
+     r"task 'tool' needs --xyz and --rpy/--quat \(PoseStamped\), got --xyz"),
     (('tol', '--xyz', '0.4', '0', '0.5'),
      r"unknown task 'tol' \(did you mean 'tool'\?\); valid: tool, swing, elbow, posture"),
     (('posture', '--linear', '0.1', '0', '0', '--wait', '2'),
-     "task 'posture' takes no twist; valid: goal"),
+     "task 'posture' takes no --linear; its topics: goal"),
     (('tool', '--xyz', '0.4', '0', '0.5', '--node', 'arm', '--wait', '0.5'),
      'no node /arm with tasks is running'),
-    (('tool', '--xyz', '0.4', '0', '0.5', '--node', 'my arm'), "'my arm' is no name of a node"),
+    (('tool', '--xyz', '0.4', '0', '0.5', '--node', 'my arm'),
+     "'my arm' cannot be the name of a node"),
 ])
 def test_a_goal_that_cannot_be_sent_or_is_refused_returns_1_with_the_reason(
         robot, capsys, arguments, told):
@@ -139,11 +142,11 @@ def test_a_goal_that_cannot_be_sent_or_is_refused_returns_1_with_the_reason(
 @pytest.mark.parametrize('arguments, told', [
     (['goal', 'tool'], 'nothing to send; give --xyz, --rpy'),
     (['goal', 'tool', '--xyz', '1', '2'], 'argument --xyz: expected 3 arguments'),
-    (['goal', 'tool', '--xyz', '1', '2', '-inf'], "'-inf' is no finite number"),
-    (['goal', 'tool', '--xyz', '1', '2', 'x'], "'x' is no finite number"),
+    (['goal', 'tool', '--xyz', '1', '2', '-inf'], "'-inf' is not a finite number"),
+    (['goal', 'tool', '--xyz', '1', '2', 'x'], "'x' is not a finite number"),
     (['goal', 'tool', '--reach', '-1'], "'-1' must be positive"),
     (['goal', 'tool', '--joint', '=1'], "'=1' is not of the form NAME=VALUE"),
-    (['goal', 'tool', '--joint', 'a=nan'], "'nan' is no finite number"),
+    (['goal', 'tool', '--joint', 'a=nan'], "'nan' is not a finite number"),
     (['goal', 'tool', '--rpy', '0', '0', '0', '--quat', '0', '0', '0', '1'], 'not allowed with'),
     (['demo', 'lab3'], "invalid choice: 'lab3'"),
     (['demo', '--output', '/dev/null/figures'], '--output: '),
@@ -156,6 +159,33 @@ def test_a_command_that_makes_no_sense_returns_2_and_says_what_is_wrong(capsys, 
         status = leave.code
     assert status == 2
     assert told in capsys.readouterr().err
+
+
+class Answering:
+    """In place of a client: the controller says this status of a task at once."""
+
+    def __init__(self, **status):
+        self.status = status
+
+    def wait(self, condition, seconds):
+        """Return whether the condition holds."""
+        return condition()
+
+    def task_status(self, task):
+        """Return the status."""
+        return self.status
+
+    def stop_reason(self):
+        """Return that it runs."""
+        return ''
+
+
+@pytest.mark.parametrize('unit, shown', [('m', '0.088 m'), ('rad', '0.088 rad'), ('1', '0.088')])
+def test_an_error_is_shown_with_its_unit_and_a_ratio_without(capsys, unit, shown):
+    status = {'status': 'limited', f'error [{unit}]': '0.0880', 'reason': 'blocked by tool'}
+    options = make_parser().parse_args(['goal', 'mobile', '--reach', '1'])
+    assert not _reach(Answering(**status), options)
+    assert capsys.readouterr().out == f'not reached: error {shown} (blocked by tool)\n'
 
 
 @pytest.mark.parametrize('numbers', [('-1', '-2.5', '-.5'), ('-1e-3', '-2E+1', '-0.5e2')])

@@ -68,7 +68,7 @@ def test_a_killed_controller_leaves_a_robot_that_stops_by_itself(cell, listener)
 def test_a_killed_simulator_leaves_a_controller_that_commands_zeros(cell, listener, start):
     controller, simulator = cell
     simulator.process.kill()
-    listener.wait(lambda: listener.client.hold() == ALL_MISSING, 'the reason', [controller])
+    listener.wait(lambda: listener.client.stop_reason() == ALL_MISSING, 'the reason', [controller])
     listener.wait(lambda: not listener.moving(), 'zeros', [controller])
     listener.wait_for_more(listener.commands, 5)
     assert not any(command.any() for command in listener.commands[-5:])
@@ -79,7 +79,7 @@ def test_a_killed_simulator_leaves_a_controller_that_commands_zeros(cell, listen
 
 def test_a_signal_ends_a_node_that_still_waits_for_its_robot(start, listener):
     controller = start('controller_node', robot=None)
-    listener.wait(lambda: listener.client.hold() == 'no robot description yet', 'status',
+    listener.wait(lambda: listener.client.stop_reason() == 'no robot description yet', 'status',
                   [controller])
     controller.process.send_signal(signal.SIGTERM)
     assert controller.process.wait(15.0) == 0
@@ -101,7 +101,8 @@ FAULTS = [
      '/nowhere/parameters.yaml'),
     ('controller_node', ['--params-file', '{folder}/list.yaml'], '{folder}/list.yaml'),
     ('controller_node', ['--nonsense'], '--nonsense'),
-    ('simulator_node', ['-p', 'robot:={folder}/broken.urdf'], 'robot description is no XML'),
+    ('simulator_node', ['-p', 'robot:={folder}/broken.urdf'],
+     'robot description is not valid XML'),
     ('simulator_node', ['-p', 'robot:={folder}/broken.yaml'], 'joints, row 1'),
     ('simulator_node', ['-p', 'speed:=0.0'], 'parameter speed must be from 0.01 to 1000'),
 ]
@@ -126,10 +127,11 @@ def test_a_faulty_stack_leaves_the_node_alive_with_zeros_and_every_fault_said(
     path = tmp_path / 'stack.yaml'
     path.write_text('- swing: {type: joint, joints: joint9}\n- tip: {type: pose}\n- a b: {}\n')
     nodes = start('controller_node', '-p', f'stack:={path}'), start('simulator_node')
-    listener.wait(lambda: listener.client.hold().startswith('no valid stack'), 'status', nodes)
+    listener.wait(lambda: listener.client.stop_reason().startswith('no valid stack'), 'status',
+                  nodes)
     for fault in ("line 1: swing, joints: unknown driven joint 'joint9'",
                   "line 2: tip: needs the key 'frame'", 'line 3: '):
-        assert fault in listener.client.hold()
+        assert fault in listener.client.stop_reason()
         assert fault in nodes[0].output()
     listener.wait_for_more(listener.commands, 10)
     assert not any(command.any() for command in listener.commands)

@@ -181,6 +181,23 @@ def test_every_table_is_shown(generate):
     assert {*generate.REGIONS, *generate.ROS_REGIONS} == shown
 
 
+@pytest.mark.parametrize('message', [
+    # A refusal that is put together, a log line, an argument, a reason, a hint.
+    'unknown key {other}; valid: {accepted}',
+    'commanding zeros: {reason}',
+    '{text} is not of the form NAME=VALUE',
+    'blocked by the bounds of {}',
+    'choose a goal that the bounds of {name} allow'])
+def test_list_of_messages_has_messages_of_every_kind(message, generate):
+    assert f'- `{message}`\n' in generate.messages()
+
+
+def test_list_of_messages_has_nothing_else(generate):
+    # A docstring, the description of a key and of a parameter.
+    for text in ('Collects what is wrong', 'gain K, one', 'cycles per second', '<robot name'):
+        assert text not in generate.messages()
+
+
 def test_every_task_type_has_a_section_with_its_keys_and_an_example(generate):
     own = {name for name, kind in generate.task_types().items()
            if kind.__module__.startswith('tp_controller.')}

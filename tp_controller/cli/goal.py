@@ -21,6 +21,7 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
+from tp_controller.tasks.keys import with_unit
 
 if TYPE_CHECKING:
     # Imported when a goal is sent: the help needs no ROS.
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
 
 # Velocities time out at the controller, so they are repeated at this period [s].
 REPEAT = 0.05
+# {part of a goal: the option that gives it}
+OPTIONS = {'xyz': '--xyz', 'quat_xyzw': '--rpy/--quat', 'joints': '--joint',
+           'velocities': '--velocity', 'linear': '--linear', 'angular': '--angular'}
 
 
 def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
@@ -88,7 +92,7 @@ def send_goal(options: argparse.Namespace) -> int:
               '--velocity, --linear or --angular', file=sys.stderr)
         return 2
     from tp_controller.nodes.client import Client
-    with Client(options.node) as client:
+    with Client(options.node, names=OPTIONS) as client:
         client.send(options.task, options.frame, options.wait, **fields)
         if options.duration:
             _repeat(client, options.duration)
@@ -123,11 +127,11 @@ def _reach(client: 'Client', options: argparse.Namespace) -> bool:
         lambda: client.task_status(options.task).get('status') in ('reached', 'satisfied'),
         options.reach)
     status = client.task_status(options.task)
-    if client.hold():
-        print(f'not reached: {client.hold()}')
+    if client.stop_reason():
+        print(f'not reached: {client.stop_reason()}')
         return False
-    errors = ', '.join(f'{float(value):.3g} {key[7:-1]}' for key, value in status.items()
-                       if key.startswith('error ['))
+    errors = ', '.join(with_unit(f'{float(value):.3g}', key[7:-1])
+                       for key, value in status.items() if key.startswith('error ['))
     reason = status.get('reason', f'the stack has no task {options.task} any more')
     print(f'{"reached" if reached else "not reached"}: error {errors}'
           + (f' ({reason})' if reason and not reached else ''))
@@ -143,7 +147,7 @@ def _finite(text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f'{text.strip()!r} is no finite number')
+        raise argparse.ArgumentTypeError(f'{text.strip()!r} is not a finite number')
     return value
 
 

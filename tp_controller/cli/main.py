@@ -30,7 +30,7 @@ EXAMPLES = """\
 examples:
   tp_controller demo                     a 7-DoF arm carries out a stack of tasks, over ROS 2
   tp_controller demo mobile              an arm on wheels carries a tray past obstacles
-  tp_controller demo drill               five rows of drilling, and what is done besides
+  tp_controller demo drill               drilling, and what the other joints do besides
   tp_controller demo lab1                motion in the null space of a planar arm, no ROS needed
   tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 3.14 0 0
   tp_controller goal --help              how to send goals of every kind
@@ -39,8 +39,8 @@ DEMOS = {
     'panda': 'a 7-DoF arm over ROS 2 topics (default)',
     'mobile': 'an arm on wheels carries a tray past obstacles',
     'underwater': 'a vehicle with an arm works on a panel',
-    'two_arms': 'two hands carry one thing',
-    'drill': 'five rows of drilling above tasks that keep bounds',
+    'two_arms': 'two hands carry one object',
+    'drill': 'drilling, five rows, above inequality tasks',
     'lab1': 'null-space motion',
     'lab2': 'two tasks in both orders',
 }
@@ -111,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 if what was asked for came about; 1 if not; 2 for a command that makes no sense.
+        0 for success, 1 for failure, 2 for arguments that are not valid.
 
     """
     parser = make_parser()
@@ -165,7 +165,7 @@ def _lacks(error: ModuleNotFoundError) -> int:
 def _seed(text: str) -> int:
     """Return a seed of the command line."""
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f'{text!r} is no whole number from 0 on')
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
     return int(text)
 
 
@@ -193,7 +193,7 @@ def _version() -> str:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    """Run the demonstration that is asked for."""
+    """Run the demonstration that was named."""
     try:
         options.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:

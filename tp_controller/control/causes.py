@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What holds a task back: whatever brings back part of what is missing if it is taken away."""
+"""What limits a task: whatever brings back part of what is missing if it is taken away."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -48,7 +48,7 @@ SINGULARITY, IMPOSSIBLE, DAMPING, TRANSITION = (
 @dataclass(frozen=True)
 class Cause:
     """
-    One thing that holds a task back.
+    One cause that limits a task.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Cause:
 
 class Causes:
     """
-    Solves a cycle again, each time with one thing taken away.
+    Solves a cycle again, each time with one cause taken away.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class Causes:
         self._cycle, self._outcome = cycle, outcome
         self._places = {id(evaluation): index for index, group in enumerate(evaluations)
                         for evaluation in group}
-        # Another task may ask for the same.
+        # Another task may need the same.
         self._solved: dict[tuple[object, ...], Array] = {}
 
     @property
@@ -100,7 +100,7 @@ class Causes:
         """Return why something else than the stack is carried out; mostly empty."""
         return self._outcome.instead
 
-    def hold_back(self, evaluation: Evaluation) -> bool:
+    def is_limited(self, evaluation: Evaluation) -> bool:
         """Say whether a task misses more than next to nothing of its demand."""
         level = evaluation.level
         demand = 0.0 if level.v is None else norm(level.v)
@@ -113,7 +113,7 @@ class Causes:
         return norm(x) <= STILL and norm(level.J.dot(x)) <= NOTABLE * norm(level.v)
 
     def together(self, evaluation: Evaluation) -> list[str]:
-        """Return the names of the other tasks that hold one back together, where they do."""
+        """Return the names of the other tasks that block one together, where they do."""
         index = self._places[id(evaluation)]
         if not index:
             return []
@@ -141,8 +141,8 @@ class Causes:
         return list(found)
 
     def of(self, evaluation: Evaluation) -> tuple[Cause, ...]:
-        """Return what holds back a task, the largest share first."""
-        if not self.hold_back(evaluation):
+        """Return what limits a task, the largest share first."""
+        if not self.is_limited(evaluation):
             return ()
         index, found = self._places[id(evaluation)], []
         missing = missing_of(evaluation.level, self._outcome.velocity)
@@ -172,7 +172,7 @@ class Causes:
         yield from self._singular(index, evaluation, missing)
 
     def limits_at(self, level: LevelSolution, joint: int) -> list[str]:
-        """Return what limits a joint that a level pushes against, most of the time one thing."""
+        """Return the limits of a joint that a level pushes against; mostly one."""
         up = bool(level.multipliers[joint] > 0.0)
         bounds = self._cycle.bounds
         velocity = level.limited_velocity[joint]
@@ -228,15 +228,15 @@ class Causes:
         return other.solve([*hierarchy[:number], *levels, *hierarchy[number + 1:]]).velocity
 
     def _is_damped(self, index: int) -> bool:
-        """Say whether damping or release touches a level, or one above it."""
+        """Say whether a level, or one above it, is damped or relaxed."""
         # Bounds of levels that cannot be met are damped, too.
-        return any(step.released is not None or step.directions is None and step.multipliers is
+        return any(step.relaxed is not None or step.directions is None and step.multipliers is
                    not None or step.followed.min(initial=1.0) < 1.0 - NEGLIGIBLE
                    for step in self._outcome.commanded.steps[:index + 1])
 
     @cached_property
     def _undamped(self) -> Array:
-        """Return the velocities (n,) without damping and release."""
+        """Return the velocities (n,) without damping or relaxed directions."""
         cycle = self._cycle
         options = replace(cycle.options, damping=Damping(
             regularisation=cycle.options.damping.regularisation))

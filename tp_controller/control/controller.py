@@ -123,12 +123,12 @@ class Controller:
         self.settings = settings
 
     def restart(self) -> None:
-        """Let tasks without a goal hold, from the next cycle on, what they find then."""
-        holding = [any(task.held for task in group) for group in self.stack.active]
-        if any(holding):
-            self._transition.announce(holding.index(True))
+        """Give tasks without a goal, in the next cycle, the value they have then as goal."""
+        changed = [any(task.has_default_goal for task in group) for group in self.stack.active]
+        if any(changed):
+            self._transition.announce(changed.index(True))
         for task in self.stack.tasks.values():
-            task.release()
+            task.reset()
         self._started = False
 
     def halt(self, now: float) -> None:
@@ -253,9 +253,9 @@ class Controller:
 
     def enable(self, name: str, enabled: bool) -> None:
         """
-        Take a task into the stack, or leave it out.
+        Enable or disable a task of the stack.
 
-        A task that comes back without a goal holds what it finds then.
+        A task that is enabled again without a goal keeps the value it has then.
 
         Raises
         ------
@@ -270,7 +270,7 @@ class Controller:
             return
         before = self.stack.active
         if enabled:
-            task.release()
+            task.reset()
             self._started = False
         self.stack.enable(name, enabled)
         self._announce_stack(before)
@@ -292,9 +292,9 @@ class Controller:
         elapsed : float, optional
             Time since the last command, which acceleration limits count with, where another
             clock than that of `now` is the robot's, as in a simulation; by default by how much
-            `now` has advanced. What is not more than zero, of a clock that stands still or was
-            set back, says nothing: then commands are taken to have been held for as long as when
-            it advanced last, at first for a `period` [s].
+            `now` has advanced [s]. If that is not more than zero, because the clock stands still
+            or was set back, the time between commands is assumed to be what it was when the
+            clock advanced last, at first the `period`.
 
         Returns
         -------
@@ -326,11 +326,11 @@ class Controller:
             elapsed = self._settings.period
         elif elapsed is None:
             elapsed = now - self._last_update
-        held = self._time.advance(elapsed)
-        bounds = self._limits.at(state.positions, self._velocity, held)
+        elapsed = self._time.advance(elapsed)
+        bounds = self._limits.at(state.positions, self._velocity, elapsed)
         cycle = Cycle(levels, bounds, self._options, self._time.mean, self._speed_cap,
                       self._memory)
-        outcome = self._blend(cycle, held) or self._follow(cycle)
+        outcome = self._blend(cycle, elapsed) or self._follow(cycle)
         self._velocity, self._last_update = outcome.velocity, now
         self._memory = outcome.solution.memory
         return Command(outcome.velocity, Report(self.robot, evaluations, self.stack.inactive,
@@ -344,19 +344,19 @@ class Controller:
             return Outcome(solution, solution)
         return Outcome(solution, cycle.solve(escape), 'leaving a singularity')
 
-    def _blend(self, cycle: Cycle, held: float) -> Outcome | None:
-        """Return what leads over from before a change; None where nothing has to."""
+    def _blend(self, cycle: Cycle, elapsed: float) -> Outcome | None:
+        """Return the outcome that blends in a change; None where there is nothing to blend."""
         now = self._time.now
         shared = self._transition.pending()
         if shared is not None:
             self._escape.reset()
         if self._last_update is None or not (shared is not None or self._transition.active(now)):
             return None
-        # Where it is to lead: acceleration limits only say how fast to get there.
+        # The end of the transition: acceleration limits only say how fast to get there.
         aim = cycle.aim()
         if shared is not None:
             self._transition.begin(self._velocity - aim.velocity,
-                                   now - min(held, self._settings.period), shared)
+                                   now - min(elapsed, self._settings.period), shared)
         blended = self._transition.levels(cycle.levels, aim.velocity, now)
         if blended is None:
             return None
@@ -384,7 +384,7 @@ class Controller:
 
     def goal_poses(self) -> list[tuple[str, Array, Array]]:
         """
-        Return where the tasks about a frame want it to be.
+        Return the goals of the tasks about a frame.
 
         Returns
         -------
@@ -410,14 +410,15 @@ class Controller:
     def _pose_in(self, task: Task, frame: str | Array) -> Array:
         """Return T_reference_frame (4, 4), as the robot stands now."""
         if task.reference is None:
-            raise GoalError(f'task {task.name!r} takes no frame')
+            raise GoalError(f'a goal of task {task.name!r} is not expressed in a frame: '
+                            'leave it out')
         if isinstance(frame, str) and frame not in self.robot.frame_names:
             raise GoalError(unknown('frame', frame, self.robot.frame_names))
         if isinstance(frame, str) and frame == task.reference:
             return np.eye(4)
         if self._state is None:
             raise GoalError('a goal in another frame needs joint positions, '
-                            'and there were none yet')
+                            'and none have arrived yet')
         T_root_frame = self._state.pose(frame) if isinstance(frame, str) else parse_pose(
             frame, f'the frame of a goal for task {task.name!r}')
         return inverse_pose(self._state.pose(task.reference)).dot(T_root_frame)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What one cycle solves, kept so that it can be solved again with one thing otherwise."""
+"""What one cycle solves, stored so that it can be solved again with one change."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class Cycle:
     bounds : VelocityBounds
     options : Options
     period : float
-        How long the velocity will be held [s].
+        How long the velocity will be in force: zero-order hold [s].
     speed_cap : ndarray (n,) or None
         See `tp_controller.solver.solve`.
     memory : tuple of float

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How long commands are held, as far as the clock of the caller tells."""
+"""The time between two commands, as far as the clock of the caller tells."""
 
 import math
 
@@ -27,9 +27,9 @@ class CycleTime:
     The time between commands, by a clock that may stand still or be set back.
 
     A clock that does not advance from one command to the next says nothing about the time that
-    has passed. The command is then taken to have been held for as long as each one was when the
-    clock advanced last, at first for a period. When it goes on, as one does that ticks less often
-    than commands are asked for, what has passed is shared out among the commands since.
+    has passed. The time between commands is then assumed to be what it was when the clock
+    advanced last, at first a period. A clock may also tick less often than commands are computed.
+    When it advances again, the time that has passed is divided among the commands since.
 
     Parameters
     ----------
@@ -41,8 +41,8 @@ class CycleTime:
     now : float
         Sum of these times, which never falls [s].
     mean : float
-        Mean time between two commands, at most a period: they may come faster than they need
-        to, and after a pause they are held no longer than before [s].
+        Mean time between two commands [s]. At most a period: a pause does not count, and
+        commands may come faster than they need to.
 
     """
 
@@ -58,7 +58,7 @@ class CycleTime:
 
     def advance(self, measured: float) -> float:
         """
-        Return how long the last command was held [s], more than zero.
+        Return how long the last command was in force [s], more than zero.
 
         Parameters
         ----------
@@ -67,15 +67,15 @@ class CycleTime:
 
         """
         if measured > 0.0:
-            held = measured / self._commands
-            self._usual = held if held < self._period else self._period
+            elapsed = measured / self._commands
+            self._usual = elapsed if elapsed < self._period else self._period
             self._commands = 1
         else:
-            held = self._usual
+            elapsed = self._usual
             self._commands += 1
-        self.now += held
+        self.now += elapsed
         self.mean += SMOOTHING * (self._usual - self.mean)
-        return held
+        return elapsed
 
 
 def check_time(value: float, name: str, refusal: type[TpControllerError]) -> float:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The way out of a singularity that the robot stands on exactly."""
+"""Leaving a singularity that the robot is exactly at."""
 
 from collections.abc import Callable
 
@@ -37,13 +37,13 @@ PATIENCE = 0.2
 
 class Escape:
     """
-    Nudges a robot that stands still exactly on a singularity, although a task wants to move.
+    Moves a robot a little that rests exactly at a singularity, although a task is not reached.
 
-    A straight arm that is to come straight back is the example: no joint velocity moves the tool
-    that way, to first order, and the damped solution is to stand still. The least deviation
-    changes that, and noise would bring it about; the nudge does, a few milliradians of motion
-    that the level and those above do not feel. If it does not help, the arm is at a goal out of
-    reach, say, it is tried twice more and then not again until something changes.
+    Example: a straight arm that is to retract. To first order no joint velocity moves the tool
+    along the arm, so the damped solution is to rest. The least deviation changes that. Here a
+    nudge does: a few milliradians of motion in the null space of the level and those above.
+    If it does not help, because the goal is out of reach, say, it is tried twice more. Then it is
+    not tried again until something changes.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Escape:
     def levels(self, solution: Solution, now: float,
                solve: Callable[[list[Level]], Solution]) -> list[Level] | None:
         """
-        Return levels that lead out, in place of the ones that were solved; None if need not.
+        Return levels that leave the singularity, in place of those solved; None if not needed.
 
         Parameters
         ----------
@@ -80,7 +80,7 @@ class Escape:
 
         """
         if self._upper:
-            # Without the levels below, which may want to stay where they are.
+            # Without the levels below, which may demand to stay where they are.
             upper = kept_above(solution.hierarchy, self._upper)
             levels = self._nudge.levels(upper, solve(upper).velocity, now)
             if levels is not None:

@@ -30,6 +30,7 @@ from tp_controller.control.causes import (
 )
 from tp_controller.control.velocity_limits import ACCELERATION, LOWER, UPPER, VELOCITY
 from tp_controller.tasks.bounded import out_of_reach, STILL
+from tp_controller.tasks.keys import with_unit
 from tp_controller.tasks.task import Evaluation
 
 # How many causes a sentence names.
@@ -44,8 +45,8 @@ SENTENCES = {
     TASK: 'blocked by {}',
     BOUNDS: 'blocked by the bounds of {}',
     SINGULARITY: 'near a singularity',
-    IMPOSSIBLE: 'the robot cannot move that way here',
-    DAMPING: 'damped',
+    IMPOSSIBLE: 'the robot cannot move in this direction here',
+    DAMPING: 'slowed by damping',
     TRANSITION: 'a change is still being blended in',
 }
 # {kind: what helps}; {own} is the task that is limited.
@@ -55,9 +56,9 @@ HINTS = {
     UPPER: 'choose a goal, or an arm posture, farther from the upper position limit of {name}',
     ACCELERATION: 'wait, or raise the acceleration limit of {name}',
     RESERVE: 'lower the setting reserve',
-    TASK: 'exchange {name} and {own}, or give them goals that fit together',
+    TASK: 'exchange {name} and {own} in the stack, or choose goals that are compatible',
     BOUNDS: 'choose a goal that the bounds of {name} allow',
-    SINGULARITY: 'lead the robot away from the singularity',
+    SINGULARITY: 'move the robot away from the singularity',
     IMPOSSIBLE: 'leave out the axes that the robot cannot move here',
     DAMPING: 'lower the setting damping',
     TRANSITION: 'wait, or lower the setting blend',
@@ -68,7 +69,7 @@ ELSEWHERE = frozenset((SINGULARITY, IMPOSSIBLE, DAMPING))
 def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]],
               found: Sequence[Cause], causes: Causes) -> str:
     """
-    Return what holds a task back, in a sentence; empty where nothing does.
+    Return what limits a task, in a sentence; empty where nothing does.
 
     Parameters
     ----------
@@ -83,10 +84,10 @@ def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]]
 
     """
     sentences = [_stuck(evaluation)]
-    if causes.hold_back(evaluation):
+    if causes.is_limited(evaluation):
         if is_out_of_reach(evaluation, found, causes):
-            distance = ', '.join(f'{value:.2g} {unit}' for value, unit, tolerance in errors
-                                 if value > tolerance)
+            distance = ', '.join(with_unit(f'{value:.2g}', unit)
+                                 for value, unit, tolerance in errors if value > tolerance)
             sentences.append(f'out of reach by {distance}')
         else:
             sentences.extend(_sentence(cause, evaluation, causes) for cause in found[:NAMED])
@@ -124,7 +125,7 @@ def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Caus
 
 
 def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
-    """Return one cause in words; what of it, where a task watches several things."""
+    """Return one cause in words, with the rows of a task that has several."""
     rows = causes.rows_in_the_way(evaluation, cause.name) if cause.kind == BOUNDS else []
     return SENTENCES[cause.kind].format(cause.name) + (f' ({", ".join(rows[:NAMED])})' if rows
                                                        else '')
@@ -147,4 +148,4 @@ def _stuck(evaluation: Evaluation) -> str:
     if not still:
         return ''
     which = list(dict.fromkeys(names[row] for row in still))[:NAMED] if names else ['it']
-    return f'no joint brings {", ".join(which)} back'
+    return f'no joint can move {", ".join(which)} back within bounds'

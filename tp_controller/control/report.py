@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The report of a cycle: for every task how far it is, and what holds it back."""
+"""The report of a cycle: for every task its error, and what limits it."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -27,7 +27,7 @@ from tp_controller.tasks.task import Evaluation, norm, Task
 
 class TaskReport:
     """
-    One task in one cycle; causes are worked out when they are asked for.
+    One task in one cycle; causes are computed when they are read.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class TaskReport:
     level : int or None
         From 1, the highest priority; None while the task is disabled.
     bounded : bool
-        The task keeps bounds instead of demanding a velocity.
+        It is an inequality task: it has bounds instead of a demand.
     errors : tuple of (float, str, float)
         Norm of the error, its unit and the tolerance, for each unit.
     reached : bool
@@ -62,14 +62,14 @@ class TaskReport:
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
-        """Return what holds the task back, the largest share first; () where nothing does."""
+        """Return what limits the task, the largest share first; () where nothing does."""
         if self._causes is None or self._evaluation is None or self.level is None:
             return ()
         return self._causes.of(self._evaluation)
 
     @cached_property
     def reason(self) -> str:
-        """Return what holds the task back, in a sentence; empty where it has all it demands."""
+        """Return what limits the task, in a sentence; empty where its demand is met."""
         if self._causes is None or self._evaluation is None or self.level is None or self.reached:
             return ''
         return reason_of(self._evaluation, self.errors, self.causes, self._causes)
@@ -93,7 +93,7 @@ class TaskReport:
 
 class Report:
     """
-    What the solver made of the stack in one cycle; worked out when it is asked for.
+    What the solver made of the stack in one cycle; computed when it is read.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class Report:
 
     @cached_property
     def _causes(self) -> Causes:
-        """Return what finds out what holds tasks back."""
+        """Return what finds the causes that limit tasks."""
         return Causes(self._robot, self._evaluations, self._cycle, self._outcome)
 
     @cached_property

@@ -68,8 +68,8 @@ class Settings:
         10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; '
         'at most 1/period')
     release_region: float = _number(
-        0.02, 0.0, 10.0, '', 'singular value below which a direction is released to the lower '
-        'tasks, smoothly (0: never)')
+        0.02, 0.0, 10.0, '', 'singular value below which a direction is relaxed: left to the '
+        'lower tasks, smoothly (0: never)')
     scaling: str = _choice(
         'redistribute', SCALINGS, 'what is done where a velocity exceeds a limit: other joints '
         'move in its place and lower tasks give way first, or all joints are slowed alike')
@@ -81,8 +81,8 @@ class Settings:
         0.4, 0.0, 1.0, '', 'scaling redistribute: share of its speed limit that the tasks below '
         'the first level leave to it, of every joint with an acceleration limit')
     blend: float = _number(
-        0.4, 0.0, 60.0, 's', 'time in which a change of the stack, a goal or a setting takes '
-        'over from what was before (0: at once)')
+        0.4, 0.0, 60.0, 's', 'duration of the transition after a change of the stack, a goal or a '
+        'setting (0: at once)')
     weights: tuple[float, ...] | None = field(default=None, metadata={
         'unit': '', 'description': 'cost of each velocity, those of a moving base before those '
         'of the joints, all positive: the higher, the less it is used in what all tasks leave '

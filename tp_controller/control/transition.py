@@ -22,14 +22,13 @@ from tp_controller.solver.level import Level
 
 class Transition:
     """
-    Takes the jump out of a change of the stack, of a goal or of a setting.
+    Blends in a change of the stack, of a goal or of a setting, so that the velocity has no jump.
 
-    What is about to change is announced, and taken account of in the next cycle.
+    A change is announced, and takes effect in the next cycle.
 
     At a change the velocity differs from the one before by an offset. The offset is added to the
-    new velocity and fades out; levels that old and new stack share are carried out exactly all
-    the same, because the faded velocity becomes the goal of a closing level below them. It is
-    solved within the same bounds.
+    new velocity and fades out. The sum is the demand of a closing level, below the levels that the
+    old and the new stack share: those are carried out exactly. The bounds are the same.
 
     Parameters
     ----------
@@ -89,7 +88,7 @@ class Transition:
 
     def levels(self, levels: list[Level], velocity: Array, now: float) -> list[Level] | None:
         """
-        Return the levels that lead over to `velocity`; None where nothing fades out any more.
+        Return the levels of the transition to `velocity`; None where it is over.
 
         Parameters
         ----------

@@ -113,15 +113,15 @@ class VelocityLimits:
     The velocities that the joints of a robot may have, one box for all of their limits.
 
     Speed towards a position limit falls with the distance d to it: along v = g d close to the
-    limit, and farther away as fast as the acceleration limit a allows. With commands that are
-    held for at most a period T the distance a joint needs to stop from the speed v is::
+    limit, and farther away as fast as the acceleration limit a allows. With a zero-order hold of
+    at most a period T the distance a joint needs to stop from the speed v is::
 
         D(v) = v / g                          for v ≤ a / g
         D(v) = v T + D(v − a T)               above
 
-    which is convex and piecewise linear, and the speed allowed at d is its inverse. With
-    g = 1/T that is the exact discrete stopping distance; a smaller g leaves room for commands
-    that take effect late. From a state within these bounds there is always a next one.
+    It is convex and piecewise linear, and the speed allowed at d is its inverse. With g = 1/T it
+    is the exact discrete stopping distance. A smaller g leaves a margin for commands that take
+    effect late. From a state within these bounds there is always a next one.
 
     Parameters
     ----------
@@ -165,23 +165,23 @@ class VelocityLimits:
             How long ago that was, more than zero [s].
 
         """
-        room = np.array((self._upper - q, q - self._lower))
+        distance = np.array((self._upper - q, q - self._lower))
         if self._endless:
-            room = np.minimum(room, FAR)
-        braking = np.maximum(self._braking_speed(room), -self._return)
+            distance = np.minimum(distance, FAR)
+        braking = np.maximum(self._braking_speed(distance), -self._return)
         if self._acceleration is None:
             return VelocityBounds(braking, self._velocity)
         change = self._acceleration * min(elapsed, self._period)
         return VelocityBounds(braking, self._velocity, (previous - change, previous + change))
 
-    def _braking_speed(self, room: Array) -> Array:
-        """Return the speed from which a joint can still stop within `room` (2, n)."""
+    def _braking_speed(self, distance: Array) -> Array:
+        """Return the speed from which a joint can still stop within `distance` (2, n)."""
         gain = self._gain
         if self._acceleration is None:
-            return gain * room
+            return gain * distance
         change = self._change
-        beyond = np.maximum(room - self._slow, 0.0) / (change * self._period)
+        beyond = np.maximum(distance - self._slow, 0.0) / (change * self._period)
         pieces = self._pieces
         steps = np.ceil(0.5 * (np.sqrt(pieces * pieces + 8.0 * beyond) - pieces))
-        return (room + steps * change * (0.5 * (steps - 1.0) * self._period + 1.0 / gain)) \
+        return (distance + steps * change * (0.5 * (steps - 1.0) * self._period + 1.0 / gain)) \
             / (steps * self._period + 1.0 / gain)

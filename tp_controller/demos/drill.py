@@ -14,11 +14,12 @@
 
 
 """
-``tp_controller demo drill``: five rows of drilling above all that a redundant arm does besides.
+``tp_controller demo drill``: drilling, a task of five rows, above three inequality tasks.
 
 The tip of a 7-DoF arm follows a target that moves and turns; the turn about the drill is free.
-What is left keeps markers on the hand in the view of a camera, keeps away from singularities
-and from the ends of the joints, in that order, and gives way where it has to.
+Below it, in this order, markers on the hand stay in the view of a camera, the arm stays away from
+singularities, and the joints stay away from their limits. Where the drill needs it, these bounds
+are violated, the lowest first.
 """
 
 from collections.abc import Iterator, Mapping
@@ -36,6 +37,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.resources import package_share
 from tp_controller.tasks.field_of_view import FieldOfView
 from tp_controller.tasks.joint_limits import JointLimits
+from tp_controller.tasks.keys import with_unit
 
 PERIOD = 0.01
 DURATION = 40.0
@@ -48,7 +50,7 @@ SETTLED = 3.0
 TIP, AXIS = 0.5, 0.5
 LOWER = {'markers': 'angle between marker and camera [rad]',
          'mobile': 'manipulability, share of its minimum [1]',
-         'room': 'joint nearest to its limit: distance [rad]'}
+         'joints': 'joint nearest to its limit: distance [rad]'}
 
 
 def drill(folder: str | Path) -> bool:
@@ -135,8 +137,8 @@ def _errors(state: RobotState, tip: Array, axis: Array) -> tuple[float, float]:
 def _lower_values(robot: Robot, stack: Stack, state: RobotState) -> list[float]:
     """Return the values that `LOWER` describes."""
     tasks = stack.tasks
-    room = np.minimum(state.q - robot.lower, robot.upper - state.q).min()
-    return [tasks['markers'].value(state)[0], tasks['mobile'].value(state)[0], room]
+    margin = np.minimum(state.q - robot.lower, robot.upper - state.q).min()
+    return [tasks['markers'].value(state)[0], tasks['mobile'].value(state)[0], margin]
 
 
 def run_drill(folder: str | Path) -> Outcome:
@@ -165,7 +167,7 @@ def run_drill(folder: str | Path) -> Outcome:
         Measurement('joint speed, share of the limit', '%', share, 100.0, 0.0, bound=True),
         Measurement('beyond a position limit', 'rad', beyond, 0.0, 0.0, bound=True))
     return Outcome('Drilling along a moving target, and what is done besides', measurements,
-                   tuple(_given_up(motion)), tuple(_figures(Path(folder), motion)))
+                   tuple(_violations(motion)), tuple(_figures(Path(folder), motion)))
 
 
 def _follow(controller: Controller, now: float) -> tuple[Array, Array]:
@@ -179,16 +181,16 @@ def _follow(controller: Controller, now: float) -> tuple[Array, Array]:
     return tip, axis
 
 
-def _given_up(motion: Recording) -> Iterator[str]:
+def _violations(motion: Recording) -> Iterator[str]:
     """Yield lines that say when a task below was outside of its bounds, and how far."""
     yield ''
-    yield 'What the tasks below had to give up:'
+    yield 'Violated bounds of the tasks below:'
     for name, task in list(motion.stack.tasks.items())[2:5]:
         (_, unit, tolerance), = task.groups
         outside = motion.outside[name]
         for first, last in _spells(outside > tolerance):
             yield (f'  {name:<8} {motion.times[first]:5.1f} s to {motion.times[last]:5.1f} s, '
-                   f'by {outside[first:last + 1].max():.3f} {unit}')
+                   f'by {with_unit(f"{outside[first:last + 1].max():.3f}", unit)}')
     yield ''
 
 
@@ -201,7 +203,7 @@ def _spells(holds: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _figures(folder: Path, motion: Recording) -> Iterator[Path]:
     """Write the figures and yield their paths."""
     tasks, nothing = motion.stack.tasks, -np.inf
-    markers, room = cast(FieldOfView, tasks['markers']), cast(JointLimits, tasks['room'])
+    markers, joints = cast(FieldOfView, tasks['markers']), cast(JointLimits, tasks['joints'])
     settled = motion.times >= SETTLED
     yield plot_bounds(
         folder / 'drill.png', motion.times[settled],
@@ -210,7 +212,7 @@ def _figures(folder: Path, motion: Recording) -> Iterator[Path]:
             ('drill off by [°]', motion.axis, nothing, AXIS),
             (LOWER['markers'], motion.values['markers'], nothing, float(markers.upper)),
             (LOWER['mobile'], motion.values['mobile'], 1.0, np.inf),
-            (LOWER['room'], motion.values['room'], room.margin, np.inf))],
-        title='Drilling > markers in view > away from singularities > room for the joints')
+            (LOWER['joints'], motion.values['joints'], joints.margin, np.inf))],
+        title='Drilling > markers in view > away from singularities > away from joint limits')
     yield animate_arm(folder / 'drill.gif', motion.robot, motion.q, motion.times,
                       frames=[TOOL], goals=motion.tips, title='Drilling along a moving target')

@@ -46,8 +46,8 @@ from tp_controller.model.urdf import parse
 Line = Any
 
 AROUND_COLOUR = '#8C5A2B'
-HELD_COLOUR = '#009E73'
-MEANINGFUL = (GOAL_COLOUR, PATH_COLOUR, ARM_COLOUR, AROUND_COLOUR, HELD_COLOUR)
+CARRIED_COLOUR = '#009E73'
+MEANINGFUL = (GOAL_COLOUR, PATH_COLOUR, ARM_COLOUR, AROUND_COLOUR, CARRIED_COLOUR)
 MAX_FRAMES = 80
 # Longest film [s].
 LONGEST = 10.0
@@ -66,7 +66,7 @@ class _Motion:
         Origins of the driven links, and of the frames whose path is drawn.
     goals : ndarray (T, 3)
         Not a number where there is none.
-    bases, held : ndarray (T, k, 3)
+    bases, carried : ndarray (T, k, 3)
         Lines: the outline of a base that moves, and what pairs of frames hold.
 
     """
@@ -76,7 +76,7 @@ class _Motion:
     tools: Array
     goals: Array
     bases: Array
-    held: Array
+    carried: Array
 
     def points(self, around: Sequence[Array]) -> Array:
         """Return all points (k, 3) that the scene has to have a place for."""
@@ -87,7 +87,7 @@ class _Motion:
 
 def animate_arm(path: str | Path, robot: Robot, qs: ArrayLike, times: ArrayLike,
                 frames: Sequence[str] | None = None, goals: ArrayLike = np.nan, *,
-                title: str | None = None, held: Sequence[tuple[str, str]] = (),
+                title: str | None = None, carried: Sequence[tuple[str, str]] = (),
                 around: Sequence[Array] = ()) -> Path:
     """
     Write an animation of the moving robot as a GIF of at most `MAX_FRAMES` pictures.
@@ -112,8 +112,8 @@ def animate_arm(path: str | Path, robot: Robot, qs: ArrayLike, times: ArrayLike,
         Goal in force at each time, in the root frame [m]; not a number where there is none.
     title : str, optional
         The robot's name by default.
-    held : sequence of (str, str), optional
-        Pairs of frames that hold one thing, which is drawn as a line between them.
+    carried : sequence of (str, str), optional
+        Pairs of frames that hold one object, which is drawn as a line between them.
     around : sequence of ndarray (k, 3), optional
         Outlines of what stands around, in the root frame; see `tp_controller.demos.outlines` [m].
 
@@ -128,7 +128,7 @@ def animate_arm(path: str | Path, robot: Robot, qs: ArrayLike, times: ArrayLike,
     motion = _Motion(
         _segments(robot, qs, links), _origins(robot, qs, driven), _origins(robot, qs, frames),
         np.broadcast_to(np.asarray(goals, dtype=float), (len(times), 3)),
-        _bases(robot, qs), _held(robot, qs, held))
+        _bases(robot, qs), _carried(robot, qs, carried))
     scene = _ArmScene(motion, title or robot.name, around)
     # The samples nearest to moments equally spaced in time, which the samples need not be.
     moments = np.linspace(times[0], times[-1], min(len(times), MAX_FRAMES))
@@ -161,8 +161,8 @@ class _ArmScene:
         self._base = self._line(color=ARM_COLOUR, linewidth=1.0)
         self._arm = self._line(color=ARM_COLOUR, linewidth=4, solid_capstyle='round',
                                label='robot')
-        self._held = self._line(color=HELD_COLOUR, linewidth=5, solid_capstyle='round',
-                                label='thing' if motion.held.size else None)
+        self._carried = self._line(color=CARRIED_COLOUR, linewidth=5, solid_capstyle='round',
+                                label='object' if motion.carried.size else None)
         self._joints = self._line('o', color='white', markersize=6.5, markeredgewidth=2,
                                   markeredgecolor=ARM_COLOUR, label='joints')
         self._ends = self._line('o', color=ARM_COLOUR, markersize=7)
@@ -170,7 +170,7 @@ class _ArmScene:
                                 label='goal')
         self._clock = self._text()
         self._moving = [self._shadow, *self._paths, self._base, self._arm, self._joints,
-                        self._held, self._ends, self._goal, self._clock]
+                        self._carried, self._ends, self._goal, self._clock]
         self._keep_background()
 
     def picture(self, sample: int, clock: str) -> Image.Image:
@@ -179,7 +179,7 @@ class _ArmScene:
         chain = joined_lines(motion.segments[sample])
         self._set(self._arm, chain)
         self._set(self._base, motion.bases[sample])
-        self._set(self._held, motion.held[sample])
+        self._set(self._carried, motion.carried[sample])
         self._set(self._joints, motion.joints[sample])
         self._set(self._ends, motion.tools[sample])
         if self._scene.floor is not None:
@@ -272,7 +272,7 @@ def _origins(robot: Robot, qs: Array, frames: Sequence[str]) -> Array:
         state.position(frame) for frame in frames], (-1, 3)))
 
 
-def _held(robot: Robot, qs: Array, pairs: Sequence[tuple[str, str]]) -> Array:
+def _carried(robot: Robot, qs: Array, pairs: Sequence[tuple[str, str]]) -> Array:
     """Return lines between the frames of pairs (T, k, 3) [m]."""
     gap = np.full(3, np.nan)
     return _over_time(robot, qs, lambda state: np.reshape([

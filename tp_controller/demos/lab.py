@@ -15,9 +15,9 @@
 """
 The two exercises of the lab: the planar arm with three joints, at 60 Hz in simulated time.
 
-The settings are the lab's: gain 1, start at q = [0, 0.6, 0.3], in exercise 2 damped least squares
-with λ = 0.1 and joint speeds of at most 1 rad/s. What is measured is printed beside what it
-should be.
+The settings are those of the lab sheet: gain 1, start at q = [0, 0.6, 0.3]. Exercise 2 uses damped
+least squares with λ = 0.1 and joint speeds of at most 1 rad/s. Each measured value is printed
+beside the expected one.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -44,7 +44,7 @@ GOALS = 6
 # End-effector goals [m]: the first cannot be reached with joint 1 at zero, the second can.
 CONFLICT, COMPATIBLE = (0.5, 1.2), (0.75, 0.9)
 ORDERS = {'end-effector first': 'lab2_end_effector_first', 'joint 1 first': 'lab2_joint_first'}
-# The lecture scales uniformly, gives nothing up near singularities, and its commands jump.
+# As in lecture 2.2 and 4: uniform scaling, no relaxed directions, no transition.
 UNDAMPED = Settings(period=PERIOD, damping=0.0, scaling='uniform', release_region=0.0, blend=0.0)
 LECTURE_DAMPING = replace(UNDAMPED, damping=0.1, singular_region=math.inf)
 # Of exercise 1 after 10 s at 60 Hz, from a program that was written apart from this one. The
@@ -98,7 +98,7 @@ def lab2(folder: str | Path, seed: int = 1) -> bool:
 
 def run_lab1(folder: str | Path) -> Outcome:
     """
-    Run exercise 1: motion in the null space, with the end-effector held where it is.
+    Run exercise 1: motion in the null space, while the end-effector stays where it is.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def run_lab1(folder: str | Path) -> Outcome:
                        motion.robot.joint_names, title='Null-space motion: joint positions'),
         plot_errors(folder / 'lab1_error.png', motion.times, [error],
                     title='Null-space motion: how far the end-effector drifts'))
-    return Outcome('Exercise 1: end-effector held, y(t) = [sin t, cos t, sin t] below it',
+    return Outcome('Exercise 1: end-effector stays, y(t) = [sin t, cos t, sin t] below it',
                    measurements, (), paths)
 
 

@@ -343,7 +343,7 @@ def _mark_changes(axis: Axes, changes: Iterable[float]) -> None:
 
 
 def _mark_limits(axis: Axes, limit: float) -> None:
-    """Mark ±limit, and leave room above it."""
+    """Mark ±limit, and leave a margin above it."""
     for index, value in enumerate((limit, -limit)):
         axis.axhline(value, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1,
                      label=None if index else 'limit')

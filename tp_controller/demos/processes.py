@@ -24,6 +24,8 @@ import subprocess
 import sys
 import tempfile
 
+from tp_controller.errors import TpControllerError
+
 # Ids that are safe on every platform (ROS 2 documentation, "The ROS_DOMAIN_ID"), from the last
 # one down: people number their robots from 0 up.
 DOMAINS = range(101, 49, -1)
@@ -58,7 +60,8 @@ def own_domain() -> Iterator[dict[str, str]]:
             finally:
                 del _LOCKS[str(domain)]
             return
-    raise RuntimeError(f'all ROS domains are taken; see {folder}')
+    raise TpControllerError('no free ROS domain: other demos or tests use all of '
+                            f'{DOMAINS[0]} to {DOMAINS[-1]}; the locks are in {folder}')
 
 
 @contextmanager

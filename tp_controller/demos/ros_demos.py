@@ -67,15 +67,15 @@ class Demo:
     ----------
     files : str
         Start of the names in config/: ``<files>.yaml`` holds the parameters of both nodes,
-        ``<files>_stack.yaml`` the tasks and ``<files>_goals.yaml`` what is asked for.
+        ``<files>_stack.yaml`` the tasks and ``<files>_goals.yaml`` their goals.
     title : str
         Of the film.
     leader : str
         Task whose goals and frame are drawn.
     frames : tuple of str
         Other frames whose path is drawn.
-    held : tuple of (str, str)
-        Pairs of frames that hold one thing.
+    carried : tuple of (str, str)
+        Pairs of frames that hold one object.
 
     """
 
@@ -83,7 +83,7 @@ class Demo:
     title: str
     leader: str
     frames: tuple[str, ...] = ()
-    held: tuple[tuple[str, str], ...] = ()
+    carried: tuple[tuple[str, str], ...] = ()
 
     def file(self, ending: str) -> Path:
         """Return the path of a file, by the ending of its name."""
@@ -111,9 +111,9 @@ class Demo:
 
 DEMOS = {
     'panda': Demo('demo', 'Panda: tool, elbow, posture', 'tool'),
-    'mobile': Demo('mobile', 'A tray, level, through a room', 'tray', ('base_link',)),
+    'mobile': Demo('mobile', 'A tray, level, past obstacles', 'tray', ('base_link',)),
     'underwater': Demo('underwater', 'Underwater: tool, view, vehicle', 'tool', ('vehicle',)),
-    'two_arms': Demo('two_arms', 'Two hands carry one thing', 'carry', ('right_hand',),
+    'two_arms': Demo('two_arms', 'Two hands carry one object', 'carry', ('right_hand',),
                      (('left_hand', 'right_hand'),)),
 }
 
@@ -143,7 +143,7 @@ class TaskOutcome:
 
     @property
     def reached(self) -> bool:
-        """Return whether the task has what it wants."""
+        """Return whether the task is reached or satisfied."""
         return self.status in DONE
 
     def __str__(self) -> str:
@@ -196,8 +196,8 @@ def run_demo(demo: Demo, folder: Path) -> bool:
             outcomes.extend(_carry_out(client, nodes, step, number))
     print(f'\n{"goal":<42} {"  task":<10} {"error":<24} outcome')
     print('\n'.join(map(str, outcomes)))
-    print('\n> marks the task the goal was for; the others go on with their own, as far as the '
-          'tasks above let them.')
+    print('\n> marks the task that the goal was for. The others keep their own goals, in the '
+          'null space of the tasks above.')
     within = _check_limits(demo.robot, recorder)
     print('\nWritten:')
     for path in _figures(folder, demo, recorder, changes):
@@ -231,10 +231,10 @@ def _wait_until_running(client: 'Client', recorder: 'Recorder',
     """Wait for the first commands, until everything that is recorded comes in."""
     def ready() -> bool:
         _check_alive(nodes)
-        return recorder.hears() and not client.hold() and bool(client.tasks())
+        return recorder.hears() and not client.stop_reason() and bool(client.tasks())
 
     if not client.wait(ready, START_SECONDS):
-        raise TpControllerError(f'the controller did not start: {client.hold()}\n'
+        raise TpControllerError(f'the controller did not start: {client.stop_reason()}\n'
                                 + '\n'.join(node.output() for node in nodes))
 
 
@@ -333,7 +333,7 @@ def _figures(folder: Path, demo: Demo, recorder: 'Recorder',
                          np.array([goal for _, goal in goals]), times=times)
     yield animate_arm(folder / 'arm.gif', robot, q, times, frames=[leader.frame, *demo.frames],
                       goals=_goals_over_time(times, goals, path[0]), title=demo.title,
-                      held=demo.held, around=list(_around(demo.stack, robot.root)))
+                      carried=demo.carried, around=list(_around(demo.stack, robot.root)))
 
 
 def _error_curves(recorder: 'Recorder') -> tuple[Array, list[tuple[str, str, Array]]]:

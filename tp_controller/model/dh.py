@@ -15,8 +15,8 @@
 """
 Denavit-Hartenberg tables, turned into URDF.
 
-Writing a URDF keeps a single way into the robot model, and gives a DH robot what every other ROS
-tool wants: a ``robot_description``.
+So there is a single path into the robot model, and a DH robot has what other ROS tools need: a
+``robot_description``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ def urdf_from_dh(table: Table, convention: str | None = None) -> str:
     """
     Return the URDF of a DH table.
 
-    With ``standard`` (the lab's) the transform of row i is Rz(θ) Tz(d) Tx(a) Rx(α), with
+    With ``standard`` (as in the lab) the transform of row i is Rz(θ) Tz(d) Tx(a) Rx(α), with
     ``modified`` (Craig's) it is Rx(α) Tx(a) Rz(θ) Tz(d). The joint variable is added to θ for a
     revolute and to d for a prismatic joint.
 
@@ -115,15 +115,17 @@ def _load(table: Any) -> dict[str, Any]:
         try:
             text = read_source(table, lambda text: '\n' in text or '{' in text)
             table = load_yaml(text)
-        except (OSError, ValueError) as error:
+        except OSError as error:
+            raise RobotError(f'robot description: {error}') from error
+        except ValueError as error:
             raise RobotError(f'DH table: {error}') from error
     if isinstance(table, (list, tuple)):
         table = {'joints': list(table)}
     if not isinstance(table, dict) or not table.get('joints'):
-        raise RobotError('a DH table is a list of joints, or a mapping with the key "joints"')
+        raise RobotError('a DH table must be a list of joints, or a mapping with the key "joints"')
     for key in table:
         if key not in TABLE_KEYS:
-            raise RobotError(unknown('key of a DH table', key, TABLE_KEYS))
+            raise RobotError(f'DH table: {unknown("key", key, TABLE_KEYS)}')
     _check_word(table.get('root', 'base_link'), 'DH table: root')
     return table
 

@@ -87,7 +87,7 @@ def joint_limits(name: str, element: Element) -> Limits:
         try:
             value = default if given is None else float(given)
         except ValueError as error:
-            raise RobotError(f'joint {name}: {key} limit {given!r} is no number') from error
+            raise RobotError(f'joint {name}: {key} limit {given!r} is not a number') from error
         limits[key] = math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
     return limits
 
@@ -118,8 +118,8 @@ def _check_override(name: object, limits: object, base: Base, driven: Sequence[s
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise RobotError(f'{what}: {key} limit must be a number, not {value!r}')
         if name in base.names and key not in BASE_LIMIT_KEYS:
-            raise RobotError(f'{what}: a base has no position limits, only velocity and '
-                             'acceleration')
+            raise RobotError(f'{what}: a base has no position limits; valid: '
+                             f'{", ".join(BASE_LIMIT_KEYS)}')
 
 
 def _check_row(what: str, row: Limits, followers: Sequence[str]) -> None:

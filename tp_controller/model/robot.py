@@ -347,7 +347,8 @@ class Robot:
         self._check_driven(driven, drivable, mimics)
         taken = {*self._base.names, *self._base.coordinate_names}.intersection(moving)
         if taken:
-            raise RobotError(f'joints named like one of the base: {", ".join(sorted(taken))}')
+            raise RobotError('joints must not be named like a velocity of the base: '
+                             f'{", ".join(sorted(taken))}')
         self.joint_names = tuple(driven)
         self.passive_names = tuple(name for name in drivable if name not in driven)
         self.velocity_names = self._base.names + self.joint_names

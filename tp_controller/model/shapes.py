@@ -55,7 +55,7 @@ class Sphere:
         distance, direction = _from_centre(point)
         return np.array([distance]), direction[np.newaxis]
 
-    def room(self) -> tuple[Array, Array]:
+    def inner_bounds(self) -> tuple[Array, Array]:
         """Return the bounds of these values, lower and upper (m,) [m]."""
         return np.array([-np.inf]), np.array([self.radius])
 
@@ -84,7 +84,7 @@ class HalfSpace:
         """Return what has to be bounded for a point to be inside; see `Sphere.within`."""
         return point[2:], np.array([[0.0, 0.0, 1.0]])
 
-    def room(self) -> tuple[Array, Array]:
+    def inner_bounds(self) -> tuple[Array, Array]:
         """Return the bounds of these values, lower and upper (m,) [m]."""
         return np.array([-np.inf]), np.zeros(1)
 
@@ -104,7 +104,7 @@ class Box:
         """Return what has to be bounded for a point to be inside; see `Sphere.within`."""
         return point, np.eye(3)
 
-    def room(self) -> tuple[Array, Array]:
+    def inner_bounds(self) -> tuple[Array, Array]:
         """Return the bounds of these values, lower and upper (m,) [m]."""
         return -self.half, self.half
 
@@ -125,7 +125,7 @@ class Cylinder:
         reach, away = _from_centre(np.array([point[0], point[1], 0.0]))
         return np.array([reach, point[2]]), np.array([away, [0.0, 0.0, 1.0]])
 
-    def room(self) -> tuple[Array, Array]:
+    def inner_bounds(self) -> tuple[Array, Array]:
         """Return the bounds of these values, lower and upper (m,) [m]."""
         return np.array([-np.inf, -self.half[1]]), self.half
 

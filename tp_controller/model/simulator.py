@@ -27,6 +27,9 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, pose, rotation_from_rpy
 from tp_controller.resources import load_yaml, read_source
 
+# A joint whose limits are nearer to zero than this does not start there, as a share of its range.
+START_MARGIN = 0.05
+
 
 @dataclass(frozen=True)
 class SimulatorNoise:
@@ -87,7 +90,7 @@ class KinematicSimulator:
     ----------
     robot : Robot
     q : array_like (nq,), optional
-        Initial configuration [rad or m]; as near to zero as the limits allow by default.
+        Initial configuration [rad or m]; that of `start_configuration` by default.
     timeout : float
         [s]
     noise : SimulatorNoise, optional
@@ -115,7 +118,7 @@ class KinematicSimulator:
         self.robot = robot
         self.noise = noise or SimulatorNoise()
         self.timeout = timeout
-        self._initial = robot.state(robot.neutral() if q is None else q).q.copy()
+        self._initial = robot.state(start_configuration(robot) if q is None else q).q.copy()
         self._random = np.random.default_rng(self.noise.seed)
         self.reset()
 
@@ -124,9 +127,9 @@ class KinematicSimulator:
         self.q = self._initial.copy()
         self.velocity = np.zeros(self.robot.n)
         self.now = now
-        self._wanted = np.zeros(self.robot.n)
+        self._target = np.zeros(self.robot.n)
         self._expiry = np.full(self.robot.n, -math.inf)
-        self._on_the_way: deque[tuple[float, slice, Array]] = deque()
+        self._queue: deque[tuple[float, slice, Array]] = deque()
 
     def command(self, velocity: ArrayLike, columns: slice = slice(None)) -> bool:
         """
@@ -138,7 +141,7 @@ class KinematicSimulator:
             [rad/s or m/s]
         columns : slice
             The entries that the command is for, all by default: base and joints may be commanded
-            apart, and time out apart. The others are passed over.
+            apart, and time out apart. The others are ignored.
 
         Returns
         -------
@@ -152,14 +155,14 @@ class KinematicSimulator:
             Wrong shape.
 
         """
-        wanted = np.array(velocity, dtype=float)
-        if wanted.shape != (self.robot.n,):
+        target = np.array(velocity, dtype=float)
+        if target.shape != (self.robot.n,):
             raise RobotError(f'a command needs {self.robot.n} velocities, '
-                             f'got an array of shape {wanted.shape}')
-        if self._lost() or not np.isfinite(wanted[columns]).all():
+                             f'got an array of shape {target.shape}')
+        if self._lost() or not np.isfinite(target[columns]).all():
             return False
-        clipped = np.clip(wanted, -self.robot.velocity, self.robot.velocity)
-        self._on_the_way.append((self.now + self.noise.delay, columns, clipped))
+        clipped = np.clip(target, -self.robot.velocity, self.robot.velocity)
+        self._queue.append((self.now + self.noise.delay, columns, clipped))
         return True
 
     def step(self, dt: float) -> None:
@@ -170,12 +173,12 @@ class KinematicSimulator:
         """
         end = self.now + dt
         while self.now < end:
-            while self._on_the_way and self._on_the_way[0][0] <= self.now:
-                _, columns, wanted = self._on_the_way.popleft()
-                self._wanted[columns] = wanted[columns]
+            while self._queue and self._queue[0][0] <= self.now:
+                _, columns, target = self._queue.popleft()
+                self._target[columns] = target[columns]
                 self._expiry[columns] = self.now + self.timeout
-            self._wanted[self.now >= self._expiry] = 0.0
-            until = min([end, *(entry[0] for entry in list(self._on_the_way)[:1]),
+            self._target[self.now >= self._expiry] = 0.0
+            until = min([end, *(entry[0] for entry in list(self._queue)[:1]),
                          *self._expiry[self._expiry > self.now].tolist()])
             self._move(until - self.now)
             self.now = until
@@ -195,7 +198,7 @@ class KinematicSimulator:
             return None
         q = self.q.copy()
         if self.noise.noise > 0.0:
-            # On the way a velocity would take, so that an orientation stays one.
+            # Along the path of a velocity, so that an orientation stays one.
             error = self.noise.noise * self._random.standard_normal(self.robot.n)
             q = self.robot.integrate(q, error, 1.0)
         return q, self.velocity.copy()
@@ -210,11 +213,11 @@ class KinematicSimulator:
         if lag > 0.0:
             # Exact for a first-order drive: the mean velocity over dt, then the one at its end.
             decay = math.exp(-dt / lag)
-            away = self.velocity - self._wanted
-            mean = self._wanted + away * (lag / dt) * (1.0 - decay)
-            self.velocity = self._wanted + away * decay
+            away = self.velocity - self._target
+            mean = self._target + away * (lag / dt) * (1.0 - decay)
+            self.velocity = self._target + away * decay
         else:
-            mean = self.velocity = self._wanted
+            mean = self.velocity = self._target
         robot = self.robot
         moved = robot.integrate(self.q, mean, dt)
         before, after = robot.positions(self.q), robot.positions(moved)
@@ -226,6 +229,23 @@ class KinematicSimulator:
         self.velocity = np.where(stopped, 0.0, self.velocity)
 
 
+def start_configuration(robot: Robot) -> Array:
+    """
+    Return a configuration (nq,) away from all position limits, the base at the root.
+
+    A joint is at zero. Where zero is outside its range, or near a limit, it is in the middle of
+    the range; with a limit on one side only it is as near to zero as that allows.
+    """
+    lower, upper = robot.lower[robot.joint_columns], robot.upper[robot.joint_columns]
+    joints = np.clip(np.zeros(len(lower)), lower, upper)
+    limited = np.isfinite(upper - lower)
+    margin = START_MARGIN * (upper - lower)[limited]
+    near = limited.copy()
+    near[limited] = np.minimum(-lower[limited], upper[limited]) < margin
+    joints[near] = 0.5 * (lower[near] + upper[near])
+    return robot.configuration(joints)
+
+
 def initial_positions(source: str | Path, robot: Robot) -> Array:
     """
     Return an initial configuration from a YAML mapping {joint: position}.
@@ -234,8 +254,8 @@ def initial_positions(source: str | Path, robot: Robot) -> Array:
     ----------
     source : str or pathlib.Path
         YAML text, a file's path, or ``package://<package>/<path>``. Joints it leaves out start
-        as near to zero as their limits allow. A base that moves starts at the root, unless some
-        of its ``base_x``, ``base_y`` … ``base_yaw`` say where [m, rad].
+        as in `start_configuration`. A base that moves starts at the root, unless some of its
+        ``base_x``, ``base_y`` … ``base_yaw`` say where [m, rad].
     robot : Robot
         Whose joints they are.
 
@@ -256,8 +276,8 @@ def initial_positions(source: str | Path, robot: Robot) -> Array:
     except (OSError, ValueError) as error:
         raise RobotError(f'initial positions: {error}') from error
     if not isinstance(positions, dict):
-        raise RobotError('initial positions: needs a mapping {joint: position}')
-    q = robot.neutral()
+        raise RobotError('initial positions must be a mapping {joint: position}')
+    q = start_configuration(robot)
     base = np.zeros(6)
     axes = {NAMES[row]: row for row in robot.base_reach}
     for name, position in positions.items():

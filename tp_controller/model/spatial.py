@@ -97,13 +97,13 @@ def cross(a: Array, b: Array) -> Array:
     return (skews(a) @ b[:, :, np.newaxis])[:, :, 0]
 
 
-def shorter_way(vector: Array, previous: Array | None) -> Array:
+def shorter_rotation(vector: Array, previous: Array | None) -> Array:
     """
-    Return the rotation vector of the way round to take, steady near half a turn.
+    Return the rotation vector to follow, steady near half a turn.
 
-    Up to half a turn the log map gives the shorter way. Just there the two ways are equally long
-    and measurement noise flips between them, so that the robot would not move at all; within
-    `HALF_TURN_BAND` of it the way taken before is kept.
+    Up to half a turn the log map gives the shorter rotation. At half a turn both directions are
+    equally long. Measurement noise would flip between them, and the robot would not move at all.
+    Within `HALF_TURN_BAND` of it the direction stays the one before.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def shorter_way(vector: Array, previous: Array | None) -> Array:
     Returns
     -------
     ndarray (3,)
-        `vector`, or the same rotation the other way round.
+        `vector`, or the same rotation in the other direction.
 
     """
     if previous is None or vector.dot(previous) >= 0.0:
@@ -181,7 +181,7 @@ def check_rotation(R: Array) -> Array:
 
     """
     if np.abs(R.dot(R.T) - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
-        raise ValueError('the 3×3 part is no rotation matrix (R Rᵀ = 1, det R = 1)')
+        raise ValueError('the 3×3 part is not a rotation matrix (R Rᵀ = 1, det R = 1)')
     return R
 
 

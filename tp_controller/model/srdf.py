@@ -49,8 +49,8 @@ def srdf_pairs(source: str | Path) -> set[frozenset[str]]:
     except OSError as error:
         raise ValueError(str(error)) from error
     except ElementTree.ParseError as error:
-        raise ValueError(f'no XML: {error}') from error
+        raise ValueError(f'not valid XML: {error}') from error
     if tree.tag != 'robot':
-        raise ValueError(f'no SRDF: the outermost element is <{tree.tag}>, not <robot>')
+        raise ValueError(f'not an SRDF: the outermost element is <{tree.tag}>, not <robot>')
     return {frozenset((element.get('link1', ''), element.get('link2', '')))
             for element in tree.findall('disable_collisions')}

@@ -29,7 +29,7 @@ class RobotState:
     """
     The robot at one configuration, its kinematics evaluated once.
 
-    Frames are asked for by name; what was computed for one is kept until the next `update`. All
+    Frames go by name; what was computed for one is stored until the next `update`. All
     arrays are read-only copies, so they stay true to the configuration they were taken at.
     `Robot.state` makes one.
 

@@ -37,7 +37,7 @@ def parse(urdf: str) -> Element:
     try:
         tree = ElementTree.fromstring(urdf.encode())
     except ElementTree.ParseError as error:
-        raise RobotError(f'robot description is no XML: {error}') from error
+        raise RobotError(f'robot description is not valid XML: {error}') from error
     if tree.tag != 'robot':
         raise RobotError(f'robot description: the outermost element is <{tree.tag}>, not <robot>')
     if any('xacro' in element.tag for element in tree.iter() if isinstance(element.tag, str)):
@@ -70,7 +70,8 @@ def check_tree(tree: Element) -> None:
     for what, names in (('link', links), ('joint', joints)):
         for name in names:
             if not name or names.count(name) > 1:
-                raise RobotError(f'robot description: a {what} has no name of its own: {name!r}')
+                raise RobotError(f'robot description: every {what} needs a name of its own; '
+                                 f'missing or used twice: {name!r}')
     children = set()
     for joint in tree.findall('joint'):
         for end in ('parent', 'child'):

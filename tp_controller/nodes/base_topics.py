@@ -35,8 +35,8 @@ class OdometryBuffer:
     """
     The latest pose of a base that moves, and when it was received.
 
-    Odometry may be that of any frame that is fixed to the base. The velocities of the base are
-    then handed out as those of that frame, since whoever measures one thing drives it, too.
+    Odometry may be that of any frame that is fixed to the base. The base velocities that are
+    published are then those of the same frame, because its driver expects them so.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class MovingBase:
         """Return the configuration (nq,) with the driven positions."""
         return self._buffer.configuration(joints)
 
-    def reason_to_hold(self, now: float, timeout: float) -> str:
+    def stop_reason(self, now: float, timeout: float) -> str:
         """Return why the base cannot move; empty if nothing speaks against it."""
         return 'no odometry' if self._buffer.missing(now, timeout) else ''
 
@@ -179,7 +179,7 @@ class FixedBase:
         """Return the driven positions: they are the configuration."""
         return joints
 
-    def reason_to_hold(self, now: float, timeout: float) -> str:
+    def stop_reason(self, now: float, timeout: float) -> str:
         """Return that nothing speaks against motion."""
         return ''
 

@@ -70,6 +70,8 @@ class Client:
         Name of the controller node.
     context : rclpy.context.Context, optional
         Context that is initialised already; one of its own by default.
+    names : dict, optional
+        {part of a goal: what messages call it}; the names that `send` takes by default.
 
     Raises
     ------
@@ -78,7 +80,9 @@ class Client:
 
     """
 
-    def __init__(self, controller: str = 'tp_controller', context: Context | None = None) -> None:
+    def __init__(self, controller: str = 'tp_controller', context: Context | None = None,
+                 names: Mapping[str, str] | None = None) -> None:
+        self._names = names or {}
         self._own = context is None
         self._context = context or Context()
         if self._own:
@@ -98,7 +102,7 @@ class Client:
                                           self._on_status, 10)
         except NameValidationException as error:
             self.close()
-            raise TpControllerError(f'{controller!r} is no name of a node') from error
+            raise TpControllerError(f'{controller!r} cannot be the name of a node') from error
 
     def close(self) -> None:
         """Leave, once everything that was sent has arrived."""
@@ -192,10 +196,10 @@ class Client:
 
         self.wait(lambda: found() or task not in (self.task_names() or [task]), wait)
         if not found():
-            raise GoalError(self._absence(task, topic))
-        message = make_message(task, self.tasks()[task][topic], fields)
+            raise GoalError(self._absence(task, topic, fields))
+        message = make_message(task, self.tasks()[task][topic], fields, self._names)
         if frame and isinstance(message, JointState):
-            raise GoalError(f'a goal of task {task!r} is in no frame')
+            raise GoalError(f'a goal of task {task!r} is not expressed in a frame: leave it out')
         message.header.frame_id = frame
         publisher = self._publisher(task, topic, type(message))
         if not self.wait(lambda: publisher.get_subscription_count() > 0, wait):
@@ -206,7 +210,7 @@ class Client:
         self._last = publisher, message
         publisher.publish(message)
         if not self.wait(lambda: self._answers(task) not in (ABSENT, before), wait):
-            raise GoalError(f'the controller did not answer to the goal for task {task!r}')
+            raise GoalError(f'the controller did not answer the goal for task {task!r}')
         if self._answers(task)[1] != before[1]:
             raise GoalError(f'refused: {self.task_status(task)["last refusal"]}')
 
@@ -228,7 +232,7 @@ class Client:
         status = self.task_status(task)
         return (status['goals accepted'], status['goals refused']) if status else ABSENT
 
-    def hold(self) -> str:
+    def stop_reason(self) -> str:
         """Return why the controller commands zeros; empty while it runs."""
         head = self.status.status[0].message if self.status else 'no status yet'
         return '' if head == 'running' else head
@@ -240,7 +244,7 @@ class Client:
                 kind, f'/{self.controller}/{task}/{topic}', 10)
         return self._publishers[task, topic]
 
-    def _absence(self, task: str, topic: str) -> str:
+    def _absence(self, task: str, topic: str, fields: Fields) -> str:
         """Return what is missing where a topic of a task was not found."""
         tasks = self.tasks()
         names = self.task_names() or sorted(tasks)
@@ -249,7 +253,7 @@ class Client:
                     "ROS_AUTOMATIC_DISCOVERY_RANGE must be the same as the controller's)")
         if task not in names:
             return unknown('task', task, names)
-        return (f'task {task!r} takes no {topic}; valid: '
+        return (f'task {task!r} takes no {_listed(fields, self._names)}; its topics: '
                 f'{", ".join(sorted(tasks.get(task, []))) or "none"}')
 
     def _on_status(self, message: DiagnosticArray) -> None:
@@ -257,7 +261,8 @@ class Client:
         self.status = message
 
 
-def make_message(task: str, kind: type, fields: Fields) -> Message:
+def make_message(task: str, kind: type, fields: Fields,
+                 names: Mapping[str, str] | None = None) -> Message:
     """
     Return a goal message.
 
@@ -269,6 +274,8 @@ def make_message(task: str, kind: type, fields: Fields) -> Message:
         Message type.
     fields : dict
         See `Client.send`.
+    names : dict, optional
+        See `Client`.
 
     Raises
     ------
@@ -279,12 +286,19 @@ def make_message(task: str, kind: type, fields: Fields) -> Message:
     allowed = FIELDS[kind]
     extra = [name for name in fields if name not in allowed]
     missing = [name for name in allowed if name not in fields]
-    if kind in (JointState, TwistStamped) and len(missing) < len(allowed):
+    one_is_enough = kind in (JointState, TwistStamped)
+    if one_is_enough and len(missing) < len(allowed):
         missing = []
     if extra or missing:
-        raise GoalError(f'task {task!r} takes {" and ".join(allowed)} ({kind.__name__}), '
-                        f'not {" and ".join(fields) or "nothing"}')
+        needed = _listed(allowed, names, ' or ' if one_is_enough else ' and ')
+        raise GoalError(f'task {task!r} needs {needed} ({kind.__name__}), '
+                        f'got {_listed(fields, names) or "nothing"}')
     return _FILL[kind](fields)
+
+
+def _listed(fields: Iterable[str], names: Mapping[str, str] | None, word: str = ' and ') -> str:
+    """Return what messages call parts of a goal."""
+    return word.join((names or {}).get(field, field) for field in fields)
 
 
 def _vector(target: Point | Vector3, values: Iterable[float]) -> None:

@@ -102,7 +102,7 @@ class ControllerNode(ClosableNode):
         self._checked_stack: Stack | None = None
         self._stack_fault = ''
         self._stopped = self._status_due = False
-        self._hold = 'no robot description yet'
+        self._stop_reason = 'no robot description yet'
         self._last_cycle = self._now()
         self._last_robot_time = self._robot_time()
         robot = self._make_robot()
@@ -180,7 +180,7 @@ class ControllerNode(ClosableNode):
             raise RobotError('parameter command_joints must be the driven joints in some order '
                              f'({", ".join(robot.joint_names)}), not {", ".join(names)}')
         for limit, what in ((np.inf, 'no velocity limit for'),
-                            (0.0, 'a velocity limit of zero, so no motion at all, for')):
+                            (0.0, 'the velocity limit is zero, so nothing moves, for')):
             names_of = [name for name, given in zip(robot.velocity_names, robot.velocity)
                         if given == limit]
             if names_of:
@@ -218,7 +218,7 @@ class ControllerNode(ClosableNode):
     def _read_stack(self, source: str) -> Stack:
         """Return the stack of a parameter's value."""
         if not source:
-            raise SettingsError(['parameter stack is empty'])
+            raise SettingsError(['parameter stack is empty: give it YAML text or a file'])
         return Stack.from_yaml(source, self._controller.robot)
 
     def _use_stack(self, stack: Stack) -> None:
@@ -281,8 +281,8 @@ class ControllerNode(ClosableNode):
         self._last_cycle, self._last_robot_time = now, robot_time
         if not self._ready:
             return
-        hold = self._reason_to_hold(now)
-        if not hold:
+        reason = self._find_stop_reason(now)
+        if not reason:
             try:
                 command = self._controller.update(self._base.configuration(self._buffer.q), now,
                                                   self._buffer.passive, elapsed)
@@ -290,28 +290,29 @@ class ControllerNode(ClosableNode):
                 self._topics.changed = False
                 self._publish_velocity(command.velocity)
             except TpControllerError as error:
-                hold = str(error)
-        if hold:
+                reason = str(error)
+        if reason:
             self._publish_zeros()
-        self._say_hold(hold)
+        self._log_stop_reason(reason)
         if self._status_due:
             self._publish_status()
 
-    def _say_hold(self, hold: str) -> None:
-        """Log why the robot is held, or that it is no more, where that has changed."""
-        if hold == self._hold:
+    def _log_stop_reason(self, reason: str) -> None:
+        """Log why the robot is stopped, or that it moves again, where that has changed."""
+        if reason == self._stop_reason:
             return
-        self._hold = hold
-        if hold:
-            self.get_logger().warning(f'commanding zeros: {hold}')
+        self._stop_reason = reason
+        if reason:
+            self.get_logger().warning(f'commanding zeros: {reason}')
         else:
             self.get_logger().info('running')
             unheard = self._buffer.unheard()
             if unheard:
-                self.get_logger().warning('no joint states of passive joints, taken as near to '
-                                          f'zero as their limits allow: {", ".join(unheard)}')
+                self.get_logger().warning(
+                    'no joint states of passive joints: until then they count as at zero, or at '
+                    f'the limit nearest to zero: {", ".join(unheard)}')
 
-    def _reason_to_hold(self, now: float) -> str:
+    def _find_stop_reason(self, now: float) -> str:
         """Return why zeros are commanded; empty if nothing speaks against motion."""
         if self._stopped:
             return 'stopped; call ~/start to go on'
@@ -320,7 +321,7 @@ class ControllerNode(ClosableNode):
         missing = self._buffer.missing(now, self._values['state_timeout'])
         if missing:
             return f'no joint states of {", ".join(missing)}'
-        return self._base.reason_to_hold(now, self._values['state_timeout'])
+        return self._base.stop_reason(now, self._values['state_timeout'])
 
     def _watch(self) -> None:
         """Command zeros if the cycle has not done anything for too long."""
@@ -328,17 +329,17 @@ class ControllerNode(ClosableNode):
         silence = now - self._last_cycle
         if not self._ready or silence <= self._values['state_timeout']:
             return
-        hold = self._reason_to_hold(now)
+        reason = self._find_stop_reason(now)
         # A cycle may well be longer than the joint states may be old.
-        if not hold and silence > 2.0 * self._period():
+        if not reason and silence > 2.0 * self._period():
             if not self.get_parameter('use_sim_time').value:
                 # The timer is only late, as on a machine that has too much to do.
                 self._cycle()
                 return
-            hold = 'time stands still'
-        if hold:
+            reason = 'simulated time (/clock) stands still'
+        if reason:
             self._publish_zeros()
-            self._say_hold(hold)
+            self._log_stop_reason(reason)
 
     def _publish_zeros(self) -> None:
         """Command no motion."""
@@ -362,7 +363,7 @@ class ControllerNode(ClosableNode):
         return response
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Go on after ~/stop; tasks without a goal hold what they find now."""
+        """Go on after ~/stop; tasks without a goal keep the values they have now."""
         if self._stopped and self._ready:
             self._controller.restart()
         self._stopped = False
@@ -383,14 +384,14 @@ class ControllerNode(ClosableNode):
     def _on_status_timer(self) -> None:
         """Publish the status; with a new goal after the next cycle, which reports about it."""
         self._status_due = True
-        if self._hold or not self._topics.changed:
+        if self._stop_reason or not self._topics.changed:
             self._publish_status()
 
     def _publish_status(self) -> None:
         """Publish the status, and markers where somebody looks at them."""
         self._status_due = False
         stamp = self.get_clock().now().to_msg()
-        message = diagnostics(stamp, self.get_fully_qualified_name().strip('/'), self._hold,
+        message = diagnostics(stamp, self.get_fully_qualified_name().strip('/'), self._stop_reason,
                               self._report, self._topics.records if self._ready else {})
         self._status.publish(message)
         self._diagnostics.publish(message)

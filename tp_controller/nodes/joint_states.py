@@ -29,7 +29,7 @@ class JointStateBuffer:
     """
     The latest position of every joint, and when it was received.
 
-    Names are sorted out once per publisher; joints that are not asked for are passed over.
+    Names are sorted out once per publisher; other joints are ignored.
 
     Parameters
     ----------

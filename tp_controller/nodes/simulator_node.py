@@ -50,8 +50,9 @@ PARAMETERS = (
     Spec('command_timeout', 0.1, 'time without a command after which the joints, or the base, '
          'stop, of the wall clock', 's', 1e-3, 10.0, True),
     Spec('initial_positions', '', 'positions at the start, as YAML {joint: position} or a file '
-         'of it, with base_x, base_y … base_yaw for a base that moves; what is left out starts '
-         'as near to zero as the limits allow', read_only=True),
+         'of it, with base_x, base_y … base_yaw for a base that moves; a joint that is left out '
+         'starts at zero, or in the middle of its range where zero is outside or near a limit',
+         read_only=True),
     Spec('noise', 0.0, 'standard deviation of measured positions', 'rad or m', 0.0, 1.0, True),
     Spec('delay', 0.0, 'time from a command to its effect, simulated', 's', 0.0, 10.0, True),
     Spec('lag', 0.0, 'time constant of the drives, first order', 's', 0.0, 10.0, True),
@@ -59,7 +60,7 @@ PARAMETERS = (
          True),
     Spec('seed', 0, 'seed of noise and loss, not negative', read_only=True),
 )
-# How far the simulation may fall behind before it gives up catching up [s].
+# How far the simulation may fall behind before it stops catching up [s].
 LARGEST_GAP = 0.2
 
 
@@ -151,7 +152,8 @@ class SimulatorNode(ClosableNode):
     def _take(self, columns: slice, what: str) -> None:
         """Hand those of the velocities that came in to the simulator."""
         if not np.isfinite(self._velocity[columns]).all():
-            self.get_logger().error(f'{what} ignored: not finite', throttle_duration_sec=1.0)
+            self.get_logger().error(f'{what} ignored: a velocity is not a finite number',
+                                    throttle_duration_sec=1.0)
             return
         self._simulator.command(self._velocity, columns)
 

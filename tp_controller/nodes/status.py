@@ -32,7 +32,7 @@ LEVELS = {**dict.fromkeys(('reached', 'satisfied', 'moving', 'disabled'), Diagno
 COLOURS = ((0.9, 0.1, 0.1), (0.1, 0.7, 0.1), (0.2, 0.3, 0.95))
 
 
-def diagnostics(stamp: Time, node_name: str, hold: str, report: Report | None,
+def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | None,
                 records: Mapping[str, GoalRecord]) -> DiagnosticArray:
     """
     Return the status of the node and of every task.
@@ -43,7 +43,7 @@ def diagnostics(stamp: Time, node_name: str, hold: str, report: Report | None,
         Time of the message.
     node_name : str
         Start of the name of each entry.
-    hold : str
+    stop_reason : str
         Why zeros are commanded; empty while the tasks are carried out.
     report : Report or None
         Of the last cycle.
@@ -57,11 +57,11 @@ def diagnostics(stamp: Time, node_name: str, hold: str, report: Report | None,
     """
     head = DiagnosticStatus(
         name=node_name, hardware_id=node_name,
-        level=DiagnosticStatus.WARN if hold else DiagnosticStatus.OK,
-        message=hold or 'running')
+        level=DiagnosticStatus.WARN if stop_reason else DiagnosticStatus.OK,
+        message=stop_reason or 'running')
     array = DiagnosticArray(status=[head])
     array.header.stamp = stamp
-    if report is None or hold:
+    if report is None or stop_reason:
         array.status.extend(
             DiagnosticStatus(name=f'{node_name}: {name}', hardware_id=node_name,
                              level=DiagnosticStatus.WARN, message='stopped',
@@ -104,7 +104,7 @@ def _value(key: str, value: object) -> KeyValue:
 
 def markers(stamp: Time, root: str, controller: Controller) -> MarkerArray:
     """
-    Return the goals of the tasks that are about a frame, and the way to them.
+    Return the goals of the tasks that are about a frame, and lines to them.
 
     Parameters
     ----------

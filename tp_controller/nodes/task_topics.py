@@ -94,7 +94,7 @@ class TaskTopics:
             _, close = self._open.pop(key)
             close()
         self._refusals = 0
-        # A topic cannot have another type before the executor has let go of what was closed.
+        # A topic cannot have another type before the executor has dropped what was closed.
         self._open_missing(later=closed)
 
     def _open_missing(self, later: Collection[tuple[str, str]] = ()) -> None:
@@ -160,7 +160,7 @@ class TaskTopics:
             return
         goal, feed_forward = entry.goal(message), entry.feed_forward(message)
         if goal is None and feed_forward is None:
-            raise GoalError('the message holds nothing that this task takes')
+            raise GoalError('the message has no goal or velocity for this task')
         frame = self._frame(message.header.frame_id) if entry.framed else None
         now = self._clock()
         if goal is not None and feed_forward is not None:
@@ -174,7 +174,7 @@ class TaskTopics:
     def _take_parts(self, name: str, parts: Parts) -> None:
         """Hand parts (frame, goal) to the controller, all of them or none."""
         if not parts:
-            raise GoalError('the message holds nothing that this task takes')
+            raise GoalError('the message has no goal or velocity for this task')
         task = self._controller.stack.tasks[name]
         placed = [(None if frame == task.reference else self._frame(frame), goal)
                   for frame, goal in parts]

@@ -59,11 +59,11 @@ class LevelStep(NamedTuple):
         None for a level with bounds.
     followed : ndarray (rank,)
         The share of its demand that damping leaves to each direction.
-    released : ndarray (n, k) or None
-        What the level leaves free, where that includes weak directions.
+    relaxed : ndarray (n, k) or None
+        What the level leaves free, where that includes relaxed directions.
     multipliers, row_multipliers : ndarray (n,), (r,), or None
         Of the bounds on the joints, and on the rows of all levels with bounds down to this one;
-        None where none was in the way.
+        None where none was active.
     bend : float
         h of this cycle alone (see `damping`).
 
@@ -72,7 +72,7 @@ class LevelStep(NamedTuple):
     velocity: Array
     directions: Directions | None = None
     followed: Array = NONE
-    released: Array | None = None
+    relaxed: Array | None = None
     multipliers: Array | None = None
     row_multipliers: Array | None = None
     bend: float = 0.0
@@ -98,9 +98,9 @@ class BoundedHierarchy:
         self._rest = np.zeros(len(allowed.lower))
         self.x = allowed.clip(self._rest)
         self.Z = identity(len(self.x))
-        # Levels with a demand so far; whether some of what they move was released.
+        # Levels with a demand so far; whether some of what they move was relaxed.
         self._above: list[tuple[Level, Directions]] = []
-        self._released = False
+        self._relaxed = False
 
     @property
     def damping(self) -> Damping:
@@ -109,7 +109,7 @@ class BoundedHierarchy:
 
     def carry_out(self, level: Level, c: float) -> LevelStep:
         """Come as near to what a level demands as is allowed, damped by its c."""
-        directions = decompose(level, self.Z if self._above else None, not self._released)
+        directions = decompose(level, self.Z if self._above else None, not self._relaxed)
         gains = self.damping.gains(directions.s, c)
         origin, missing = self._rest, level.v
         if self._above:
@@ -125,9 +125,9 @@ class BoundedHierarchy:
         met = not len(multipliers) and directions.rank == len(level.v) \
             and (not len(followed) or followed[-1] > 1.0 - ROUNDING)
         bend = 0.0 if met else self._bend(level, directions, multipliers)
-        released = self._leave(directions)
+        relaxed = self._leave(directions)
         self._above.append((level, directions))
-        return LevelStep(self.x, directions, followed, released, *self._apart(multipliers), bend)
+        return LevelStep(self.x, directions, followed, relaxed, *self._apart(multipliers), bend)
 
     def _keep_direction(self, level: Level, directions: Directions, gains: Array,
                         c: float) -> Array:
@@ -135,17 +135,17 @@ class BoundedHierarchy:
         J, U, s, Q = level.J, directions.U, directions.s, directions.Q
         achieved = U.T.dot(J.dot(self.x))
         if achieved.any():
-            # The way to the demand begins at rest, or as near to it as the bounds allow.
+            # The path to the demand begins at rest, or as near to it as the bounds allow.
             self._step(self.x, Q, -gains * achieved, s, c)
         # What bounds left of that is made up for in full: it was damped already.
         moved = U.T.dot(J.dot(self.x)) - achieved
-        way = gains * (U.T.dot(level.v) - achieved) - moved / s
-        length = norm(way)
+        step = gains * (U.T.dot(level.v) - achieved) - moved / s
+        length = norm(step)
         if length == 0.0:
             return NONE
         # One direction for the level, and all that do not move it.
-        D = np.column_stack([Q[:, :len(s)].dot(way / length), Q[:, len(s):]])
-        along = s * way / length
+        D = np.column_stack([Q[:, :len(s)].dot(step / length), Q[:, len(s):]])
+        along = s * step / length
         return self._step(self.x, D, np.array([length]), np.array([norm(along)]), c)
 
     def _take(self, x: Array) -> bool:
@@ -196,7 +196,7 @@ class BoundedHierarchy:
         self.Z = remaining(directions, region, self._damping.damping or region)
         if self.Z.shape[1] == directions.Q.shape[1] - directions.rank:
             return None
-        self._released = True
+        self._relaxed = True
         return self.Z
 
     # How what a level pushes against bends (h of `damping`)
@@ -226,8 +226,8 @@ class BoundedHierarchy:
 
     # Levels with bounds
 
-    def keep(self, level: Level, c: float) -> LevelStep:
-        """Meet the bounds of a level as far as they can be, and hold on to that; as above."""
+    def satisfy(self, level: Level, c: float) -> LevelStep:
+        """Satisfy the bounds of a level as far as possible, and keep that; see `carry_out`."""
         lengths = np.sqrt((level.J * level.J).sum(axis=1))
         lengths[lengths == 0.0] = 1.0
         rows = level.J / lengths[:, np.newaxis]
@@ -253,7 +253,7 @@ class BoundedHierarchy:
             lower = share * np.maximum(lower, 0.0) + np.minimum(lower, 0.0)
             upper = share * np.minimum(upper, 0.0) + np.maximum(upper, 0.0)
         A, least, most = self.allowed.along(self.x, Z)
-        # Mostly there is a way, and one program finds it.
+        # Mostly it is possible, and one program finds it.
         least, most = np.concatenate([least, lower]), np.concatenate([most, upper])
         found = nearest_point(np.zeros(Z.shape[1]), np.concatenate([A, G]), least, most)
         if found is not None:
@@ -277,7 +277,7 @@ class BoundedHierarchy:
         if self._above and self._above[-1][0].is_identity:
             return
         Z = self.Z
-        if self._released:
+        if self._relaxed:
             Z = null_space([level for level, _ in self._above], len(self.x))
         if not Z.shape[1]:
             return

@@ -24,7 +24,7 @@ The first term is for directions that hardly move the task. λ acts below the si
 only, and grows from nothing where a direction enters it.
 
 The second term is for directions that are curved. To one cycle a level is a plane. In truth it
-bends while a velocity is held for a period T, and so do the levels above that it pushes against.
+bends during a zero-order hold of a period T, and so do the levels above that it pushes against.
 Newton's method would add that bend to s²: it is the Hessian of the Lagrangian (Nocedal and
 Wright, Numerical Optimization, 18.1). Without it, a robot that reaches for what it cannot reach
 turns back in every cycle. The solver does not know it, but has a bound: J turns by about ‖J‖ for
@@ -59,11 +59,11 @@ TURNING = 2.0
 ROW_TURNING = 0.5
 # Share of λ, ε and μ that the first level has [1]. That level is to lose little: it misses 1 %
 # more than it must in 23 % of fast states with 1, 7 % with 0.5, 2 % with 0.2 (`loss.py`). The
-# levels below meet singular values of zero wherever they want what one above does not let them:
+# levels below meet singular values of zero wherever they demand what one above prevents:
 # with 0.5 for all, a swap of two levels makes joints jump by 380 rad/s² instead of 4.
 FIRST = 0.2
 # Time constant with which h follows what a level misses [s]. At the ridge of a manipulability that
-# is asked to rise, joints slip in 41 of 500 cycles with 0.3, in none with 0.1.
+# is maximized, joints slip in 41 of 500 cycles with 0.3, in none with 0.1.
 MEMORY = 0.1
 # h of each level.
 Memory = tuple[float, ...]
@@ -111,7 +111,7 @@ class Damping:
 
     @cached_property
     def _untouched(self) -> float:
-        """Return from which singular value on λ and the release touch nothing."""
+        """Return the singular value above which nothing is damped by λ or relaxed."""
         return max(0.0 if self.off else self.singular_region, self.release_region)
 
     @cached_property
@@ -122,7 +122,7 @@ class Damping:
         return 1.0 - (self.damping / self.singular_region) ** 2, self.damping ** 2
 
     def spares(self, s: float, c: float) -> bool:
-        """Say whether singular values of at least s are neither damped nor released."""
+        """Say whether singular values of at least s are neither damped nor relaxed."""
         return s >= self._untouched and s * s >= c
 
     def gains(self, s: Array, c: float) -> Array:

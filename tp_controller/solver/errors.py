@@ -29,6 +29,10 @@ class SolverError(TpControllerError):
 def unknown(what: str, name: object, valid: Iterable[str]) -> str:
     """Return a message that says what is unknown, what was meant perhaps, and what is valid."""
     valid = list(valid)
-    near = difflib.get_close_matches(str(name), valid, n=1)
-    hint = f' (did you mean {near[0]!r}?)' if near else ''
-    return f'unknown {what} {name!r}{hint}; valid: {", ".join(valid) or "none"}'
+    return f'unknown {what} {suggestion(name, valid)}; valid: {", ".join(valid) or "none"}'
+
+
+def suggestion(name: object, valid: Iterable[str]) -> str:
+    """Return a name in quotes, with the valid name that was meant perhaps."""
+    near = difflib.get_close_matches(str(name), list(valid), n=1)
+    return f'{name!r}' + (f' (did you mean {near[0]!r}?)' if near else '')

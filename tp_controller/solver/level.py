@@ -47,10 +47,10 @@ class Level:
     J : ndarray (m, n)
         Task Jacobian.
     v : ndarray (m,) or None
-        Wanted task velocity; None where there are bounds instead.
+        Desired task velocity; None where there are bounds instead.
     mode : str
-        What happens where a limit is in the way of v. ``least_squares``: the level comes as near
-        to v as it can. ``scale``: it keeps its direction and is slowed as little as possible.
+        What happens where a limit prevents v. ``least_squares``: the level comes as near to v as
+        it can. ``scale``: it keeps the direction of v, scaled down as little as possible.
     lower, upper : ndarray (m,) or None
         Bounds on the task velocity; infinite where there is none.
     is_identity : bool
@@ -93,7 +93,7 @@ def identity(n: int) -> Array:
 
 def norm(array: Array) -> float:
     """Return the Frobenius norm."""
-    # Of small arrays BLAS itself is three times as fast as the way through numpy.
+    # Of small arrays BLAS itself is three times as fast as numpy.
     return float(dnrm2(array.ravel('K'))) if array.size else 0.0
 
 
@@ -147,7 +147,7 @@ def _check_level(level: Any, name: str) -> Level:
     rows = (J.shape[0],)
     if level.v is not None:
         if level.lower is not None or level.upper is not None:
-            raise SolverError(f'{name}: has a wanted velocity v and bounds; it can have one')
+            raise SolverError(f'{name}: has both a velocity v and bounds; give one of them')
         v = _array(level.v, 1, f'{name}: J must be (m, n) and v (m,)')
         if v.shape != rows:
             raise SolverError(f'{name}: J must be (m, n) and v (m,), '
@@ -202,7 +202,7 @@ def _array(values: Any, dimensions: int, what: str) -> Array:
     try:
         array = np.asarray(values)
         if np.iscomplexobj(array):
-            raise TypeError('complex numbers are no velocities')
+            raise TypeError('complex numbers are not velocities')
         array = array.astype(float, copy=False)
     except (TypeError, ValueError) as error:
         raise SolverError(f'{what}: {error}') from error

@@ -30,7 +30,7 @@ from tp_controller.solver.damping import bend, Damping
 from tp_controller.solver.level import Array, Level, norm
 
 # With singular values below this share of ‖J‖ the squared condition number costs digits: the loop
-# is asked [1].
+# is used [1].
 WELL_CONDITIONED = 1e-2
 
 

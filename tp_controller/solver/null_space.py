@@ -101,7 +101,7 @@ def remaining(directions: Directions, region: float = 0.0, damping: float = 0.0)
     Return what a level leaves free (n, k').
 
     These are the motions that do not move it, orthonormal, and before them those along directions
-    with a singular value below `region`, released smoothly. Where a level keeps the share k of one
+    with a singular value below `region`, relaxed smoothly. Where a level keeps the share k of one
     it is shortened to λ √((1 − k) / k), at most 1, with λ = `damping`: what is damped by λ alone
     follows that by 1 − k.
     """

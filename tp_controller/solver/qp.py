@@ -38,7 +38,7 @@ import daqp
 import numpy as np
 from tp_controller.solver.level import Array, FEASIBLE
 
-# How exactly DAQP keeps bounds; the next one where rounding defeats this. Of 1.6 million programs
+# Tolerance of DAQP on bounds; the next one where rounding defeats this. Of 1.6 million programs
 # (`closed_loops.py`) six stay unsolved: their levels add nothing in that cycle. With 1e-5 for
 # the last one does, but levels above would feel 1e-5 of the others.
 TOLERANCES = (FEASIBLE, 1e-9, 1e-7, 1e-6)
@@ -102,5 +102,5 @@ def nearest_point(point: Array, A: Array, lower: Array, upper: Array) -> Answer 
 
 @lru_cache(maxsize=None)
 def _identity(k: int) -> Array:
-    """Return the identity as DAQP wants it, in memory that may be written to."""
+    """Return the identity as DAQP needs it, in memory that may be written to."""
     return np.eye(k)

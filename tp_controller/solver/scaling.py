@@ -23,28 +23,28 @@ def scale_uniformly(velocity: Array, lower: Array,
     """
     Slow all joints by the same factor until each is within its bounds (lecture 4).
 
-    The lecture's bounds are symmetric, s = max |ζ_i| / ζ_i,max; here each velocity is compared
+    In lecture 4 the bounds are symmetric, s = max |ζ_i| / ζ_i,max. Here each velocity is compared
     with the bound on its own side. Where the bounds of a joint exclude zero, as while it brakes,
-    the way to `velocity` begins at the slowest motion they allow instead of at rest.
+    the slowest motion they allow takes the place of rest.
 
     Returned are the velocity (n,), exactly within the bounds, 1/s in [0, 1], and the index of the
     joint that decided it.
     """
     slowest = _slowest(lower, upper)
-    way = velocity - slowest
-    bound = np.where(way > 0.0, upper, lower)
-    room = bound - slowest
-    size = np.abs(way)
-    too_fast = size - np.abs(room) > NEGLIGIBLE * size.max(initial=0.0)
+    change = velocity - slowest
+    bound = np.where(change > 0.0, upper, lower)
+    allowed = bound - slowest
+    size = np.abs(change)
+    too_fast = size - np.abs(allowed) > NEGLIGIBLE * size.max(initial=0.0)
     if not too_fast.any():
         return np.clip(velocity, lower, upper), 1.0, None
     ratios = np.ones(len(velocity))
-    np.divide(room, way, out=ratios, where=too_fast)
+    np.divide(allowed, change, out=ratios, where=too_fast)
     limiting = int(ratios.argmin())
     scale = float(ratios[limiting])
     # The products may miss their bounds by one rounding; these two lines take that away and no
     # more.
-    scaled = np.clip(slowest + scale * way, lower, upper)
+    scaled = np.clip(slowest + scale * change, lower, upper)
     scaled[limiting] = bound[limiting]
     return scaled, scale, limiting
 

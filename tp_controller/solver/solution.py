@@ -25,15 +25,15 @@ from tp_controller.solver.polytope import Polytope
 
 class LevelSolution:
     """
-    How far one level was carried out, and what stood in the way.
+    How far one level was carried out, and what limited it.
 
-    Everything beyond these attributes is worked out when it is asked for, from what the solver
-    knows already.
+    Everything beyond these attributes is computed when it is read, from what the solver knows
+    already.
 
     Attributes
     ----------
     wanted : ndarray (m,)
-        Task velocity that was asked for; of a level with bounds, the one within them that is
+        Demanded task velocity; of a level with bounds, the one within them that is
         nearest to `achieved`.
     achieved : ndarray (m,)
         J q_dot, with the velocity that was returned.
@@ -88,7 +88,7 @@ class LevelSolution:
         U = self._step.directions.U
         return missing - U.dot(self._step.followed * U.T.dot(missing))
 
-    # What bounds stood in its way
+    # What limited it
 
     @cached_property
     def scale(self) -> float:
@@ -111,7 +111,7 @@ class LevelSolution:
     @property
     def multipliers(self) -> Array:
         """
-        Return the multipliers of the bounds on the joints (n,), zero where none is in the way.
+        Return the multipliers of the bounds on the joints (n,), zero where none is active.
 
         Positive for an upper bound, negative for a lower one. Widening the bound by ε lets
         ½ ‖residual‖² of the level, as it was before the levels below, fall by abs(multiplier) ε.
@@ -122,20 +122,20 @@ class LevelSolution:
 
     @property
     def limited_by(self) -> list[int]:
-        """Return the joints whose bounds are in the way, as indices, the strongest first."""
+        """Return the joints whose bounds limit it, as indices, the strongest first."""
         size = np.abs(self.multipliers)
         least = max(NEGLIGIBLE * size.max(initial=0.0), ROUNDING)
         return [int(joint) for joint in np.argsort(-size, kind='stable') if size[joint] > least]
 
     @property
     def limited_velocity(self) -> Array:
-        """Return the joint velocities (n,) at which bounds stood in the way of the level."""
+        """Return the joint velocities (n,) at which bounds limited the level."""
         return self._solution.velocity if self._solution.slowed < 1.0 else self.velocity
 
     @property
     def row_multipliers(self) -> dict[int, Array]:
         """
-        Return the multipliers (m,) of the levels with bounds in the way of this one, by index.
+        Return the multipliers (m,) of the levels with bounds that limit this one, by index.
 
         Levels above it, or the level itself; signs as for `multipliers`.
         """
@@ -161,15 +161,15 @@ class LevelSolution:
     @property
     def disturbance_bound(self) -> float:
         """
-        Return the most that the levels below may add, as a norm; 0 where nothing is released.
+        Return the most that the levels below may add, as a norm; 0 where nothing is relaxed.
 
-        It is the largest singular value of the level on what it left them, below the release
-        region, times the speed of the joints that they add.
+        It is the largest singular value of the level on what it left them, below
+        `release_region`, times the speed of the joints that they add.
         """
-        if self._step.released is None:
+        if self._step.relaxed is None:
             return 0.0
-        sizes = np.linalg.norm(self._step.released, axis=0)
-        left = self._step.released[:, sizes > 0.0] / sizes[sizes > 0.0]
+        sizes = np.linalg.norm(self._step.relaxed, axis=0)
+        left = self._step.relaxed[:, sizes > 0.0] / sizes[sizes > 0.0]
         basis, s, _ = np.linalg.svd(left, full_matrices=False)
         basis = basis[:, s > NEGLIGIBLE * s[0]]
         return float(np.linalg.norm(self._level.J.dot(basis), 2)
@@ -191,7 +191,7 @@ class Solution:
     memory : tuple of float
         What the cycle leaves to the next one: h of each level (`tp_controller.solver.damping`).
     hierarchy : list of Level
-        What was asked for.
+        What was to be solved.
     whole, slowed : ndarray (n,), float
         Velocities before uniform scaling, and its factor; `velocity` and 1 without it.
 
@@ -214,7 +214,7 @@ class Solution:
         """Return how each level was carried out."""
         if self._steps is not None:
             return self._steps
-        # Nothing was damped and no bound in the way.
+        # Nothing was damped and no bound active.
         infinite = np.full(len(self.velocity), np.inf)
         recursion = BoundedHierarchy(Polytope(-infinite, infinite), Damping())
         return [LevelStep(recursion.x) if level.v is None else recursion.carry_out(level, 0.0)
@@ -222,7 +222,7 @@ class Solution:
 
     @property
     def bounded(self) -> bool:
-        """Return whether bounds were in the way."""
+        """Return whether bounds were active."""
         return self._steps is not None and any(
             step.multipliers is not None for step in self._steps)
 
@@ -237,7 +237,7 @@ class Solution:
 
     @property
     def limiting(self) -> int | None:
-        """Return the joint whose bound stands most in the way; None where none does."""
+        """Return the joint whose bound limits most; None where none does."""
         return next((level.limited_by[0] for level in self.levels if level.limited_by), None)
 
     @cached_property

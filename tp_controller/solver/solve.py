@@ -16,7 +16,7 @@
 The task-priority solver: levels in, velocities out.
 
 A fast path where all levels can be met (`min_norm`), else one loop over the levels
-(`bounded_hierarchy`), and uniform scaling after it where that is asked for (`scaling`). What one
+(`bounded_hierarchy`), and uniform scaling after it where that is chosen (`scaling`). What one
 cycle has to remember for the next is a value that goes in and comes out.
 """
 
@@ -65,7 +65,7 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
         first level has a fifth of it, and of the singular region unless that is infinite.
     scaling : str
         What is done where a velocity exceeds its bounds. ``redistribute``: every level is solved
-        within them, so that other joints take over, and lower levels give way before higher
+        within them; other joints move instead, and lower levels are limited before higher
         ones. ``uniform``: all velocities are divided by the same factor until the bounds hold
         (lecture 4), which keeps the direction of every task.
     singular_region : float
@@ -73,14 +73,14 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
         λ² (1 − (s / singular_region)²), which grows from nothing where they enter it. Infinite:
         all directions are damped by λ², the damped least squares of the lecture.
     release_region : float
-        Directions whose singular value is below this are released to the levels below, smoothly.
-        0: never.
+        Directions whose singular value is below this are relaxed: left to the levels below,
+        smoothly. 0: never.
     regularisation : float
         With bounds: what keeps the answer from jumping from one corner of them to another, in
         the units of J; the first level has a fifth of it. 0 is exact.
     period : float
-        How long the velocity will be held [s]; levels that push against what bends are damped as
-        far as that needs (`tp_controller.solver.damping`). 0: not at all.
+        Zero-order hold of the velocity [s]. Levels that push against what bends in this time
+        are damped accordingly (`tp_controller.solver.damping`). 0: not at all.
     speed_cap : array_like (n,), optional
         With ``redistribute``: speed up to which the levels below the first may use a joint.
     memory : tuple, optional
@@ -195,9 +195,9 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
 
 def _fast(levels: list[Level], lower: Array, upper: Array, options: Options,
           period: float, speed_cap: Array | None, curved: list[float]) -> Array | None:
-    """Return the velocity (n,) where nothing is in the way, else None."""
+    """Return the velocity (n,) where no bound is active and nothing is damped, else None."""
     demands = [level for level in levels if level.v is not None]
-    kept = [level for level in levels if level.v is None]
+    bounded = [level for level in levels if level.v is None]
     curved = [c for level, c in zip(levels, curved) if level.v is not None]
     x = min_norm(demands, options.n, options.damping, period, curved, options.weights)
     if x is None or not math.isfinite(x.dot(x)):
@@ -206,7 +206,7 @@ def _fast(levels: list[Level], lower: Array, upper: Array, options: Options,
     if speed_cap is not None and len(demands) > 1:
         allowed = Polytope(allowed.clip(-speed_cap), allowed.clip(speed_cap))
     x = allowed.fitting(x)
-    return x if x is not None and all(level.meets(x) for level in kept) else None
+    return x if x is not None and all(level.meets(x) for level in bounded) else None
 
 
 def _loop(levels: list[Level], lower: Array, upper: Array, options: Options,
@@ -217,7 +217,7 @@ def _loop(levels: list[Level], lower: Array, upper: Array, options: Options,
     steps = []
     for level, c in zip(levels, curved):
         if level.v is None:
-            steps.append(hierarchy.keep(level, c))
+            steps.append(hierarchy.satisfy(level, c))
             continue
         steps.append(hierarchy.carry_out(level, c))
         if speed_cap is not None:

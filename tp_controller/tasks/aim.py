@@ -31,8 +31,8 @@ from tp_controller.tasks.task import Task
 Axis: TypeAlias = str | Sequence[float] | Array
 SomeTask = TypeVar('SomeTask', bound='AimedTask')
 
-# The axis of a task without a goal is taken to point at what is so far away [m].
-HELD_DISTANCE = 1.0
+# The default goal of an axis is a point so far away [m].
+DEFAULT_DISTANCE = 1.0
 # A point nearer than this turns as if it were so far away [m].
 NEAREST = 0.01
 LETTERS = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
@@ -97,7 +97,7 @@ class Aim(Protocol):
     def in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
         """Return a goal given in another frame."""
 
-    def held(self, state: RobotState, axis: Array) -> Array:
+    def current(self, state: RobotState, axis: Array) -> Array:
         """Return what the axis (3,) of the frame points at now."""
 
     def sight(self, state: RobotState, goal: Array) -> tuple[Array, Array]:
@@ -137,7 +137,7 @@ class DirectionAim:
         """Return a direction given in the axes of another frame."""
         return T_reference_frame[:3, :3].dot(goal)
 
-    def held(self, state: RobotState, axis: Array) -> Array:
+    def current(self, state: RobotState, axis: Array) -> Array:
         """Return the direction that the axis (3,) of the frame has now."""
         return state.rotation(self._reference).T.dot(state.rotation(self._frame).dot(axis))
 
@@ -173,9 +173,9 @@ class PointAim:
         """Return a point given in another frame."""
         return T_reference_frame[:3, :3].dot(goal) + T_reference_frame[:3, 3]
 
-    def held(self, state: RobotState, axis: Array) -> Array:
+    def current(self, state: RobotState, axis: Array) -> Array:
         """Return a point that the axis (3,) of the frame points at now."""
-        ahead = state.position(self._frame) + HELD_DISTANCE * state.rotation(
+        ahead = state.position(self._frame) + DEFAULT_DISTANCE * state.rotation(
             self._frame).dot(axis)
         return state.rotation(self._reference).T.dot(ahead - state.position(self._reference))
 
@@ -200,12 +200,12 @@ class PointAim:
     def _seen(self, state: RobotState, goal: Array) -> tuple[Array, float, Array]:
         """Return direction and distance of the point, and its offset from the reference."""
         offset = state.rotation(self._reference).dot(goal)
-        way = state.position(self._reference) + offset - state.position(self._frame)
-        distance = math.sqrt(way.dot(way))
+        line = state.position(self._reference) + offset - state.position(self._frame)
+        distance = math.sqrt(line.dot(line))
         if distance < SHORTEST:
             # On the point itself every direction is as good.
             return np.array([0.0, 0.0, 1.0]), NEAREST, offset
-        return way / distance, max(distance, NEAREST), offset
+        return line / distance, max(distance, NEAREST), offset
 
 
 AIMS: dict[str, type[Aim]] = {'direction': DirectionAim, 'point': PointAim}
@@ -266,7 +266,7 @@ class AimedTask(MovingGoalTask):
 
     def value(self, state: RobotState) -> Array:
         """Return what the axis points at now, in the form of a goal (3,)."""
-        return self.aim.held(state, self.axis)
+        return self.aim.current(state, self.axis)
 
     def parse_goal(self, goal: ArrayLike) -> Array:
         """Return a goal (3,), or raise `GoalError` if it cannot be one."""
@@ -277,7 +277,7 @@ class AimedTask(MovingGoalTask):
         return self.aim.in_reference(goal, T_reference_frame)
 
     def goal_pose(self, state: RobotState) -> Array:
-        """Return the point, or the place of the frame, with the orientation that is wanted."""
+        """Return the point, or the place of the frame, with the desired orientation."""
         direction, _ = self.aim.sight(state, self.goal)
         return self.aim.place(state, self.goal,
                               turn_between(self.axis_in_root(state), direction))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tasks about where the base of the robot is, as it is for the lecture's vehicles (3.1)."""
+"""Tasks about where the base of the robot is, for vehicles with an arm (lecture 3.1)."""
 
 from tp_controller.errors import TaskError
 from tp_controller.model.robot import Robot
@@ -25,7 +25,7 @@ from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
 
 class BaseTask(FrameTask):
     """
-    What makes a task about a frame one about the base, to be inherited from before its type.
+    Makes a task about a frame one about the base; to be inherited before its type.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class BaseTask(FrameTask):
                  gain: Gain = DEFAULT_GAIN, tolerance: Tolerance | None = None,
                  timeout: float = DEFAULT_TIMEOUT, mode: str = DEFAULT_MODE) -> None:
         if not robot.moves:
-            raise TaskError(name, [('type', f'{self.type_name} needs a robot whose base moves, '
+            raise TaskError(name, [('type', f'{self.type_name} needs a robot whose base moves; '
                                             f'the base of this one is {robot.base}')])
         if axes is None:
             axes = [axis for axis, row in zip(self.axis_names(), range(6)[self.twist_rows])

@@ -30,11 +30,11 @@ from tp_controller.tasks.task import DEFAULT_TIMEOUT, Evaluation, Goal, Task
 
 DEFAULT_BOUND_GAIN = 10.0
 DEFAULT_RETURN_SPEED = 0.2
-# No joint has to be faster than this on the way back of one row, however little it moves the
+# No joint has to be faster than this to bring one row back, however little it moves the
 # value [rad/s or m/s].
 RETURN_JOINT_SPEED = 0.5
 # A bound is out of reach where all joints together would have to move by more than this, along a
-# row that does not change [rad or m]. Then a row that they move by less than `STILL` is let go,
+# row that does not change [rad or m]. Then a row that they move by less than `STILL` is relaxed,
 # smoothly: at half of that it may get away at `DRIFT` [unit/rad, unit/s].
 FAR, STILL, DRIFT = 1.0, 2e-2, 1e-2
 TINY = 1e-12
@@ -75,22 +75,21 @@ class Moment:
 
 class BoundedTask(Task):
     """
-    A value σ(q) that stays between bounds, and that the task leaves alone in between.
+    An inequality task: a value σ(q) that stays between bounds, and is free in between.
 
-    The velocity of the value may lead to a bound only as fast as γ times the distance to it, so
-    that the bound is approached but not crossed::
+    The value approaches a bound at most as fast as γ times the distance to it, so that the bound
+    is not crossed::
 
         γ (lower − σ) ≤ J q_dot ≤ γ (upper − σ)
 
-    A value that is outside comes back, at the same rate but never faster than `return_speed`, nor
-    so fast that joints would race: it may be far outside when the task begins. A row that hardly
-    moves and whose bound is out of reach, as of a link that turns about its own axis, is let go,
-    or the sign of next to nothing would decide where a joint may go. Where the bounds themselves
-    move, their velocity is added to both sides.
+    A value outside comes back at the same rate, but never faster than `return_speed`, nor so fast
+    that joints would race: it may be far outside when the task begins. Relax a row whose bound is
+    out of reach: ‖J‖ < ``STILL``, distance/‖J‖ > ``FAR``; otherwise the sign of a tiny number would
+    decide where a joint may go. Where the bounds move, their velocity is added to both sides.
 
-    A command is held for a period T, in which J changes, and the curvature of the way leads beyond
-    the bound by ½ T² q_dotᵀ ∂²σ/∂q² q_dot. Half of what J has changed by since the last cycle,
-    times the velocity since then, is that per period, and it is kept free.
+    During a zero-order hold of a period T the Jacobian changes: the value would cross the bound by
+    ½ T² q_dotᵀ ∂²σ/∂q² q_dot. Per period that is ½ ΔJ q_dot, with the change ΔJ of J since the
+    last cycle. It is subtracted from the bound.
 
     A subclass implements `observe`. Where the rows change from cycle to cycle bounds may be
     scalars, and `observe_rows` is overridden, which also says what each row is about.
@@ -102,8 +101,8 @@ class BoundedTask(Task):
     lower, upper : float or ndarray (rows,)
         Bounds of the value, infinite where there is none.
     gain, return_speed, tolerance, timeout
-        γ [1/s], speed [unit/s], how far outside still counts as kept, and how long a velocity
-        of moving bounds is believed [s].
+        γ [1/s], speed [unit/s], how far outside still counts as satisfied, and how long a
+        velocity of moving bounds stays in force [s].
 
     """
 
@@ -113,10 +112,10 @@ class BoundedTask(Task):
     keys = {
         'gain': 'γ: how fast a bound may be approached, per distance to it; at most 1/period '
                 '[1/s]',
-        'return_speed': 'the most that is asked for on the way back from outside [m/s, rad/s or '
+        'return_speed': 'largest speed at which a value outside is brought back [m/s, rad/s or '
                         '1/s]',
-        'tolerance': 'how far outside still counts as kept: a number, or one for each unit as '
-                     '{m: …, rad: …} [m, rad]',
+        'tolerance': 'how far outside still counts as satisfied: a number, or one for each '
+                     'unit as {m: …, rad: …} [m, rad]',
     }
 
     def __init__(self, robot: Robot, name: str, units: Sequence[str], keys: Keys,
@@ -163,14 +162,14 @@ class BoundedTask(Task):
         return self.observe(state)[1]
 
     def error(self, state: RobotState) -> Array:
-        """Return the way back to between the bounds (m,); zero inside."""
-        return self._way_back(self.observe(state)[0])
+        """Return the distance back to the bounds (m,), with its sign; zero inside."""
+        return self._distance_back(self.observe(state)[0])
 
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
         seen = self.observe_rows(state)
         value, J = seen.value, seen.J
-        error = self._way_back(value)
+        error = self._distance_back(value)
         self._remember(Moment(now, state.q, seen))
         moved = np.sqrt((J * J).sum(axis=1))
         motion, curved = self.own_motion(state, now), self._curved(seen, state.velocity)
@@ -180,17 +179,17 @@ class BoundedTask(Task):
         if error.any():
             lost = _drift(error, moved)
             lower, upper = lower - lost, upper + lost
-        # Only what leads outwards needs room, as far as there is any.
+        # Only what leads outwards needs a margin, as far as there is any.
         level = Level(J, lower=np.minimum(lower - np.minimum(curved, 0.0), upper),
                       upper=np.maximum(upper - np.maximum(curved, 0.0), lower))
         return Evaluation(self, level, error, seen.names)
 
-    def _way_back(self, value: Array) -> Array:
-        """Return the way back to between the bounds (m,)."""
+    def _distance_back(self, value: Array) -> Array:
+        """Return the distance back to the bounds (m,), with its sign; zero inside."""
         return np.minimum(np.maximum(value, self.lower), self.upper) - value
 
     def _curved(self, seen: Observation, velocity: Array) -> Array:
-        """Return the speed (m,) that the curvature of the way adds until the next cycle."""
+        """Return the speed (m,) that the change of J adds until the next cycle."""
         J = seen.J
         if self._before is None:
             return np.zeros(len(J))
@@ -222,11 +221,11 @@ class BoundedTask(Task):
         self._latest = moment
 
     def start(self, state: RobotState) -> None:
-        """There is nothing to hold."""
+        """There is no default goal."""
 
-    def release(self) -> None:
+    def reset(self) -> None:
         """Forget the cycles before, so that the next one begins anew."""
-        super().release()
+        super().reset()
         self._latest = self._before = None
 
     def inherit_goal(self, other: Task) -> None:
@@ -237,7 +236,7 @@ class BoundedTask(Task):
 
     def parse_goal(self, goal: Any) -> Goal:
         """Raise `GoalError`: a task with bounds has no goal, unless its type says otherwise."""
-        raise GoalError(f'task {self.name!r} takes no goal: it keeps bounds')
+        raise GoalError(f'task {self.name!r} takes no goal: it is an inequality task')
 
     def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
                                                                       ...]:
@@ -246,19 +245,19 @@ class BoundedTask(Task):
                      for rows, unit, tolerance in self.groups)
 
 
-def _drift(way_back: Array, moved: Array) -> Array:
+def _drift(back: Array, moved: Array) -> Array:
     """Return how fast rows may get away whose bounds are out of reach (m,)."""
-    return out_of_reach(way_back, moved) * DRIFT * np.maximum(
+    return out_of_reach(back, moved) * DRIFT * np.maximum(
         STILL / np.maximum(moved, TINY) - 1.0, 0.0)
 
 
-def out_of_reach(way_back: Array, moved: Array) -> Array:
+def out_of_reach(back: Array, moved: Array) -> Array:
     """
     Return from 0 to 1 whether bounds are too far away for their rows.
 
     Parameters
     ----------
-    way_back, moved : ndarray (m,)
+    back, moved : ndarray (m,)
         How far it is back to the bounds, and how long the rows are.
 
     Returns
@@ -266,5 +265,5 @@ def out_of_reach(way_back: Array, moved: Array) -> Array:
     ndarray (m,)
 
     """
-    travel = np.abs(way_back) / np.maximum(moved, TINY)
+    travel = np.abs(back) / np.maximum(moved, TINY)
     return np.minimum(np.maximum(travel / FAR - 1.0, 0.0), 1.0)

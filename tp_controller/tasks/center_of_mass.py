@@ -61,7 +61,7 @@ class CenterOfMass(PointTask):
         return state.center_of_mass()[0]
 
     def error(self, state: RobotState) -> Array:
-        """Return the way to the goal along the axes that count (rows,) [m]."""
+        """Return the vector to the goal along the axes that count (rows,) [m]."""
         return (self.goal - self.value(state))[self._rows]
 
     def jacobian(self, state: RobotState) -> Array:

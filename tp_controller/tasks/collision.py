@@ -250,7 +250,7 @@ class SelfCollision(CollisionTask):
 @dataclass(frozen=True, eq=False)
 class Obstacle:
     """
-    What stands in the way.
+    What the robot may collide with.
 
     Attributes
     ----------

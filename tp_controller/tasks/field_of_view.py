@@ -26,7 +26,7 @@ from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT
 from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
 from tp_controller.tasks.task import DEFAULT_TIMEOUT
 
-# Nearer to the middle of the view than this there is no way out of it to be bounded [rad].
+# Nearer to the middle of the view than this no direction leads out of it [rad].
 MIDDLE = 1e-9
 
 
@@ -34,7 +34,7 @@ class FieldOfView(AimedTask, BoundedTask):
     """
     Keep a point, or the origin of another frame, within a cone about the axis of a camera.
 
-    One row: the angle between the axis and the way to the point.
+    One row: the angle between the axis and the direction to the point.
 
     The goal is the point (3,) [m] in the reference frame. A twist says how it moves.
     """
@@ -61,10 +61,10 @@ class FieldOfView(AimedTask, BoundedTask):
         keys.raise_faults(name)
 
     def start(self, state: RobotState) -> None:
-        """Without a goal, keep what is straight ahead in view."""
+        """Take what is straight ahead as the default goal."""
         super().start(state)
         if self.goal is None:
-            self.goal, self.held = self.aim.held(state, self.axis), True
+            self.goal, self.has_default_goal = self.aim.current(state, self.axis), True
 
     def value(self, state: RobotState) -> Array:
         """Return the angle (1,) [rad]."""

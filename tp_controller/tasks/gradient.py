@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Scalar functions of the joints that are climbed, as far as the tasks above leave room."""
+"""Scalar objectives of the joints, maximized in the null space of the tasks above."""
 
 from abc import abstractmethod
 from typing import Any
@@ -31,11 +31,11 @@ DEFAULT_SPEED = 0.5
 
 class GradientTask(Task):
     """
-    Climb a function h(q): the wanted joint velocity is K ∂h/∂q, projected by the levels above.
+    Maximize a function h(q): the desired joint velocity is K ∂h/∂q, projected by the levels above.
 
-    The gradient is wanted as a velocity of all joints, J = I. As a single row J = ∂h/∂q the
-    task would ask for a rate of h, and where the levels above leave hardly any way to climb it
-    would have the joints race along it.
+    The gradient is a demand for a velocity of all joints, J = I. A single row J = ∂h/∂q would
+    demand a rate of h. Where the levels above leave hardly any direction for it, the joints would
+    race along that direction.
 
     A subclass implements `measure`. Its constructor calls this one and then
     `Keys.raise_faults`, as any other task's.
@@ -45,14 +45,15 @@ class GradientTask(Task):
     robot, name, keys, gain, tolerance, mode
         See `Task`.
     max_speed : float
-        Norm of the wanted velocity at most [rad/s or m/s].
+        Norm of the desired velocity at most [rad/s or m/s].
 
     """
 
     keys = {
         'gain': 'gain K: joint velocity per slope of the function [1/s]',
-        'max_speed': 'norm of the wanted joint velocities at most [rad/s or m/s]',
-        'tolerance': 'speed of climbing below which the top counts as reached [rad/s or m/s]',
+        'max_speed': 'norm of the desired joint velocities at most [rad/s or m/s]',
+        'tolerance': 'joint speed along the gradient below which the maximum counts as reached '
+                     '[rad/s or m/s]',
     }
 
     def __init__(self, robot: Robot, name: str, keys: Keys, *, gain: Gain = DEFAULT_GAIN,
@@ -82,7 +83,7 @@ class GradientTask(Task):
         return np.array([self.measure(state)[0]])
 
     def error(self, state: RobotState) -> Array:
-        """Return the wanted joint velocities (n,) [rad/s or m/s]."""
+        """Return the desired joint velocities (n,) [rad/s or m/s]."""
         wanted = self.gain * self.measure(state)[1]
         speed = norm(wanted)
         return wanted if speed <= self.max_speed else wanted * (self.max_speed / speed)
@@ -97,17 +98,17 @@ class GradientTask(Task):
         return Evaluation(self, Level.of_joints(error, self.mode), error)
 
     def start(self, state: RobotState) -> None:
-        """There is nothing to hold."""
+        """There is no default goal."""
 
     def parse_goal(self, goal: Any) -> Goal:
-        """Raise `GoalError`: the goal is the top."""
-        raise GoalError(f'task {self.name!r} takes no goal: it climbs a function')
+        """Raise `GoalError`: the goal is the maximum."""
+        raise GoalError(f'task {self.name!r} takes no goal: it maximizes an objective')
 
     def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
                                                                       ...]:
         """Return how fast the function changes, along its gradient; see `Task`."""
         speed = norm(error)
-        climbing = float(error.dot(error - residual)) / speed if speed > 0.0 else 0.0
+        rate = float(error.dot(error - residual)) / speed if speed > 0.0 else 0.0
         (_, unit, tolerance), = self.groups
-        # Falling, because the tasks above need it, is no rest at the top either.
-        return (abs(climbing), f'{unit}/s', tolerance),
+        # Decreasing, because the tasks above need it, is no rest at the maximum either.
+        return (abs(rate), f'{unit}/s', tolerance),

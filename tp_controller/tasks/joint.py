@@ -114,7 +114,7 @@ class Joint(JointTask):
     Bring joints to positions: σ = q_i, error q_i,d − q_i (lecture 3.5).
 
     The goal is one position for each joint, or some by name; joints that a goal leaves out keep
-    theirs, and joints that never had one hold the position they started at.
+    theirs. The default goal of a joint is the position it starts at.
     """
 
     type_name = 'joint'
@@ -130,7 +130,7 @@ class Joint(JointTask):
                          timeout=timeout, mode=mode)
         self._wrapped = robot.continuous[self._indices]
         self._wraps = bool(self._wrapped.any())
-        self._held_rows = np.zeros(self.rows, dtype=bool)
+        self._default_rows = np.zeros(self.rows, dtype=bool)
         if target is not None and not any(key == 'joints' for key, _ in keys.faults):
             self.goal = keys.check('target', self.parse_goal, target)
         keys.raise_faults(name)
@@ -140,25 +140,25 @@ class Joint(JointTask):
         return self.positions(state)
 
     def start(self, state: RobotState) -> None:
-        """Hold the positions of joints that have no goal."""
+        """Take the positions of joints without a goal as their default goals."""
         if self.goal is None:
             self.goal = np.full(self.rows, math.nan)
         waiting = np.isnan(self.goal)
         self.goal = np.where(waiting, self.value(state), self.goal)
-        self._held_rows = self._held_rows | waiting
-        self.held = bool(self._held_rows.any())
+        self._default_rows = self._default_rows | waiting
+        self.has_default_goal = bool(self._default_rows.any())
 
     def set_goal(self, goal: Array, now: float) -> None:
-        """Take a goal; joints whose position it changes are held no more."""
-        if self.held:
-            self._held_rows &= goal == self.goal
+        """Take a goal; joints that it moves have no default goal any more."""
+        if self.has_default_goal:
+            self._default_rows &= goal == self.goal
         super().set_goal(goal, now)
-        self.held = bool(self._held_rows.any())
+        self.has_default_goal = bool(self._default_rows.any())
 
-    def release(self) -> None:
-        """Forget positions that were only held."""
-        if self.held:
-            self.goal = np.where(self._held_rows, math.nan, self.goal)
+    def reset(self) -> None:
+        """Forget default goals."""
+        if self.has_default_goal:
+            self.goal = np.where(self._default_rows, math.nan, self.goal)
 
     def inherit_goal(self, other: Task) -> None:
         """Go on with the positions of a task that this one replaces, where it gives none."""
@@ -168,14 +168,14 @@ class Joint(JointTask):
         taken = np.isnan(mine)
         if other.goal is not None:
             self.goal = np.where(taken, other.goal, mine)
-            self._held_rows = taken & other._held_rows
-            self.held = bool(self._held_rows.any())
+            self._default_rows = taken & other._default_rows
+            self.has_default_goal = bool(self._default_rows.any())
         if other._feed_forward is not None:
             self._feed_forward = np.where(taken, other._feed_forward, 0.0)
             self._feed_forward_time = other._feed_forward_time
 
     def error(self, state: RobotState) -> Array:
-        """Return the way to the goal (rows,), joints without end by the shorter way."""
+        """Return goal minus position (rows,); of joints without end the shorter turn."""
         error = self.goal - self.positions(state)
         if self._wraps:
             error[self._wrapped] = wrap_angle(error[self._wrapped])
@@ -203,7 +203,7 @@ class Joint(JointTask):
 
 class Posture(Joint):
     """
-    Bring all joints to a posture; at the end of a stack it settles what is left free.
+    Bring all joints to a posture; as the last task it determines what is left free.
 
     The same as `joint` with all joints, none of which needs a goal.
     """
@@ -220,10 +220,10 @@ class Posture(Joint):
 
 class JointVelocity(VelocityTask, JointTask):
     """
-    Move joints with wanted velocities, as y(t) in the null space (lecture 1.2, lab exercise 1).
+    Move joints with desired velocities, as y(t) in the null space (lecture 1.2, lab exercise 1).
 
-    The goal is one velocity for each joint, or some by name [rad/s or m/s]. It times out: no
-    motion is asked for then.
+    The goal is one velocity for each joint, or some by name [rad/s or m/s]. It times out:
+    then the demand is zero.
     """
 
     type_name = 'joint_velocity'

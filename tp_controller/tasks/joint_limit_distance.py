@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Joints that keep near the middle of their ranges, as far as the tasks above leave room."""
+"""Joints that stay near the middle of their ranges, in the null space of the tasks above."""
 
 from typing import Any
 
@@ -32,7 +32,7 @@ CURVED = 0.8
 
 class JointLimitDistance(GradientTask):
     """
-    Climb the distance of the joints from their limits, h = −Σ 1 / (1 − x²).
+    Maximize the distance of the joints from their limits, h = −Σ 1 / (1 − x²).
 
     x is the place of a joint in its range, −1 at the lower limit and 1 at the upper one: h is
     the sum of (upper − lower)² / (4 (upper − q) (q − lower)) of the weighted gradient projection
@@ -54,11 +54,11 @@ class JointLimitDistance(GradientTask):
         """Return h and its gradient (n,) [1/rad or 1/m]."""
         x = (state.positions[self._limited] - self._middle) / self._half
         curved = np.clip(x, -CURVED, CURVED)
-        room = 1.0 - curved * curved
-        slope = -2.0 * curved / (room * room)
+        gap = 1.0 - curved * curved
+        slope = -2.0 * curved / (gap * gap)
         gradient = np.zeros(self.robot.n)
         gradient[self._limited] = slope / self._half
-        return float(np.sum(slope * (x - curved) - 1.0 / room)), gradient
+        return float(np.sum(slope * (x - curved) - 1.0 / gap)), gradient
 
 
 def _any(limited: NDArray[np.bool_]) -> None:

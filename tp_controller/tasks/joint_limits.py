@@ -30,14 +30,14 @@ class JointLimits(JointTask, BoundedTask):
     """
     Keep joints a margin away from their position limits (lecture 3.1, inequality tasks).
 
-    The position limits themselves always hold, whatever is in the stack. This task keeps a
-    distance to them, which the tasks above it may use up.
+    The position limits themselves always hold, whatever is in the stack. This task adds a margin,
+    which the tasks above it may violate.
     """
 
     type_name = 'joint_limits'
     feed_forward_type = None
-    keys = {'margin': 'distance to the limits that is kept [rad or m]'}
-    # It has joints, but wants no velocity of them.
+    keys = {'margin': 'distance that is kept to the limits [rad or m]'}
+    # It has joints, but demands no velocity of them.
     parse_feed_forward = Task.parse_feed_forward
 
     def __init__(self, robot: Robot, name: str, *, joints: Joints | None = None,

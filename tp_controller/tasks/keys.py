@@ -75,6 +75,11 @@ class Keys:
             raise TaskError(name, self.faults)
 
 
+def with_unit(value: str, unit: str) -> str:
+    """Return a number and its unit as text."""
+    return value if unit == '1' else f'{value} {unit}'
+
+
 def number(value: object) -> float:
     """Return a finite float, or raise ValueError."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= LARGEST:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How well a frame can move: a measure of the way to singularities, and tasks about it."""
+"""How well a frame can move: a measure of the distance to singularities, and tasks about it."""
 
 from typing import Any
 
@@ -68,7 +68,7 @@ class Mobility:
 
         """
         U, s, V_T = np.linalg.svd(state.jacobian(self._frame)[self._rows], full_matrices=False)
-        # w J⁺ without the division, which a singularity would not stand.
+        # w J⁺ without the division, which is impossible at a singularity.
         others = np.where(self._own, 1.0, s).prod(axis=1)
         self._weights[self._rows] = (U * others).dot(V_T)
         return float(np.prod(s)), state.jacobian_gradient(self._frame, self._weights)
@@ -76,9 +76,9 @@ class Mobility:
 
 class Manipulability(GradientTask):
     """
-    Climb the manipulability of a frame: the joints move to where it can move well.
+    Maximize the manipulability of a frame: the joints move to where it can move well.
 
-    Climbed is ln w, whose slope does not depend on the size of the robot.
+    The objective is ln w, whose slope does not depend on the size of the robot.
     """
 
     type_name = 'manipulability'

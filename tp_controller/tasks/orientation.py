@@ -25,7 +25,7 @@ from tp_controller.model.spatial import (
     pose,
     rotation_from_quaternion,
     rotation_vector,
-    shorter_way,
+    shorter_rotation,
 )
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.frame import FrameTask
@@ -33,14 +33,14 @@ from tp_controller.tasks.keys import finite_vector
 from tp_controller.tasks.task import Goal, Task
 
 
-class WayRound:
-    """The error of an orientation, with the way round remembered near half a turn."""
+class ContinuousRotation:
+    """The error of an orientation, with its direction remembered near half a turn."""
 
     def __init__(self) -> None:
         self._previous: Array | None = None
 
     def forget(self) -> None:
-        """Choose the shorter way anew."""
+        """Choose the direction anew."""
         self._previous = None
 
     def error(self, R_desired: Array, R_actual: Array) -> Array:
@@ -48,31 +48,31 @@ class WayRound:
         return self.follow(rotation_vector(R_desired.dot(R_actual.T)))
 
     def follow(self, vector: Array) -> Array:
-        """Return a rotation vector (3,), or the same turn the other way round [rad]."""
-        self._previous = shorter_way(vector, self._previous)
+        """Return a rotation vector (3,), or the same turn in the other direction [rad]."""
+        self._previous = shorter_rotation(vector, self._previous)
         return self._previous
 
-    def inherit(self, other: 'WayRound') -> None:
-        """Go on the way that another one took."""
+    def inherit(self, other: 'ContinuousRotation') -> None:
+        """Keep the direction of another one."""
         self._previous = other._previous
 
 
 class TurningTask(Task):
-    """A task that turns a frame, and knows which way; to be inherited from before its base."""
+    """A task that turns a frame in a steady direction; to be inherited before its base."""
 
     def __init__(self, *arguments: Any, **keys: Any) -> None:
         super().__init__(*arguments, **keys)
-        self._way = WayRound()
+        self._rotation_error = ContinuousRotation()
 
     def set_goal(self, goal: Goal, now: float) -> None:
-        """Take a goal; the shorter way to it is chosen anew."""
+        """Take a goal; the shorter rotation to it is chosen anew."""
         super().set_goal(goal, now)
-        self._way.forget()
+        self._rotation_error.forget()
 
     def inherit_goal(self, other: Task) -> None:
-        """Go on with the goal of a task that this one replaces, the same way round."""
+        """Go on with the goal of a task that this one replaces, in the same direction."""
         if self.goal is None and self.is_compatible(other):
-            self._way.inherit(other._way)
+            self._rotation_error.inherit(other._rotation_error)
         super().inherit_goal(other)
 
 
@@ -80,9 +80,9 @@ class Orientation(TurningTask, FrameTask):
     """
     Turn a frame to an orientation: error log(R_d Rᵀ), Jacobian J_ω (lecture 3.3).
 
-    The lecture's error w ε_d − w_d ε − ε × ε_d is expressed in the frame itself, while J_ω is
-    expressed in the base; here both are expressed in the reference frame. The rotation vector
-    takes the shorter way round and decays with the full gain.
+    The error of lecture 3.3, w ε_d − w_d ε − ε × ε_d, is expressed in the frame itself, while J_ω
+    is expressed in the base. Here both are expressed in the reference frame. The rotation vector
+    is that of the shorter rotation, and decays with the full gain.
 
     The goal is a quaternion ``xyzw`` (4,) or a rotation matrix (3, 3), in the reference frame.
     """
@@ -97,7 +97,7 @@ class Orientation(TurningTask, FrameTask):
 
     def error(self, state: RobotState) -> Array:
         """Return the rotation vector to the goal about the axes that count (rows,) [rad]."""
-        return self._way.error(self.goal, self.rotation(state))[self._mask]
+        return self._rotation_error.error(self.goal, self.rotation(state))[self._mask]
 
     def parse_goal(self, goal: ArrayLike) -> Array:
         """Return a rotation matrix (3, 3); raise `GoalError` if it cannot be one."""

@@ -87,7 +87,7 @@ class AxisTask(TurningTask, AimedTask):
         R = state.rotation(self.frame)
         direction, J_direction = self.aim.sight(state, self.goal)
         about = self._across.dot(R.T)
-        turn = self._way.follow(turn_between(R.dot(self.axis), direction))
+        turn = self._rotation_error.follow(turn_between(R.dot(self.axis), direction))
         return about.dot(turn), about.dot(state.jacobian(self.frame)[3:] - J_direction), about
 
 

@@ -58,10 +58,10 @@ class Pose(PoseTask, TurningTask, FrameTask):
         return pose(self.rotation(state), self.position(state))
 
     def error(self, state: RobotState) -> Array:
-        """Return way and rotation vector to the goal along the axes that count (rows,)."""
+        """Return translation and rotation vector to the goal along the axes that count (rows,)."""
         error = np.empty(6)
         error[:3] = self.goal[:3, 3] - self.position(state)
-        error[3:] = self._way.error(self.goal[:3, :3], self.rotation(state))
+        error[3:] = self._rotation_error.error(self.goal[:3, :3], self.rotation(state))
         return error[self._mask]
 
 

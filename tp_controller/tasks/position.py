@@ -50,7 +50,7 @@ class Position(PointTask, FrameTask):
         return self.position(state)
 
     def error(self, state: RobotState) -> Array:
-        """Return the way to the goal along the axes that count (rows,) [m]."""
+        """Return the vector to the goal along the axes that count (rows,) [m]."""
         return (self.goal - self.position(state))[self._mask]
 
     def goal_pose(self, state: RobotState) -> Array:

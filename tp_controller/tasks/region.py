@@ -99,7 +99,7 @@ class RegionTask(PoseTask, MovingGoalTask, BoundedTask):
         return -normals.dot(twist[:3] + np.cross(twist[3:], offset))
 
     def _seen(self, state: RobotState) -> tuple[Array, Array, Array]:
-        """Return values (m,), normals (m, 3) and the way from the shape, in the reference."""
+        """Return values (m,), normals (m, 3) and the offset from the shape, in the reference."""
         R = self.goal[:3, :3]
         offset = self._motion.position(state) - self.goal[:3, 3]
         values, gradients = self.measure(R.T.dot(offset))
@@ -131,7 +131,7 @@ class KeepIn(RegionTask):
         if self.radius >= self.shape.inner_radius:
             raise ValueError(f'must fit into the shape, so be less than '
                              f'{self.shape.inner_radius:g}, got {self.radius:g}')
-        lower, upper = self.shape.room()
+        lower, upper = self.shape.inner_bounds()
         return lower + self.radius, upper - self.radius
 
     def measure(self, point: Array) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tasks about where two parts of the robot are to each other: two arms that carry one thing."""
+"""Tasks about where two parts of the robot are to each other: two arms that carry an object."""
 
 from typing import Any
 
@@ -28,7 +28,7 @@ class RelativePosition(Position):
     """
     Keep the origin of a frame at a point of another frame (slides (1)-(5), relative motion).
 
-    The goal is a point (3,) in the reference frame [m]. Both frames give way.
+    The goal is a point (3,) in the reference frame [m]. Both frames move.
     """
 
     type_name = 'relative_position'
@@ -41,10 +41,10 @@ class RelativePosition(Position):
 
 class RelativePose(Pose):
     """
-    Keep a frame at a pose in another frame, as two hands on one thing.
+    Keep a frame at a pose in another frame, as two hands on one object.
 
     The goal is a 4×4 homogeneous matrix, or ``x, y, z`` [m] and a quaternion ``xyzw`` (7,), in
-    the reference frame. Both frames give way.
+    the reference frame. Both frames move.
     """
 
     type_name = 'relative_pose'

@@ -21,7 +21,7 @@ import re
 from typing import Any, TypeAlias
 
 import numpy as np
-from tp_controller.errors import Fault, StackError, TaskError, unknown
+from tp_controller.errors import Fault, StackError, suggestion, TaskError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.state import RobotState
 from tp_controller.resources import read_source, YamlLoader
@@ -34,7 +34,7 @@ import yaml
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}\Z')
 # The tasks of each level.
 Groups: TypeAlias = tuple[tuple[Task, ...], ...]
-LIST_FORM = 'a stack is a list of "- name: {type: …}", the highest priority first'
+LIST_FORM = 'a stack must be a list of "- name: {type: …}", the highest priority first'
 
 
 class Stack:
@@ -85,7 +85,7 @@ class Stack:
         return cls(_Reader(robot).read(text))
 
     def enable(self, name: str, enabled: bool) -> None:
-        """Take a task into the stack (True) or leave it out (False)."""
+        """Enable or disable a task."""
         (self.disabled.discard if enabled else self.disabled.add)(name)
         self._arrange()
 
@@ -98,7 +98,7 @@ class Stack:
         self._arrange()
 
     def start(self, state: RobotState) -> None:
-        """Let every task without a goal hold the value it has at a `RobotState`."""
+        """Give every task without a goal its value at a `RobotState` as default goal."""
         for task in self.tasks.values():
             task.start(state)
 
@@ -172,7 +172,9 @@ class _Reader:
         self._types = task_types()
         self._faults: list[Fault] = []
         self._lines_of_names: dict[str, int] = {}
-        # Tasks read so far that keep bounds.
+        # The line of the fault that lists the types, which are many.
+        self._types_listed = 0
+        # Inequality tasks read so far.
         self._bounded: list[Task] = []
 
     def read(self, text: str) -> list[list[Task]]:
@@ -180,11 +182,11 @@ class _Reader:
         try:
             root = yaml.compose(text, Loader=YamlLoader)
         except RecursionError as error:
-            raise StackError([Fault(1, '', 'nested too deeply')]) from error
+            raise StackError([Fault(1, '', 'not valid YAML: nested too deeply')]) from error
         except yaml.YAMLError as error:
             mark = getattr(error, 'problem_mark', None)
             line = mark.line + 1 if mark else 1
-            raise StackError([Fault(line, '', f'no YAML: {_first_line(error)}')]) from error
+            raise StackError([Fault(line, '', f'not valid YAML: {_first_line(error)}')]) from error
         if not isinstance(root, yaml.SequenceNode):
             self._fault(root, '', LIST_FORM)
             groups = []
@@ -206,8 +208,8 @@ class _Reader:
         modes = {task.mode for task in read}
         if 0 < len(bounded) < len(read):
             others = _names(task for task in read if not task.bounded)
-            self._fault(node, '', f'tasks that keep bounds ({_names(bounded)}) and tasks that '
-                                  f'want a velocity ({others}) cannot share a level')
+            self._fault(node, '', f'inequality tasks ({_names(bounded)}) and other tasks '
+                                  f'({others}) cannot share a level')
         elif len(modes) > 1:
             self._fault(node, '', f'tasks that share a level need the same mode, not '
                                   f'{" and ".join(sorted(modes))}')
@@ -232,20 +234,28 @@ class _Reader:
         values, lines = self._values(body, name)
         kind = values.pop('type', None)
         if 'type' not in lines:
-            self._fault(key, name, f'needs a type; valid: {", ".join(sorted(self._types))}')
+            self._fault(key, name, f'needs a type{self._valid_types(key.start_mark.line + 1)}')
         elif not isinstance(kind, str) or kind not in self._types:
-            self._faults.append(Fault(lines['type'], str(name),
-                                      unknown('type', kind, sorted(self._types))))
+            self._faults.append(Fault(
+                lines['type'], str(name), f'unknown type {suggestion(kind, self._types)}'
+                                          f'{self._valid_types(lines["type"])}'))
         else:
             return self._build(self._types[kind], name, key, values, lines)
         return None
+
+    def _valid_types(self, line: int) -> str:
+        """Return which types are valid, as the end of a message; in full only once."""
+        if self._types_listed:
+            return f'; valid types: see line {self._types_listed}'
+        self._types_listed = line
+        return f'; valid: {", ".join(sorted(self._types))}'
 
     def _check_name(self, key: yaml.Node, name: object) -> None:
         """Check the name of a task."""
         if not isinstance(name, str) or not NAME.match(name):
             shown = repr(name[:80]) if isinstance(name, str) else 'a list or mapping'
-            self._fault(key, '', 'a task is named by a letter, then letters, digits and _, at '
-                                 f'most 64, not {shown}')
+            self._fault(key, '', 'the name of a task must be a letter, then letters, digits or _, '
+                                 f'at most 64 in all, not {shown}')
         elif name in self._lines_of_names:
             self._fault(key, name, 'the name is used already, in line '
                                    f'{self._lines_of_names[name]}')

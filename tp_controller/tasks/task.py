@@ -82,9 +82,9 @@ class Evaluation:
 
 class Task(ABC):
     """
-    A task of the stack: a value σ(q) that is led to a goal, or a velocity that is wanted.
+    A task of the stack: a value σ(q) that is to reach a goal, or a desired velocity.
 
-    Conventions, for all tasks: ``error = desired − actual``, ``J = ∂σ/∂q``, and the wanted
+    Conventions, for all tasks: ``error = desired − actual``, ``J = ∂σ/∂q``, and the desired
     velocity is ``v = v_feed_forward + K error`` with the gain K in 1/s (lecture 1.1), so that an
     error the robot can follow decays as exp(−K t).
 
@@ -102,15 +102,15 @@ class Task(ABC):
     rows : int
         Number of rows.
     bounded : bool
-        The task keeps bounds instead of wanting a velocity; see `BoundedTask`.
+        It is an inequality task: it has bounds instead of a demand; see `BoundedTask`.
     row_names : sequence of str
         What each row is about, for the report, where a name of the task does not say it all.
     remarks : tuple of str
-        What who reads the stack should know, which is no fault.
+        Warnings for the user that are no faults.
     goal : object or None
         Goal in force, as `parse_goal` returns it; None before the task has started.
-    held : bool
-        The goal is only the value that the task had when it started.
+    has_default_goal : bool
+        No goal was given: the goal is the value that the task had when it started.
     mode : str
         See `tp_controller.solver.level.Level`.
     every_joint : bool
@@ -148,8 +148,8 @@ class Task(ABC):
         'tolerance': 'error below which the goal counts as reached: a number, or one for each '
                      'unit as {m: …, rad: …} [m, rad]',
         'timeout': 'how long a feed-forward velocity stays in force [s]',
-        'mode': 'what happens where a limit is in the way: least_squares comes as near to the '
-                'wanted velocity as possible, scale keeps its direction and slows down',
+        'mode': 'what happens where a limit is reached: least_squares comes as near to the '
+                'desired velocity as possible, scale keeps its direction and scales it down',
     }
     goal: Goal
     _given_keys: dict[str, object]
@@ -182,7 +182,7 @@ class Task(ABC):
         self.timeout = keys.check('timeout', positive, timeout)
         self.mode = keys.check('mode', parse_mode, mode)
         self.goal = None
-        self.held = False
+        self.has_default_goal = False
         self._feed_forward: Array | None = None
         self._feed_forward_time = -math.inf
 
@@ -243,7 +243,7 @@ class Task(ABC):
 
     def goal_in_reference(self, goal: Goal, T_reference_frame: Array) -> Goal:
         """Return a goal given in another frame; raise `GoalError` where goals have no frame."""
-        raise GoalError(f'a goal of task {self.name!r} is in no frame')
+        raise GoalError(f'a goal of task {self.name!r} is not expressed in a frame: leave it out')
 
     def goal_pose(self, state: RobotState) -> Array | None:
         """Return T_reference_goal (4, 4) for display; None where the goal is no place."""
@@ -252,17 +252,17 @@ class Task(ABC):
     def set_goal(self, goal: Goal, now: float) -> None:
         """Take a goal as `parse_goal` returned it."""
         self.goal = goal
-        self.held = False
+        self.has_default_goal = False
 
     def start(self, state: RobotState) -> None:
-        """Hold the value the task has now, unless there is a goal."""
+        """Take the value that the task has now as default goal, unless there is a goal."""
         if self.goal is None:
             self.goal = self.value(state)
-            self.held = True
+            self.has_default_goal = True
 
-    def release(self) -> None:
-        """Forget a value that was only held, so that the next start holds a new one."""
-        if self.held:
+    def reset(self) -> None:
+        """Forget a default goal, so that the next start takes a new one."""
+        if self.has_default_goal:
             self.goal = None
 
     # Feed-forward
@@ -273,7 +273,8 @@ class Task(ABC):
 
     def feed_forward_in_reference(self, velocity: Array, R_reference_frame: Array) -> Array:
         """Return a velocity given in the axes of another frame; `GoalError` where it has none."""
-        raise GoalError(f'a velocity of task {self.name!r} is in no frame')
+        raise GoalError(f'a velocity of task {self.name!r} is not expressed in a frame: '
+                        'leave it out')
 
     def set_feed_forward(self, velocity: Array, now: float) -> None:
         """Add a velocity, as `parse_feed_forward` returned it, until it times out."""
@@ -296,7 +297,7 @@ class Task(ABC):
 
     def velocity(self, error: Array, now: float) -> Array:
         """
-        Return the wanted velocity, feed-forward + K error (lecture 1.1).
+        Return the desired velocity, feed-forward + K error (lecture 1.1).
 
         Parameters
         ----------
@@ -352,7 +353,7 @@ class Task(ABC):
         error : ndarray (rows,)
             Error of the value.
         residual : ndarray (rows,)
-            Wanted minus achieved velocity.
+            Desired minus achieved velocity.
 
         Returns
         -------
@@ -376,7 +377,7 @@ class Task(ABC):
         The feed-forward velocity belongs to the goal, and keeps the time at which it came.
         """
         if self.goal is None and self.is_compatible(other):
-            self.goal, self.held = other.goal, other.held
+            self.goal, self.has_default_goal = other.goal, other.has_default_goal
             self._feed_forward = other._feed_forward
             self._feed_forward_time = other._feed_forward_time
 

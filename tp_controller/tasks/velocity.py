@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What tasks without a value of their own have in common: only a velocity is wanted."""
+"""What tasks without a value of their own have in common: a demanded velocity only."""
 
 from typing import Any
 
@@ -23,14 +23,14 @@ from tp_controller.tasks.task import norm, Task
 
 
 class VelocityTask(Task):
-    """A task whose goal is a velocity; the report shows wanted minus achieved as its error."""
+    """A task whose goal is a velocity; the report shows desired minus achieved as its error."""
 
     def value(self, state: RobotState) -> Array:
-        """Return no motion (rows,): what is held where there is no goal."""
+        """Return no motion (rows,), the default goal."""
         return np.zeros(self.rows)
 
     def error(self, state: RobotState) -> Array:
-        """Return zeros (rows,): there is no value to be led anywhere."""
+        """Return zeros (rows,): there is no value with an error."""
         return np.zeros(self.rows)
 
     def parse_goal(self, goal: Any) -> Array:
@@ -48,6 +48,6 @@ class VelocityTask(Task):
 
     def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
                                                                       ...]:
-        """Return wanted minus achieved velocity for each unit; see `Task`."""
+        """Return desired minus achieved velocity for each unit; see `Task`."""
         return tuple((norm(residual[rows]), f'{unit}/s', tolerance)
                      for rows, unit, tolerance in self.groups)

@@ -74,7 +74,8 @@ def test_task_above_that_takes_the_direction_is_named():
     assert tasks['left'].causes == () and tasks['left'].reason == tasks['left'].hint == ''
     assert kinds(tasks['right']) == [('task', 'left', 1.0)]
     assert tasks['right'].reason == 'blocked by left'
-    assert tasks['right'].hint == 'exchange left and right, or give them goals that fit together'
+    assert tasks['right'].hint == ('exchange left and right in the stack, or choose goals that '
+                                   'are compatible')
 
 
 def test_task_on_the_same_level_is_named_as_well():

@@ -231,8 +231,8 @@ def test_goal_in_the_reference_frame_itself_needs_no_positions_yet():
     ('tool', [0, 0], None, "goal of task 'tool' .a point x, y, z. needs 3 numbers"),
     ('tool', [0, 0, math.nan], None, 'must be finite'),
     ('tool', [0, 0, 0], 'panda_link88', "unknown frame 'panda_link88'"),
-    ('tool', [0, 0, 0], 'panda_link4', 'needs joint positions, and there were none yet'),
-    ('rest', READY, 'panda_link4', "task 'rest' takes no frame"),
+    ('tool', [0, 0, 0], 'panda_link4', 'needs joint positions, and none have arrived yet'),
+    ('rest', READY, 'panda_link4', "a goal of task 'rest' is not expressed in a frame"),
     ('rest', {'panda_joint4': 1.0}, None, 'outside its limits'),
 ])
 def test_goal_that_is_refused_leaves_the_one_in_force(name, goal, frame, message):
@@ -247,7 +247,7 @@ def test_goal_that_is_refused_leaves_the_one_in_force(name, goal, frame, message
     ('tol', [0, 0, 0], None, "unknown task 'tol'"),
     ('tool', [0, math.inf, 0], None, 'must be finite'),
     ('tool', [0, 0, 0], 'panda_link88', 'unknown frame'),
-    ('speed', [0.0] * 7, 'panda_link4', 'takes no frame'),
+    ('speed', [0.0] * 7, 'panda_link4', 'is not expressed in a frame'),
 ])
 def test_velocity_that_is_refused_has_no_effect(name, velocity, frame, message):
     controller = control(f'- tool: {{type: position, frame: {TOOL}}}\n'
@@ -466,7 +466,7 @@ def test_report_names_the_task_above_that_blocks_a_task():
         '- b: {type: joint, joints: [panda_joint1, panda_joint2], target: [0.5, 0.1]}\n')
     task = report_of(controller, 'b')
     assert task.reason == 'blocked by a'
-    assert task.hint == 'exchange a and b, or give them goals that fit together'
+    assert task.hint == 'exchange a and b in the stack, or choose goals that are compatible'
     assert task.achieved_speed < task.wanted_speed
 
 
@@ -492,7 +492,7 @@ def test_report_says_that_higher_levels_are_nearly_in_the_way():
         '- base: {type: joint, joints: joint1, target: [1.5]}\n', robots.planar(),
         Settings(reserve=0.0))
     task = controller.update([1.2, -1.18, 0.0], 0.0).report.tasks[1]
-    assert task.reason == 'blocked by tool; damped'
+    assert task.reason == 'blocked by tool; slowed by damping'
 
 
 def test_report_says_that_a_singularity_is_near():
@@ -513,7 +513,7 @@ def test_report_says_that_damping_costs_speed_elsewhere():
     state = controller.robot.state(q)
     controller.set_goal('tool', state.position('link3') + [0.1, 0.1, 0.0], 0.0)
     task = controller.update(q, 0.0).report.tasks[0]
-    assert task.reason == 'damped'
+    assert task.reason == 'slowed by damping'
     assert task.achieved_speed < task.wanted_speed
 
 

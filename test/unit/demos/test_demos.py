@@ -178,7 +178,7 @@ def test_goals_of_a_demo_are_ones_that_their_tasks_take(demo):
 @demos
 def test_frames_that_are_drawn_are_ones_of_the_robot(demo):
     leader = demo.stack.tasks[demo.leader]
-    for frame in (leader.frame, *demo.frames, *(frame for pair in demo.held for frame in pair)):
+    for frame in (leader.frame, *demo.frames, *(frame for pair in demo.carried for frame in pair)):
         assert frame in demo.robot.frame_names
 
 
@@ -248,5 +248,5 @@ def test_hands_keep_their_distance_while_they_carry(run):
     assert np.ptp(between) < 3e-3
     assert np.ptp(motion.places('left_hand'), axis=0).min() > 0.1
     for name, unit, most in (('grip', 'm', 5e-3), ('watch', 'rad', 5e-3), ('balance', 'm', 3e-3),
-                             ('apart', 'm', 1e-3), ('room', 'rad', 1e-3)):
+                             ('apart', 'm', 1e-3), ('joints', 'rad', 1e-3)):
         assert motion.errors(name, unit).max() < most, name

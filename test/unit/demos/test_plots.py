@@ -178,9 +178,9 @@ def test_animation_shows_the_base_the_carried_object_and_its_surroundings(tmp_pa
     q[:, 0] = np.linspace(0.0, 1.0, 20)
     bare = film.animate_arm(tmp_path / 'bare.gif', robot, q, TIMES[:20])
     full = film.animate_arm(
-        tmp_path / 'full.gif', robot, q, TIMES[:20], held=[('laser', 'tool')],
+        tmp_path / 'full.gif', robot, q, TIMES[:20], carried=[('laser', 'tool')],
         around=[outline(Cylinder(0.2, 1.0), np.eye(4))])
-    for colour in (film.HELD_COLOUR, film.AROUND_COLOUR):
+    for colour in (film.CARRIED_COLOUR, film.AROUND_COLOUR):
         assert count(pixels(bare), colour) < 10
         assert count(pixels(full), colour) > 100
     # It is seen to move.

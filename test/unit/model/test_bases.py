@@ -261,7 +261,7 @@ def test_joint_named_like_a_part_of_the_base_is_refused():
     source = CHAIN.replace('"c"', '"base_y"')
     Robot.from_urdf(source)
     for base in FLAT:
-        with pytest.raises(RobotError, match='named like one of the base: base_y'):
+        with pytest.raises(RobotError, match='named like a velocity of the base: base_y'):
             Robot.from_urdf(source, base=base)
 
 
@@ -402,7 +402,7 @@ def test_differential_base_says_that_it_cannot_drive_sideways():
     controller.update(robot.neutral(), 0.0)
     controller.set_goal('stay', [0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 1.0], 0.0)
     report = controller.update(robot.neutral(), 1.0).report
-    assert 'the robot cannot move that way here' in report.tasks[0].reason
+    assert 'the robot cannot move in this direction here' in report.tasks[0].reason
 
 
 def closed_loop(robot, frame, q, move, cycles, settings=None, stack=None):
@@ -594,7 +594,8 @@ def test_base_and_joints_are_commanded_and_time_out_apart():
     simulator.step(0.06)
     assert simulator.velocity.tolist() == [0.0] * 10
     # The joints moved for 0.1 s, and so did the base, on an arc.
-    assert simulator.q[3] == pytest.approx(0.005) and simulator.q[2] == pytest.approx(0.02)
+    assert simulator.q[3] == pytest.approx(0.175 + 0.005)
+    assert simulator.q[2] == pytest.approx(0.02)
     assert simulator.q[0] == pytest.approx(math.sin(0.02))
 
 
@@ -634,8 +635,9 @@ def test_noise_moves_a_measured_base_and_leaves_the_true_one_alone(base):
 def test_initial_positions_say_where_the_base_is():
     robot = make('mobile_arm', 'differential')
     q = initial_positions('{base_x: 1.0, base_y: -2.0, base_yaw: 0.5, arm_2: 0.7}', robot)
-    assert q.tolist() == [1.0, -2.0, 0.5, 0.0, 0.0, 0.7] + [0.0] * 5
-    assert initial_positions('{}', robot).tolist() == robot.neutral().tolist()
+    # The torso lifts from 0 to 0.35 m.
+    assert q.tolist() == [1.0, -2.0, 0.5, 0.175, 0.0, 0.7] + [0.0] * 5
+    assert initial_positions('{}', robot)[:3].tolist() == [0.0, 0.0, 0.0]
     free = initial_positions('{base_z: 1.0, base_roll: 0.5}', make('chain', 'floating'))
     np.testing.assert_allclose(free[:7], [0, 0, 1, math.sin(0.25), 0, 0, math.cos(0.25)])
     with pytest.raises(RobotError, match="unknown joint 'base_z'.*valid: base_x, base_y, base_y"):

@@ -176,16 +176,18 @@ def test_limits_of_a_dh_table_arrive_and_missing_ones_are_none():
     ([{'name': 'a', 'link': 'base_link'}], 'frame names used twice: base_link'),
     ([{'name': 'a', 'lower': 1.0, 'upper': 0.0}], 'joint a: lower limit 1 must'),
     ([{'name': 'a', 'velocity': -1.0}], 'a: velocity must not be negative'),
-    ({'joints': [{'name': 'a'}], 'base': 'b'}, "unknown key of a DH table 'base'"),
+    ({'joints': [{'name': 'a'}], 'base': 'b'}, "DH table: unknown key 'base'"),
     ({'joints': [{'name': 'a'}], 'root': 5}, 'root must be a name'),
     ({'joints': [{'name': 'a'}], 'convention': 'craig'}, "unknown DH convention 'craig'"),
     ({'joints': [{'name': 'a'}], 'frames': [{'name': 'f', 'parent': 'x'}]},
      "frame f: unknown parent 'x'; valid: base_link, link1"),
     ({'joints': [{'name': 'a'}], 'frames': [{'name': 'f', 'xyz': [1, 2]}]}, 'xyz needs three'),
     ({'joints': [{'name': 'a'}], 'frames': [{'name': 'f', 'rpy': [1, 2, 'x']}]}, 'frame f: rpy'),
-    ('joints: [', 'DH table'),
+    ('joints: [\n', 'DH table: not valid YAML: '),
     ('joints: [{name: a, a: 2001-13-45}]', 'DH table'),
-    ('no/such/table.yaml', 'no file no/such/table.yaml'),
+    ('no/such/table.yaml', 'robot description: no file no/such/table.yaml'),
+    ('package://tp_controler/panda.yaml', "^robot description: package 'tp_controler' .did you "
+                                          "mean 'tp_controller'.. is not found"),
 ])
 def test_fault_in_a_dh_table_is_named(table, message):
     with pytest.raises(RobotError, match=message):
@@ -443,7 +445,7 @@ def test_joint_of_an_unsupported_type_is_named(kind):
 
 
 @pytest.mark.parametrize('source, message', [
-    ('<robot', 'no XML'),
+    ('<robot', 'not valid XML'),
     ('<sdf/>', 'outermost element is <sdf>'),
     ('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>',
      'run it through xacro first'),

@@ -21,11 +21,13 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 import robots
-from tp_controller import KinematicSimulator, RobotError, SettingsError, SimulatorNoise
+from tp_controller import KinematicSimulator, Robot, RobotError, SettingsError, SimulatorNoise
 from tp_controller.model.simulator import initial_positions
 
 START = np.array(robots.PLANAR_START)
 V = np.array([0.5, -0.25, 1.0])
+# {number of a joint of the Panda: middle of its range} [rad]
+MIDDLE = {4: 0.5 * (-3.0718 - 0.0698), 6: 0.5 * (-0.0175 + 3.7525)}
 
 
 def simulator(robot=None, q=None, timeout=1.0, **noise):
@@ -287,10 +289,6 @@ def test_reset_goes_back_to_the_start_at_rest():
     assert sim.now == 12.5
 
 
-def test_start_is_as_near_to_zero_as_the_limits_allow():
-    assert simulator(robots.panda()).q.tolist() == [0, 0, 0, -0.0698, 0, 0, 0]
-
-
 def test_start_that_is_none_is_refused():
     with pytest.raises(RobotError, match='needs 3 positions'):
         simulator(q=[0.0, 0.0])
@@ -298,14 +296,38 @@ def test_start_that_is_none_is_refused():
         simulator(q=[0.0, math.nan, 0.0])
 
 
-def test_initial_positions_come_from_text_or_file_and_default_to_neutral(tmp_path):
+def test_initial_positions_come_from_text_or_file_and_have_a_default(tmp_path):
     robot = robots.panda()
     file = tmp_path / 'start.yaml'
     file.write_text('{panda_joint1: 0.5, panda_joint4: -2}\n', encoding='utf-8')
     for source in (file, str(file), 'panda_joint4: -2\npanda_joint1: 0.5',
                    '{panda_joint4: -2, panda_joint1: 0.5}'):
-        assert initial_positions(source, robot).tolist() == [0.5, 0, 0, -2.0, 0, 0, 0]
-    assert initial_positions('{}', robot).tolist() == robot.neutral().tolist()
+        assert initial_positions(source, robot).tolist() == [0.5, 0, 0, -2.0, 0, MIDDLE[6], 0]
+    assert initial_positions('{}', robot).tolist() == simulator(robot).q.tolist()
+
+
+def test_panda_starts_with_joints_4_and_6_in_the_middle_of_their_ranges():
+    # Zero is 0.07 rad outside the range of joint 4, and 0.0175 rad from a limit of joint 6.
+    assert simulator(robots.panda()).q.tolist() == [0, 0, 0, MIDDLE[4], 0, MIDDLE[6], 0]
+
+
+@pytest.mark.parametrize('name', robots.URDFS)
+def test_no_joint_starts_near_a_limit(name):
+    robot = robots.urdf_robot(name)
+    q = simulator(robot).q
+    for position, lower, upper in zip(q, robot.lower, robot.upper):
+        if math.isinf(upper - lower):
+            assert position == 0.0
+        else:
+            assert min(position - lower, upper - position) >= 0.05 * (upper - lower)
+
+
+@pytest.mark.parametrize('lower, upper, start', [
+    (-1.0, 1.0, 0.0), (-0.1, 1.0, 0.0), (-0.01, 0.99, 0.49), (-1.0, 0.02, -0.49),
+    (0.0, 0.4, 0.2), (0.5, 1.0, 0.75), (-math.inf, -2.0, -2.0), (3.0, math.inf, 3.0)])
+def test_joint_starts_at_zero_unless_that_is_near_a_limit(lower, upper, start):
+    robot = Robot.from_dh([{'name': 'a', 'a': 1.0, 'lower': lower, 'upper': upper}])
+    assert simulator(robot).q == pytest.approx([start])
 
 
 @pytest.mark.parametrize('source, message', [
@@ -313,7 +335,7 @@ def test_initial_positions_come_from_text_or_file_and_default_to_neutral(tmp_pat
     ('{joint1: one}', "joint1 must be a finite number, not 'one'"),
     ('{joint1: .nan}', 'joint1 must be a finite number'),
     ('{joint1: true}', 'joint1 must be a finite number'),
-    ('[a: 1]', 'needs a mapping'),
+    ('[a: 1]', 'must be a mapping'),
     ('{joint1: [', 'initial positions'),
     ('{joint1: 2001-13-45}', 'initial positions'),
     ('no/such/start.yaml', 'no file no/such/start.yaml'),

@@ -45,7 +45,7 @@ def test_level_of_all_joints_is_recognised_whoever_made_it():
     ([(np.eye(2), ['a', 'b'])], 'level 1: J must be'),
     ([Level(np.eye(2))], 'level 1: needs v, or a bound'),
     ([Level(np.eye(2), np.ones(2)), Level(np.eye(2), np.ones(2), lower=np.zeros(2))],
-     'level 2: has a wanted velocity v and bounds'),
+     'level 2: has both a velocity v and bounds'),
     ([Level(np.eye(2), lower=np.zeros(3))], 'level 1: bounds must be 2 numbers'),
     ([Level(np.eye(2), lower=np.zeros((2, 1)))], 'level 1: the lower bound'),
     ([Level(np.eye(2), upper=['a', 'b'])], 'level 1: the upper bound'),

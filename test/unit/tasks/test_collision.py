@@ -541,7 +541,7 @@ def test_jump_of_the_nearest_points_is_not_taken_for_a_curve():
     curved = 0.5 * (later.J - after.J)[0, 0]
     assert curved != 0.0
     np.testing.assert_allclose(later.lower, free - min(curved, 0.0))
-    task.release()
+    task.reset()
     level(0.02)
     back, free = level(0.01)
     np.testing.assert_allclose(back.lower, free - min(0.5 * (back.J - later.J)[0, 0], 0.0))
@@ -679,7 +679,7 @@ def test_missing_and_broken_meshes_are_all_named(tmp_path):
     robot = arm(upper='<mesh filename="package://nowhere/upper.stl"/>',
                 lower=f'<mesh filename="{tmp_path}/broken.stl"/>')
     message = faults('self_collision', robot)['links']
-    assert "upper: package 'nowhere' is not in the ament index" in message
+    assert "upper: package 'nowhere' is not found" in message
     assert 'lower: ' in message and 'broken.stl' in message
     assert 'Give capsules for these links, or name the others in links' in message
     capsule = {'from': [0, 0, 0], 'to': [1, 0, 0], 'radius': 0.1}
@@ -752,7 +752,7 @@ def test_key_with_a_senseless_value_is_refused(name, keys, key, told):
 
 @pytest.mark.parametrize('keys, key, told', [
     ({'srdf': '/nowhere/arm.srdf'}, 'srdf', 'no file /nowhere/arm.srdf'),
-    ({'srdf': '<robot'}, 'srdf', 'no XML'),
+    ({'srdf': '<robot'}, 'srdf', 'not valid XML'),
     ({'srdf': '<sdf/>'}, 'srdf', 'the outermost element is <sdf>'),
     ({'srdf': 'package://nowhere/arm.srdf'}, 'srdf', "package 'nowhere'"),
     ({'ignore': ['base', 'tip']}, 'ignore', 'needs pairs of links'),

@@ -169,7 +169,7 @@ def test_joints_without_limits_stay_out_of_the_distance_from_limits():
 
 def test_task_that_maximizes_a_function_takes_no_goal_and_says_so():
     task = make('joint_limit_distance', {})
-    with pytest.raises(GoalError, match="task 'task' takes no goal: it climbs a function"):
+    with pytest.raises(GoalError, match="task 'task' takes no goal: it maximizes an objective"):
         task.parse_goal([0.0])
 
 

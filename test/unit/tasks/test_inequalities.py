@@ -355,7 +355,7 @@ def test_distance_from_a_shape_is_that_to_the_nearest_point_of_its_surface(kind,
     ('box', [0.3, 0.5, 0.8]), ('sphere', 0.4), ('cylinder', [0.3, 0.5]), ('half_space', [])])
 def test_point_is_in_a_shape_where_all_its_values_are_within_their_bounds(kind, sizes):
     shape, rng = parse_shape({kind: sizes}), np.random.default_rng(5)
-    lower, upper = shape.room()
+    lower, upper = shape.inner_bounds()
     inner = 0
     for point in rng.uniform(-0.5, 0.5, (300, 3)):
         values, gradients = shape.within(point)
@@ -462,8 +462,7 @@ def test_inequality_tasks_and_equality_tasks_cannot_share_a_level():
 - [view: {{type: field_of_view, frame: {TOOL}, half_angle: 0.4}},
    tool: {{type: position, frame: {TOOL}}}]
 """)
-    assert text == ('line 2: tasks that keep bounds (view) and tasks that want a velocity (tool) '
-                    'cannot share a level')
+    assert text == 'line 2: inequality tasks (view) and other tasks (tool) cannot share a level'
 
 
 def test_a_task_that_keeps_its_direction_cannot_stand_below_bounds():

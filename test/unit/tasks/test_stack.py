@@ -161,12 +161,12 @@ def test_all_faults_are_told_at_once_in_order_of_their_lines():
             'the name is used already, in line 1',
             "unknown driven joint 'joint7'.*valid: joint1, joint2, joint3",
             'must be positive, got -1',
-            'needs a type; valid: .*joint, ',
+            'needs a type; valid types: see line 2',
             "needs the key 'frame': frame of the robot",
-            'letters, digits and _',
-            'a stack is a list of',
+            'letters, digits or _',
+            'a stack must be a list of',
             "needs a number.*'fast'",
-            "unknown type 'nothing'"), messages):
+            "unknown type 'nothing' .did you mean 'pointing'.*valid types: see line 2"), messages):
         assert re.search(pattern, message), (pattern, message)
 
 
@@ -175,16 +175,16 @@ def test_all_faults_are_told_at_once_in_order_of_their_lines():
     ('- limits: joint_limits', 1, 'limits', 'mapping'),
     ('no/such/stack.yaml', 0, '', 'no file no/such/stack.yaml'),
     ('~no_such_user_here/stack.yaml', 0, '', 'no file'),
-    ('\n', 1, '', 'a stack is a list'),
-    ('{}', 1, '', 'a stack is a list'),
-    ('\n\ntool: {type: pose}\n', 3, '', 'a stack is a list'),
-    ('- a: {type: posture}\n- b: {type: posture\n', 3, '', 'no YAML'),
-    ('- a: \t{type: [\n', 1, '', 'no YAML'),
-    ('- \x00\n', 1, '', 'no YAML'),
+    ('\n', 1, '', 'a stack must be a list'),
+    ('{}', 1, '', 'a stack must be a list'),
+    ('\n\ntool: {type: pose}\n', 3, '', 'a stack must be a list'),
+    ('- a: {type: posture}\n- b: {type: posture\n', 3, '', 'not valid YAML'),
+    ('- a: \t{type: [\n', 1, '', 'not valid YAML'),
+    ('- \x00\n', 1, '', 'not valid YAML'),
     ('- []\n', 1, '', 'at least one task'),
-    ('- a: {type: posture}\n  b: {type: posture}\n', 1, '', 'a stack is a list'),
-    ('- {}\n', 1, '', 'a stack is a list'),
-    ('- [[a: {type: posture}]]\n', 1, '', 'a stack is a list'),
+    ('- a: {type: posture}\n  b: {type: posture}\n', 1, '', 'a stack must be a list'),
+    ('- {}\n', 1, '', 'a stack must be a list'),
+    ('- [[a: {type: posture}]]\n', 1, '', 'a stack must be a list'),
     ('- a:\n', 1, 'a', 'needs a mapping such as'),
     ('- a: posture\n', 1, 'a', 'needs a mapping such as'),
     ('- a: [type, posture]\n', 1, 'a', 'needs a mapping such as'),
@@ -194,7 +194,7 @@ def test_all_faults_are_told_at_once_in_order_of_their_lines():
     ('- a: {type: null}\n', 1, 'a', 'unknown type None'),
     ('- a b: {type: posture}\n', 1, '', "not 'a b'"),
     ('- ünder: {type: posture}\n', 1, '', 'letters, digits'),
-    ('- ? [a]\n  : {type: posture}\n', 1, '', 'a task is named by'),
+    ('- ? [a]\n  : {type: posture}\n', 1, '', 'the name of a task must be'),
     ('- a: {type: posture, ? [gain] : 1}\n', 1, 'a', 'a key must be a word'),
     ('- a: {type: posture, gain: 2001-13-45}\n', 1, 'a, gain', 'month'),
     ('- a: {type: posture, gain: !!int abc}\n', 1, 'a, gain', 'abc'),
@@ -202,7 +202,7 @@ def test_all_faults_are_told_at_once_in_order_of_their_lines():
     ('- a: {type: posture, gain: !!timestamp abc}\n', 1, 'a, gain', '.'),
     ('- a: {type: posture, gain: !!python/object:os.system 1}\n', 1, 'a, gain', 'constructor'),
     ('- a: {type: posture, gain: !unknown 1}\n', 1, 'a, gain', 'constructor'),
-    ('- a: {type: posture, gain: *x}\n', 1, '', 'no YAML: found undefined alias'),
+    ('- a: {type: posture, gain: *x}\n', 1, '', 'not valid YAML: found undefined alias'),
     ('- a: {type: posture, target: {joint1: .nan}}\n', 1, 'a, target', 'finite'),
     ('- a: {type: posture, target: {[1]: 2}}\n', 1, 'a, target', 'unhashable'),
     ('- a: {type: posture, target: [1, [2], 3]}\n', 1, 'a, target', 'needs 3 numbers'),
@@ -529,6 +529,27 @@ def test_numbers_with_an_exponent_are_numbers():
                 ).tasks['j']
     assert (task.gain, task.timeout) == (10.0, 1.5)
     assert task.groups[0][2] == 2e-3
+
+
+def test_types_are_listed_once_however_many_tasks_have_none():
+    with pytest.raises(StackError) as error:
+        Stack.from_yaml('- a: {}\n- b: {type: poze}\n- c: {type: 3}\n', robots.planar())
+    first, second, third = map(str, error.value.faults)
+    assert first.startswith('line 1: a: needs a type; valid: base_orientation, base_pose, ')
+    assert second == ("line 2: b: unknown type 'poze' (did you mean 'pose'?); "
+                      'valid types: see line 1')
+    assert third == 'line 3: c: unknown type 3; valid types: see line 1'
+
+
+@pytest.mark.parametrize('source, told', [
+    ('no/such/stack.yaml', 'no file no/such/stack.yaml'), ('', 'no file: its name is empty'),
+    ('package://tp_controler/config/demo_stack.yaml',
+     "package 'tp_controler' (did you mean 'tp_controller'?) is not found: it is not installed, "
+     'or its workspace is not sourced')])
+def test_a_stack_without_a_text_has_no_lines(source, told):
+    with pytest.raises(StackError) as error:
+        Stack.from_yaml(source, robots.planar())
+    assert str(error.value) == told
 
 
 def test_yaml_that_is_nested_without_end_is_a_fault():

@@ -437,11 +437,11 @@ def test_restart_forgets_default_goals_only(name, keys, rows):
     task, rng = make(name, keys), np.random.default_rng(9)
     first, second = (task.robot.state(inside(task.robot, rng)) for _ in range(2))
     task.start(first)
-    task.release()
+    task.reset()
     task.start(second)
     np.testing.assert_allclose(task.error(second), 0.0, atol=1e-7)
     task.set_goal(task.value(first), 0.0)
-    task.release()
+    task.reset()
     task.start(second)
     np.testing.assert_allclose(task.error(first), 0.0, atol=1e-7)
 
