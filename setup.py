@@ -25,6 +25,7 @@ executables = {
     'simulator_node': 'tp_controller.cli.main:simulator_node',
 }
 plots = ['matplotlib', 'Pillow']
+docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
 
 
 def shims():
@@ -56,7 +57,8 @@ setup(
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'plots': plots,
-        'test': [*plots, 'pytest', 'hypothesis', 'example-robot-data', 'ruff<0.18',
+        'docs': docs,
+        'test': [*plots, *docs, 'pytest', 'hypothesis', 'example-robot-data', 'ruff<0.18',
                  'mypy<2.5', 'types-PyYAML', 'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',
