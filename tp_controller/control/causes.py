@@ -55,9 +55,9 @@ class Cause:
     kind : str
         ``velocity limit``, ``lower position limit``, ``upper position limit``,
         ``acceleration limit`` or ``reserve`` of a joint; ``task`` or ``bounds``: another task
-        that takes the directions, or whose bounds are in the way; ``singularity``: a direction
-        that the robot can hardly move in here; ``impossible``: one that it cannot; ``damping``;
-        ``transition``: a change that still fades in.
+        that takes the directions, or whose bounds block it; ``singularity``: a direction that
+        the robot can hardly move in here; ``impossible``: one that it cannot; ``damping``;
+        ``transition``: a change that is still blended in.
     name : str
         The joint, or the task; else empty.
     share : float
@@ -126,7 +126,7 @@ class Causes:
         return [other.task.name for group in self._evaluations[:index] for other in group]
 
     def rows_in_the_way(self, evaluation: Evaluation, name: str) -> list[str]:
-        """Return which rows of a task with bounds are in the way of another one, by name."""
+        """Return which rows of a task with bounds block another one, by name."""
         found: dict[str, None] = {}
         index = self._places[id(evaluation)]
         for level in self._outcome.commanded.levels[:index + 1]:
@@ -245,7 +245,7 @@ class Causes:
 
     def _singular(self, index: int, evaluation: Evaluation,
                   missing: Array) -> Iterator[tuple[str, str, Array]]:
-        """Yield what is missing because the robot can hardly move, or not at all, that way."""
+        """Yield what is missing because the robot can hardly move, or not at all, there."""
         level = evaluation.level
         if not level.J.size:
             return
