@@ -37,7 +37,8 @@ TALOS_READY = (0.1, 0.2, 0.05, 0.1, *ARM_READY, *(-value for value in ARM_READY[
 PLANAR = [{'name': f'joint{number}', 'a': 0.2, 'lower': -2.0, 'upper': 2.0, 'velocity': 2.0}
           for number in range(1, 11)]
 # {name: (file name in example-robot-data, joints)}
-URDFS = {'Panda, URDF': ('panda.urdf', PANDA_JOINTS), 'UR5': ('ur5_robot.urdf', None), 'Baxter': ('baxter.urdf', BAXTER_JOINTS),
+URDFS = {'Panda, URDF': ('panda.urdf', PANDA_JOINTS),
+         'UR5': ('ur5_robot.urdf', None), 'Baxter': ('baxter.urdf', BAXTER_JOINTS),
          'Talos': ('talos_reduced.urdf', TALOS_JOINTS),
          'Talos, 30 joints': ('talos_reduced.urdf', LEG_JOINTS + TALOS_JOINTS),
          'Talos arm': ('talos_left_arm.urdf', None), 'TIAGo': ('tiago.urdf', TIAGO_JOINTS),
