@@ -25,6 +25,8 @@ executables = {
     'simulator_node': 'tp_controller.cli.main:simulator_node',
 }
 plots = ['matplotlib', 'Pillow']
+# What benchmarks/peers.py compares with; not placo, which needs pinocchio 3.
+peers = ['pin-pink', 'mink', 'embodik; python_version < "3.13"', 'example-robot-data']
 
 
 def shims():
@@ -54,6 +56,7 @@ setup(
     install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin>=4', 'coal', 'daqp'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'peers': peers,
         'plots': plots,
         'test': [*plots, 'pytest', 'hypothesis', 'example-robot-data', 'ruff<0.18',
                  'mypy<2.5', 'types-PyYAML', 'catkin_pkg', 'setuptools>=70.1'],
