@@ -118,14 +118,14 @@ def test_share_of_a_way_turns_and_shifts_by_that_share(worker):
 
 def test_motion_counts_what_exceeds_limits_and_how_velocities_change(worker):
     # At 2 Hz the first second is two cycles.
-    found = worker.simulate(Slider([1.0, 3.0, None, 0.5]), np.zeros(1), 4,
+    found = worker.simulate(Slider([3.0, 1.0, None, 0.5]), np.zeros(1), 4,
                             np.array([[-1.0], [1.6], [2.0]]))
     assert found['q'] == [2.25]
     assert found['failed'] == 0.25
     assert found['speed'] == pytest.approx(0.5)
     assert found['position'] == pytest.approx(0.65)
-    assert found['start'] == pytest.approx(2.0)
-    assert found['change'] == pytest.approx(3.0)
+    assert found['start'] == pytest.approx(3.0)
+    assert found['change'] == pytest.approx(1.0)
 
 
 def test_goal_is_reached_by_the_first_task_alone(peers, tmp_path):
@@ -133,6 +133,10 @@ def test_goal_is_reached_by_the_first_task_alone(peers, tmp_path):
     goals = scene.goals(scene.ready, scene.ready + 0.5)
     there, *_ = peers.errors(scene, scene.ready, goals)
     away, posture = peers.errors(scene, scene.ready + 0.1, goals)
+    # The last joint turns about an axis through the tool.
+    turned, _ = peers.errors(scene, scene.ready + np.eye(7)[6] * 0.1, goals)
+    assert turned == (pytest.approx(0.0, abs=1e-9), pytest.approx(0.1))
     assert peers.reached({'errors': [there, posture]})
     assert not peers.reached({'errors': [away, posture]})
+    assert not peers.reached({'errors': [turned, posture]})
     assert posture == (0.0, pytest.approx(0.4))
