@@ -124,7 +124,12 @@ class TpController(Peer):
 
 
 class Pink(Peer):
-    """pink with DAQP, costs and damping of examples/arm_panda.py."""
+    """
+    pink with DAQP, costs and damping of examples/arm_panda.py.
+
+    It would refuse to go on where the tolerance of DAQP takes a joint beyond its limit by a
+    millionth; its example of a humanoid turns that off, too.
+    """
 
     def load(self):
         import pink
@@ -158,7 +163,7 @@ class Pink(Peer):
         self.configuration.update(self._full(q))
         try:
             found = self.pink.solve_ik(self.configuration, self.soft, self.period, solver='daqp',
-                                       constraints=self.constraints)
+                                       constraints=self.constraints, safety_break=False)
         except self.pink.PinkError:
             return None
         return found[self.order]

@@ -329,7 +329,7 @@ def percent(share):
 
 def readable(value, least):
     """Return a number for people; what is nearer to zero than `least` is only that."""
-    return f'{value:.2g}' if abs(value) >= least else f'< {least:g}'
+    return f'{float(f"{value:.2g}"):g}' if abs(value) >= least else f'< {least:g}'
 
 
 def print_head(scene):
