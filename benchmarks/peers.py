@@ -201,8 +201,11 @@ class Package:
         worker = Path(__file__).with_name('_peers_worker.py')
         self._process = subprocess.Popen([python, str(worker), name], stdin=subprocess.PIPE,
                                          stdout=subprocess.PIPE, text=True)
+
+    def meet(self):
+        """Return the version of the package, and why it cannot be used; one of them is None."""
         answer = self._answer()
-        self.skipped, self.version = answer.get('skipped'), answer.get('version')
+        return answer.get('version'), answer.get('skipped')
 
     def do(self, command, **keys):
         """Return the answer to a command."""
@@ -387,17 +390,18 @@ def compare(scenes, packages, count, seconds):
 
 def open_packages(pythons):
     """Return the packages that are installed, and say which are not."""
-    found = []
-    for name in VARIANTS:
-        package = Package(name, pythons.get(name, sys.executable))
-        if package.skipped:
-            print(f'skipped: {name} is not installed ({package.skipped})')
+    found, versions = [], []
+    # All at once: they take a while to start.
+    for package in [Package(name, pythons.get(name, sys.executable)) for name in VARIANTS]:
+        version, skipped = package.meet()
+        if skipped:
+            print(f'skipped: {package.name} is not installed ({skipped})')
             package.close()
         else:
             found.append(package)
-    versions = [*(package.version for package in found), f'numpy {np.__version__}',
-                f'Python {platform.python_version()}']
-    print(', '.join(versions) + '\n')
+            versions.append(version)
+    print(', '.join([*versions, f'numpy {np.__version__}',
+                     f'Python {platform.python_version()}']) + '\n')
     return found
 
 
