@@ -26,6 +26,8 @@ executables = {
 }
 plots = ['matplotlib', 'Pillow']
 docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
+# What benchmarks/peers.py compares with; not placo, which needs pinocchio 3.
+peers = ['pin-pink', 'mink', 'embodik; python_version < "3.13"', 'example-robot-data']
 
 
 def shims():
@@ -56,6 +58,7 @@ setup(
                       'argcomplete'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'peers': peers,
         'plots': plots,
         'docs': docs,
         'test': [*plots, *docs, 'pytest', 'hypothesis', 'example-robot-data', 'ruff<0.18',

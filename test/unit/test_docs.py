@@ -513,3 +513,4 @@ def test_readme_comes_to_the_point():
     first, = [block for block in blocks('bash') if block.page == ROOT / 'README.md'][:1]
     assert first.line <= 20
     assert text.index('.gif)') < text.index('```')
+    assert text.count('\n') <= 120
