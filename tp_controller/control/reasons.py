@@ -41,7 +41,7 @@ SENTENCES = {
     LOWER: '{} at its lower position limit',
     UPPER: '{} at its upper position limit',
     ACCELERATION: '{} at its acceleration limit',
-    RESERVE: '{} at the speed that is reserved for the first level',
+    RESERVE: '{} at its velocity limit minus the reserve for the first level',
     TASK: 'blocked by {}',
     BOUNDS: 'blocked by the bounds of {}',
     SINGULARITY: 'near a singularity',

@@ -137,7 +137,7 @@ def test_reserve_is_a_cause_where_a_joint_is_kept_ready():
 """, [0.0, 0.0, 0.0], Settings(blend=0.0, reserve=0.4, period=0.01))
     # As the first level itself it could have all of it.
     assert kinds(tasks['second']) == [('reserve', 'slide_x', 1.0), ('task', 'first', 1.0)]
-    assert 'reserved' in tasks['second'].reason
+    assert 'reserve' in tasks['second'].reason
     assert tasks['second'].hint == 'lower the setting reserve'
 
 
@@ -148,7 +148,8 @@ def test_report_names_the_reserve_where_that_slows_the_command():
 - second: {type: joint, joints: slide_x, target: [0.9]}
 """, robot), Settings(blend=0.0, reserve=0.4, period=0.01))
     report = controller.update([0.0, 0.0, 0.0], 0.0).report
-    assert report.limiting == 'slide_x at the speed that is reserved for the first level'
+    assert report.limiting == (
+        'slide_x at its velocity limit minus the reserve for the first level')
 
 
 def test_acceleration_limit_is_a_cause_until_the_joint_is_fast():
