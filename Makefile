@@ -18,7 +18,8 @@ TEST_NEEDS := $(patsubst %,$(VENV)/with_%,$(CHOSEN))
 # What each installs, and how large its files are then.
 SIZE_ros := ROS 2 nodes: rclpy and messages as wheels, 150 MB
 SIZE_plots := plots and films: matplotlib, 100 MB
-SIZE_test := tests, lint, and robots to test with: 570 MB
+SIZE_test := tests, lint, robots to test with, and what docs needs: 660 MB
+SIZE_docs := the site: Sphinx, MyST and a theme, 95 MB
 
 # A ROS sourced in this shell has other libraries than the ones in .venv.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
@@ -32,7 +33,7 @@ ifneq ($(file < $(STAMP)),$(MADE_FOR))
 .PHONY: $(STAMP)
 endif
 
-.PHONY: help demo test bench lint clean
+.PHONY: help demo test bench docs lint clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -48,12 +49,15 @@ test: $(STAMP) $(TEST_NEEDS)  ## run all tests (PYTEST_FLAGS='-k solver' for som
 bench: $(STAMP) $(TEST_NEEDS)  ## measure times on this machine (benchmarks/)
 	@set -e; for file in benchmarks/[a-z]*.py; do $(BIN)/python "$$file"; done
 
+docs: $(STAMP) $(VENV)/with_docs  ## build the pages as a site, strictly: docs/_build/index.html
+	@$(BIN)/python -m sphinx -q -n -W --keep-going docs docs/_build
+
 lint: $(STAMP) $(TEST_NEEDS)  ## check code style and types
 	@$(BIN)/python -m ruff check .
 	@$(BIN)/python -m mypy
 
 clean:  ## remove .venv and everything built
-	@rm -rf $(VENV) build install log tp_demo *.egg-info
+	@rm -rf $(VENV) build install log tp_demo docs/_build *.egg-info
 	@rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 

@@ -25,6 +25,9 @@ executables = {
     'simulator_node': 'tp_controller.cli.main:simulator_node',
 }
 plots = ['matplotlib', 'Pillow']
+docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
+# What benchmarks/peers.py compares with; not placo, which needs pinocchio 3.
+peers = ['pin-pink', 'mink', 'embodik; python_version < "3.13"', 'example-robot-data']
 
 
 def shims():
@@ -55,8 +58,10 @@ setup(
                       'argcomplete'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'peers': peers,
         'plots': plots,
-        'test': [*plots, 'pytest', 'hypothesis', 'example-robot-data', 'ruff<0.18',
+        'docs': docs,
+        'test': [*plots, *docs, 'pytest', 'hypothesis', 'example-robot-data', 'ruff<0.18',
                  'mypy<2.5', 'types-PyYAML', 'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',

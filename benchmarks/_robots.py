@@ -21,6 +21,7 @@ from tp_controller import Robot
 
 CONFIG = Path(__file__).resolve().parent.parent / 'config'
 PANDA_READY = (0.3, -0.5, 0.2, -2.0, 0.1, 1.6, 0.8)
+PANDA_JOINTS = [f'panda_joint{number}' for number in range(1, 8)]
 BAXTER_JOINTS = [f'{side}_{joint}' for side in ('left', 'right')
                  for joint in ('s0', 's1', 'e0', 'e1', 'w0', 'w1', 'w2')]
 TALOS_JOINTS = [f'torso_{number}_joint' for number in (1, 2)] + \
@@ -36,7 +37,8 @@ TALOS_READY = (0.1, 0.2, 0.05, 0.1, *ARM_READY, *(-value for value in ARM_READY[
 PLANAR = [{'name': f'joint{number}', 'a': 0.2, 'lower': -2.0, 'upper': 2.0, 'velocity': 2.0}
           for number in range(1, 11)]
 # {name: (file name in example-robot-data, joints)}
-URDFS = {'UR5': ('ur5_robot.urdf', None), 'Baxter': ('baxter.urdf', BAXTER_JOINTS),
+URDFS = {'Panda, URDF': ('panda.urdf', PANDA_JOINTS),
+         'UR5': ('ur5_robot.urdf', None), 'Baxter': ('baxter.urdf', BAXTER_JOINTS),
          'Talos': ('talos_reduced.urdf', TALOS_JOINTS),
          'Talos, 30 joints': ('talos_reduced.urdf', LEG_JOINTS + TALOS_JOINTS),
          'Talos arm': ('talos_left_arm.urdf', None), 'TIAGo': ('tiago.urdf', TIAGO_JOINTS),

@@ -87,16 +87,18 @@ class Scene:
     settings: Settings
     q: np.ndarray
     goals: dict[str, Any]
+    cycles: int
 
     def solve(self, robot: Robot, without: str = '') -> tuple[Report, dict[str, float]]:
-        """Return the report of the first cycle, and how much each task misses."""
+        """Return the report of the last cycle, and how much each task misses."""
         stack = Stack.from_yaml(self.stack, robot)
         controller = Controller(robot, stack, self.settings)
         if without:
             controller.enable(without, False)
         for name, goal in self.goals.items():
             controller.set_goal(name, goal, 0.0)
-        command = controller.update(self.q, 0.0)
+        for cycle in range(self.cycles):
+            command = controller.update(self.q, cycle * PERIOD)
         state, missing = robot.state(self.q), {}
         for task in stack.tasks.values():
             level = task.evaluate(state, 0.0).level
@@ -132,12 +134,13 @@ class Findings:
     faults: list[str] = field(default_factory=list)
 
 
-def draw(case: str, number: int) -> Scene:
-    """Return a state by its number."""
+def draw(case: str, number: int, cycles: int) -> Scene:
+    """Return a state by its number, in which the robot is for some cycles."""
     robot_name, stack = CASES[case]
     random = np.random.default_rng([SEED, number])
     robot = load_robot(robot_name)
-    if number % 3 == 0:
+    # What accelerations reach depends on the cycles before, which differ without a limit.
+    if number % 3 == 0 and cycles == 1:
         robot = copy(robot)
         robot.acceleration = np.full(robot.n, 15.0)
     settings = Settings(
@@ -148,7 +151,7 @@ def draw(case: str, number: int) -> Scene:
     q, there = _configuration(robot, random), robot.state(_configuration(robot, random))
     tasks = Stack.from_yaml(stack, robot).tasks.values()
     return Scene(robot, stack, settings, q, {
-        task.name: task.value(there) for task in tasks if not task.bounded})
+        task.name: task.value(there) for task in tasks if not task.bounded}, cycles)
 
 
 def _configuration(robot: Robot, random: np.random.Generator) -> np.ndarray:
@@ -163,9 +166,9 @@ def _configuration(robot: Robot, random: np.random.Generator) -> np.ndarray:
     return q
 
 
-def compare(case: str, number: int, findings: Findings) -> None:
+def compare(case: str, number: int, cycles: int, findings: Findings) -> None:
     """Add what one state says to the findings."""
-    scene = draw(case, number)
+    scene = draw(case, number, cycles)
     report, missing = scene.solve(scene.robot)
     start = time.perf_counter()
     named = {task.name: {(cause.kind, cause.name): cause.share for cause in task.causes}
@@ -195,6 +198,8 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--states', type=int, default=STATES, help='of each stack')
+    parser.add_argument('--cycles', type=int, default=1,
+                        help='for which the robot stays in a state, so that more is remembered')
     parser.add_argument('--cases', nargs='+', choices=CASES, default=list(CASES))
     options = parser.parse_args()
     print('| stack | true causes | found | right | shares off by | µs: median | 90th percentile |'
@@ -203,7 +208,7 @@ def main() -> None:
     for case in options.cases:
         findings = Findings()
         for number in range(options.states):
-            compare(case, number, findings)
+            compare(case, number, options.cycles, findings)
         faults.extend(findings.faults)
         median, most = np.percentile(findings.times, (50, 90)) if findings.times else (0.0, 0.0)
         print(f'| {case} | {findings.true} | {findings.found / max(findings.true, 1):.1%} '

@@ -121,6 +121,8 @@ def _name(node):
     if isinstance(node, ast.Attribute):
         return node.attr
     if isinstance(node, ast.Call):
+        if not node.args and _name(node.func) in ('max', 'strip', 'tolist'):
+            return _name(node.func.value)
         return _name((node.args or [node.func])[-1])
     if isinstance(node, ast.Subscript):
         key = node.slice

@@ -17,8 +17,9 @@ Draw the pictures of docs/tasks.md: one for a task type, of a run with an ideal 
 
 ``python docs/pictures.py`` writes docs/images/tasks/<type>.png for all types, ``python
 docs/pictures.py keep_out look_at`` only those two, and prints the numbers that the page quotes.
+``python docs/pictures.py method_damping method_levels`` draws the two pictures of docs/method.md.
 Some need robots of example-robot-data. On the left of a picture is the robot, on the right the
-controlled quantities over time. Every picture is one entry of `SCENES`.
+controlled quantities over time. Every picture of a task type is one entry of `SCENES`.
 """
 
 import argparse
@@ -34,10 +35,11 @@ from matplotlib.figure import Figure
 import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from tp_controller import Controller, Robot, Settings, Stack
+from tp_controller import Controller, Robot, Settings, solve, Stack
 from tp_controller.demos import drawing
 from tp_controller.demos.film import links_of
 from tp_controller.model.shapes import Box, Cylinder, Sphere
+from tp_controller.solver.damping import Damping
 from tp_controller.tasks.manipulability import Mobility
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -425,14 +427,20 @@ class Scene:
     compare: bool = False
 
 
+def make_figure():
+    """Return a figure of the size that all have."""
+    figure = Figure(figsize=(8.2, 3.45), dpi=drawing.DPI, layout='constrained')
+    figure.get_layout_engine().set(w_pad=0.08, h_pad=0.06)
+    FigureCanvasAgg(figure)
+    return figure
+
+
 def draw(kind, folder=FOLDER):
     """Draw the picture of a task type; return its path, and the numbers of its curves as lines."""
     scene = SCENES[kind]
     run = Run(scene, kind)
     without = Run(scene, kind, without=True) if scene.compare else None
-    figure = Figure(figsize=(8.2, 3.45), dpi=drawing.DPI, layout='constrained')
-    figure.get_layout_engine().set(w_pad=0.08, h_pad=0.06)
-    FigureCanvasAgg(figure)
+    figure = make_figure()
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
     canvas = Canvas(left.add_subplot(), scene.view)
     draw_scene(canvas, scene, kind, run, without)
@@ -807,13 +815,92 @@ SCENES = {
 }
 
 
+# The method -------------------------------------------------------------------------------
+
+# Two levels for two joints, J q̇ = v, and the limits of both joints [rad/s].
+UPPER_LEVEL = (np.array([[0.316, 0.949]]), np.array([1.043]))
+LOWER_LEVEL = (np.array([[1.0, -0.4]]), np.array([1.26]))
+LIMIT = 1.0
+
+
+def method_damping():
+    """Draw what a direction gets of its demand over its singular value, undamped and damped."""
+    figure = make_figure()
+    speed, share = figure.subplots(1, 2)
+    s = np.geomspace(1.0, 3e-3, 400)
+    laws = {'undamped': Damping(), 'everywhere, λ = 0.1': Damping(0.1),
+            'below ε, λ = ε = 0.1': Damping(0.1, 0.1),
+            'first level, λ = ε = 0.02': Damping(0.1, 0.1).first}
+    for (name, law), colour in zip(laws.items(), (WITHOUT_COLOUR, *drawing.COLOURS)):
+        gains = law.gains(s, 0.0)
+        style = WITHOUT_STYLE if law.off else {'linewidth': 2.0}
+        speed.plot(s, gains, label=name, color=colour, **style)
+        share.plot(s, s * gains, color=colour, **style)
+    speed.set_yscale('log')
+    speed.set_ylim(0.7, 100.0)
+    for axis, title in ((speed, 'joint speed per demand'), (share, 'share of the demand')):
+        axis.set_title(title, loc='left', fontsize=10)
+        axis.set(xscale='log', xlabel='singular value s', xlim=(s[-1], s[0]))
+        drawing.tidy(axis)
+    figure.legend(loc='outside lower center', ncols=4, frameon=False, fontsize=9.5,
+                  columnspacing=1.6)
+    return figure
+
+
+def method_levels():
+    """Draw two levels in the plane of two joint velocities, without limits and with them."""
+    figure = make_figure()
+    free, limited = figure.subplots(1, 2, sharex=True, sharey=True)
+    levels, box = [UPPER_LEVEL, LOWER_LEVEL], LIMIT * np.ones(2)
+    first, both = (solve(levels[:count]).velocity for count in (1, 2))
+    for axis in (free, limited):
+        for (J, v), name, colour in zip(levels, ('level 1', 'level 2'), drawing.COLOURS):
+            # Where a level is met is a line.
+            along = np.outer([-3.0, 3.0], [-J[0, 1], J[0, 0]])
+            axis.plot(*(np.linalg.pinv(J) @ v + along).T, color=colour, linewidth=2.0,
+                      label=f'{name} is met')
+        axis.set(aspect='equal', xlabel='velocity of joint 1 [rad/s]', xlim=(-0.1, 1.8),
+                 ylim=(-0.1, 1.35))
+        drawing.tidy(axis)
+    free.set_ylabel('velocity of joint 2 [rad/s]')
+    for start, end in ((np.zeros(2), first), (first, both)):
+        free.annotate('', end, start, zorder=6, arrowprops={
+            'arrowstyle': '-|>', 'color': drawing.ARM_COLOUR, 'linewidth': 1.8, 'shrinkA': 0,
+            'shrinkB': 0, 'mutation_scale': 13})
+    free.set_title('without limits: one step for each level', loc='left', fontsize=10)
+    limited.set_title('with limits: which velocity is taken', loc='left', fontsize=10)
+    drawing.mark_bound(limited, LIMIT, 3.0)
+    limited.axvline(LIMIT, color=drawing.LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1)
+    limited.axvspan(LIMIT, 3.0, color=drawing.LIMIT_COLOUR, alpha=0.06, linewidth=0.0)
+    limited.plot(*np.column_stack((np.zeros(2), both)), color=WITHOUT_COLOUR, zorder=3,
+                 **WITHOUT_STYLE)
+    answers = {'redistributed': solve(levels, -box, box, scaling='redistribute').velocity,
+               'clipped': both.clip(-box, box), 'uniform': solve(levels, -box, box).velocity}
+    for (name, velocity), marker in zip(answers.items(), 'osD'):
+        limited.plot(*velocity, marker, color=drawing.ARM_COLOUR, markersize=8, zorder=7)
+        limited.annotate(name, velocity, (-10, -4), textcoords='offset points', ha='right',
+                         va='center', zorder=8, bbox={'color': 'white', 'pad': 0.5})
+    for axis in (free, limited):
+        axis.plot(*both, '*', color=TARGET_COLOUR, markersize=13, zorder=6,
+                  label='both are met')
+    entries = dict(zip(*reversed(free.get_legend_handles_labels())))
+    figure.legend(entries.values(), entries.keys(), loc='outside lower center', ncols=3,
+                  frameon=False, fontsize=9.5, columnspacing=1.6)
+    return figure
+
+
+METHOD = {'method_damping': method_damping, 'method_levels': method_levels}
+
+
 def main():
     """Draw the pictures of all task types, or of those named on the command line."""
     parser = argparse.ArgumentParser(description=__doc__.strip().partition('\n')[0])
-    parser.add_argument('types', nargs='*', metavar='type', help=', '.join(SCENES))
-    types = parser.parse_args().types
-    for kind in types or SCENES:
-        path, lines = draw(kind)
+    parser.add_argument('names', nargs='*', metavar='name', help=', '.join((*SCENES, *METHOD)))
+    for name in parser.parse_args().names or (*SCENES, *METHOD):
+        if name in METHOD:
+            path, lines = drawing.save(METHOD[name](), FOLDER.parent / f'{name}.png'), ()
+        else:
+            path, lines = draw(name)
         print(path.relative_to(ROOT), *lines, sep='\n  ')
 
 

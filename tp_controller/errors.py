@@ -23,7 +23,7 @@ The errors a user can meet.
     ├── TaskError       keys of one task are wrong (all of them at once)
     ├── StackError      the list of tasks has faults (all of them at once, with lines)
     ├── GoalError       a goal is not finite, has the wrong shape or names nothing
-    ├── TimeError       a time is no finite number
+    ├── TimeError       a time is not a finite number
     └── SolverError     the levels handed to ``solve`` do not fit together
 
 Every message names what is wrong and says what is valid.

@@ -336,7 +336,7 @@ BAD = [
      'must be finite'),
     ('joints', JointState, {'velocities': {'joint': 1.0}}, "unknown joint 'joint'"),
     ('swing', JointState, {'velocities': {'panda_joint2': 1.0}}, "unknown joint 'panda_joint2'"),
-    ('swing', JointState, {'joints': {'panda_joint1': 1.0}}, 'nothing that this task takes'),
+    ('swing', JointState, {'joints': {'panda_joint1': 1.0}}, 'no goal or velocity for this task'),
 ]
 
 

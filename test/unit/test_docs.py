@@ -19,7 +19,8 @@ README.md and docs/ cannot rot: what they show is run, loaded, parsed or looked 
   ``text`` block that follows directly is what they print.
 - ``yaml`` lists are stacks and load for the Panda; mappings are DH tables or parameter files.
 - Lines of ``bash`` blocks, and of blocks without a language, must be ones the programs accept.
-- A block after ``<!-- file: name -->`` is a file of an example; it is not run by itself.
+- A block after ``<!-- file: name -->`` is a file of an example; it is not run by itself. If it is
+  ``xml``, the page runs in a folder that has it.
 
 What is about messages and parameters needs ROS and is skipped without.
 """
@@ -39,6 +40,7 @@ import sys
 
 import pytest
 import setuptools
+import tp_controller
 from tp_controller import Robot, Stack
 from tp_controller.cli.main import make_parser
 from tp_controller.resources import find_file
@@ -47,10 +49,13 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / 'docs'
-PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted(DOCS.glob('*.md'))]
+HOW_TO = sorted((DOCS / 'howto').glob('*.md'))
+PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted(DOCS.glob('*.md')), *HOW_TO]
+# What they show is a file beside the folder.
+INCLUDING = {DOCS / 'contributing.md', DOCS / 'changelog.md'}
 # Messages are made on first use, by packages that import deprecated modules.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
-FENCE = re.compile(r'^(?P<fence>```+|~~~+)(?P<language>\w*)$')
+FENCE = re.compile(r'^(?P<fence>```+|~~~+)(?P<language>\w*|\{[\w-]+\})(?: \S+)?$')
 FILE = re.compile(r'<!-- file: (\S+) -->')
 LINK = re.compile(r'\[[^\]]*\]\(([^)\s]+)\)')
 # Programs that are not ours; what they are told is not looked at.
@@ -221,13 +226,26 @@ def test_robot_page_names_every_key_of_a_dh_table():
         assert f'`{word}`' in text, word
 
 
+def test_reference_has_every_public_name():
+    text = (DOCS / 'reference.md').read_text(encoding='utf-8')
+    shown = [name.rpartition('.')[2]
+             for name in re.findall(r'^\.\. auto\w+:: (\S+)$', text, re.MULTILINE)]
+    assert len(shown) == len(set(shown))
+    names = {*tp_controller.__all__, *tp_controller.tasks.__all__, 'Report', 'TaskReport', 'Cause'}
+    assert names <= set(shown)
+
+
 # Python ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('page', [page for page in PAGES if any(
     block.language == 'python' and not block.file for block, _ in blocks_of(page))], ids=identity)
-def test_python_blocks_run_and_print_what_is_shown(page, monkeypatch, own_task_types):
-    monkeypatch.chdir(ROOT)
+def test_python_blocks_run_and_print_what_is_shown(page, monkeypatch, own_task_types, tmp_path):
+    files = {block.file: block.text for block, _ in blocks_of(page)
+             if block.file and block.language == 'xml'}
+    for name, text in files.items():
+        (tmp_path / name).write_text(text, encoding='utf-8')
+    monkeypatch.chdir(tmp_path if files else ROOT)
     namespace = {'__name__': 'example'}
     for block, end in blocks_of(page):
         if block.language != 'python' or block.file:
@@ -482,7 +500,7 @@ def test_every_page_can_be_found_from_the_first():
         links = LINK.findall(page.read_text(encoding='utf-8'))
         to_read += [(page.parent / link.partition('#')[0]).resolve() for link in links
                     if link.partition('#')[0].endswith('.md') and '://' not in link]
-    assert {page for page in PAGES if page.name != 'index.md'} <= seen
+    assert set(PAGES) - INCLUDING - {DOCS / 'index.md'} <= seen
 
 
 def test_pictures_are_small():
@@ -495,3 +513,4 @@ def test_readme_comes_to_the_point():
     first, = [block for block in blocks('bash') if block.page == ROOT / 'README.md'][:1]
     assert first.line <= 20
     assert text.index('.gif)') < text.index('```')
+    assert text.count('\n') <= 120

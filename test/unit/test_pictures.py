@@ -12,16 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The pictures of the task types are there, are shown, and can be drawn anew."""
+"""The pictures of task types and method are there, are shown, and can be drawn anew."""
 
 import importlib.util
 from pathlib import Path
 import re
 
+import numpy as np
 from PIL import Image
 import pytest
 from robots import urdf_path
-from tp_controller import Stack
+from tp_controller import solve, Stack
 from tp_controller.tasks import task_types
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'
@@ -76,3 +77,24 @@ def test_a_picture_drawn_again_is_the_same_and_its_bounds_are_kept(pictures, tmp
     with_task, without = (pictures.Run(pictures.SCENES['keep_out'], 'keep_out', without=off)
                           for off in (False, True))
     assert plot.values(with_task).min() > plot.lower > 0.0 > plot.values(without).min()
+
+
+def test_pictures_of_the_method_are_there_and_shown(pictures, tmp_path):
+    text = (DOCS / 'method.md').read_text(encoding='utf-8')
+    assert {path.stem for path in (DOCS / 'images').glob('method_*')} == set(pictures.METHOD)
+    for name, make in pictures.METHOD.items():
+        assert re.search(rf'^!\[[^\]]+\]\(images/{name}\.png\)$', text, re.MULTILINE)
+        drawn = pictures.drawing.save(make(), tmp_path / f'{name}.png')
+        with Image.open(drawn) as new, Image.open(DOCS / 'images' / f'{name}.png') as old:
+            assert new.size == old.size == (902, 379)
+
+
+def test_picture_of_the_levels_shows_what_its_caption_says(pictures):
+    (J, v), lower = levels = pictures.UPPER_LEVEL, pictures.LOWER_LEVEL
+    bound = pictures.LIMIT * np.ones(2)
+    free = solve(levels).velocity
+    assert np.allclose(J @ free, v) and np.allclose(lower[0] @ free, lower[1])
+    assert free[0] > bound[0]
+    assert np.allclose(J @ solve(levels, -bound, bound, scaling='redistribute').velocity, v)
+    for other in (solve(levels, -bound, bound).velocity, free.clip(-bound, bound)):
+        assert not np.allclose(J @ other, v, atol=0.05)

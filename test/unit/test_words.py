@@ -53,7 +53,8 @@ def texts():
     """Return the files that people read."""
     found = [path for path in ROOT.iterdir() if path.suffix in SUFFIXES]
     for folder in FOLDERS:
-        found += [path for path in (ROOT / folder).rglob('*') if path.suffix in SUFFIXES]
+        found += [path for path in (ROOT / folder).rglob('*')
+                  if path.suffix in SUFFIXES and '_build' not in path.parts]
     return sorted(path for path in found if path != Path(__file__).resolve())
 
 

@@ -55,9 +55,9 @@ class Cause:
     kind : str
         ``velocity limit``, ``lower position limit``, ``upper position limit``,
         ``acceleration limit`` or ``reserve`` of a joint; ``task`` or ``bounds``: another task
-        that takes the directions, or whose bounds are in the way; ``singularity``: a direction
-        that the robot can hardly move in here; ``impossible``: one that it cannot; ``damping``;
-        ``transition``: a change that still fades in.
+        that takes the directions, or whose bounds block it; ``singularity``: a direction that
+        the robot can hardly move in here; ``impossible``: one that it cannot; ``damping``;
+        ``transition``: a change that is still blended in.
     name : str
         The joint, or the task; else empty.
     share : float
@@ -126,7 +126,7 @@ class Causes:
         return [other.task.name for group in self._evaluations[:index] for other in group]
 
     def rows_in_the_way(self, evaluation: Evaluation, name: str) -> list[str]:
-        """Return which rows of a task with bounds are in the way of another one, by name."""
+        """Return which rows of a task with bounds block another one, by name."""
         found: dict[str, None] = {}
         index = self._places[id(evaluation)]
         for level in self._outcome.commanded.levels[:index + 1]:
@@ -204,7 +204,8 @@ class Causes:
                 cycle = replace(cycle, speed_cap=cap)
             else:
                 cycle = replace(cycle, bounds=cycle.bounds.without(joint, limits))
-            self._solved[key] = cycle.solve(self._outcome.commanded.hierarchy).velocity
+            self._solved[key] = self._again(
+                cycle, self._outcome.commanded.hierarchy, self._pushes)
         return self._solved[key]
 
     def _without_task(self, number: int, evaluation: Evaluation) -> Array:
@@ -221,11 +222,31 @@ class Causes:
         if number >= len(hierarchy) or hierarchy[number] is not cycle.levels[number]:
             # While a change fades in it is not in force yet.
             return self._outcome.velocity
-        memory = list(cycle.memory)
-        memory[number:number + 1] *= len(levels)
+        memory, pushes = list(cycle.memory), list(self._pushes)
+        for values in (memory, pushes):
+            values[number:number + 1] *= len(levels)
         other = replace(cycle, memory=tuple(memory), levels=[
             *cycle.levels[:number], *levels, *cycle.levels[number + 1:]])
-        return other.solve([*hierarchy[:number], *levels, *hierarchy[number + 1:]]).velocity
+        return self._again(other, [*hierarchy[:number], *levels, *hierarchy[number + 1:]], pushes)
+
+    @cached_property
+    def _pushes(self) -> list[float]:
+        """Return h of each level of the stack, from this cycle alone."""
+        return _pushes(self._cycle, self._outcome.commanded.hierarchy)
+
+    def _again(self, cycle: Cycle, levels: Sequence[Level], before: Sequence[float]) -> Array:
+        """
+        Return the velocities (n,) of a cycle with one change.
+
+        What it remembers follows from what pushed before (h of each level), and so is no cause
+        of its own: it falls as far as the pushes do.
+        """
+        if any(cycle.memory):
+            after = _pushes(cycle, levels)
+            cycle = replace(cycle, memory=tuple(
+                h * new / old if new < old else h
+                for h, old, new in zip(cycle.memory, before, after)))
+        return cycle.solve(levels).velocity
 
     def _is_damped(self, index: int) -> bool:
         """Say whether a level, or one above it, is damped or relaxed."""
@@ -245,7 +266,7 @@ class Causes:
 
     def _singular(self, index: int, evaluation: Evaluation,
                   missing: Array) -> Iterator[tuple[str, str, Array]]:
-        """Yield what is missing because the robot can hardly move, or not at all, that way."""
+        """Yield what is missing because the robot can hardly move, or not at all, there."""
         level = evaluation.level
         if not level.J.size:
             return
@@ -261,6 +282,13 @@ class Causes:
             other = Evaluation(evaluation.task, replace(level, J=J), evaluation.error)
             group = [other if each is evaluation else each for each in self._evaluations[index]]
             yield SINGULARITY, '', missing_of(other.level, self._with(index, levels_of([group])))
+
+
+def _pushes(cycle: Cycle, levels: Sequence[Level]) -> list[float]:
+    """Return h of each level of a stack, from one cycle alone, in which levels are carried out."""
+    found = replace(cycle, memory=()).solve(levels)
+    pushes = {id(level): step.bend for level, step in zip(levels, found.steps)}
+    return [pushes.get(id(level), 0.0) for level in cycle.levels]
 
 
 def missing_of(level: Level, x: Array) -> Array:

@@ -96,9 +96,9 @@ class Controller:
         """
         Carry out another stack from the next cycle on.
 
-        Tasks of the same name, type and frame or joints go on with their goals, and with the
-        velocities in force. The upper levels whose tasks are the same in both stacks, with the
-        same keys and goals, do not feel the change.
+        Tasks of the same name, type and frame or joints keep their goals, and the velocities in
+        force. The change does not disturb the upper levels whose tasks are the same in both
+        stacks, with the same keys and goals.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class Controller:
         Raises
         ------
         TimeError
-            `now` is no finite number; then nothing is taken for halted.
+            `now` is not a finite number; then nothing is taken for halted.
 
         """
         self._last_update = check_time(now, 'now', TimeError)
@@ -213,7 +213,7 @@ class Controller:
         ------
         GoalError
             The task or frame is unknown, the goal is not finite or has the wrong shape, or `now`
-            is no finite number. The goal before stays in force.
+            is not a finite number. The goal before stays in force.
 
         """
         now = check_time(now, 'now', GoalError)
@@ -305,7 +305,7 @@ class Controller:
         RobotError
             `q` or `passive` has the wrong shape, is not finite, or its quaternion is none.
         TimeError
-            `now` or `elapsed` is no finite number.
+            `now` or `elapsed` is not a finite number.
 
         """
         now = check_time(now, 'now', TimeError)

@@ -41,7 +41,7 @@ SENTENCES = {
     LOWER: '{} at its lower position limit',
     UPPER: '{} at its upper position limit',
     ACCELERATION: '{} at its acceleration limit',
-    RESERVE: '{} at the speed that is reserved for the first level',
+    RESERVE: '{} at its velocity limit minus the reserve for the first level',
     TASK: 'blocked by {}',
     BOUNDS: 'blocked by the bounds of {}',
     SINGULARITY: 'near a singularity',
@@ -115,9 +115,9 @@ def limit_text(kind: str, joint: str) -> str:
 
 def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> bool:
     """
-    Say whether nothing but the goal itself is in the way of a task.
+    Say whether nothing but the goal itself limits a task.
 
-    Then its error does not shrink any more, and no limit, task or change keeps it from that.
+    Then its error does not shrink any more, and no limit, task or transition is the reason.
     """
     return not evaluation.task.bounded and bool(evaluation.error.any()) and not causes.instead \
         and all(cause.kind in ELSEWHERE for cause in found) and causes.at_rest(evaluation) \
@@ -132,7 +132,7 @@ def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
 
 
 def _together(names: Sequence[str]) -> str:
-    """Return what is in the way where nothing is alone."""
+    """Return the sentence for causes that each suffice, so that none of them is one alone."""
     if not names:
         return 'blocked by several causes together'
     return f'blocked by {", ".join(names[:-1])} and {names[-1]} together'

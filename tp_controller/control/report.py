@@ -62,8 +62,8 @@ class TaskReport:
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
-        """Return what limits the task, the largest share first; () where nothing does."""
-        if self._causes is None or self._evaluation is None or self.level is None:
+        """Return what limits the task, the largest share first; () where it is reached."""
+        if self._causes is None or self._evaluation is None or self.level is None or self.reached:
             return ()
         return self._causes.of(self._evaluation)
 

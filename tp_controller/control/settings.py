@@ -62,8 +62,8 @@ class Settings:
         'first level a fifth of it (0: undamped)')
     singular_region: float = _number(
         0.1, 0.0, math.inf, '', 'singular value below which a direction is damped, of the first '
-        'level a fifth of it (inf: all directions are, which is damped least squares as in the '
-        'lecture)')
+        'level a fifth of it (inf: all directions are damped, which is damped least squares, '
+        'lecture 4)')
     braking_gain: float = _number(
         10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; '
         'at most 1/period')
@@ -72,7 +72,7 @@ class Settings:
         'lower tasks, smoothly (0: never)')
     scaling: str = _choice(
         'redistribute', SCALINGS, 'what is done where a velocity exceeds a limit: other joints '
-        'move in its place and lower tasks give way first, or all joints are slowed alike')
+        'move instead, at the cost of the lowest tasks first, or all joints are slowed alike')
     regularisation: float = _number(
         0.02, 0.0, 10.0, '', 'scaling redistribute: singular value below which a direction '
         'stays near the velocity cut off at the limits, which keeps the command from jumping; '

@@ -112,8 +112,8 @@ def kept_above(levels: list[Level], count: int) -> list[Level]:
     """
     Return the first `count` levels, and the bounds that follow them at once.
 
-    Bounds hold as soon as they are in the stack, they are there for safety. Those farther down
-    stand below tasks, which must not be disturbed by them.
+    Bounds are there for safety: they apply as soon as they are in the stack. Those farther down
+    are below tasks, which they must not disturb.
     """
     while count < len(levels) and levels[count].v is None:
         count += 1

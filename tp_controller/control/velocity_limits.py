@@ -88,7 +88,7 @@ class VelocityBounds:
             # Where all that can be reached is too fast, it is the nearer end of that.
             speeds += [(ACCELERATION, end[joint] if up else -end[joint]) for end in self._window]
         found = {limit: True for limit, speed in speeds if abs(float(speed) - bound) <= SAME}
-        # What is left is the way back from outside of the range.
+        # What is left is the speed back from outside of the range.
         return list(found) or [position]
 
     def without(self, joint: int, limits: Sequence[str]) -> 'VelocityBounds':

@@ -76,7 +76,7 @@ def capsule(name: str, frame: str, start: Array, end: Array, radius: float) -> S
     middle = 0.5 * (start + end)
     if length == 0.0:
         return Solid(name, frame, pose(np.eye(3), middle), coal.Sphere(radius))
-    # Any orientation will do that has its z axis along the line, whichever way.
+    # Any orientation will do that has its z axis along the line, in either direction.
     R = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][:, [1, 2, 0]]
     R[:, 0] *= np.linalg.det(R)
     return Solid(name, frame, pose(R, middle), coal.Capsule(radius, length))
@@ -236,8 +236,8 @@ class Clearance:
     Distances between pairs of solids that are near each other.
 
     Where flat sides or parallel edges face each other, the nearest points jump from one end to
-    the other as the solids rock, and a robot that is pushed there would rattle. So of close pairs
-    all corners are given: those of the contact patch, at the distance of the nearest points.
+    the other as the solids rock. A robot in contact would oscillate. So of close pairs all
+    corners are given: those of the contact patch, at the distance of the nearest points.
 
     Parameters
     ----------
@@ -370,7 +370,7 @@ class Clearance:
             if isinstance(self._solids[index].geometry, coal.Cylinder) \
                     and T.rotation[:, 2].dot(normal) > 0.0:
                 # Coal goes round the end of a cylinder in its own axes, and finds no patch where
-                # that is the wrong way round. Half a turn about x changes nothing else.
+                # that is the wrong direction. Half a turn about x changes nothing else.
                 self._data.oMg[index] = T * HALF_TURN
         pinocchio.computeContactPatch(self._model, self._data, pair)
         patch = self._patches[pair].getContactPatch(0)

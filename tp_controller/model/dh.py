@@ -49,7 +49,7 @@ def urdf_from_dh(table: Table, convention: str | None = None) -> str:
     """
     Return the URDF of a DH table.
 
-    With ``standard`` (as in the lab) the transform of row i is Rz(θ) Tz(d) Tx(a) Rx(α), with
+    With ``standard`` (lab exercise 1) the transform of row i is Rz(θ) Tz(d) Tx(a) Rx(α), with
     ``modified`` (Craig's) it is Rx(α) Tx(a) Rz(θ) Tz(d). The joint variable is added to θ for a
     revolute and to d for a prismatic joint.
 

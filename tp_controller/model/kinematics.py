@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The model that Pinocchio makes of a robot, and the way there from its joints and its base."""
+"""The model that Pinocchio makes of a robot, from its joints and its base."""
 
 from collections.abc import Sequence
 
@@ -74,7 +74,7 @@ class Kinematics:
         self.expand: Array | None = expand
         if not base.moves and np.array_equal(expand, np.eye(model.nv)):
             self.expand = None
-        # Motion k turns the axis of motion j where it comes before it on the way from the root;
+        # Motion k turns the axis of motion j where it comes before it in the chain from the root;
         # the motions of a base are about axes of its own, so each turns all of them.
         self.turned = np.triu(np.ones((model.nv, model.nv)))
         self.turned[:first, :first] = 1.0

@@ -221,7 +221,7 @@ class KinematicSimulator:
         robot = self.robot
         moved = robot.integrate(self.q, mean, dt)
         before, after = robot.positions(self.q), robot.positions(moved)
-        # A robot that starts outside its limits is not thrown back, it only gets no further.
+        # A robot that starts outside its limits does not jump back, but gets no further.
         lower, upper = np.minimum(robot.lower, before), np.maximum(robot.upper, before)
         stopped = (after < lower) | (after > upper)
         self.q = moved.copy()

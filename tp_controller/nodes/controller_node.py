@@ -125,7 +125,7 @@ class ControllerNode(ClosableNode):
         """Command zeros for the last time, unless somebody has ended ROS already."""
         if self._ready and self.context.ok():
             self._publish_zeros()
-            # What is still on its way when the process ends may never arrive.
+            # What has not arrived when the process ends may never do so.
             for publisher in (self._commands, self._base):
                 publisher.wait_for_all_acked(Duration(seconds=LAST_ZERO_SECONDS))
 

@@ -36,7 +36,7 @@ class JointStateBuffer:
     driven, passive : sequence of str
         Names of the joints.
     passive_start : sequence of float
-        Where the passive joints are before anything is heard of them [rad or m].
+        Where the passive joints are before their first message [rad or m].
 
     Attributes
     ----------

@@ -126,8 +126,8 @@ def _spin(node: Node, arrived: int) -> None:
             try:
                 executor.spin_until_future_complete(ended, LONG)
             except InvalidHandle:
-                # A call that was on its way to a service when a new stack closed that service:
-                # it cannot be answered any more, and is no reason to end.
+                # A call that was sent before a new stack closed its service cannot be answered
+                # any more, and is no reason to end.
                 continue
     except ExternalShutdownException:
         pass

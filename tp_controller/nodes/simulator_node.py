@@ -144,7 +144,7 @@ class SimulatorNode(ClosableNode):
         self._take(self._robot.joint_columns, 'command')
 
     def _on_base_command(self, message: Twist) -> None:
-        """Take a command for the base; what it has no velocity for is passed over."""
+        """Take a command for the base; what it cannot move is ignored."""
         base = slice(0, self._robot.joint_columns.start)
         self._velocity[base] = self._robot.base_velocities(twist_of(message))
         self._take(base, 'cmd_vel')

@@ -72,7 +72,7 @@ class TaskTopics:
         self._frames = TfFrames(node, controller.robot.root)
         # By task and topic: the type, and what closes it.
         self._open: dict[tuple[str, str], tuple[type, Callable[[], object]]] = {}
-        self._wanted: dict[tuple[str, str], type] = {}
+        self._needed: dict[tuple[str, str], type] = {}
         self._again = node.create_timer(REOPEN_PERIOD, self._open_missing,
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._again.cancel()
@@ -83,13 +83,13 @@ class TaskTopics:
         """Open what the tasks of the stack need, and close what no task needs any more."""
         self.records = {name: self.records.get(name, GoalRecord())
                         for name in self._controller.stack.tasks}
-        self._wanted = {}
+        self._needed = {}
         for name, task in self._controller.stack.tasks.items():
-            self._wanted[name, 'enable'] = SetBool
+            self._needed[name, 'enable'] = SetBool
             for entry in messages_of(task):
-                self._wanted[name, entry.topic] = entry.type
+                self._needed[name, entry.topic] = entry.type
         closed = [key for key, (kind, _) in self._open.items()
-                  if self._wanted.get(key) is not kind]
+                  if self._needed.get(key) is not kind]
         for key in closed:
             _, close = self._open.pop(key)
             close()
@@ -98,8 +98,8 @@ class TaskTopics:
         self._open_missing(later=closed)
 
     def _open_missing(self, later: Collection[tuple[str, str]] = ()) -> None:
-        """Open what is wanted and not open yet; what cannot be opened is tried again soon."""
-        for key, kind in self._wanted.items():
+        """Open what is needed and not open yet; what cannot be opened is tried again soon."""
+        for key, kind in self._needed.items():
             if key not in self._open and key not in later:
                 try:
                     self._open[key] = kind, self._make(*key, kind)
@@ -107,7 +107,7 @@ class TaskTopics:
                     self._refusals += 1
                     if self._refusals == WORRYING:
                         self._node.get_logger().error(f'cannot open ~/{"/".join(key)}: {error}')
-        if len(self._open) < len(self._wanted):
+        if len(self._open) < len(self._needed):
             self._again.reset()
         else:
             self._again.cancel()
@@ -139,7 +139,7 @@ class TaskTopics:
         """Take a goal or a feed-forward velocity, or say why not."""
         kind, _ = self._open.get((name, topic), (None, None))
         if kind is not type(message):
-            # It was on its way when the stack changed.
+            # It was sent before the stack changed.
             return
         task = self._controller.stack.tasks[name]
         entry, = (entry for entry in messages_of(task) if entry.topic == topic)

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The loop over the levels: the recursion of the lecture, damped, within bounds.
+The loop over the levels: the recursion of lecture 2.2, damped, within bounds.
 
 x is the velocity that the levels so far agree on, Z what they left free. Each level decomposes
 what it can still move, J Z = U diag(s) Vᵀ with Q = Z V, and takes one damped step ::

@@ -23,18 +23,18 @@ A level moves the robot along the singular directions q_i of what the levels abo
 The first term is for directions that hardly move the task. λ acts below the singular region ε
 only, and grows from nothing where a direction enters it.
 
-The second term is for directions that are curved. To one cycle a level is a plane. In truth it
+The second term is for directions that are curved. In one cycle a level is a plane. In truth it
 bends during a zero-order hold of a period T, and so do the levels above that it pushes against.
 Newton's method would add that bend to s²: it is the Hessian of the Lagrangian (Nocedal and
-Wright, Numerical Optimization, 18.1). Without it, a robot that reaches for what it cannot reach
-turns back in every cycle. The solver does not know it, but has a bound: J turns by about ‖J‖ for
-each radian, and by `TURNING` where its rows are short. For a level that misses w, and that pushes
-with the multipliers μ against levels above and ν against rows with bounds, of the length 1, ::
+Wright, Numerical Optimization, 18.1). Without it, a robot with a goal out of reach reverses in
+every cycle. The solver does not have the Hessian, but a bound: J turns by about ‖J‖ for each
+radian, and by `TURNING` where its rows are short. For a level that misses w, and that pushes with
+the multipliers μ against levels above and ν against rows with bounds, of the length 1, ::
 
     h = ‖J‖ ‖w‖ + Σ ‖J_l‖ ‖μ_l‖ + ‖ν‖,        c = κ T h
 
-Where every demand is met h is zero, and the recursion exact. A push that lasts shakes a robot, one
-that passes does not: h follows with the time constant `MEMORY`, from cycle to cycle.
+Where every demand is met, h is zero and the recursion exact. Only a push that lasts makes a robot
+oscillate: h follows with the time constant `MEMORY`, from cycle to cycle.
 """
 
 from dataclasses import dataclass
@@ -79,7 +79,7 @@ class Damping:
     damping : float
         λ; 0: none at all.
     singular_region : float
-        ε; infinite: λ acts everywhere, the damped least squares of the lecture, and c nowhere.
+        ε; infinite: λ acts everywhere, damped least squares (lecture 4), and c nowhere.
     release_region : float
         See `tp_controller.solver.null_space.remaining`.
     regularisation : float

@@ -13,14 +13,14 @@
 # limitations under the License.
 
 """
-What a level can move, and what it leaves to the levels below: the recursion of the lecture.
+What a level can move, and what it leaves to the levels below: the recursion of lecture 2.2.
 
-The lecture (2.2) solves, from ζ = 0 and P = I, for each level i from the highest priority on::
+It solves, from ζ = 0 and P = I, for each level i from the highest priority on::
 
     J̄ = J_i P,    ζ ← ζ + J̄^# (v_i − J_i ζ),    P ← P − J̄⁺ J̄
 
-Here P is kept as P = Z Zᵀ, with the orthonormal columns of Z spanning what is left free. That is
-the same recursion in fewer coordinates, in which rounding errors do not add up::
+Here P = Z Zᵀ, where the orthonormal columns of Z span what is left free. That is the same
+recursion in fewer coordinates, and rounding errors do not add up::
 
     J_i Z = U diag(s) Vᵀ,    ζ ← ζ + Z V diag(s)⁻¹ Uᵀ (v_i − J_i ζ),    Z ← Z V_null
 """

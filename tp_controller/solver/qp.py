@@ -13,18 +13,18 @@
 # limitations under the License.
 
 """
-The quadratic programs that everything within bounds comes down to.
+The quadratic programs of levels that meet bounds.
 
 A level moves by Q a. Its program, for stiffnesses k_i ≥ 0 and a target a°, is ::
 
     minimise    Σ k_i (a_i − a°_i)²    subject to    lower ≤ A a ≤ upper
 
-Directions with k = 0 cost nothing, so the answer may lie in a corner of the bounds, and jump to
-another corner in the next cycle. Therefore no direction is softer than μ². The added
-stiffness pulls towards the step cut off at the bounds: the nearest velocity that is allowed,
-mostly, so that the answer is hardly biased, and nothing jumps where a bound begins to be in the
-way. For an exact answer it is solved again from there, with ever smaller μ: the proximal point
-algorithm (Rockafellar, 1976).
+Directions with k = 0 cost nothing. The answer may then lie in a corner of the bounds, and jump to
+another corner in the next cycle. Therefore no stiffness is below μ². The added stiffness pulls
+towards the step cut off at the bounds. That is mostly the nearest velocity that is allowed: the
+answer is hardly biased, and nothing jumps where a bound becomes active. For an exact answer the
+program is solved again from there, with ever smaller μ: the proximal point algorithm
+(Rockafellar, 1976).
 
 In coordinates scaled by √k a program looks for the nearest point of a polytope. DAQP, a dual
 active-set method, does that in microseconds. It takes a polytope for empty where rows of A that
@@ -40,7 +40,7 @@ from tp_controller.solver.level import Array, FEASIBLE
 
 # Tolerance of DAQP on bounds; the next one where rounding defeats this. Of 1.6 million programs
 # (`closed_loops.py`) six stay unsolved: their levels add nothing in that cycle. With 1e-5 for
-# the last one does, but levels above would feel 1e-5 of the others.
+# the last one is solved, but levels above would be disturbed by 1e-5 of the others.
 TOLERANCES = (FEASIBLE, 1e-9, 1e-7, 1e-6)
 # μ² for an exact answer, as shares of the largest stiffness, one after the other. In 1,500 fast
 # states (`loss.py`) levels miss at most 2e-6 of their demand beyond the least, and no program is

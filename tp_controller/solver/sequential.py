@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The sequential form of the slides, (50) and (51): for comparison only (docs/sequential.md)."""
+"""The sequential form, slides (50) and (51): for comparison only (docs/sequential.md)."""
 
 import numpy as np
 from tp_controller.solver.level import Array, Level

@@ -114,7 +114,7 @@ class LevelSolution:
         Return the multipliers of the bounds on the joints (n,), zero where none is active.
 
         Positive for an upper bound, negative for a lower one. Widening the bound by ε lets
-        ½ ‖residual‖² of the level, as it was before the levels below, fall by |multiplier| ε.
+        ½ ‖residual‖² of the level, as it was before the levels below, fall by abs(multiplier) ε.
         With uniform scaling only the joint that decided it has one, ±1.
         """
         found = self._step.multipliers
@@ -135,7 +135,7 @@ class LevelSolution:
     @property
     def row_multipliers(self) -> dict[int, Array]:
         """
-        Return {index of a level with bounds: multipliers (m,)} of those that limit this one.
+        Return the multipliers (m,) of the levels with bounds that limit this one, by index.
 
         Levels above it, or the level itself; signs as for `multipliers`.
         """

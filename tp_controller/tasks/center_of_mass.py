@@ -34,9 +34,9 @@ class CenterOfMass(PointTask):
     """
     Bring the centre of mass of the robot to a point, σ = Σ m_i c_i / Σ m_i.
 
-    All links count, those that stand still included. The more of the weight stands still, the
-    less the centre moves; the rows are scaled to length 1 in the neutral posture. The goal is
-    a point (3,) [m] in the root.
+    All links count, also those that do not move. The rows are scaled to length 1 in the neutral
+    posture, because the centre moves little where most of the mass does not. The goal is a
+    point (3,) [m] in the root.
     """
 
     type_name = 'center_of_mass'

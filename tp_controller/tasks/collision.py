@@ -161,8 +161,8 @@ class SelfCollision(CollisionTask):
     """
     Keep the links of the robot a distance apart.
 
-    Left alone are links with no more than one moving joint between them, those that no driven
-    joint moves against each other, those that an SRDF or `ignore` name, and `left_out`.
+    Not checked are pairs of links with at most one moving joint between them, pairs that no driven
+    joint moves against each other, pairs that an SRDF or `ignore` name, and `left_out`.
 
     Attributes
     ----------
@@ -279,8 +279,8 @@ class Obstacles(CollisionTask):
     """
     Keep the links of the robot a distance away from what stands around.
 
-    A goal changes what stands around: ``{name: {shape: …, at: …, lifetime: …}}`` puts obstacles
-    there or moves them, None in place of a mapping takes one away, and ``{'*': None}`` all.
+    A goal changes the obstacles: ``{name: {shape: …, at: …, lifetime: …}}`` adds or moves them,
+    ``{name: None}`` removes one, and ``{'*': None}`` removes all.
     """
 
     type_name = 'obstacles'

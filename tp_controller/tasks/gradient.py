@@ -84,9 +84,9 @@ class GradientTask(Task):
 
     def error(self, state: RobotState) -> Array:
         """Return the desired joint velocities (n,) [rad/s or m/s]."""
-        wanted = self.gain * self.measure(state)[1]
-        speed = norm(wanted)
-        return wanted if speed <= self.max_speed else wanted * (self.max_speed / speed)
+        desired = self.gain * self.measure(state)[1]
+        speed = norm(desired)
+        return desired if speed <= self.max_speed else desired * (self.max_speed / speed)
 
     def jacobian(self, state: RobotState) -> Array:
         """Return the identity (n, n)."""

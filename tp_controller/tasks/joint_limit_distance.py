@@ -36,7 +36,7 @@ class JointLimitDistance(GradientTask):
 
     x is the place of a joint in its range, −1 at the lower limit and 1 at the upper one: h is
     the sum of (upper − lower)² / (4 (upper − q) (q − lower)) of the weighted gradient projection
-    method (wiki, joint limit avoidance), with its sign turned. Joints without limits stay out.
+    method (wiki, joint limit avoidance), with its sign turned. Joints without limits do not count.
     """
 
     type_name = 'joint_limit_distance'

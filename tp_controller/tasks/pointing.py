@@ -65,11 +65,11 @@ class AxisTask(TurningTask, AimedTask):
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
         error, J, about = self.observe(state)
-        wanted = self.gain * error
+        desired = self.gain * error
         twist = self.feed_forward(now)
         if twist is not None:
-            wanted = wanted + about.dot(self.aim.turning(state, self.goal, twist))
-        return Evaluation(self, Level(J, wanted, self.mode), error)
+            desired = desired + about.dot(self.aim.turning(state, self.goal, twist))
+        return Evaluation(self, Level(J, desired, self.mode), error)
 
     def observe(self, state: RobotState) -> tuple[Array, Array, Array]:
         """
@@ -124,11 +124,11 @@ class Pointing(AxisTask):
 
 class LookAt(AxisTask):
     """
-    Point the axis of a camera at a point or at another frame, upright if that is wanted.
+    Point the axis of a camera at a point or at another frame, upright if desired.
 
     Two rows as `pointing`. With `up` a third one turns the camera about its axis until that axis
-    of the camera shows upwards, along z of the root, as far as the direction allows. Nothing is
-    upright straight up and straight down, where the row fades out.
+    of the camera points up, along z of the root, as far as the direction allows. Where the
+    camera looks straight up or down the row fades out: nothing is upright there.
 
     The goal is a point (3,) [m] in the reference frame.
     """

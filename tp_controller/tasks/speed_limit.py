@@ -43,9 +43,8 @@ class SpeedLimit(BoundedTask):
     """
     Keep the speed of a frame below a limit, linear, angular or both, seen from a reference.
 
-    The length of a velocity is no linear function of it, so it is bounded along sixteen
-    directions. That keeps it within the limit always, and lets it have 92 % of it always, and
-    all of it in some directions.
+    The norm of a velocity is not linear in it, so it is bounded along sixteen directions. It never
+    exceeds the limit. It can have all of it along these directions, 92 % of it in between.
     """
 
     type_name = 'speed_limit'

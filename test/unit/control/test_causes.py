@@ -19,7 +19,7 @@ import importlib
 import numpy as np
 import pytest
 import robots
-from tp_controller import Controller, Robot, Settings, Stack
+from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
 
 NOW = Settings(blend=0.0, reserve=0.0, period=0.01)
 
@@ -35,7 +35,7 @@ def sweep(monkeypatch):
 def test_causes_are_what_brings_back_what_is_missing(sweep, case):
     findings = sweep.Findings()
     for number in range(4):
-        sweep.compare(case, number, findings)
+        sweep.compare(case, number, 1, findings)
     assert findings.faults == []
     assert findings.true >= 10 and findings.off < 1e-6
 
@@ -76,6 +76,33 @@ def test_task_above_that_takes_the_direction_is_named():
     assert tasks['right'].reason == 'blocked by left'
     assert tasks['right'].hint == ('exchange left and right in the stack, or choose goals that '
                                    'are compatible')
+
+
+def test_task_above_is_named_however_long_it_has_been_pushed_against():
+    # The tool rests at a joint limit; the posture below has been pushing ever since.
+    robot = Robot.from_file(robots.PANDA_DH, limits={'panda_joint2': {'upper': 0.2}})
+    controller = Controller(robot, Stack.from_yaml(
+        f'- tool: {{type: position, frame: {robots.PANDA_TOOL}, gain: 2.0}}\n'
+        '- posture: {type: posture, gain: 1.0}\n', robot))
+    simulator = KinematicSimulator(robot, robots.PANDA_READY)
+    controller.set_goal('tool', [0.65, 0.0, 0.2], 0.0)
+    for cycle in range(600):
+        command = controller.update(simulator.q, 0.01 * cycle)
+        simulator.command(command.velocity)
+        simulator.step(0.01)
+    tool, posture = command.report.tasks
+    assert [cause.name for cause in tool.causes] == ['panda_joint2']
+    assert (posture.causes[0].kind, posture.causes[0].name) == ('task', 'tool')
+    assert posture.causes[0].share == pytest.approx(1.0)
+    assert posture.reason.startswith('blocked by tool')
+
+
+def test_task_within_its_tolerance_has_no_causes():
+    tasks = first_report(cartesian(), """
+- left: {type: joint, joints: slide_x, target: [0.5]}
+- right: {type: joint, joints: slide_x, target: [-0.5], tolerance: 1.0}
+""", [0.0, 0.0, 0.0])
+    assert tasks['right'].reached and tasks['right'].causes == ()
 
 
 def test_task_on_the_same_level_is_named_as_well():
@@ -137,7 +164,7 @@ def test_reserve_is_a_cause_where_a_joint_is_kept_ready():
 """, [0.0, 0.0, 0.0], Settings(blend=0.0, reserve=0.4, period=0.01))
     # As the first level itself it could have all of it.
     assert kinds(tasks['second']) == [('reserve', 'slide_x', 1.0), ('task', 'first', 1.0)]
-    assert 'reserved' in tasks['second'].reason
+    assert 'reserve' in tasks['second'].reason
     assert tasks['second'].hint == 'lower the setting reserve'
 
 
@@ -148,7 +175,8 @@ def test_report_names_the_reserve_where_that_slows_the_command():
 - second: {type: joint, joints: slide_x, target: [0.9]}
 """, robot), Settings(blend=0.0, reserve=0.4, period=0.01))
     report = controller.update([0.0, 0.0, 0.0], 0.0).report
-    assert report.limiting == 'slide_x at the speed that is reserved for the first level'
+    assert report.limiting == (
+        'slide_x at its velocity limit minus the reserve for the first level')
 
 
 def test_acceleration_limit_is_a_cause_until_the_joint_is_fast():

@@ -766,7 +766,7 @@ def test_what_no_joint_moves_is_outside_for_a_reason():
                             'at: [0.05, 0, 0]}\n', robot)
     controller = Controller(robot, stack)
     task = controller.update(robots.PANDA_READY, 0.0).report.tasks[0]
-    assert task.status == 'limited' and task.reason == 'no joint brings it back'
+    assert task.status == 'limited' and task.reason == 'no joint can move it back within bounds'
 
 
 def test_link_that_only_turns_about_itself_is_named_and_keeps_no_joint_from_moving():
@@ -786,7 +786,8 @@ def test_link_that_only_turns_about_itself_is_named_and_keeps_no_joint_from_movi
             command = controller.update(q, began + cycle * PERIOD)
             q = q + PERIOD * command.velocity
         assert command.report.tasks[1].reached
-        assert command.report.tasks[0].reason == 'no joint brings panda_link1 – foot back'
+        assert command.report.tasks[0].reason == (
+            'no joint can move panda_link1 – foot back within bounds')
 
 
 def test_bounds_of_a_level_that_contradict_each_other_are_reported_as_that():

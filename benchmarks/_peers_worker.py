@@ -1,0 +1,472 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+One package of benchmarks/peers.py, in a process of its own.
+
+It reads commands from its standard input and answers each, one JSON object a line. Only numpy and
+the package itself are imported, so that a package whose dependencies exclude those of the others
+can run in another Python environment.
+"""
+
+from copy import copy
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+import json
+import os
+from pathlib import Path
+import sys
+import time
+
+import numpy as np
+
+# From when on changes of the velocity count as those of a motion under way [s].
+UNDER_WAY = 1.0
+
+
+class Peer:
+    """
+    A package at work on one robot and one list of tasks.
+
+    Parameters
+    ----------
+    given : dict
+        `urdf` (path), `joints` (names, in the order of all arrays here), `speed` (their limits),
+        `period` [s], `gain` [1/s], `variant`, and `tasks`, the most important first: dicts with
+        `name`, `type`, `frame`, and `cost`, that of a metre or radian of its error.
+
+    """
+
+    def __init__(self, given):
+        self.given, self.tasks = given, given['tasks']
+        self.joints, self.period = given['joints'], given['period']
+        # Share of the error that is taken away in one cycle.
+        self.share = given['gain'] * given['period']
+        self.hard = given['variant'] == 'first task hard'
+        self.load()
+
+    def load(self):
+        """Read the robot."""
+
+    def start(self, goals):
+        """Take goals, one for each task: a pose (4, 4), or joint positions (n,)."""
+        raise NotImplementedError
+
+    def aim(self, q):
+        """Prepare a cycle; what a user of the package would not have to do, so not timed."""
+
+    def at(self, q):
+        """Return a peer that is prepared for cycles in a state."""
+        return self
+
+    def velocity(self, q):
+        """Return the joint velocities of one cycle (n,); None where there is no solution."""
+        raise NotImplementedError
+
+    def axes(self, task):
+        """Return 1 for the axes of a frame that an orientation is about, 0 for the others."""
+        return np.array([float(axis in task.get('axes', 'xyz')) for axis in 'xyz'])
+
+
+class TpController(Peer):
+    """`Controller.update` of this package, or only its parts that others have, too."""
+
+    def load(self):
+        from tp_controller import Robot
+        self.robot = Robot.from_urdf(Path(self.given['urdf']), joints=self.joints)
+
+    def start(self, goals):
+        from tp_controller import Controller, Settings, Stack
+        from tp_controller.control.velocity_limits import VelocityLimits
+        stack = Stack.from_yaml(self.given['stack'], self.robot)
+        settings = Settings(period=self.period)
+        self.controller = Controller(self.robot, stack, settings)
+        self.stack, self.now = stack, 0.0
+        for task, goal in zip(self.tasks, goals):
+            if task['type'] == 'posture':
+                goal = dict(zip(self.joints, goal.tolist()))
+            elif task['type'] == 'position':
+                goal = goal[:3, 3]
+            elif task['type'] == 'orientation':
+                goal = goal[:3, :3]
+            self.controller.set_goal(task['name'], goal, 0.0)
+        self.limits = VelocityLimits(self.robot, self.period, settings.braking_gain)
+        self.options, self.memory = settings.solver_options(self.robot.n), ()
+        self.state = self.robot.state(np.zeros(self.robot.n))
+        self.rest = np.zeros(self.robot.n)
+
+    def velocity(self, q):
+        if self.given['variant'] == 'solver only':
+            return self._solve(q)
+        self.now += self.period
+        return self.controller.update(q, self.now, elapsed=self.period).velocity
+
+    def _solve(self, q):
+        """Return the velocities without reports, transitions and checks of the input."""
+        from tp_controller.solver.solve import solve_cycle
+        self.state.update(q)
+        bounds = self.limits.at(self.state.q, self.rest, self.period)
+        found = solve_cycle(self.stack.levels(self.state, 0.0), bounds.lower, bounds.upper,
+                            self.options, self.period, memory=self.memory)
+        self.memory = found.memory
+        return found.velocity
+
+
+class Pink(Peer):
+    """
+    pink with DAQP, costs and damping of examples/arm_panda.py.
+
+    It would refuse to go on where the tolerance of DAQP takes a joint beyond its limit by a
+    millionth; its example of a humanoid turns that off, too.
+    """
+
+    def load(self):
+        import pink
+        import pinocchio
+        self.pink = pink
+        self.model = pinocchio.buildModelFromUrdf(self.given['urdf'])
+        self.order = [self.model.idx_vs[self.model.getJointId(name)] for name in self.joints]
+
+    def start(self, goals):
+        from pink import tasks
+        import pinocchio
+        self.configuration = self.pink.Configuration(
+            self.model, self.model.createData(), pinocchio.neutral(self.model))
+        made = []
+        for task, goal in zip(self.tasks, goals):
+            cost = task['cost']
+            if task['type'] == 'posture':
+                made.append(tasks.PostureTask(cost=cost, gain=self.share))
+                made[-1].set_target(self._full(goal))
+                continue
+            made.append(tasks.FrameTask(
+                task['frame'], position_cost=0.0 if task['type'] == 'orientation' else cost,
+                orientation_cost=0.0 if task['type'] == 'position' else cost * self.axes(task),
+                lm_damping=1.0, gain=self.share))
+            made[-1].set_target(pinocchio.SE3(goal))
+        damping = tasks.DampingTask(cost=1e-3)
+        self.soft = [*(made[1:] if self.hard else made), damping]
+        self.constraints = made[:1] if self.hard else None
+
+    def velocity(self, q):
+        self.configuration.update(self._full(q))
+        try:
+            found = self.pink.solve_ik(self.configuration, self.soft, self.period, solver='daqp',
+                                       constraints=self.constraints, safety_break=False)
+        except self.pink.PinkError:
+            return None
+        return found[self.order]
+
+    def _full(self, q):
+        """Return joint positions in the order of the model."""
+        full = np.empty(len(q))
+        full[self.order] = q
+        return full
+
+
+class Mink(Peer):
+    """
+    mink with DAQP, limits and costs of the complete example of its tutorial.
+
+    That has a posture task; without one, damping is that of its examples of arms.
+    """
+
+    def load(self):
+        import mink
+        import mujoco
+        self.mink = mink
+        # MuJoCo must not merge links that do not move, which are frames here.
+        option = ('<mujoco><compiler fusestatic="false" discardvisual="true" boundmass="1e-3" '
+                  'boundinertia="1e-6" balanceinertia="true"/></mujoco></robot>')
+        text = Path(self.given['urdf']).read_text(encoding='utf-8')
+        self.model = mujoco.MjModel.from_xml_string(text.replace('</robot>', option))
+        self.order = [self.model.joint(name).qposadr[0] for name in self.joints]
+        self.limits = [mink.ConfigurationLimit(self.model),
+                       mink.VelocityLimit(self.model, dict(zip(self.joints,
+                                                               self.given['speed'])))]
+
+    def start(self, goals):
+        self.configuration = self.mink.Configuration(self.model)
+        made = []
+        for task, goal in zip(self.tasks, goals):
+            cost = task['cost']
+            if task['type'] == 'posture':
+                made.append(self.mink.PostureTask(self.model, cost=cost, gain=self.share))
+                made[-1].set_target(self._full(goal))
+                continue
+            made.append(self.mink.FrameTask(
+                task['frame'], 'body',
+                position_cost=0.0 if task['type'] == 'orientation' else cost,
+                orientation_cost=0.0 if task['type'] == 'position' else cost * self.axes(task),
+                gain=self.share))
+            made[-1].set_target(self.mink.SE3.from_matrix(goal))
+        self.soft = made[1:] if self.hard else made
+        self.constraints = made[:1] if self.hard else None
+        posture = any(task['type'] == 'posture' for task in self.tasks)
+        self.damping = 1e-12 if posture else 1e-3
+
+    def velocity(self, q):
+        self.configuration.update(self._full(q))
+        try:
+            found = self.mink.solve_ik(self.configuration, self.soft, self.period, 'daqp',
+                                       self.damping, limits=self.limits,
+                                       constraints=self.constraints)
+        except self.mink.MinkError:
+            return None
+        return found[self.order]
+
+    def _full(self, q):
+        """Return joint positions in the order of the model."""
+        full = np.empty(len(q))
+        full[self.order] = q
+        return full
+
+
+class Placo(Peer):
+    """
+    placo with the weights of its documentation, and limits as there.
+
+    Its tasks have no gain: they take the whole error away in one cycle. So every cycle gets a
+    goal that is only a share of the way ahead.
+    """
+
+    def load(self):
+        import placo
+        self.placo = placo
+        self.robot = placo.RobotWrapper(self.given['urdf'], placo.Flags.ignore_collisions)
+        self.order = [self.robot.get_joint_v_offset(name) for name in self.joints]
+        self.places = [self.robot.get_joint_offset(name) for name in self.joints]
+        self.full = np.array(self.robot.state.q)
+
+    def start(self, goals):
+        self.goals = goals
+        self.solver = self.robot.make_solver()
+        self.solver.mask_fbase(True)
+        self.solver.dt = self.period
+        self.solver.enable_velocity_limits(True)
+        self.made = []
+        for index, task in enumerate(self.tasks):
+            # A weight multiplies the square of an error, a cost the error.
+            priority, weight = 'soft', task['cost'] ** 2
+            if index == 0 and self.hard:
+                priority = 'scaled'
+            self.made.append(self._add(task, priority, weight))
+
+    def _add(self, task, priority, weight):
+        """Return a task of the solver."""
+        name, frame, kind = task['name'], task.get('frame'), task['type']
+        if kind == 'posture':
+            made = self.solver.add_joints_task()
+            made.configure(name, priority, weight)
+        elif kind == 'pose':
+            made = self.solver.add_frame_task(frame, np.eye(4))
+            made.configure(name, priority, weight, weight)
+        elif kind == 'position':
+            made = self.solver.add_position_task(frame, np.zeros(3))
+            made.configure(name, priority, weight)
+        else:
+            made = self.solver.add_orientation_task(frame, np.eye(3))
+            made.configure(name, priority, weight)
+            made.mask.set_axises(task.get('axes', 'xyz'), 'world')
+        return made
+
+    def aim(self, q):
+        self._place(q)
+        for task, made, goal in zip(self.tasks, self.made, self.goals):
+            if task['type'] == 'posture':
+                made.set_joints(dict(zip(self.joints, q + self.share * (goal - q))))
+                continue
+            ahead = on_the_way(np.array(self.robot.get_T_world_frame(task['frame'])), goal,
+                               self.share)
+            if task['type'] == 'pose':
+                made.T_world_frame = ahead
+            elif task['type'] == 'position':
+                made.target_world = ahead[:3, 3]
+            else:
+                made.R_world_frame = ahead[:3, :3]
+
+    def at(self, q):
+        other = copy(self)
+        other.start(self.goals)
+        other.aim(q)
+        return other
+
+    def velocity(self, q):
+        self._place(q)
+        try:
+            found = self.solver.solve(False)
+        except RuntimeError:
+            return None
+        return found[self.order] / self.period
+
+    def _place(self, q):
+        """Put the robot where it is."""
+        self.full[self.places] = q
+        self.robot.state.q = self.full
+        self.robot.update_kinematics()
+
+
+class Embodik(Peer):
+    """embodik with priorities, its default settings, or mode MIN_ERROR for every task."""
+
+    def load(self):
+        import embodik
+        self.embodik = embodik
+        self.model = embodik.RobotModel(self.given['urdf'])
+        self.order = [self.model.get_joint_velocity_index(name) for name in self.joints]
+
+    def start(self, goals):
+        kinds = self.embodik.TaskType
+        self.solver = solver = self.embodik.KinematicsSolver(self.model)
+        solver.dt = self.period
+        for index, (task, goal) in enumerate(zip(self.tasks, goals)):
+            name, kind = task['name'], task['type']
+            if kind == 'posture':
+                made = solver.add_posture_task(name)
+                made.set_target_configuration(self._full(goal))
+            else:
+                made = solver.add_frame_task(name, task['frame'],
+                                             getattr(kinds, f'FRAME_{kind.upper()}'))
+                made.set_target_pose(goal[:3, 3].copy(), np.asfortranarray(goal[:3, :3]))
+                made.set_orientation_mask(self.axes(task))
+            made.priority, made.weight = index, self.given['gain']
+            if self.given['variant'] == 'MIN_ERROR':
+                made.solve_mode = self.embodik.TaskSolveMode.MIN_ERROR
+
+    def velocity(self, q):
+        found = self.solver.solve_velocity(self._full(q), apply_limits=True)
+        if found.status != self.embodik.SolverStatus.SUCCESS:
+            return None
+        return np.asarray(found.joint_velocities)[self.order]
+
+    def _full(self, q):
+        """Return joint positions in the order of the model."""
+        full = np.empty(len(q))
+        full[self.order] = q
+        return full
+
+
+# {package: (distribution, class)}
+PACKAGES = {'tp_controller': ('tp_controller', TpController), 'pink': ('pin-pink', Pink),
+            'mink': ('mink', Mink), 'placo': ('placo', Placo), 'embodik': ('embodik', Embodik)}
+
+
+def on_the_way(pose, goal, share):
+    """Return the pose (4, 4) that is a share of the way from a pose to a goal."""
+    R = goal[:3, :3] @ pose[:3, :3].T
+    vector = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine, cosine = np.linalg.norm(vector), 0.5 * (np.trace(R) - 1.0)
+    ahead = pose.copy()
+    ahead[:3, 3] += share * (goal[:3, 3] - pose[:3, 3])
+    if sine > 0.0:
+        x, y, z = vector / sine
+        turn = share * np.arctan2(sine, cosine)
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        ahead[:3, :3] = (np.eye(3) + np.sin(turn) * cross +
+                         (1.0 - np.cos(turn)) * cross @ cross) @ pose[:3, :3]
+    return ahead
+
+
+def measure(peer, states, cycles):
+    """Return the processor time of a cycle [µs], and the share of cycles without a solution."""
+    prepared = [(peer.at(q), q) for q in states]
+    failed = 0
+    began = time.thread_time_ns()
+    for k in range(cycles):
+        ready, q = prepared[k % len(prepared)]
+        failed += ready.velocity(q) is None
+    return {'micros': (time.thread_time_ns() - began) / cycles / 1e3, 'failed': failed / cycles}
+
+
+def simulate(peer, q, cycles, limits):
+    """
+    Run a closed loop with a robot that does what it is told, at rest first.
+
+    Returns
+    -------
+    dict
+        `q` where it ends, `failed`: share of the cycles without a solution (the robot stands
+        still in them), `speed` and `position`: by how much limits were exceeded at most, as a
+        share of the limit and [rad], `change` and `start`: largest change of a velocity from one
+        cycle to the next [rad/s], after the first second and in it.
+
+    """
+    lower, upper, fastest = limits
+    velocity, failed, speed, position = np.zeros(len(q)), 0, -np.inf, -np.inf
+    changes = np.zeros(cycles)
+    for cycle in range(cycles):
+        peer.aim(q)
+        found = peer.velocity(q)
+        failed += found is None
+        previous, velocity = velocity, np.zeros(len(q)) if found is None else np.array(found)
+        q = q + peer.period * velocity
+        changes[cycle] = np.abs(velocity - previous).max()
+        speed = max(speed, (np.abs(velocity) / fastest).max() - 1.0)
+        position = max(position, (lower - q).max(), (q - upper).max())
+    first = int(UNDER_WAY / peer.period)
+    return {'q': q.tolist(), 'failed': failed / cycles, 'speed': max(speed, 0.0),
+            'position': max(position, 0.0), 'change': changes[first:].max(initial=0.0),
+            'start': changes[:first].max(initial=0.0)}
+
+
+class Worker:
+    """Answers commands; each method is one."""
+
+    def __init__(self, package):
+        distribution, self._peer = PACKAGES[package]
+        import_module(package)
+        try:
+            self.version = f'{package} {version(distribution)}'
+        except PackageNotFoundError:
+            self.version = f'{package} of this checkout'
+        self._loaded = {}
+
+    def load(self, key, **given):
+        """Load a robot and tasks."""
+        self._loaded[key] = self._peer(given)
+        return {}
+
+    def start(self, key, goals):
+        """Set goals."""
+        self._loaded[key].start([np.array(goal) for goal in goals])
+        return {}
+
+    def time(self, key, states, cycles):
+        """Measure cycles in states far from each other."""
+        return measure(self._loaded[key], np.array(states), cycles)
+
+    def run(self, key, goals, q, cycles, limits):
+        """Simulate."""
+        self.start(key, goals)
+        return simulate(self._loaded[key], np.array(q), cycles, np.array(limits))
+
+
+def main():
+    """Answer commands until there are no more."""
+    # What libraries print must not come between the answers.
+    answers = os.fdopen(os.dup(1), 'w', encoding='utf-8', buffering=1)
+    os.dup2(2, 1)
+    try:
+        worker = Worker(sys.argv[1])
+        print(json.dumps({'version': worker.version}), file=answers)
+    except ImportError as error:
+        print(json.dumps({'skipped': str(error)}), file=answers)
+        return
+    for line in sys.stdin:
+        command = json.loads(line)
+        print(json.dumps(getattr(worker, command.pop('do'))(**command)), file=answers)
+
+
+if __name__ == '__main__':
+    main()

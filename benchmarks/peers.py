@@ -1,0 +1,430 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Compare with other packages for differential inverse kinematics: pink, mink, placo, embodik.
+
+Run as ``python benchmarks/peers.py``. What is not installed is skipped; ``pip install -e
+.[peers]`` installs what can live beside this package. placo 0.10 needs pinocchio 3 and this
+package pinocchio 4: make an environment of its own for it, ``python3 -m venv placo; placo/bin/pip
+install placo``, and add ``--python placo=placo/bin/python``.
+
+Every package has a process of its own, and all read the same URDF. Times are taken in turns, so
+that a machine whose speed drifts disturbs all alike; they are processor time. Then closed loops
+with an ideal robot at 100 Hz show how well the tasks are carried out. Goals of the second task
+come from another posture than those of the first, so the two contradict each other.
+
+What the others do better, by their own documentation:
+
+- pink: barrier functions for positions and bodies, acceleration limits, tasks for rolling and
+  holonomic constraints, any QP solver of qpsolvers; one file to read.
+- mink: everything MuJoCo knows of a robot: its models, contacts, collision avoidance between any
+  two geometries, closed kinematic chains; inverse kinematics and simulation from one model.
+- placo: speed (C++), kinematic loops, collisions, centre of mass in a polygon, and inverse
+  dynamics with contacts and torques with the same interface.
+- embodik: speed (C++), priorities as here, collision and centre-of-mass constraints with recovery,
+  acceleration-level solver, batches on the GPU, teleoperation examples.
+
+This package has strict priorities of any number of tasks and inequality tasks at any level, says
+why a task is limited, and is a ROS 2 node; it is kinematic only.
+"""
+
+import argparse
+from collections import namedtuple
+import json
+from pathlib import Path
+import platform
+import subprocess
+import sys
+from tempfile import TemporaryDirectory
+from xml.etree import ElementTree
+
+from _robots import load_robot, PANDA_READY, TALOS_READY
+import numpy as np
+from tp_controller import Controller, Robot, Settings, Stack
+
+GAIN = 2.0
+# Costs of the tasks of one robot, for packages that weight them: those of the packages' own
+# examples for a Panda; elsewhere each task costs a tenth of the one before, as in pink's README.
+Case = namedtuple('Case', 'robot ready tasks costs')
+TENTHS = {'pink': (1.0, 0.1, 0.01, 1e-3), 'mink': (1.0, 0.1, 0.01, 1e-3),
+          'placo': (1.0, 0.1, 0.01, 1e-3)}
+TOOL = {'name': 'tool', 'type': 'pose', 'frame': 'panda_hand_tcp'}
+POSTURE = {'name': 'posture', 'type': 'posture'}
+CASES = {
+    'Panda, pose > posture': Case('Panda, URDF', PANDA_READY, [TOOL, POSTURE], {
+        'pink': (1.0, 1e-3), 'mink': (1.0, 0.1), 'placo': (1.0, 1e-3)}),
+    'Panda, pose > elbow position': Case('Panda, URDF', PANDA_READY, [
+        TOOL, {'name': 'elbow', 'type': 'position', 'frame': 'panda_link4'}], TENTHS),
+    'Talos upper body, 18 joints, 4 levels': Case('Talos', TALOS_READY, [
+        {'name': 'left', 'type': 'pose', 'frame': 'arm_left_7_link'},
+        {'name': 'right', 'type': 'pose', 'frame': 'arm_right_7_link'},
+        {'name': 'head', 'type': 'orientation', 'frame': 'head_2_link', 'axes': 'yz'},
+        POSTURE], TENTHS),
+}
+# {package: its variants}
+VARIANTS = {
+    'tp_controller': ('', 'solver only'), 'pink': ('', 'first task hard'),
+    'mink': ('', 'first task hard'), 'placo': ('', 'first task hard'),
+    'embodik': ('', 'MIN_ERROR')}
+# As the packages call them.
+SHOWN = {('pink', 'first task hard'): 'pink, first task as `constraints`',
+         ('mink', 'first task hard'): 'mink, first task as `constraints`',
+         ('placo', ''): 'placo, `soft`',
+         ('placo', 'first task hard'): 'placo, first task `scaled`',
+         ('embodik', ''): 'embodik', ('embodik', 'MIN_ERROR'): 'embodik, `MIN_ERROR`',
+         ('tp_controller', 'solver only'): 'tp_controller, without reports and checks'}
+# Only a part of the package, so only timed.
+TIMED = ('tp_controller', 'solver only')
+# Times are those of a node at 1 kHz, motions those of one at 100 Hz.
+TIMED_PERIOD, PERIOD = 1e-3, 0.01
+CYCLES = 200
+TIMED_STATES = 64
+# Joints of a robot that is simulated with all goals, and not with a share of them.
+FEWEST = 7
+# How many times too fast the states with active limits are, in the median.
+TOO_FAST = 2.5
+# Standard deviations of postures around the working posture [rad]: of states that are timed, and
+# of postures that goals come from, which stay clear of position limits by a share of the range.
+NEAR, FAR, MARGIN = 0.2, 1.0, 0.1
+# What counts as reached [m], [rad].
+CLOSE, TURNED = 1e-3, 0.01
+# What is not worth a number: a micrometre [mm], and what limits are exceeded by.
+MICRON, ROUNDING = 1e-3, 1e-9
+STRIPPED = ('visual', 'collision', 'transmission', 'gazebo', 'material')
+PURE = ('mimic', 'safety_controller', 'calibration', 'dynamics')
+
+
+def plain_urdf(robot, speed):
+    """
+    Return URDF text that all packages read alike.
+
+    It has no meshes, joints that are not driven are fixed, and velocity limits are `speed` (n,).
+    """
+    tree = ElementTree.fromstring(robot.urdf)
+    for parent in list(tree.iter()):
+        for child in [child for child in parent if child.tag in STRIPPED + PURE]:
+            parent.remove(child)
+    limits = dict(zip(robot.joint_names, speed))
+    for joint in tree.findall('joint'):
+        if joint.get('name') in limits:
+            joint.find('limit').set('velocity', repr(float(limits[joint.get('name')])))
+        else:
+            joint.set('type', 'fixed')
+            for child in [child for child in joint if child.tag in ('axis', 'limit')]:
+                joint.remove(child)
+    return ElementTree.tostring(tree, encoding='unicode')
+
+
+def stack_text(tasks):
+    """Return the stack of this package in YAML."""
+    lines = []
+    for task in tasks:
+        keys = ', '.join(f'{key}: {value}' for key, value in task.items() if key != 'name')
+        lines.append(f'- {task["name"]}: {{{keys}, gain: {GAIN}}}')
+    return '\n'.join(lines)
+
+
+class Scene:
+    """A case with what all packages are given: files of the robot, states and goals."""
+
+    def __init__(self, name, folder):
+        self.name, self.case = name, CASES[name]
+        self.source = load_robot(self.case.robot)
+        self.ready = np.array(self.case.ready)
+        self.folder, self.text = folder, stack_text(self.case.tasks)
+        path = self.write('limits', self.source.velocity)
+        self.robot = Robot.from_urdf(path, joints=self.source.joint_names)
+
+    def write(self, name, speed):
+        """Return the path of a URDF with velocity limits."""
+        path = self.folder / f'{self.case.robot.split(",")[0]}_{len(self.case.tasks)}_{name}.urdf'
+        path.write_text(plain_urdf(self.source, speed), encoding='utf-8')
+        return path
+
+    def goals(self, *postures):
+        """Return goals that the tasks have reached in postures, one for each task."""
+        found = []
+        for task, q in zip(self.case.tasks, postures):
+            found.append((q if task['type'] == 'posture' else
+                          self.robot.state(q).pose(task['frame'])).tolist())
+        return found
+
+    def draw(self, random, deviation):
+        """Return a posture around the working posture, clear of position limits."""
+        robot, margin = self.robot, MARGIN * (self.robot.upper - self.robot.lower)
+        return np.clip(self.ready + deviation * random.standard_normal(robot.n),
+                       robot.lower + margin, robot.upper - margin)
+
+    def timed_states(self):
+        """Return states without active limits, and the factor of speeds that makes them so."""
+        random = np.random.default_rng(1)
+        controller = Controller(self.robot, Stack.from_yaml(self.text, self.robot),
+                                Settings(period=TIMED_PERIOD))
+        # Tasks take what they find in the first cycle for their goals.
+        controller.update(self.ready, 0.0, elapsed=TIMED_PERIOD)
+        found = []
+        for q in (self.draw(random, NEAR) for _ in range(4 * TIMED_STATES)):
+            command = controller.update(q, 0.0, elapsed=TIMED_PERIOD)
+            if command.report.scale == 1.0:
+                found.append((np.max(np.abs(command.velocity) / self.robot.velocity), q))
+        found.sort(key=lambda pair: pair[0])
+        middle = found[max(len(found) - TIMED_STATES, 0) // 2:][:TIMED_STATES]
+        factor = np.median([share for share, _ in middle]) / TOO_FAST
+        return [q.tolist() for _, q in middle], factor
+
+    def given(self, package, variant, urdf, speed, period, count):
+        """Return what a package loads; only the first `count` tasks."""
+        costs = self.case.costs.get(package, (1.0,) * len(self.case.tasks))
+        tasks = [{**task, 'cost': cost} for task, cost in zip(self.case.tasks, costs)][:count]
+        return {'urdf': str(urdf), 'joints': list(self.robot.joint_names),
+                'speed': speed.tolist(), 'period': period, 'gain': GAIN, 'variant': variant,
+                'tasks': tasks, 'stack': stack_text(self.case.tasks[:count])}
+
+
+class Package:
+    """The process of a package."""
+
+    def __init__(self, name, python):
+        self.name = name
+        worker = Path(__file__).with_name('_peers_worker.py')
+        self._process = subprocess.Popen([python, str(worker), name], stdin=subprocess.PIPE,
+                                         stdout=subprocess.PIPE, text=True)
+
+    def meet(self):
+        """Return the version of the package, and why it cannot be used; one of them is None."""
+        answer = self._answer()
+        return answer.get('version'), answer.get('skipped')
+
+    def do(self, command, **keys):
+        """Return the answer to a command."""
+        self._process.stdin.write(json.dumps({'do': command, **keys}) + '\n')
+        self._process.stdin.flush()
+        return self._answer()
+
+    def close(self):
+        """End the process."""
+        self._process.stdin.close()
+        self._process.wait()
+
+    def _answer(self):
+        """Return the next answer."""
+        line = self._process.stdout.readline()
+        if not line:
+            raise RuntimeError(f'{self.name} ended with {self._process.wait()}; see above')
+        return json.loads(line)
+
+
+def measure(scenes, packages, rounds):
+    """
+    Return microseconds and shares of cycles without a solution, in turns.
+
+    Returns
+    -------
+    dict
+        {(scene, limits active, package, variant): list of answers}
+
+    """
+    found, states = {}, {}
+    for scene in scenes:
+        states[scene.name], factor = scene.timed_states()
+        goals = scene.goals(*[scene.ready] * len(scene.case.tasks))
+        for active in (False, True):
+            speed = scene.source.velocity * (factor if active else 1.0)
+            urdf = scene.write('slow' if active else 'fast', speed)
+            for package in packages:
+                for variant in VARIANTS[package.name]:
+                    key = (scene.name, active, package.name, variant)
+                    found[key] = []
+                    package.do('load', key=str(key), **scene.given(
+                        package.name, variant, urdf, speed, TIMED_PERIOD, None))
+                    package.do('start', key=str(key), goals=goals)
+    owners = {package.name: package for package in packages}
+    for _ in range(rounds):
+        for key, rows in found.items():
+            rows.append(owners[key[2]].do('time', key=str(key), states=states[key[0]],
+                                          cycles=CYCLES))
+    return found
+
+
+def drawn_goals(scene, count):
+    """Return the goals of the first task, and of all; each comes from a posture of its own."""
+    random = np.random.default_rng(0)
+    tasks = len(scene.case.tasks)
+    drawn = [scene.goals(*(scene.draw(random, FAR) for _ in range(tasks)))
+             for _ in range(count)]
+    return [goals[:1] for goals in drawn], drawn
+
+
+def simulate(scene, package, variant, goals, cycles):
+    """Return the runs of a package towards all goals."""
+    key = str((scene.name, len(goals[0]), variant))
+    package.do('load', key=key, **scene.given(
+        package.name, variant, scene.write('limits', scene.source.velocity),
+        scene.source.velocity, PERIOD, len(goals[0])))
+    robot = scene.robot
+    limits = [robot.lower.tolist(), robot.upper.tolist(), robot.velocity.tolist()]
+    runs = [package.do('run', key=key, goals=each, q=scene.ready.tolist(), cycles=cycles,
+                       limits=limits) for each in goals]
+    for run, each in zip(runs, goals):
+        run['errors'] = errors(scene, np.array(run['q']), each)
+    return runs
+
+
+def errors(scene, q, goals):
+    """Return for each task how far it is from its goal: (distance [m], angle [rad])."""
+    found, state = [], scene.robot.state(q)
+    for task, goal in zip(scene.case.tasks, map(np.array, goals)):
+        if task['type'] == 'posture':
+            found.append((0.0, np.abs(goal - q).max()))
+            continue
+        pose = state.pose(task['frame'])
+        cosine = 0.5 * (np.trace(goal[:3, :3] @ pose[:3, :3].T) - 1.0)
+        found.append((np.linalg.norm(goal[:3, 3] - pose[:3, 3]),
+                      np.arccos(np.clip(cosine, -1.0, 1.0))))
+    return found
+
+
+def reached(run):
+    """Return whether the first task has reached its goal."""
+    distance, angle = run['errors'][0]
+    return bool(distance < CLOSE and angle < TURNED)
+
+
+def shown(package, variant):
+    """Return how a variant is called in the tables."""
+    return SHOWN.get((package, variant), package)
+
+
+def print_times(times, scenes):
+    """Print the table of times."""
+    print('| µs per cycle | ' + ' | '.join(
+        f'{scene.name}: {kind}' for scene in scenes for kind in ('idle', 'limits active')) + ' |')
+    print('| --- |' + ' --- |' * (2 * len(scenes)))
+    for package, variant in dict.fromkeys(key[2:] for key in times):
+        cells = []
+        for scene in scenes:
+            for active in (False, True):
+                rows = times[scene.name, active, package, variant]
+                micros = [row['micros'] for row in rows]
+                cells.append(f'{np.median(micros):.0f} ({min(micros):.0f} to {max(micros):.0f})')
+                failed = np.mean([row['failed'] for row in rows])
+                if failed:
+                    cells[-1] += f', {percent(failed)} unsolved'
+        print(f'| {shown(package, variant)} | {" | ".join(cells)} |')
+
+
+def percent(share):
+    """Return a share for people."""
+    return f'{100.0 * share:.3g} %'
+
+
+def readable(value, least):
+    """Return a number for people; what is nearer to zero than `least` is only that."""
+    return f'{float(f"{value:.2g}"):g}' if abs(value) >= least else f'< {least:g}'
+
+
+def print_head(scene):
+    """Print the head of a table of motions."""
+    second = scene.case.tasks[1]
+    unit = 'rad' if second['type'] == 'posture' else 'mm'
+    print(f'\n### {scene.name}\n')
+    print('| package | reached, first task alone | reached, all tasks | disturbance of the first '
+          'task [mm]: median, 95 %, most | '
+          f'{second["name"]} misses its goal by [{unit}], median | '
+          'velocity limit exceeded by, share | position limit exceeded by [rad] | '
+          'change of a velocity per cycle [rad/s]: median, 95 %, most | '
+          'cycles without a solution |')
+    print('| --- |' + ' --- |' * 8, flush=True)
+
+
+def print_motions(scene, name, alone, together):
+    """Print a row of motions."""
+    lost = 1e3 * np.array([run['errors'][0][0] - first['errors'][0][0]
+                           for first, run in zip(alone, together) if reached(first)])
+    posture = scene.case.tasks[1]['type'] == 'posture'
+    misses = np.median([run['errors'][1][posture] for run in together])
+    runs = alone + together
+    changes = [run['change'] for run in together]
+    row = (
+        f'{sum(map(reached, alone))} of {len(alone)}',
+        f'{sum(map(reached, together))} of {len(together)}',
+        ', '.join(readable(value, MICRON) for value in (
+            np.median(lost), np.percentile(lost, 95), lost.max())) if lost.size else '–',
+        f'{misses:.2f}' if posture else f'{1e3 * misses:.1f}',
+        readable(max(run['speed'] for run in runs), ROUNDING),
+        readable(max(run['position'] for run in runs), ROUNDING),
+        f'{np.median(changes):.2g}, {np.percentile(changes, 95):.2g}, {max(changes):.2g}',
+        percent(np.mean([run['failed'] for run in together])))
+    print(f'| {name} | {" | ".join(row)} |', flush=True)
+
+
+def compare(scenes, packages, count, seconds):
+    """Simulate and print, scene by scene."""
+    cycles, alone = int(seconds / PERIOD), {}
+    for scene in scenes:
+        print_head(scene)
+        # Cycles of a robot with many joints take longer.
+        first, drawn = drawn_goals(scene, -(-count * FEWEST // max(scene.robot.n, FEWEST)))
+        for package in packages:
+            for variant in VARIANTS[package.name]:
+                if (package.name, variant) == TIMED:
+                    continue
+                key = (package.name, variant, json.dumps(first))
+                if key not in alone:
+                    alone[key] = simulate(scene, package, variant, first, cycles)
+                print_motions(scene, shown(package.name, variant), alone[key],
+                              simulate(scene, package, variant, drawn, cycles))
+
+
+def open_packages(pythons):
+    """Return the packages that are installed, and say which are not."""
+    found, versions = [], []
+    # All at once: they take a while to start.
+    for package in [Package(name, pythons.get(name, sys.executable)) for name in VARIANTS]:
+        version, skipped = package.meet()
+        if skipped:
+            print(f'skipped: {package.name} is not installed ({skipped})')
+            package.close()
+        else:
+            found.append(package)
+            versions.append(version)
+    print(', '.join([*versions, f'numpy {np.__version__}',
+                     f'Python {platform.python_version()}']) + '\n')
+    return found
+
+
+def main():
+    """Compare and print."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--states', type=int, default=200, help='random goals of each stack')
+    parser.add_argument('--seconds', type=float, default=10.0, help='time to reach each')
+    parser.add_argument('--rounds', type=int, default=15, help='of times, in turns')
+    parser.add_argument('--python', action='append', default=[], metavar='PACKAGE=PATH',
+                        help='interpreter of an environment that has a package')
+    parser.add_argument('--only', choices=('times', 'motions'))
+    options = parser.parse_args()
+    packages = open_packages(dict(each.split('=', 1) for each in options.python))
+    with TemporaryDirectory() as folder:
+        scenes = [Scene(name, Path(folder)) for name in CASES]
+        if options.only != 'motions':
+            print_times(measure(scenes, packages, options.rounds), scenes)
+        if options.only != 'times':
+            compare(scenes, packages, options.states, options.seconds)
+    for package in packages:
+        package.close()
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,102 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Settings of Sphinx: ``make docs`` and rosdoc2 build the site from the pages in this folder."""
+
+from importlib.util import find_spec
+import os
+from pathlib import Path
+from pydoc import locate
+import re
+from xml.etree import ElementTree
+
+# rosdoc2 runs this text in another folder, with a copy of the pages.
+ROOT = Path(find_spec('tp_controller').origin).parents[1]
+# Files beside the folder that are pages of the site.
+INCLUDED = {'README.md': 'index.md', 'CONTRIBUTING.md': 'contributing.md',
+            'CHANGELOG.rst': 'changelog.md'}
+OUTSIDE = re.compile(r'(?P<before>\]\(|include:: )(?P<path>(?:\.\./)+[^)\s#]+)')
+
+project = 'tp_controller'
+author = project_copyright = 'tp_controller contributors'
+version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
+
+extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
+# rosdoc2 adds pages that are not ours: these two, and all in reStructuredText.
+source_suffix = {'.md': 'markdown'}
+exclude_patterns = ['_build', 'README.md', 'CONTRIBUTING.md']
+highlight_language = 'text'
+html_theme = 'furo'
+html_title = f'{project} {version}'
+html_copy_source = False
+if find_spec(html_theme):
+    # Lines of 99 columns fit.
+    html_theme_options = {'light_css_variables': {'code-font-size': '12px'}}
+# The anchors of headings that GitHub has.
+myst_heading_anchors = 4
+
+# Types, with shapes and units, are in the docstrings. What stands in `single quotes` there is a
+# name of the reference.
+default_role = 'py:obj'
+autodoc_typehints = 'none'
+autodoc_member_order = 'bysource'
+autodoc_mock_imports = [name for name in ('daqp',) if not find_spec(name)]
+napoleon_google_docstring = False
+napoleon_use_param = napoleon_use_rtype = False
+# Several attributes may share a line, as parameters do.
+napoleon_custom_sections = [('Attributes', 'params_style')]
+# Where the names of docstrings are looked for.
+MODULES = ('tp_controller', 'tp_controller.tasks', 'tp_controller.errors')
+
+
+def lead_outside(app, docname, source):
+    """Let links, and files that are included, lead out of the folder of the pages."""
+    if docname == 'contributing':
+        source[0] = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8').replace('](docs/', '](')
+    page = (ROOT / 'docs' / docname).parent
+
+    def correct(match):
+        target = Path(os.path.normpath(page / match['path']))
+        if ROOT / 'docs' in target.parents:
+            return match[0]
+        if match['before'] == '](' and target.name in INCLUDED:
+            target = ROOT / 'docs' / INCLUDED[target.name]
+            return match['before'] + os.path.relpath(target, page)
+        return match['before'] + os.path.relpath(target, (app.srcdir / docname).parent)
+
+    source[0] = OUTSIDE.sub(correct, source[0])
+
+
+def look_up(app, env, node, contnode):
+    """Find a name of a docstring in the reference; what only exists is shown as it is."""
+    name, domain = node['reftarget'], env.domains['py']
+    if node['refdomain'] != 'py' or name.islower() and '.' not in name:
+        return contnode  # a parameter, an attribute, or a type such as ndarray
+    owner, _, attribute = name.rpartition('.')
+    for module in MODULES:
+        where = name
+        if f'{module}.{name}' not in domain.objects and f'{module}.{owner}' in domain.objects \
+                and re.search(rf'\b{attribute}\b', locate(f'{module}.{owner}').__doc__):
+            where = owner  # an attribute that its class describes
+        found = domain.resolve_xref(env, node['refdoc'], app.builder, 'obj', f'{module}.{where}',
+                                    node, contnode)
+        if found is not None:
+            return found
+    return contnode if locate(name) is not None else None
+
+
+def setup(app):
+    """Register what is done with every page."""
+    app.connect('source-read', lead_outside)
+    app.connect('missing-reference', look_up)
