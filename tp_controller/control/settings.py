@@ -63,7 +63,7 @@ class Settings:
     singular_region: float = _number(
         0.1, 0.0, math.inf, '', 'singular value below which a direction is damped, of the first '
         'level a fifth of it (inf: all directions are damped, which is damped least squares, '
-        'lecture 4)')
+        'lecture 2.2)')
     braking_gain: float = _number(
         10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; '
         'at most 1/period')

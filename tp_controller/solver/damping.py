@@ -79,7 +79,7 @@ class Damping:
     damping : float
         λ; 0: none at all.
     singular_region : float
-        ε; infinite: λ acts everywhere, damped least squares (lecture 4), and c nowhere.
+        ε; infinite: λ acts everywhere, damped least squares (lecture 2.2), and c nowhere.
     release_region : float
         See `tp_controller.solver.null_space.remaining`.
     regularisation : float

@@ -71,7 +71,7 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
     singular_region : float
         Only directions whose singular value s is below this are damped, by
         λ² (1 − (s / singular_region)²), which grows from nothing where they enter it. Infinite:
-        all directions are damped by λ², damped least squares (lecture 4).
+        all directions are damped by λ², damped least squares (lecture 2.2).
     release_region : float
         Directions whose singular value is below this are relaxed: left to the levels below,
         smoothly. 0: never.
