@@ -25,6 +25,7 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.time import Time
 from robots import PLANAR_DH
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -91,6 +92,10 @@ class Harness:
         parameters.setdefault('status_rate', 50.0)
         # Without a transition, every command is what the tasks demand.
         parameters.setdefault('blend', 0.0)
+        # Arms of the tests are where the tests put them, and go on at once.
+        for name, value in (('follow_window', 0.0), ('jump_tolerance', 10.0),
+                            ('settle_time', 0.0)):
+            parameters.setdefault(name, value)
         return self.make(ControllerNode, **parameters)
 
     def simulator(self, **parameters):
@@ -173,9 +178,11 @@ class Arm:
         self.names, self.q = list(names), list(q)
         self._publisher = harness.publisher(JointState, '/joint_states')
 
-    def publish(self):
+    def publish(self, stamp=0.0):
         """Publish where the joints are."""
-        self._publisher.publish(JointState(name=self.names, position=self.q))
+        message = JointState(name=self.names, position=self.q)
+        message.header.stamp = Time(nanoseconds=round(1e9 * stamp)).to_msg()
+        self._publisher.publish(message)
 
 
 class Status:

@@ -17,8 +17,10 @@
 from array import array
 from collections.abc import Mapping, Sequence
 from functools import partial
+import math
 import sys
 import time
+import traceback
 from typing import Any, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -50,7 +52,9 @@ from tp_controller.nodes.parameters import (
     warn_unknown,
 )
 from tp_controller.nodes.runner import ClosableNode, run
+from tp_controller.nodes.state_checks import Following, MotionCheck
 from tp_controller.nodes.status import diagnostics, markers
+from tp_controller.nodes.stops import Stops
 from tp_controller.nodes.task_topics import TaskTopics
 from tp_controller.tasks.stack import Stack
 from visualization_msgs.msg import MarkerArray
@@ -68,6 +72,16 @@ PARAMETERS = (
          0.0, 2000.0, True),
     Spec('state_timeout', 0.1, 'age of the joint states, and of the odometry of a base that '
          'moves, since their receipt, from which zeros are commanded', 's', 1e-3, 10.0, True),
+    Spec('check_stamps', True, 'leave out joint states that are older than `state_timeout` by '
+         'their stamps, or ahead of time; a stamp of 0 is none', read_only=True),
+    Spec('jump_tolerance', 0.1, 'what a joint may move beyond its velocity limit between two '
+         'joint states before the robot is stopped, until ~/start', 'rad or m', 0.0, 10.0, True),
+    Spec('limit_tolerance', 0.05, 'how far a joint may pass a position limit before the robot is '
+         'stopped, until ~/start', 'rad or m', 0.0, 10.0, True),
+    Spec('follow_window', 1.0, 'time after which a joint that does not follow its command stops '
+         'the robot, until ~/start (0: never)', 's', 0.0, 60.0, True),
+    Spec('settle_time', 0.3, 'for how long everything has to be in order after joint states or '
+         'odometry were late, before the robot moves again', 's', 0.0, 60.0, True),
     Spec('status_rate', 10.0, 'status and marker messages per second', 'Hz', 0.1, 1000.0, True),
     *SETTINGS,
 )
@@ -102,6 +116,7 @@ class ControllerNode(ClosableNode):
         self._checked_stack: Stack | None = None
         self._stack_fault = ''
         self._stopped = self._status_due = False
+        self._stops = Stops(self._values['settle_time'])
         self._stop_reason = 'no robot description yet'
         self._last_cycle = self._now()
         self._last_robot_time = self._robot_time()
@@ -195,8 +210,17 @@ class ControllerNode(ClosableNode):
         self._zeros = np.zeros(robot.n)
         self._base = MovingBase(self, robot, self._now, self._on_odometry) if robot.moves \
             else FixedBase()
-        self._buffer = JointStateBuffer(robot.joint_names, robot.passive_names,
-                                        robot.passive_neutral)
+        rows = robot.joint_columns
+        lower, upper = robot.lower[rows], robot.upper[rows]
+        values = self._values
+        self._buffer = JointStateBuffer(
+            robot.joint_names, robot.passive_names, robot.passive_neutral, robot.velocity[rows],
+            np.isinf(upper - lower) & np.array(
+                [unit == 'rad' for unit in robot.velocity_units[rows]]),
+            values['state_timeout'] if values['check_stamps'] else math.inf,
+            values['jump_tolerance'])
+        self._motion = MotionCheck(robot.joint_names, lower, upper,
+                                   Following(values['follow_window']), values['limit_tolerance'])
         self._ready = True
         self._load_stack()
         self.create_subscription(JointState, 'joint_states', self._on_joint_state, STATE_QOS)
@@ -263,7 +287,11 @@ class ControllerNode(ClosableNode):
 
     def _on_joint_state(self, message: JointState) -> None:
         """Take joint positions; in the mode without a timer they start the cycle."""
-        fault = self._buffer.put(message.name, message.position, self._now())
+        stamp = message.header.stamp
+        fault = self._buffer.put(message.name, message.position, self._now(),
+                                 stamp.sec + 1e-9 * stamp.nanosec, self._robot_time())
+        if self._buffer.contradiction:
+            self._stops.latch(self._buffer.contradiction)
         if fault:
             self.get_logger().warning(f'joint state ignored: {fault}', throttle_duration_sec=1.0)
         elif self._values['rate'] == 0.0 and self._buffer.take_complete():
@@ -291,6 +319,10 @@ class ControllerNode(ClosableNode):
                 self._publish_velocity(command.velocity)
             except TpControllerError as error:
                 reason = str(error)
+            except Exception as error:  # of a task that somebody else wrote
+                self._stops.latch(f'{type(error).__name__}: {error}')
+                self.get_logger().error(traceback.format_exc())
+                reason = self._find_stop_reason(now)
         if reason:
             self._publish_zeros()
         self._log_stop_reason(reason)
@@ -318,6 +350,10 @@ class ControllerNode(ClosableNode):
             return 'stopped; call ~/start to go on'
         if self._stack_fault:
             return self._stack_fault
+        return self._stops.reason(self._missing(now), now)
+
+    def _missing(self, now: float) -> str:
+        """Return what has not arrived for too long; empty if nothing is missing."""
         missing = self._buffer.missing(now, self._values['state_timeout'])
         if missing:
             return f'no joint states of {", ".join(missing)}'
@@ -348,6 +384,11 @@ class ControllerNode(ClosableNode):
 
     def _publish_velocity(self, velocity: Array) -> None:
         """Command velocities (n,), to the joints and to the base."""
+        joints = velocity[self._controller.robot.joint_columns]
+        fault = self._motion.passed(self._buffer.q) or self._motion.check(
+            self._buffer.q, joints, self._robot_time())
+        if fault:
+            self._stops.latch(fault)
         self._command_view[:] = velocity[self._order]
         self._commands.publish(self._command)
         self._base.publish(velocity)
@@ -363,10 +404,20 @@ class ControllerNode(ClosableNode):
         return response
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Go on after ~/stop; tasks without a goal keep the values they have now."""
-        if self._stopped and self._ready:
+        """
+        Go on after ~/stop, or after a fault that is over.
+
+        Tasks without a goal keep the values they have now.
+        """
+        lasting = self._buffer.lasting(self._now()) if self._ready else ''
+        if lasting:
+            response.success, response.message = False, f'not started: {lasting}'
+            return response
+        if self._ready and (self._stopped or self._stops.latched):
             self._controller.restart()
-        self._stopped = False
+            self._buffer.forget()
+            self._motion.forget()
+        self._stopped, self._stops.latched = False, ''
         response.success, response.message = True, 'started'
         return response
 

@@ -15,14 +15,46 @@
 """Joint positions, merged by name from any number of publishers."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 from tp_controller.model.spatial import Array
+from tp_controller.nodes.state_checks import StampAge
 from tp_controller.tasks.keys import LARGEST
 
 Rows = NDArray[np.intp]
+# For how long a contradiction counts as one that lasts [s].
+LASTING = 1.0
+# Longer pauses count as this [s]: a joint may be anywhere then.
+LONG = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """
+    What is the same in every message of a publisher.
+
+    Attributes
+    ----------
+    source, rows : ndarray of int
+        Where in a message the joints are, and where they go.
+    driven, of_driven : ndarray of int
+        Where those go that are driven, and which of `source` they are.
+    twice : str
+        Joints that are named twice.
+    age : StampAge
+        How old its messages are.
+
+    """
+
+    source: Rows
+    rows: Rows
+    driven: Rows
+    of_driven: Rows
+    twice: str
+    age: StampAge
 
 
 class JointStateBuffer:
@@ -44,11 +76,15 @@ class JointStateBuffer:
         Positions of the driven joints, NaN before the first [rad or m].
     passive : ndarray (p,)
         Positions of the passive joints, `passive_start` before the first [rad or m].
+    contradiction : str
+        The first that was noticed since `forget`; empty where there was none.
 
     """
 
     def __init__(self, driven: Sequence[str], passive: Sequence[str],
-                 passive_start: Sequence[float] | Array) -> None:
+                 passive_start: Sequence[float] | Array, speeds: Array | None = None,
+                 endless: NDArray[np.bool_] | None = None, late: float = math.inf,
+                 tolerance: float = 0.0) -> None:
         self._names = (*driven, *passive)
         self._rows = {name: row for row, name in enumerate(self._names)}
         self._n = len(driven)
@@ -57,9 +93,23 @@ class JointStateBuffer:
         self.q = self._positions[:self._n]
         self.passive = self._positions[self._n:]
         self._fresh = np.zeros(self._n, dtype=bool)
-        self._plans: dict[tuple[str, ...], tuple[Rows, Rows, Rows]] = {}
+        self._plans: dict[tuple[str, ...], Plan] = {}
+        self._speeds = np.full(self._n, math.inf) if speeds is None else speeds
+        self._turn = np.where(np.zeros(self._n, dtype=bool) if endless is None else endless,
+                              math.tau, math.inf)
+        self._late, self._tolerance = late, tolerance
+        self.contradiction, self._contradicted = '', -math.inf
 
-    def put(self, names: Sequence[str], positions: Sequence[float], now: float) -> str:
+    def forget(self) -> None:
+        """Forget what contradicted itself."""
+        self.contradiction = ''
+
+    def lasting(self, now: float) -> str:
+        """Return the contradiction that was noticed within the last second, if any."""
+        return self.contradiction if now - self._contradicted < LASTING else ''
+
+    def put(self, names: Sequence[str], positions: Sequence[float], now: float,
+            stamp: float = 0.0, received: float | None = None) -> str:
         """
         Take a message.
 
@@ -71,6 +121,10 @@ class JointStateBuffer:
             [rad or m]
         now : float
             Time of receipt [s].
+        stamp : float
+            Of the message [s]; 0: none.
+        received : float, optional
+            Time of receipt on the clock that stamps are of, where that is another one [s].
 
         Returns
         -------
@@ -84,15 +138,22 @@ class JointStateBuffer:
         plan = self._plans.get(names)
         if plan is None:
             plan = self._plan(names)
-        source, rows, driven = plan
-        values = np.asarray(positions, dtype=float)[source]
+        if plan.twice:
+            self._contradict(f'joint states name {plan.twice} twice', now)
+            return f'{plan.twice} is named twice'
+        fault = plan.age.fault(stamp, now if received is None else received)
+        if fault:
+            return fault
+        rows = plan.rows
+        values = np.asarray(positions, dtype=float)[plan.source]
         bad = [self._names[row] for row, value in zip(rows, values.tolist())
                if not abs(value) <= LARGEST]
         if bad:
             return f'position not finite, or beyond {LARGEST:g}: {", ".join(bad)}'
+        self._check_motion(plan, values, now)
         self._positions[rows] = values
         self._received[rows] = now
-        self._fresh[driven] = True
+        self._fresh[plan.driven] = True
         return ''
 
     def missing(self, now: float, timeout: float) -> list[str]:
@@ -114,14 +175,33 @@ class JointStateBuffer:
         self._fresh[:] = False
         return True
 
-    def _plan(self, names: tuple[str, ...]) -> tuple[Rows, Rows, Rows]:
-        """Return where in a message the joints are, and where they go."""
+    def _check_motion(self, plan: 'Plan', values: Array, now: float) -> None:
+        """Notice joints that are farther away than they can have moved since."""
+        rows = plan.driven
+        moved = np.abs(values[plan.of_driven] - self._positions[rows])
+        moved = np.minimum(moved, np.abs(self._turn[rows] - moved))
+        passed = np.minimum(now - self._received[rows], LONG)
+        jumped = moved > self._speeds[rows] * (passed + min(self._late, 1.0)) + self._tolerance
+        if jumped.any():
+            which = int(np.argmax(jumped))
+            self._contradict(f'{self._names[rows[which]]} jumped by {moved[which]:.2g} '
+                             f'in {passed[which]:.2g} s', now)
+
+    def _contradict(self, what: str, now: float) -> None:
+        """Keep a contradiction; the first one is told."""
+        self.contradiction, self._contradicted = self.contradiction or what, now
+
+    def _plan(self, names: tuple[str, ...]) -> 'Plan':
+        """Return what is sorted out once for a publisher."""
         found = [(index, self._rows[name]) for index, name in enumerate(names)
                  if name in self._rows]
-        source = np.array([index for index, _ in found], dtype=np.intp)
         rows = np.array([row for _, row in found], dtype=np.intp)
+        twice = [name for name in self._rows if names.count(name) > 1]
         # A publisher that changes its names all the time must not fill the memory.
         if len(self._plans) >= 100:
             self._plans.clear()
-        self._plans[names] = source, rows, rows[rows < self._n]
+        self._plans[names] = Plan(
+            np.array([index for index, _ in found], dtype=np.intp), rows,
+            rows[rows < self._n], np.flatnonzero(rows < self._n), ', '.join(twice),
+            StampAge(self._late))
         return self._plans[names]

@@ -123,29 +123,27 @@ class Following:
 
 class MotionCheck:
     """
-    Whether joints move as they are commanded, and no faster than they can.
+    Whether joints move as they are commanded, and stay within their limits.
 
     Parameters
     ----------
-    names : sequence of str
+    names : tuple of str
         Of the driven joints.
-    speeds : ndarray (n,)
-        Their velocity limits, infinite where there is none [rad/s or m/s].
+    lower, upper : ndarray (n,)
+        Their position limits [rad or m].
     following : Following
-    slack : float
-        By how much messages may be late [s].
     tolerance : float
-        What a position may be off [rad or m].
+        By how much a joint may pass a limit [rad or m].
 
     """
 
     # Samples in a window.
     SAMPLES = 20
 
-    def __init__(self, names: tuple[str, ...], speeds: Array, following: Following,
-                 slack: float, tolerance: float) -> None:
-        self._names, self._speeds, self._following = names, speeds, following
-        self._slack, self._tolerance = slack, tolerance
+    def __init__(self, names: tuple[str, ...], lower: Array, upper: Array, following: Following,
+                 tolerance: float) -> None:
+        self._names, self._following = names, following
+        self._lower, self._upper = lower - tolerance, upper + tolerance
         self.forget()
 
     def forget(self) -> None:
@@ -153,7 +151,20 @@ class MotionCheck:
         late = 1 + math.ceil(self.SAMPLES * self._following.lag / (self._following.window or 1.0))
         self._samples: deque[tuple[Array, Array, float]] = deque(maxlen=self.SAMPLES + late)
         self._commanded = np.zeros(len(self._names))
+        self._velocity = np.zeros(len(self._names))
         self._sampled = self._last = -math.inf
+        # Where a joint starts outside it is led back.
+        self._inside = np.zeros(len(self._names), dtype=bool)
+
+    def passed(self, q: Array) -> str:
+        """Return which joint has passed a position limit since it was inside; q (n,)."""
+        inside = (q >= self._lower) & (q <= self._upper)
+        gone = self._inside & ~inside
+        self._inside = inside
+        if not gone.any():
+            return ''
+        joint = int(np.argmax(gone))
+        return f'{self._names[joint]} has passed its position limit, at {q[joint]:.4g}'
 
     def check(self, q: Array, velocity: Array, now: float) -> str:
         """

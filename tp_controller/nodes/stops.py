@@ -14,6 +14,8 @@
 
 """Why a robot is stopped, and when it goes on: what passes by itself, and what does not."""
 
+import math
+
 
 class Stops:
     """
@@ -28,13 +30,19 @@ class Stops:
     settle : float
         For how long everything has to be in order before the robot moves again [s].
 
+    Attributes
+    ----------
+    latched : str
+        What stops the robot until this is emptied.
+
     """
 
     def __init__(self, settle: float) -> None:
         self._settle = settle
-        self._latched = ''
-        self._passing = ''
-        self._ended = -1.0
+        self.latched = self._passing = ''
+        self._ended = -math.inf
+        # Before the robot has moved there is nothing to settle.
+        self._moved = False
 
     def reason(self, passing: str, now: float) -> str:
         """
@@ -50,33 +58,15 @@ class Stops:
         """
         if passing:
             self._passing, self._ended = passing, now
-        elif self._passing and now - self._ended >= self._settle:
+        elif not self._moved or now - self._ended >= self._settle:
             self._passing = ''
-        if self._latched:
-            return f'{self._latched}; call ~/start to go on'
-        if passing or not self._passing:
-            return passing
-        return f'{self._passing}, until a moment ago'
+        if self.latched:
+            return f'{self.latched}; call ~/start to go on'
+        if self._passing:
+            return passing or f'{self._passing}, until a moment ago'
+        self._moved = True
+        return ''
 
     def latch(self, fault: str) -> None:
         """Stop until the next start; the first fault is the one that is told."""
-        self._latched = self._latched or fault
-
-    def start(self, cause: str) -> str:
-        """
-        Go on, unless the cause lasts.
-
-        Parameters
-        ----------
-        cause : str
-            What latches and is still so; else empty.
-
-        Returns
-        -------
-        str
-            Why it is refused; empty where it is not.
-
-        """
-        if not cause:
-            self._latched = ''
-        return cause
+        self.latched = self.latched or fault

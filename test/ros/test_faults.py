@@ -1,0 +1,137 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Faults of joint states: a hostile publisher, and a robot that does not do as it is told."""
+
+import time
+
+from harness import Arm, JOINTS, Status
+import pytest
+
+Q = (0.0, 0.6, 0.3)
+ZEROS = [0.0, 0.0, 0.0]
+STRICT = {'follow_window': 0.5, 'jump_tolerance': 0.1, 'settle_time': 0.3}
+
+
+class Robot:
+    """An arm that follows its commands, as far as a test lets it."""
+
+    def __init__(self, harness, commands, follows=1.0):
+        self.arm, self.commands, self.follows = Arm(harness, Q), commands, follows
+        self._last = time.monotonic()
+        self.stamp = time.time
+
+    def publish(self):
+        """Move on, and publish where the joints are."""
+        now = time.monotonic()
+        if self.commands:
+            self.arm.q = [q + self.follows * (now - self._last) * velocity
+                          for q, velocity in zip(self.arm.q, self.commands[-1])]
+        self._last = now
+        self.arm.publish(self.stamp())
+
+
+@pytest.fixture
+def robot(harness):
+    """Return a robot that moves, its commands and the status of its controller."""
+    harness.controller(**STRICT, limits__joint1__lower=-2.0, limits__joint1__upper=2.0,
+                       stack='- swing: {type: joint, joints: joint1, target: [1.8], gain: 0.2}\n')
+    commands, status = harness.commands(), Status(harness)
+    robot = Robot(harness, commands)
+    robot.status = status
+    harness.spin_until(lambda: commands and any(commands[-1]), 'motion', meanwhile=robot.publish)
+    return robot
+
+
+def wait_until_stopped(harness, robot, told, meanwhile=None):
+    """Spin until the robot is stopped for a reason, and check that zeros are commanded."""
+    harness.spin_until(lambda: told in robot.status.head, told,
+                       meanwhile=meanwhile or robot.publish)
+    assert harness.spin_for_more(robot.commands, 3, meanwhile or robot.publish)[-1] == ZEROS
+
+
+def start(harness):
+    """Call ~/start and return (whether it was, what it said)."""
+    answer = harness.trigger('start')
+    return answer.success, answer.message
+
+
+def test_a_robot_that_follows_goes_on(harness, robot):
+    end = time.monotonic() + 3.0
+    harness.spin_until(lambda: time.monotonic() > end, meanwhile=robot.publish)
+    assert robot.status.head == 'running'
+
+
+@pytest.mark.parametrize('told, stamp', [
+    ('no joint states', lambda: 1000.0), ('no joint states', lambda: time.time() - 5.0),
+    ('no joint states', lambda: time.time() + 5.0)])
+def test_stamps_that_stand_still_or_are_of_another_time_stop_the_robot_for_a_while(
+        harness, robot, told, stamp):
+    robot.stamp = stamp
+    wait_until_stopped(harness, robot, told)
+    robot.stamp = time.time
+    harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
+
+
+def test_a_robot_that_does_not_follow_is_stopped_until_a_start(harness, robot):
+    robot.follows = 0.0
+    wait_until_stopped(harness, robot, 'joint1 does not follow')
+    robot.follows = 1.0
+    harness.spin_for_more(robot.commands, 30, robot.publish)
+    assert robot.commands[-1] == ZEROS
+    assert start(harness) == (True, 'started')
+    harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
+
+
+def test_a_joint_that_jumps_stops_the_robot_until_a_start(harness, robot):
+    robot.arm.q[0] += 1.5
+    wait_until_stopped(harness, robot, 'joint1 jumped by 1.5')
+    assert 'call ~/start' in robot.status.head
+    end = time.monotonic() + 1.2
+    harness.spin_until(lambda: time.monotonic() > end, meanwhile=robot.publish)
+    assert start(harness) == (True, 'started')
+    harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
+
+
+def test_publishers_that_disagree_stop_the_robot_and_start_is_refused_meanwhile(harness, robot):
+    other = Arm(harness, (1.5, 0.6, 0.3))
+
+    def both():
+        robot.publish()
+        other.publish(time.time())
+
+    wait_until_stopped(harness, robot, 'joint1 jumped by', meanwhile=both)
+    harness.spin_for_more(robot.commands, 5, both)
+    success, message = start(harness)
+    assert not success and 'not started: joint1 jumped by' in message
+
+
+def test_a_joint_that_is_named_twice_stops_the_robot(harness, robot):
+    other = Arm(harness, (*Q, 0.0), (*JOINTS, 'joint1'))
+
+    def both():
+        robot.publish()
+        other.publish(time.time())
+
+    wait_until_stopped(harness, robot, 'joint states name joint1 twice', meanwhile=both)
+
+
+def test_a_joint_that_passes_its_limit_stops_the_robot(harness, robot):
+    robot.follows, positions = 0.0, iter([0.01 * step for step in range(250)])
+
+    def drift():
+        robot.arm.q[0] = next(positions, 2.5)
+        robot.publish()
+
+    wait_until_stopped(harness, robot, 'joint1 has passed its position limit', meanwhile=drift)
