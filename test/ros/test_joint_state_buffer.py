@@ -98,3 +98,62 @@ def test_names_that_change_all_the_time_neither_confuse_nor_fill_the_memory(buff
         assert buffer.put(['a', f'other{number}', 'b'], [number, 7.0, -number], 0.0) == ''
         np.testing.assert_array_equal(buffer.q, [number, -number])
     assert len(buffer._plans) <= 100
+
+
+# Contradictions -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def checked():
+    """Return a buffer of two joints at up to 1/s, the second of which turns without end."""
+    return JointStateBuffer(['a', 'b'], ['p'], [0.0], np.ones(2), np.array([False, True]),
+                            late=0.1, tolerance=0.05)
+
+
+@pytest.mark.parametrize(('seconds', 'moved', 'contradicts'), [
+    (0.01, 0.15, False), (0.01, 0.17, True), (1.0, 1.14, False), (1.0, -1.16, True)])
+def test_a_joint_contradicts_itself_if_it_moves_farther_than_it_can(
+        checked, seconds, moved, contradicts):
+    assert checked.put(['b', 'a'], [0.0, 0.5], 5.0) == ''
+    assert checked.put(['b', 'a'], [0.0, 0.5 + moved], 5.0 + seconds) == ''
+    assert bool(checked.contradiction) == contradicts
+    if contradicts:
+        assert checked.contradiction == f'a jumped by {abs(moved):.2g} in {seconds:.2g} s'
+    # What came last is where it is.
+    assert checked.q[0] == 0.5 + moved
+
+
+def test_whole_turns_of_a_joint_without_end_are_no_motion(checked):
+    checked.put(['a', 'b'], [0.0, 3.14], 0.0)
+    checked.put(['a', 'b'], [0.0, -3.14], 0.01)
+    assert not checked.contradiction
+    checked.put(['a', 'b'], [0.0, 0.0], 0.02)
+    assert 'b jumped by 3.1' in checked.contradiction
+
+
+def test_passive_joints_may_be_anywhere(checked):
+    for position in (0.0, 9.0):
+        checked.put(['a', 'b', 'p'], [0.0, 0.0, position], 0.0)
+    assert not checked.contradiction
+
+
+def test_a_contradiction_lasts_for_a_second_and_is_known_until_it_is_forgotten(checked):
+    checked.put(['a', 'b', 'a'], [0.0, 0.0, 0.0], 1.0)
+    assert checked.lasting(1.9) == checked.contradiction == 'joint states name a twice'
+    assert checked.lasting(2.1) == '' != checked.contradiction
+    checked.forget()
+    assert not checked.contradiction
+
+
+def test_messages_of_another_time_are_ignored(checked):
+    assert checked.put(['a', 'b'], [0.0, 0.0], 0.0, stamp=50.0) == ''
+    assert 'old by its stamp' in checked.put(['a', 'b'], [0.1, 0.0], 0.3, stamp=50.0)
+    assert checked.q[0] == 0.0
+    # Another publisher has a clock of its own.
+    assert checked.put(['a'], [0.1], 0.3, stamp=9.0) == ''
+
+
+def test_motion_is_judged_by_the_clock_of_the_robot(checked):
+    checked.put(['a', 'b'], [0.0, 0.0], 0.0, received=10.0)
+    checked.put(['a', 'b'], [0.9, 0.0], 0.01, received=11.0)
+    assert not checked.contradiction

@@ -89,7 +89,9 @@ class JointStateBuffer:
         self._rows = {name: row for row, name in enumerate(self._names)}
         self._n = len(driven)
         self._positions = np.array([math.nan] * len(driven) + list(passive_start), dtype=float)
+        # When a position was received, on the clock of timeouts and on that of the robot.
         self._received = np.full(len(self._names), -math.inf)
+        self._measured = self._received.copy()
         self.q = self._positions[:self._n]
         self.passive = self._positions[self._n:]
         self._fresh = np.zeros(self._n, dtype=bool)
@@ -141,7 +143,8 @@ class JointStateBuffer:
         if plan.twice:
             self._contradict(f'joint states name {plan.twice} twice', now)
             return f'{plan.twice} is named twice'
-        fault = plan.age.fault(stamp, now if received is None else received)
+        clock = now if received is None else received
+        fault = plan.age.fault(stamp, clock)
         if fault:
             return fault
         rows = plan.rows
@@ -150,9 +153,9 @@ class JointStateBuffer:
                if not abs(value) <= LARGEST]
         if bad:
             return f'position not finite, or beyond {LARGEST:g}: {", ".join(bad)}'
-        self._check_motion(plan, values, now)
+        self._check_motion(plan, values, now, clock)
         self._positions[rows] = values
-        self._received[rows] = now
+        self._received[rows], self._measured[rows] = now, clock
         self._fresh[plan.driven] = True
         return ''
 
@@ -175,12 +178,12 @@ class JointStateBuffer:
         self._fresh[:] = False
         return True
 
-    def _check_motion(self, plan: 'Plan', values: Array, now: float) -> None:
+    def _check_motion(self, plan: 'Plan', values: Array, now: float, clock: float) -> None:
         """Notice joints that are farther away than they can have moved since."""
         rows = plan.driven
         moved = np.abs(values[plan.of_driven] - self._positions[rows])
         moved = np.minimum(moved, np.abs(self._turn[rows] - moved))
-        passed = np.minimum(now - self._received[rows], LONG)
+        passed = np.minimum(clock - self._measured[rows], LONG)
         jumped = moved > self._speeds[rows] * (passed + min(self._late, 1.0)) + self._tolerance
         if jumped.any():
             which = int(np.argmax(jumped))
