@@ -61,6 +61,12 @@ THIRD_PARTY = {
     'argcomplete': ('argcomplete', 'python3-argcomplete'),
     'setuptools': ('setuptools', 'python3-setuptools'),
     'viser': ('viser', None),
+    # What benchmarks/peers.py compares with; placo needs an environment of its own.
+    'embodik': ('embodik', None),
+    'mink': ('mink', None),
+    'mujoco': ('mink', None),
+    'pink': ('pin-pink', None),
+    'placo': (None, None),
     'yaml': ('PyYAML', 'python3-yaml'),
 }
 ROS_PACKAGE_OF_MODULE = {'tf2_ros': 'tf2_ros_py'}
