@@ -15,6 +15,7 @@
 """A harness that runs the nodes of one test in one process, on one thread."""
 
 from collections import defaultdict
+import math
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -93,7 +94,7 @@ class Harness:
         # Without a transition, every command is what the tasks demand.
         parameters.setdefault('blend', 0.0)
         # Arms of the tests are where the tests put them, and go on at once.
-        for name, value in (('follow_window', 0.0), ('jump_tolerance', 10.0),
+        for name, value in (('follow_window', 0.0), ('jump_tolerance', math.inf),
                             ('settle_time', 0.0)):
             parameters.setdefault(name, value)
         return self.make(ControllerNode, **parameters)

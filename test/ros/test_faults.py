@@ -74,8 +74,8 @@ def test_a_robot_that_follows_goes_on(harness, robot):
 
 
 @pytest.mark.parametrize('told, stamp', [
-    ('no joint states', lambda: 1000.0), ('no joint states', lambda: time.time() - 5.0),
-    ('no joint states', lambda: time.time() + 5.0)])
+    ('s old by its stamp)', lambda: 1000.0), ('s old by its stamp)', lambda: time.time() - 5.0),
+    ('ahead of the ones before)', lambda: time.time() + 5.0)])
 def test_stamps_that_stand_still_or_are_of_another_time_stop_the_robot_for_a_while(
         harness, robot, told, stamp):
     robot.stamp = stamp
@@ -117,14 +117,11 @@ def test_publishers_that_disagree_stop_the_robot_and_start_is_refused_meanwhile(
     assert not success and 'not started: joint1 jumped by' in message
 
 
-def test_a_joint_that_is_named_twice_stops_the_robot(harness, robot):
+def test_joint_states_that_name_a_joint_twice_count_as_missing(harness, robot):
     other = Arm(harness, (*Q, 0.0), (*JOINTS, 'joint1'))
-
-    def both():
-        robot.publish()
-        other.publish(time.time())
-
-    wait_until_stopped(harness, robot, 'joint states name joint1 twice', meanwhile=both)
+    wait_until_stopped(harness, robot, 'no joint states of joint1, joint2, joint3 (ignored: '
+                       'joint1 is named twice)', meanwhile=other.publish)
+    harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
 
 
 def test_a_joint_that_passes_its_limit_stops_the_robot(harness, robot):

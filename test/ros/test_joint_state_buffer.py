@@ -138,11 +138,19 @@ def test_passive_joints_may_be_anywhere(checked):
 
 
 def test_a_contradiction_lasts_for_a_second_and_is_known_until_it_is_forgotten(checked):
-    checked.put(['a', 'b', 'a'], [0.0, 0.0, 0.0], 1.0)
-    assert checked.lasting(1.9) == checked.contradiction == 'joint states name a twice'
+    for position in (0.0, 5.0):
+        checked.put(['a', 'b'], [position, 0.0], 1.0)
+    assert checked.lasting(1.9) == checked.contradiction == 'a jumped by 5 in 0 s'
     assert checked.lasting(2.1) == '' != checked.contradiction
     checked.forget()
     assert not checked.contradiction
+
+
+def test_the_last_message_that_was_ignored_is_told_for_a_while(checked):
+    assert checked.put(['a', 'b', 'a'], [0.0, 0.0, 0.0], 1.0) == 'a is named twice'
+    assert checked.missing(1.0, 0.1) == ['a', 'b']
+    assert checked.ignored(1.05, 0.1) == 'a is named twice'
+    assert checked.ignored(1.2, 0.1) == ''
 
 
 def test_messages_of_another_time_are_ignored(checked):

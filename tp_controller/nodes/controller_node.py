@@ -75,9 +75,10 @@ PARAMETERS = (
     Spec('check_stamps', True, 'leave out joint states that are older than `state_timeout` by '
          'their stamps, or ahead of time; a stamp of 0 is none', read_only=True),
     Spec('jump_tolerance', 0.1, 'what a joint may move beyond its velocity limit between two '
-         'joint states before the robot is stopped, until ~/start', 'rad or m', 0.0, 10.0, True),
+         'joint states before the robot is stopped, until ~/start (inf: any distance)', 'rad or m',
+         0.0, math.inf, True),
     Spec('limit_tolerance', 0.05, 'how far a joint may pass a position limit before the robot is '
-         'stopped, until ~/start', 'rad or m', 0.0, 10.0, True),
+         'stopped, until ~/start (inf: never)', 'rad or m', 0.0, math.inf, True),
     Spec('follow_window', 1.0, 'time after which a joint that does not follow its command stops '
          'the robot, until ~/start (0: never)', 's', 0.0, 60.0, True),
     Spec('settle_time', 0.3, 'for how long everything has to be in order after joint states or '
@@ -216,7 +217,7 @@ class ControllerNode(ClosableNode):
         self._buffer = JointStateBuffer(
             robot.joint_names, robot.passive_names, robot.passive_neutral, robot.velocity[rows],
             np.isinf(upper - lower) & np.array(
-                [unit == 'rad' for unit in robot.velocity_units[rows]]),
+                [unit == 'rad' for unit in robot.velocity_units[rows]], dtype=bool),
             values['state_timeout'] if values['check_stamps'] else math.inf,
             values['jump_tolerance'])
         self._motion = MotionCheck(robot.joint_names, lower, upper,
@@ -354,10 +355,13 @@ class ControllerNode(ClosableNode):
 
     def _missing(self, now: float) -> str:
         """Return what has not arrived for too long; empty if nothing is missing."""
-        missing = self._buffer.missing(now, self._values['state_timeout'])
+        timeout = self._values['state_timeout']
+        missing = self._buffer.missing(now, timeout)
         if missing:
-            return f'no joint states of {", ".join(missing)}'
-        return self._base.stop_reason(now, self._values['state_timeout'])
+            ignored = self._buffer.ignored(now, timeout)
+            return f'no joint states of {", ".join(missing)}' \
+                   + (f' (ignored: {ignored})' if ignored else '')
+        return self._base.stop_reason(now, timeout)
 
     def _watch(self) -> None:
         """Command zeros if the cycle has not done anything for too long."""

@@ -101,6 +101,7 @@ class JointStateBuffer:
                               math.tau, math.inf)
         self._late, self._tolerance = late, tolerance
         self.contradiction, self._contradicted = '', -math.inf
+        self._ignored, self._ignored_at = '', -math.inf
 
     def forget(self) -> None:
         """Forget what contradicted itself."""
@@ -134,16 +135,26 @@ class JointStateBuffer:
             What is wrong with the message, which is ignored then; else empty.
 
         """
-        names = tuple(names)
+        fault = self._take(tuple(names), positions, now, stamp,
+                           now if received is None else received)
+        if fault:
+            self._ignored, self._ignored_at = fault, now
+        return fault
+
+    def ignored(self, now: float, timeout: float) -> str:
+        """Return why the last message was ignored that was, if that is `timeout` ago at most."""
+        return self._ignored if now - self._ignored_at <= timeout else ''
+
+    def _take(self, names: tuple[str, ...], positions: Sequence[float], now: float, stamp: float,
+              clock: float) -> str:
+        """Take a message; see `put`."""
         if len(positions) != len(names):
             return f'{len(names)} joints with {len(positions)} positions'
         plan = self._plans.get(names)
         if plan is None:
             plan = self._plan(names)
         if plan.twice:
-            self._contradict(f'joint states name {plan.twice} twice', now)
             return f'{plan.twice} is named twice'
-        clock = now if received is None else received
         fault = plan.age.fault(stamp, clock)
         if fault:
             return fault
