@@ -211,6 +211,15 @@ class ControllerNode(ClosableNode):
         self._zeros = np.zeros(robot.n)
         self._base = MovingBase(self, robot, self._now, self._on_odometry) if robot.moves \
             else FixedBase()
+        self._watch_over(robot)
+        self._ready = True
+        self._load_stack()
+        self.create_subscription(JointState, 'joint_states', self._on_joint_state, STATE_QOS)
+        self.get_logger().info(f'controlling {robot.name}, base {robot.base}, '
+                               f'joints {", ".join(names)}')
+
+    def _watch_over(self, robot: Robot) -> None:
+        """Make what takes joint states, and what tells whether they can be true."""
         rows = robot.joint_columns
         lower, upper = robot.lower[rows], robot.upper[rows]
         values = self._values
@@ -222,11 +231,6 @@ class ControllerNode(ClosableNode):
             values['jump_tolerance'])
         self._motion = MotionCheck(robot.joint_names, lower, upper,
                                    Following(values['follow_window']), values['limit_tolerance'])
-        self._ready = True
-        self._load_stack()
-        self.create_subscription(JointState, 'joint_states', self._on_joint_state, STATE_QOS)
-        self.get_logger().info(f'controlling {robot.name}, base {robot.base}, '
-                               f'joints {", ".join(names)}')
 
     # Stack and parameters -----------------------------------------------------------------
 
