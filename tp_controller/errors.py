@@ -105,3 +105,9 @@ class StackError(TpControllerError):
     def __init__(self, faults: Iterable[Fault]) -> None:
         self.faults = tuple(sorted(faults, key=lambda fault: fault.line))
         super().__init__('; '.join(str(fault) for fault in self.faults))
+
+
+def in_words(error: Exception) -> str:
+    """Return what an exception says, with its type where it is not one of ours."""
+    return str(error) if isinstance(error, TpControllerError) else \
+        f'{type(error).__name__}: {error}'

@@ -317,13 +317,13 @@ def test_closing_commands_a_last_zero(any_harness, rate):
     spin_until_moving(any_harness, commands, arm)
     # As at the end of a process: the node is spun no more, then closed.
     any_harness.executor.remove_node(controller)
-    controller.close()
+    controller.close('ended')
     any_harness.spin_until(lambda: last(commands) == ZEROS)
 
 
 def test_closing_before_the_robot_is_known_is_silent(harness):
     controller = harness.controller(robot='')
-    controller.close()
+    controller.close('ended')
 
 
 # An arm of two slides: its positions have no natural end.
@@ -343,4 +343,4 @@ def test_closing_when_the_context_is_gone_already_raises_nothing(harness):
     commands, arm = harness.commands(), Arm(harness, Q)
     spin_until_moving(harness, commands, arm)
     harness.context.try_shutdown()
-    controller.close()
+    controller.close('ended')

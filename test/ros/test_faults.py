@@ -18,6 +18,7 @@ import time
 
 from harness import Arm, JOINTS, Status
 import pytest
+from rclpy.parameter import Parameter
 
 Q = (0.0, 0.6, 0.3)
 ZEROS = [0.0, 0.0, 0.0]
@@ -45,11 +46,12 @@ class Robot:
 @pytest.fixture
 def robot(harness):
     """Return a robot that moves, its commands and the status of its controller."""
-    harness.controller(**STRICT, limits__joint1__lower=-2.0, limits__joint1__upper=2.0,
-                       stack='- swing: {type: joint, joints: joint1, target: [1.8], gain: 0.2}\n')
+    controller = harness.controller(
+        **STRICT, limits__joint1__lower=-2.0, limits__joint1__upper=2.0,
+        stack='- swing: {type: joint, joints: joint1, target: [1.8], gain: 0.2}\n')
     commands, status = harness.commands(), Status(harness)
     robot = Robot(harness, commands)
-    robot.status = status
+    robot.status, robot.controller = status, controller
     harness.spin_until(lambda: commands and any(commands[-1]), 'motion', meanwhile=robot.publish)
     return robot
 
@@ -132,3 +134,31 @@ def test_a_joint_that_passes_its_limit_stops_the_robot(harness, robot):
         robot.publish()
 
     wait_until_stopped(harness, robot, 'joint1 has passed its position limit', meanwhile=drift)
+
+
+def test_a_task_that_raises_stops_the_robot_until_a_start(harness, robot, monkeypatch):
+    task = robot.controller._controller.stack.tasks['swing']
+
+    def fail(*arguments):
+        raise ZeroDivisionError('division by zero')
+
+    with monkeypatch.context() as patch:
+        patch.setattr(task, 'evaluate', fail)
+        wait_until_stopped(harness, robot, 'ZeroDivisionError: division by zero; call ~/start')
+    harness.spin_for_more(robot.commands, 30, robot.publish)
+    assert robot.commands[-1] == ZEROS
+    assert start(harness) == (True, 'started')
+    harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
+
+
+@pytest.mark.parametrize('text', ['[' * 300, '- a: &a [*a]', '? [a]\n: b', '- \ud7ff: 1'])
+def test_no_stack_ends_the_node(harness, robot, text):
+    result, = robot.controller.set_parameters([Parameter('stack', value=text)])
+    assert not result.successful and result.reason
+    harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
+
+
+def test_the_last_status_says_why_the_node_ends(harness, robot):
+    robot.controller.close('ended by SIGHUP')
+    harness.spin_until(lambda: robot.status.head == 'ended by SIGHUP')
+    assert robot.commands[-1] == ZEROS

@@ -272,7 +272,7 @@ def test_stop_commands_zeros_on_both_topics_until_start(harness):
 def test_last_command_of_a_node_that_ends_is_zero_on_both_topics(harness):
     node, commands, _, _ = start_moving(harness)
     before = len(commands.base)
-    node.close()
+    node.close('ended')
     harness.spin_until(lambda: len(commands.base) > before and commands.zero())
 
 

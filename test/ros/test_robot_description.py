@@ -42,6 +42,14 @@ def test_a_description_on_the_topic_is_taken(any_harness):
     any_harness.spin_until(lambda: status.head == 'no joint states of joint1, joint2, joint3')
 
 
+def test_a_description_that_cannot_even_be_decoded_is_refused(harness, log):
+    status, description = waiting_controller(harness)
+    description.publish(String(data='<?xml version="1.0" encoding="foo"?><robot name="a"/>'))
+    harness.spin_until(lambda: 'topic robot_description: ' in log())
+    description.publish(String(data=URDF))
+    harness.spin_until(lambda: status.head == 'no joint states of joint1, joint2, joint3')
+
+
 def test_a_description_that_was_there_before_is_taken(harness):
     harness.node.create_publisher(String, '/robot_description', LATCHED).publish(
         String(data=URDF))

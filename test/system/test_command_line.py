@@ -14,6 +14,7 @@
 
 """The command line against running nodes, and every example that it shows."""
 
+import importlib
 from importlib.metadata import version
 from importlib.util import find_spec
 import os
@@ -30,7 +31,15 @@ from processes_harness import command_line, DEADLINE, Listener
 import pytest
 from robots import CONFIG, panda, PANDA_TOOL
 from tp_controller.cli.goal import _reach
-from tp_controller.cli.main import DEMO_EXAMPLES, EXAMPLES, GOAL_EXAMPLES, main, make_parser
+from tp_controller.cli.main import (
+    controller_node,
+    DEMO_EXAMPLES,
+    EXAMPLES,
+    GOAL_EXAMPLES,
+    main,
+    make_parser,
+    simulator_node,
+)
 import yaml
 
 DOWN = ('--rpy', '3.1416', '0', '0')
@@ -195,6 +204,18 @@ def test_negative_numbers_are_numbers_however_they_are_written(monkeypatch, numb
                         lambda options: taken.append(options.xyz) or 0)
     assert main(['goal', 'tool', '--xyz', *numbers, '--frame', 'base']) == 0
     assert taken == [[float(number) for number in numbers]]
+
+
+@pytest.mark.parametrize('node', [controller_node, simulator_node])
+def test_the_help_of_a_node_lists_its_parameters_and_starts_nothing(monkeypatch, capsys, node):
+    module = importlib.import_module(f'tp_controller.nodes.{node.__name__}')
+    monkeypatch.setattr(sys, 'argv', [node.__name__, '--help'])
+    assert node() == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f'usage: {node.__name__} ')
+    assert re.findall(r'^  (\w+)$', said, re.MULTILINE) \
+        == [spec.name for spec in module.PARAMETERS]
+    assert max(map(len, said.splitlines())) < 100
 
 
 def test_the_package_is_the_command(tmp_path):

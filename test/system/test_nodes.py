@@ -31,7 +31,8 @@ def lines_of(node, word):
 
 # Ends -----------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize('number', [
+    signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
 def test_a_signal_ends_the_nodes_with_a_last_zero_and_status_0(cell, listener, number):
     controller, simulator = cell
     controller.process.send_signal(number)

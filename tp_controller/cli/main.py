@@ -17,10 +17,13 @@
 # argcomplete looks for this line: PYTHON_ARGCOMPLETE_OK
 import argparse
 from collections.abc import Sequence
+from enum import Enum
 import importlib
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 import sys
+from textwrap import wrap
+from types import ModuleType
 
 import argcomplete
 from tp_controller.cli.goal import add_goal_arguments, send_goal
@@ -35,6 +38,7 @@ examples:
   tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 3.14 0 0
   tp_controller goal --help              how to send goals of every kind
 """
+HELP_WIDTH = 95
 DEMOS = {
     'panda': 'a 7-DoF arm over ROS 2 topics (default)',
     'mobile': 'an arm on wheels carries a tray past obstacles',
@@ -146,7 +150,23 @@ def _node(name: str) -> int:
         module = importlib.import_module(f'tp_controller.nodes.{name}')
     except ModuleNotFoundError as error:
         return _lacks(error)
+    if {'-h', '--help'} & set(sys.argv[1:]):
+        print(_node_help(name, module))
+        return 0
     return module.main()
+
+
+def _node_help(name: str, module: ModuleType) -> str:
+    """Return how a node is started, and its parameters."""
+    lines = [f'usage: {name} [--ros-args -p NAME:=VALUE --params-file FILE -r FROM:=TO ...]', '',
+             *wrap((module.__doc__ or '').strip(), HELP_WIDTH), '', 'parameters:']
+    for spec in module.PARAMETERS:
+        default = '' if isinstance(spec.default, Enum) or spec.default == '' \
+            else f' (default: {spec.default})'
+        unit = f' [{spec.unit}]' if spec.unit else ''
+        lines += [f'  {spec.name}', *wrap(spec.description + unit + default, HELP_WIDTH,
+                                         initial_indent=' ' * 6, subsequent_indent=' ' * 6)]
+    return '\n'.join(lines)
 
 
 def _lacks(error: ModuleNotFoundError) -> int:

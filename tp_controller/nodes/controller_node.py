@@ -36,7 +36,7 @@ from std_srvs.srv import Trigger
 from tp_controller.control.controller import Controller
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings
-from tp_controller.errors import RobotError, SettingsError, TpControllerError
+from tp_controller.errors import in_words, RobotError, SettingsError, TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.nodes.base_topics import FixedBase, MovingBase
@@ -90,6 +90,7 @@ PARAMETERS = (
 STATE_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 # How long the last zero may take to arrive when the node ends [s].
 LAST_ZERO_SECONDS = 0.5
+LAST_ZEROS = 3
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -137,10 +138,14 @@ class ControllerNode(ClosableNode):
         self._start_timers()
         warn_unknown(self)
 
-    def close(self) -> None:
-        """Command zeros for the last time, unless somebody has ended ROS already."""
+    def close(self, reason: str) -> None:
+        """Command zeros for the last time, and say why, unless ROS has ended already."""
         if self._ready and self.context.ok():
-            self._publish_zeros()
+            # A message may get lost.
+            for _ in range(LAST_ZEROS):
+                self._publish_zeros()
+            self._stop_reason = reason
+            self._publish_status()
             # What has not arrived when the process ends may never do so.
             for publisher in (self._commands, self._base):
                 publisher.wait_for_all_acked(Duration(seconds=LAST_ZERO_SECONDS))
@@ -186,8 +191,8 @@ class ControllerNode(ClosableNode):
             robot = self._make_robot(message.data)
             if robot is not None:
                 self._set_robot(robot)
-        except TpControllerError as error:
-            self.get_logger().error(f'topic robot_description: {error}')
+        except Exception as error:
+            self.get_logger().error(f'topic robot_description: {in_words(error)}')
 
     def _set_robot(self, robot: Robot) -> None:
         """Make everything that depends on the robot."""
@@ -238,8 +243,8 @@ class ControllerNode(ClosableNode):
         """Read the stack of the parameter; return whether it is valid."""
         try:
             self._use_stack(self._read_stack(self._values['stack']))
-        except TpControllerError as error:
-            self._stack_fault = f'no valid stack: {error}'
+        except Exception as error:
+            self._stack_fault = f'no valid stack: {in_words(error)}'
             self.get_logger().error(self._stack_fault)
             return False
         return True
@@ -273,8 +278,8 @@ class ControllerNode(ClosableNode):
                     # Kept, since a file may be another one the next time it is read.
                     self._checked_stack = stack = self._read_stack(values['stack'])
                 self._controller.check_settings(settings, stack)
-        except TpControllerError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:
+            return SetParametersResult(successful=False, reason=in_words(error))
         return SetParametersResult(successful=True)
 
     def _apply_parameters(self, parameters: Sequence[Parameter]) -> None:
@@ -325,7 +330,7 @@ class ControllerNode(ClosableNode):
             except TpControllerError as error:
                 reason = str(error)
             except Exception as error:  # of a task that somebody else wrote
-                self._stops.latch(f'{type(error).__name__}: {error}')
+                self._stops.latch(in_words(error))
                 self.get_logger().error(traceback.format_exc())
                 reason = self._find_stop_reason(now)
         if reason:
@@ -436,8 +441,8 @@ class ControllerNode(ClosableNode):
                 raise RobotError('no robot description yet')
             self._use_stack(self._read_stack(self._values['stack']))
             response.success, response.message = True, 'stack reloaded'
-        except TpControllerError as error:
-            response.success, response.message = False, str(error)
+        except Exception as error:
+            response.success, response.message = False, in_words(error)
         return response
 
     def _on_status_timer(self) -> None:

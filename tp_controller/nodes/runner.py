@@ -28,9 +28,10 @@ from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from tp_controller.errors import TpControllerError
+from tp_controller.errors import in_words, TpControllerError
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# A terminal that is closed and Ctrl-\\ end a node as Ctrl-C does.
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 # EventsExecutor.spin() waits with a deadline that overflows and burns a core; a long finite one
 # does not [s].
 LONG = 1e8
@@ -40,8 +41,8 @@ class ClosableNode(Node, ABC):
     """A node that can say a last word."""
 
     @abstractmethod
-    def close(self) -> None:
-        """Act for the last time, while publishing still works."""
+    def close(self, reason: str) -> None:
+        """Act for the last time, while publishing still works, and say why the node ends."""
 
 
 def make_executor(context: Context | None = None) -> Executor:
@@ -56,7 +57,7 @@ def make_executor(context: Context | None = None) -> Executor:
 def run(make_node: Callable[[], ClosableNode], name: str,
         args: list[str] | None = None) -> int:
     """
-    Run a node until SIGINT or SIGTERM.
+    Run a node until a signal ends it.
 
     Parameters
     ----------
@@ -80,16 +81,20 @@ def run(make_node: Callable[[], ClosableNode], name: str,
         # Bad ROS arguments, which have several types of errors.
         get_logger(name).fatal(str(error).splitlines()[0])
         return 1
-    node = None
+    node, reason = None, 'ended'
     try:
         node = make_node()
-        _spin(node, arrived)
+        reason = _spin(node, arrived)
     except (TpControllerError, ParameterException) as error:
         get_logger(name).fatal(str(error))
+        reason = f'ended: {error}'
         return 1
+    except Exception as error:
+        reason = f'ended: {in_words(error)}'
+        raise
     finally:
         if node is not None:
-            node.close()
+            node.close(reason)
             node.destroy_node()
         try_shutdown()
     return 0
@@ -110,15 +115,14 @@ def _catch_signals() -> int:
     return reader
 
 
-def _spin(node: Node, arrived: int) -> None:
-    """Spin until a signal arrives or somebody shuts the context down."""
+def _spin(node: Node, arrived: int) -> str:
+    """Spin until a signal arrives or somebody shuts the context down; return which."""
     executor = make_executor(node.context)
     executor.add_node(node)
     ended = Future(executor=executor)
 
     def wait_for_signal() -> None:
-        os.read(arrived, 1)
-        ended.set_result(None)
+        ended.set_result(signal.Signals(os.read(arrived, 1)[0]).name)
 
     threading.Thread(target=wait_for_signal, daemon=True).start()
     try:
@@ -133,3 +137,4 @@ def _spin(node: Node, arrived: int) -> None:
         pass
     finally:
         executor.shutdown()
+    return f'ended by {ended.result()}' if ended.done() else 'ended: ROS was shut down'

@@ -95,7 +95,7 @@ class SimulatorNode(ClosableNode):
             f'{self._robot.base}) at {self._speed:g} × real '
             f'time, commands for {", ".join(names)}')
 
-    def close(self) -> None:
+    def close(self, reason: str) -> None:
         """Do nothing: the robot stops by itself."""
 
     def _check_names(self, names: Sequence[str]) -> Sequence[str]:

@@ -25,7 +25,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 from tp_controller.control.controller import Controller
-from tp_controller.errors import GoalError
+from tp_controller.errors import GoalError, in_words
 from tp_controller.nodes.goal_messages import GoalMessage, Message, messages_of, Parts
 from tp_controller.nodes.tf_frames import TfFrames
 from tp_controller.tasks.collision import ALL
@@ -127,8 +127,8 @@ class TaskTopics:
         """Take a task into the stack or leave it out."""
         try:
             self._controller.enable(name, request.data)
-        except GoalError as error:
-            response.success, response.message = False, str(error)
+        except Exception as error:
+            response.success, response.message = False, in_words(error)
             return response
         self.changed = True
         response.success = True
@@ -148,10 +148,10 @@ class TaskTopics:
             self._take(name, entry, message)
             record.accepted += 1
             self.changed = True
-        except GoalError as error:
+        except Exception as error:
             record.refused += 1
-            record.refusal = str(error)
-            self._node.get_logger().error(f'goal for task {name} refused: {error}')
+            record.refusal = in_words(error)
+            self._node.get_logger().error(f'goal for task {name} refused: {record.refusal}')
 
     def _take(self, name: str, entry: GoalMessage, message: Message) -> None:
         """Hand the content of a message to the controller."""
