@@ -16,9 +16,12 @@
 
 import time
 
-from harness import Arm, JOINTS, Status
+from harness import Arm, JOINTS, MOVING_STACK, Status
 import pytest
 from rclpy.parameter import Parameter
+from robots import PLANAR_DH
+from std_srvs.srv import Trigger
+from tp_controller.nodes.controller_node import ControllerNode, NEW_SECONDS
 
 Q = (0.0, 0.6, 0.3)
 ZEROS = [0.0, 0.0, 0.0]
@@ -162,3 +165,30 @@ def test_the_last_status_says_why_the_node_ends(harness, robot):
     robot.controller.close('ended by SIGHUP')
     harness.spin_until(lambda: robot.status.head == 'ended by SIGHUP')
     assert robot.commands[-1] == ZEROS
+
+
+def test_of_two_controllers_the_newer_one_stops_and_the_other_goes_on(harness, robot, log):
+    # The first one is no newcomer any more.
+    since = time.monotonic()
+    harness.spin_until(lambda: time.monotonic() > since + NEW_SECONDS, meanwhile=robot.publish)
+    second = harness.make(ControllerNode, robot=str(PLANAR_DH), stack=MOVING_STACK,
+                          arguments=['--ros-args', '-r', '__node:=second'])
+    status = Status(harness, '/second/status')
+    harness.spin_until(lambda: status.head == 'another node publishes on '
+                       '/velocity_controller/commands; call ~/start to go on',
+                       meanwhile=robot.publish)
+    harness.spin_until(lambda: 'another node publishes' in log(), meanwhile=robot.publish)
+    harness.spin_until(lambda: robot.status.head == 'running', meanwhile=robot.publish)
+    answer = harness.call(Trigger, '/second/start')
+    assert answer.success
+    harness.spin_until(lambda: status.head == 'running', meanwhile=robot.publish)
+    harness.remove(second)
+
+
+def test_a_controller_that_need_not_be_alone_starts_beside_another(harness, robot):
+    second = harness.make(ControllerNode, robot=str(PLANAR_DH), stack=MOVING_STACK,
+                          exclusive=False, arguments=['--ros-args', '-r', '__node:=second'])
+    status, since = Status(harness, '/second/status'), time.monotonic()
+    harness.spin_until(lambda: time.monotonic() > since + 1.5, meanwhile=robot.publish)
+    assert status.head == 'running'
+    harness.remove(second)

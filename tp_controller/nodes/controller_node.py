@@ -83,6 +83,8 @@ PARAMETERS = (
          'the robot, until ~/start (0: never)', 's', 0.0, 60.0, True),
     Spec('settle_time', 0.3, 'for how long everything has to be in order after joint states or '
          'odometry were late, before the robot moves again', 's', 0.0, 60.0, True),
+    Spec('exclusive', True, 'stop, until ~/start, if another node publishes the same commands '
+         'when this one starts; later ones are only reported', read_only=True),
     Spec('status_rate', 10.0, 'status and marker messages per second', 'Hz', 0.1, 1000.0, True),
     *SETTINGS,
 )
@@ -91,6 +93,8 @@ STATE_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 # How long the last zero may take to arrive when the node ends [s].
 LAST_ZERO_SECONDS = 0.5
 LAST_ZEROS = 3
+# How often other publishers are looked for, and until when this node counts as the newcomer [s].
+LOOK_SECONDS, NEW_SECONDS = 0.5, 2.0
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -178,6 +182,7 @@ class ControllerNode(ClosableNode):
         self.create_timer(self._values['state_timeout'] / 2.0, self._watch, clock=steady)
         self.create_timer(1.0 / self._values['status_rate'], self._on_status_timer,
                           clock=steady)
+        self.create_timer(LOOK_SECONDS, self._look_for_others, clock=steady)
 
     def _make_robot(self, description: str | None = None) -> Robot | None:
         """Return the robot, None without a description."""
@@ -217,7 +222,7 @@ class ControllerNode(ClosableNode):
         self._base = MovingBase(self, robot, self._now, self._on_odometry) if robot.moves \
             else FixedBase()
         self._watch_over(robot)
-        self._ready = True
+        self._ready, self._started, self._others = True, self._now(), 0
         self._load_stack()
         self.create_subscription(JointState, 'joint_states', self._on_joint_state, STATE_QOS)
         self.get_logger().info(f'controlling {robot.name}, base {robot.base}, '
@@ -389,6 +394,19 @@ class ControllerNode(ClosableNode):
         if reason:
             self._publish_zeros()
             self._log_stop_reason(reason)
+
+    def _look_for_others(self) -> None:
+        """Notice other publishers of the same commands."""
+        if not self._ready:
+            return
+        topic = self._commands.topic_name
+        others, before = self.count_publishers(topic) - 1, self._others
+        self._others = others
+        if others <= before:
+            return
+        self.get_logger().warning(f'another node publishes on {topic}')
+        if self._values['exclusive'] and self._now() - self._started < NEW_SECONDS:
+            self._stops.latch(f'another node publishes on {topic}')
 
     def _publish_zeros(self) -> None:
         """Command no motion."""
