@@ -89,7 +89,8 @@ TOPICS = {
     '~/reload': 'read the stack file again; one with faults changes nothing',
     '~/<task>/enable': 'enable (true) or disable (false) a task',
     '/clock': 'simulated time, with `publish_clock`',
-    '~/reset': 'back to the initial positions',
+    '~/reset': 'back to the initial positions; a controller that runs stops for the jump, until '
+               'its `~/start`',
 }
 SIMULATOR_TOPICS = {
     **TOPICS,

@@ -99,6 +99,26 @@ def test_a_robot_that_does_not_follow_is_stopped_until_a_start(harness, robot):
     harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
 
 
+def test_a_pause_of_the_joint_states_stops_the_robot_for_a_while_only(harness, robot):
+    robot.publish = lambda: None
+    wait_until_stopped(harness, robot, 'no joint states')
+    del robot.publish
+    robot._last = time.monotonic()
+    harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
+    since = time.monotonic()
+    harness.spin_until(lambda: time.monotonic() > since + 1.5, meanwhile=robot.publish)
+    assert robot.status.head == 'running'
+
+
+def test_a_driver_that_begins_with_zeros_does_not_stop_the_robot(harness):
+    harness.controller(**STRICT)
+    commands, status = harness.commands(), Status(harness)
+    first, arm = Arm(harness, (0.0,), JOINTS[1:2]), Arm(harness, Q)
+    first.publish()
+    harness.spin_until(lambda: any(commands and commands[-1]), 'motion', meanwhile=arm.publish)
+    assert status.head in ('', 'running') or 'jumped' not in status.head
+
+
 def test_a_joint_that_jumps_stops_the_robot_until_a_start(harness, robot):
     robot.arm.q[0] += 1.5
     wait_until_stopped(harness, robot, 'joint1 jumped by 1.5')
@@ -187,7 +207,8 @@ def test_of_two_controllers_the_newer_one_stops_and_the_other_goes_on(harness, r
 
 def test_a_controller_that_need_not_be_alone_starts_beside_another(harness, robot):
     second = harness.make(ControllerNode, robot=str(PLANAR_DH), stack=MOVING_STACK,
-                          exclusive=False, arguments=['--ros-args', '-r', '__node:=second'])
+                          exclusive=False, follow_window=0.0,
+                          arguments=['--ros-args', '-r', '__node:=second'])
     status, since = Status(harness, '/second/status'), time.monotonic()
     harness.spin_until(lambda: time.monotonic() > since + 1.5, meanwhile=robot.publish)
     assert status.head == 'running'

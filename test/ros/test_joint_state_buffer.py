@@ -154,14 +154,33 @@ def test_the_last_message_that_was_ignored_is_told_for_a_while(checked):
 
 
 def test_messages_of_another_time_are_ignored(checked):
-    assert checked.put(['a', 'b'], [0.0, 0.0], 0.0, stamp=50.0) == ''
-    assert 'old by its stamp' in checked.put(['a', 'b'], [0.1, 0.0], 0.3, stamp=50.0)
+    assert checked.put(['a', 'b'], [0.0, 0.0], 1.0, stamp=50.0) == ''
+    assert 'old by its stamp' in checked.put(['a', 'b'], [0.1, 0.0], 1.3, stamp=50.0)
     assert checked.q[0] == 0.0
     # Another publisher has a clock of its own.
-    assert checked.put(['a'], [0.1], 0.3, stamp=9.0) == ''
+    assert checked.put(['a'], [0.1], 1.3, stamp=9.0) == ''
 
 
 def test_motion_is_judged_by_the_clock_of_the_robot(checked):
     checked.put(['a', 'b'], [0.0, 0.0], 0.0, received=10.0)
     checked.put(['a', 'b'], [0.9, 0.0], 0.01, received=11.0)
     assert not checked.contradiction
+
+
+def test_a_clock_that_is_set_back_contradicts_nothing(checked):
+    checked.put(['a', 'b'], [0.0, 0.0], 5.0, stamp=100.0, received=100.0)
+    assert checked.put(['a', 'b'], [3.0, 0.0], 5.1, stamp=0.1, received=0.1) == ''
+    assert not checked.contradiction
+
+
+def test_stamps_are_not_judged_before_the_clock_begins(checked):
+    for stamp in (500.0, 500.5, 501.0):
+        assert checked.put(['a', 'b'], [0.0, 0.0], 5.0, stamp=stamp, received=0.0) == ''
+
+
+def test_a_passive_joint_without_a_position_stays_where_it_was(buffer):
+    assert buffer.put(['hand', 'a', 'b'], [math.nan, 1.0, 2.0], 0.0) == ''
+    np.testing.assert_array_equal(buffer.q, [1.0, 2.0])
+    np.testing.assert_array_equal(buffer.passive, [0.2])
+    assert buffer.unheard() == ['hand']
+    assert 'b' in buffer.put(['hand', 'a', 'b'], [math.nan, 1.0, math.nan], 0.0)

@@ -110,15 +110,16 @@ def drive(seed, check, *, lag=0.0, delay=0, noise=0.0, quantum=0.0, dropped=0.0,
     return list(filter(None, faults))
 
 
-def checker(**values):
+def checker(endless=False, **values):
     """Return a check of one joint."""
-    return MotionCheck(('joint1',), np.array([-1.0]), np.array([1.0]), Following(**values), 0.05)
+    return MotionCheck(('joint1',), np.array([-1.0]), np.array([1.0]), np.array([endless]),
+                       Following(**values), 0.05)
 
 
 def test_a_joint_that_passes_a_limit_is_named_and_one_that_starts_outside_is_not():
     check = checker()
     assert not check.passed(np.array([1.2]))
-    assert not check.passed(np.array([1.04]))
+    assert not check.passed(np.array([1.0])) and not check.passed(np.array([1.04]))
     assert check.passed(np.array([1.06])) == 'joint1 has passed its position limit, at 1.06'
     check.forget()
     assert not check.passed(np.array([1.06]))
@@ -146,6 +147,25 @@ def test_a_robot_that_stands_still_or_moves_the_wrong_way_does_not_follow(rate, 
     assert re.match(r'joint1 does not follow: commanded to move by 0\.(3|27),', fault)
     # One window, and as much as the robot may be late.
     assert 1.1 <= step * dt <= 1.5
+
+
+def test_a_joint_that_wraps_follows():
+    check = checker(endless=True)
+    for step in range(1000):
+        angle = math.remainder(0.01 * step, math.tau)
+        assert not check.check(np.array([angle]), np.ones(1), 0.01 * step)
+
+
+def test_a_clock_that_is_set_back_hides_no_joint_that_stands_still():
+    check = checker()
+    check.check(np.zeros(1), np.ones(1), 1000.0)
+    assert any(check.check(np.zeros(1), np.ones(1), 0.01 * step) for step in range(200))
+
+
+def test_a_joint_that_is_led_back_with_noise_has_not_passed_its_limit():
+    check, random = checker(), np.random.default_rng(0)
+    for outside in np.linspace(0.06, -0.01, 2000):
+        assert not check.passed(np.array([1.0 + outside + 1e-3 * random.standard_normal()]))
 
 
 def test_what_was_before_a_start_is_forgotten():

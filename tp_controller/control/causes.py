@@ -17,6 +17,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+import math
 from typing import Any
 
 import numpy as np
@@ -112,6 +113,15 @@ class Causes:
         level, x = evaluation.level, self._outcome.velocity
         return norm(x) <= STILL and norm(level.J.dot(x)) <= NOTABLE * norm(level.v)
 
+    def pushes_limits(self, evaluation: Evaluation) -> bool:
+        """Say whether the level of a task, or one above it, pushes against limits of joints."""
+        return bool(self._pushed(self._places[id(evaluation)]))
+
+    def share_a_level(self, evaluation: Evaluation, name: str) -> bool:
+        """Say whether a task is on the same level as another one."""
+        group = self._evaluations[self._places[id(evaluation)]]
+        return any(other.task.name == name for other in group)
+
     def together(self, evaluation: Evaluation) -> list[str]:
         """Return the names of the other tasks that block one together, where they do."""
         index = self._places[id(evaluation)]
@@ -176,9 +186,11 @@ class Causes:
         up = bool(level.multipliers[joint] > 0.0)
         bounds = self._cycle.bounds
         velocity = level.limited_velocity[joint]
+        cap = self._cycle.speed_cap
+        before = velocity < bounds.upper[joint] - SAME if up \
+            else velocity > bounds.lower[joint] + SAME
         # The reserve stops a joint before its own bound does.
-        if up and velocity < bounds.upper[joint] - SAME \
-                or not up and velocity > bounds.lower[joint] + SAME:
+        if before and cap is not None and math.isfinite(cap[joint]):
             return [RESERVE]
         return bounds.limits(joint, up)
 

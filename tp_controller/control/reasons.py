@@ -92,7 +92,8 @@ def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]]
         else:
             sentences.extend(_sentence(cause, evaluation, causes) for cause in found[:NAMED])
             if not found:
-                sentences.append(_together(causes.together(evaluation)))
+                sentences.append(SENTENCES[TRANSITION] if causes.instead == TRANSITION
+                                 else _together(causes.together(evaluation)))
         if causes.instead != TRANSITION:
             sentences.append(causes.instead)
     return '; '.join(filter(None, sentences))
@@ -105,6 +106,8 @@ def hint_of(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> s
     if not found:
         return ''
     first = found[0]
+    if first.kind == TASK and causes.share_a_level(evaluation, first.name):
+        return f'give {first.name} and {evaluation.task.name} levels of their own'
     return HINTS[first.kind].format(name=first.name, own=evaluation.task.name)
 
 
@@ -121,7 +124,7 @@ def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Caus
     """
     return not evaluation.task.bounded and bool(evaluation.error.any()) and not causes.instead \
         and all(cause.kind in ELSEWHERE for cause in found) and causes.at_rest(evaluation) \
-        and not causes.together(evaluation)
+        and not causes.together(evaluation) and not causes.pushes_limits(evaluation)
 
 
 def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
@@ -135,6 +138,8 @@ def _together(names: Sequence[str]) -> str:
     """Return the sentence for causes that each suffice, so that none of them is one alone."""
     if not names:
         return 'blocked by several causes together'
+    if len(names) == 1:
+        return f'blocked by {names[0]}'
     return f'blocked by {", ".join(names[:-1])} and {names[-1]} together'
 
 

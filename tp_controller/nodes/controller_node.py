@@ -233,13 +233,13 @@ class ControllerNode(ClosableNode):
         rows = robot.joint_columns
         lower, upper = robot.lower[rows], robot.upper[rows]
         values = self._values
+        endless = np.isinf(upper - lower) & np.array(
+            [unit == 'rad' for unit in robot.velocity_units[rows]], dtype=bool)
         self._buffer = JointStateBuffer(
             robot.joint_names, robot.passive_names, robot.passive_neutral, robot.velocity[rows],
-            np.isinf(upper - lower) & np.array(
-                [unit == 'rad' for unit in robot.velocity_units[rows]], dtype=bool),
-            values['state_timeout'] if values['check_stamps'] else math.inf,
+            endless, values['state_timeout'] if values['check_stamps'] else math.inf,
             values['jump_tolerance'])
-        self._motion = MotionCheck(robot.joint_names, lower, upper,
+        self._motion = MotionCheck(robot.joint_names, lower, upper, endless,
                                    Following(values['follow_window']), values['limit_tolerance'])
 
     # Stack and parameters -----------------------------------------------------------------
@@ -305,8 +305,11 @@ class ControllerNode(ClosableNode):
         stamp = message.header.stamp
         fault = self._buffer.put(message.name, message.position, self._now(),
                                  stamp.sec + 1e-9 * stamp.nanosec, self._robot_time())
-        if self._buffer.contradiction:
+        if self._buffer.contradiction and self._stops.moved:
             self._stops.latch(self._buffer.contradiction)
+        elif self._buffer.contradiction:
+            # As of a driver that publishes zeros before it has read any position.
+            self._buffer.forget()
         if fault:
             self.get_logger().warning(f'joint state ignored: {fault}', throttle_duration_sec=1.0)
         elif self._values['rate'] == 0.0 and self._buffer.take_complete():
@@ -332,6 +335,7 @@ class ControllerNode(ClosableNode):
                 self._report = command.report
                 self._topics.changed = False
                 self._publish_velocity(command.velocity)
+                self._check_motion(command.velocity, robot_time)
             except TpControllerError as error:
                 reason = str(error)
             except Exception as error:  # of a task that somebody else wrote
@@ -343,6 +347,13 @@ class ControllerNode(ClosableNode):
         self._log_stop_reason(reason)
         if self._status_due:
             self._publish_status()
+
+    def _check_motion(self, velocity: Array, now: float) -> None:
+        """Stop, until ~/start, if the robot does not follow or passes a limit."""
+        q, joints = self._buffer.q, velocity[self._controller.robot.joint_columns]
+        fault = self._motion.passed(q) or self._motion.check(q, joints, now)
+        if fault:
+            self._stops.latch(fault)
 
     def _log_stop_reason(self, reason: str) -> None:
         """Log why the robot is stopped, or that it moves again, where that has changed."""
@@ -410,16 +421,13 @@ class ControllerNode(ClosableNode):
 
     def _publish_zeros(self) -> None:
         """Command no motion."""
+        # Nothing is to be followed meanwhile.
+        self._motion.forget()
         self._controller.halt(self._now())
         self._publish_velocity(self._zeros)
 
     def _publish_velocity(self, velocity: Array) -> None:
         """Command velocities (n,), to the joints and to the base."""
-        joints = velocity[self._controller.robot.joint_columns]
-        fault = self._motion.passed(self._buffer.q) or self._motion.check(
-            self._buffer.q, joints, self._robot_time())
-        if fault:
-            self._stops.latch(fault)
         self._command_view[:] = velocity[self._order]
         self._commands.publish(self._command)
         self._base.publish(velocity)

@@ -21,7 +21,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tp_controller.model.spatial import Array
-from tp_controller.nodes.state_checks import StampAge
+from tp_controller.nodes.state_checks import motion, StampAge
 from tp_controller.tasks.keys import LARGEST
 
 Rows = NDArray[np.intp]
@@ -97,11 +97,11 @@ class JointStateBuffer:
         self._fresh = np.zeros(self._n, dtype=bool)
         self._plans: dict[tuple[str, ...], Plan] = {}
         self._speeds = np.full(self._n, math.inf) if speeds is None else speeds
-        self._turn = np.where(np.zeros(self._n, dtype=bool) if endless is None else endless,
-                              math.tau, math.inf)
+        self._endless = np.zeros(self._n, dtype=bool) if endless is None else endless
         self._late, self._tolerance = late, tolerance
         self.contradiction, self._contradicted = '', -math.inf
         self._ignored, self._ignored_at = '', -math.inf
+        self._clock = -math.inf
 
     def forget(self) -> None:
         """Forget what contradicted itself."""
@@ -155,16 +155,25 @@ class JointStateBuffer:
             plan = self._plan(names)
         if plan.twice:
             return f'{plan.twice} is named twice'
-        fault = plan.age.fault(stamp, clock)
+        if clock < self._clock:
+            # It was set back, as that of a simulation.
+            self._measured[:] = -math.inf
+            plan = self._plan(names)
+        self._clock = clock
+        # A clock that has not begun says nothing about stamps.
+        fault = plan.age.fault(stamp, clock) if clock > 0.0 else ''
         if fault:
             return fault
         rows = plan.rows
         values = np.asarray(positions, dtype=float)[plan.source]
-        bad = [self._names[row] for row, value in zip(rows, values.tolist())
-               if not abs(value) <= LARGEST]
-        if bad:
-            return f'position not finite, or beyond {LARGEST:g}: {", ".join(bad)}'
+        known = np.abs(values) <= LARGEST
+        if not known[plan.of_driven].all():
+            bad = ', '.join(self._names[row] for row in rows[~known])
+            return f'position not finite, or beyond {LARGEST:g}: {bad}'
         self._check_motion(plan, values, now, clock)
+        if not known.all():
+            # Some drivers know no position of joints that are not theirs to drive.
+            rows, values = rows[known], values[known]
         self._positions[rows] = values
         self._received[rows], self._measured[rows] = now, clock
         self._fresh[plan.driven] = True
@@ -192,8 +201,8 @@ class JointStateBuffer:
     def _check_motion(self, plan: 'Plan', values: Array, now: float, clock: float) -> None:
         """Notice joints that are farther away than they can have moved since."""
         rows = plan.driven
-        moved = np.abs(values[plan.of_driven] - self._positions[rows])
-        moved = np.minimum(moved, np.abs(self._turn[rows] - moved))
+        moved = np.abs(motion(values[plan.of_driven] - self._positions[rows],
+                              self._endless[rows]))
         passed = np.minimum(clock - self._measured[rows], LONG)
         jumped = moved > self._speeds[rows] * (passed + min(self._late, 1.0)) + self._tolerance
         if jumped.any():

@@ -32,6 +32,7 @@ from tp_controller.errors import in_words, TpControllerError
 
 # A terminal that is closed and Ctrl-\\ end a node as Ctrl-C does.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+NAMES = {number.value: number.name for number in SIGNALS}
 # EventsExecutor.spin() waits with a deadline that overflows and burns a core; a long finite one
 # does not [s].
 LONG = 1e8
@@ -122,7 +123,8 @@ def _spin(node: Node, arrived: int) -> str:
     ended = Future(executor=executor)
 
     def wait_for_signal() -> None:
-        ended.set_result(signal.Signals(os.read(arrived, 1)[0]).name)
+        number = os.read(arrived, 1)[0]
+        ended.set_result(NAMES.get(number, 'a signal'))
 
     threading.Thread(target=wait_for_signal, daemon=True).start()
     try:

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from tp_controller.model.spatial import Array
 
 # For how long the smallest delay of a publisher is remembered [s]: clocks that drift apart by
@@ -31,6 +32,11 @@ from tp_controller.model.spatial import Array
 REMEMBERED = 5.0
 # After how long stamps that are off by a constant time are taken as another clock [s].
 RELEARNED = 2.0
+
+
+def motion(change: Array, endless: NDArray[np.bool_]) -> Array:
+    """Return changes of positions (…, n) as motion: joints that turn without end may wrap."""
+    return np.where(endless, change - math.tau * np.round(change / math.tau), change)
 
 
 class StampAge:
@@ -131,6 +137,8 @@ class MotionCheck:
         Of the driven joints.
     lower, upper : ndarray (n,)
         Their position limits [rad or m].
+    endless : ndarray (n,) of bool
+        Which of them turn without end.
     following : Following
     tolerance : float
         By how much a joint may pass a limit [rad or m].
@@ -140,10 +148,11 @@ class MotionCheck:
     # Samples in a window.
     SAMPLES = 20
 
-    def __init__(self, names: tuple[str, ...], lower: Array, upper: Array, following: Following,
-                 tolerance: float) -> None:
+    def __init__(self, names: tuple[str, ...], lower: Array, upper: Array,
+                 endless: NDArray[np.bool_], following: Following, tolerance: float) -> None:
         self._names, self._following = names, following
-        self._lower, self._upper = lower - tolerance, upper + tolerance
+        self._lower, self._upper, self._tolerance = lower, upper, tolerance
+        self._endless = endless
         self.forget()
 
     def forget(self) -> None:
@@ -158,9 +167,9 @@ class MotionCheck:
 
     def passed(self, q: Array) -> str:
         """Return which joint has passed a position limit since it was inside; q (n,)."""
-        inside = (q >= self._lower) & (q <= self._upper)
-        gone = self._inside & ~inside
-        self._inside = inside
+        beyond = np.maximum(q - self._upper, self._lower - q)
+        gone = self._inside & (beyond > self._tolerance)
+        self._inside = (self._inside | (beyond <= 0.0)) & ~gone
         if not gone.any():
             return ''
         joint = int(np.argmax(gone))
@@ -183,6 +192,9 @@ class MotionCheck:
         window = self._following.window
         if not window or not len(q):
             return ''
+        if now < self._last:
+            # The clock was set back.
+            self.forget()
         if self._last > -math.inf:
             self._commanded = self._commanded + self._velocity * (now - self._last)
         self._velocity, self._last = velocity.copy(), now
@@ -196,7 +208,7 @@ class MotionCheck:
     def _fault(self) -> str:
         """Return which joint has not followed in the window that ends now."""
         positions, commanded, times = (np.array(rows) for rows in zip(*self._samples))
-        moved = positions[-1] - positions[-1 - self.SAMPLES]
+        moved = motion(np.diff(positions[-1 - self.SAMPLES:], axis=0), self._endless).sum(axis=0)
         # What was commanded in windows of the same length that end earlier: however late the
         # robot is, one of them is what it has to follow now.
         asked = commanded[self.SAMPLES:] - commanded[:-self.SAMPLES]

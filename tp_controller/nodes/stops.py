@@ -34,6 +34,8 @@ class Stops:
     ----------
     latched : str
         What stops the robot until this is emptied.
+    moved : bool
+        There was a cycle without a reason to stop.
 
     """
 
@@ -41,8 +43,8 @@ class Stops:
         self._settle = settle
         self.latched = self._passing = ''
         self._ended = -math.inf
-        # Before the robot has moved there is nothing to settle.
-        self._moved = False
+        # Before that there is nothing to settle.
+        self.moved = False
 
     def reason(self, passing: str, now: float) -> str:
         """
@@ -58,13 +60,13 @@ class Stops:
         """
         if passing:
             self._passing, self._ended = passing, now
-        elif not self._moved or now - self._ended >= self._settle:
+        elif not self.moved or now - self._ended >= self._settle:
             self._passing = ''
         if self.latched:
             return f'{self.latched}; call ~/start to go on'
         if self._passing:
             return passing or f'{self._passing}, until a moment ago'
-        self._moved = True
+        self.moved = True
         return ''
 
     def latch(self, fault: str) -> None:

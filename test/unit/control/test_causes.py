@@ -112,6 +112,7 @@ def test_task_on_the_same_level_is_named_as_well():
 """, [0.0, 0.0, 0.0])
     assert kinds(tasks['left']) == [('task', 'right', 1.0)]
     assert kinds(tasks['right']) == [('task', 'left', 1.0)]
+    assert tasks['right'].hint == 'give left and right levels of their own'
 
 
 def test_two_tasks_that_each_suffice_hold_back_together_and_none_alone():
@@ -221,6 +222,31 @@ def test_goal_beyond_the_reach_of_an_arm_is_out_of_reach_once_the_arm_rests():
     error = command.report.tasks[0].errors[0][0]
     assert said[-1] == f'out of reach by {error:.2g} m'
     assert 'out of reach' not in said[1]
+
+
+def test_goal_behind_two_limits_that_each_suffice_is_not_out_of_reach():
+    # Uniform scaling: each of two joints at its limit stops all others, and z is free.
+    task = first_report(cartesian(), '- tool: {type: position, frame: z}\n', [2.0, 2.0, 0.0],
+                        Settings(blend=0.0, reserve=0.0, period=0.01, scaling='uniform'),
+                        {'tool': [3.0, 3.0, 0.1]})['tool']
+    assert task.causes == ()
+    assert task.reason == 'blocked by several causes together'
+
+
+def test_while_a_change_fades_in_no_empty_name_is_told():
+    robot = robots.panda()
+    controller = Controller(robot, Stack.from_yaml(
+        '- tool: {type: position, frame: panda_hand_tcp}\n'
+        '- low: {type: position, frame: panda_hand_tcp}\n', robot))
+    simulator = KinematicSimulator(robot, robots.PANDA_READY)
+    for cycle in range(150):
+        if cycle == 20:
+            controller.set_goal('low', [0.3, 0.3, 0.3], 0.01 * cycle)
+        command = controller.update(simulator.q, 0.01 * cycle)
+        simulator.command(command.velocity)
+        simulator.step(0.01)
+        for task in command.report.tasks:
+            assert 'by  ' not in task.reason and 'together' not in task.reason, task.reason
 
 
 def test_change_that_fades_in_is_a_cause():
