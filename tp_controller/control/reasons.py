@@ -92,8 +92,9 @@ def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]]
         else:
             sentences.extend(_sentence(cause, evaluation, causes) for cause in found[:NAMED])
             if not found:
-                sentences.append(SENTENCES[TRANSITION] if causes.instead == TRANSITION
-                                 else _together(causes.together(evaluation)))
+                names = causes.together(evaluation)
+                sentences.append(_together(names) if names or causes.instead != TRANSITION
+                                 else SENTENCES[TRANSITION])
         if causes.instead != TRANSITION:
             sentences.append(causes.instead)
     return '; '.join(filter(None, sentences))
