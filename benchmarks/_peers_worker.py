@@ -63,6 +63,12 @@ class Peer:
         """Take goals, one for each task: a pose (4, 4), or joint positions (n,)."""
         raise NotImplementedError
 
+    def _full(self, q):
+        """Return joint positions in the order of the model."""
+        full = np.empty(len(q))
+        full[self.order] = q
+        return full
+
     def aim(self, q):
         """Prepare a cycle; what a user of the package would not have to do, so not timed."""
 
@@ -168,12 +174,6 @@ class Pink(Peer):
             return None
         return found[self.order]
 
-    def _full(self, q):
-        """Return joint positions in the order of the model."""
-        full = np.empty(len(q))
-        full[self.order] = q
-        return full
-
 
 class Mink(Peer):
     """
@@ -225,12 +225,6 @@ class Mink(Peer):
         except self.mink.MinkError:
             return None
         return found[self.order]
-
-    def _full(self, q):
-        """Return joint positions in the order of the model."""
-        full = np.empty(len(q))
-        full[self.order] = q
-        return full
 
 
 class Placo(Peer):
@@ -349,12 +343,6 @@ class Embodik(Peer):
         if found.status != self.embodik.SolverStatus.SUCCESS:
             return None
         return np.asarray(found.joint_velocities)[self.order]
-
-    def _full(self, q):
-        """Return joint positions in the order of the model."""
-        full = np.empty(len(q))
-        full[self.order] = q
-        return full
 
 
 # {package: (distribution, class)}

@@ -69,6 +69,15 @@ class JointStateBuffer:
         Names of the joints.
     passive_start : sequence of float
         Where the passive joints are before their first message [rad or m].
+    speeds : ndarray (n,), optional
+        Velocity limits of the driven joints [rad/s or m/s]; a joint that moves faster contradicts
+        itself. Infinite where there is none.
+    endless : ndarray (n,) of bool, optional
+        Which of them turn without end, so that whole turns are no motion.
+    late : float
+        By how much messages may be late [s]. Older ones, by their stamps, are ignored.
+    tolerance : float
+        What a position may be off [rad or m].
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tp_controller.model.spatial import Array
+from tp_controller.model.spatial import Array, wrap_angle
 
 # For how long the smallest delay of a publisher is remembered [s]: clocks that drift apart by
 # 1 % stay unnoticed, a queue that grows by 4 % does not.
@@ -36,7 +36,7 @@ RELEARNED = 2.0
 
 def motion(change: Array, endless: NDArray[np.bool_]) -> Array:
     """Return changes of positions (…, n) as motion: joints that turn without end may wrap."""
-    return np.where(endless, change - math.tau * np.round(change / math.tau), change)
+    return np.where(endless, wrap_angle(change), change)
 
 
 class StampAge:
