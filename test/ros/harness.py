@@ -69,13 +69,15 @@ class Harness:
     def add(self, node):
         """Spin a node, too, and return it."""
         self._nodes.append(node)
-        self.executor.add_node(node)
+        for each in parts(node):
+            self.executor.add_node(each)
         return node
 
     def remove(self, node):
         """End a node."""
         self._nodes.remove(node)
-        self.executor.remove_node(node)
+        for each in parts(node):
+            self.executor.remove_node(each)
         node.destroy_node()
 
     def make(self, kind, *, arguments=(), **parameters):
@@ -170,6 +172,11 @@ class Harness:
     def enable(self, task, enabled):
         """Enable or disable a task."""
         return self.call(SetBool, f'/tp_controller/{task}/enable', data=enabled)
+
+
+def parts(node):
+    """Return a node, and the one of its loop if it has one."""
+    return [node, *([node.loop_node] if isinstance(node, ControllerNode) else [])]
 
 
 class Arm:

@@ -296,9 +296,9 @@ def test_parameters_change_while_the_robot_moves(any_harness):
     ({'stack': ''}, 'parameter stack is empty'),
     ({'stack': '- swing: {type: joint, joints: 7}'}, 'line 1: swing, joints: '),
     ({'stack': '/nowhere/stack.yaml'}, 'no file /nowhere/stack.yaml'),
-    ({'rate': 50.0}, 'read-only'),
-    ({'command_joints': ['joint1']}, 'read-only'),
-    ({'limits__joint1__velocity': 5.0}, 'read-only'),
+    ({'rate': 50.0}, 'fixed while the node is configured'),
+    ({'command_joints': ['joint1']}, 'fixed while the node is configured'),
+    ({'limits__joint1__velocity': 5.0}, 'fixed while the node is configured'),
     # All or none.
     ({'stack': SLOW, 'damping': -1.0}, 'damping'),
 ])
@@ -397,7 +397,7 @@ def test_a_faulty_value_at_the_start_is_refused_with_its_name(harness, values, t
 
 def test_weights_that_do_not_fit_the_robot_are_refused_at_the_start(harness):
     with pytest.raises(SettingsError, match='weights needs 3 numbers'):
-        harness.controller(weights=[1.0])
+        harness.controller(weights=[1.0, 2.0])
 
 
 def test_what_a_task_leaves_out_is_a_warning(harness, log):

@@ -171,7 +171,7 @@ def test_message_with_a_bad_marker_is_refused_as_a_whole(scene, bad, told):
                refused=True)
     assert told in scene.status.task('clear')['last refusal']
     scene.spin_until(lambda: len(scene.commands) > 5, 'commands')
-    assert scene.error() == 0.0
+    scene.spin_until(lambda: scene.error() == 0.0, 'no distance to keep')
 
 
 def test_message_without_markers_holds_nothing(scene):

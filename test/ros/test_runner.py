@@ -20,8 +20,7 @@ import threading
 from harness import DEADLINE
 import pytest
 from rclpy.exceptions import InvalidHandle
-from rclpy.node import Node
-from tp_controller.nodes.runner import _spin, make_executor
+from tp_controller.nodes.runner import _spin, ClosableNode, make_executor
 
 
 @pytest.fixture
@@ -33,9 +32,16 @@ def pipe():
     os.close(reader)
 
 
+class Spun(ClosableNode):
+    """A node that has nothing to say."""
+
+    def close(self, reason):
+        """Say nothing."""
+
+
 def node_with_a_timer(harness, callback):
     """Return a node that calls `callback` again and again."""
-    node = Node('spun', context=harness.context)
+    node = Spun('spun', context=harness.context)
     node.create_timer(0.001, callback)
     return node
 

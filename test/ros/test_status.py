@@ -55,7 +55,10 @@ def test_the_status_has_the_node_first_and_then_every_task_by_priority(harness):
         'tp_controller: rest']
     assert [rig.status.task(name)['level'] for name in ('tip', 'turn', 'slow', 'rest')] == [
         '1', '2', '2', '3']
-    assert [value.key for value in message.status[0].values] == ['scale', 'limiting']
+    assert [value.key for value in message.status[0].values] == [
+        'scale', 'limiting', 'cycles', 'rate [Hz]', 'cycle median [ms]', 'cycle p99 [ms]',
+        'cycle max [ms]', 'state to command median [ms]', 'state to command p99 [ms]',
+        'state to command max [ms]', 'overruns', 'stalls']
     assert message.status[0].level == OK
     assert message.header.stamp.sec > 0
 
@@ -100,15 +103,19 @@ def test_the_limit_that_slows_the_robot_is_named(harness):
     rig.spin_until(lambda: rig.status.task('rest')['reason'])
     assert rig.status.task('rest')['reason'] == 'joint1 at its velocity limit'
     values = {value.key: value.value for value in rig.status.messages[-1].status[0].values}
-    assert values == {'scale': '0.5000', 'limiting': 'joint1 at its velocity limit'}
+    assert (values['scale'], values['limiting']) == ('0.5000', 'joint1 at its velocity limit')
 
 
 def test_diagnostics_say_the_same(harness):
     rig = Rig(harness)
     diagnostics = harness.record(DiagnosticArray, '/diagnostics')
-    rig.spin_until(lambda: diagnostics and rig.status.messages
-                   and diagnostics[-1] == rig.status.messages[-1])
-    assert diagnostics[-1].status[0].hardware_id == 'tp_controller'
+    rig.spin_until(lambda: diagnostics and rig.status.head == 'running')
+    del diagnostics[:]
+    rig.spin_until(lambda: diagnostics)
+    head, *tasks = diagnostics[-1].status
+    assert (head.hardware_id, head.message) == ('tp_controller', 'running')
+    assert [task.name for task in tasks] == [task.name for task in rig.status.messages[-1].status
+                                             ][1:]
 
 
 def test_while_stopped_the_status_shows_the_reason_instead_of_old_errors(harness):
@@ -117,8 +124,26 @@ def test_while_stopped_the_status_shows_the_reason_instead_of_old_errors(harness
     harness.spin_until(lambda: rig.status.head == 'no joint states of joint1, joint2, joint3')
     message = rig.status.messages[-1]
     assert [status.level for status in message.status] == [WARN] * 5
-    assert rig.status.task('tip') == {
-        'status': 'stopped', 'goals accepted': '0', 'goals refused': '0', 'last refusal': ''}
+    tip = rig.status.task('tip')
+    assert (tip['status'], tip['error [m]'], tip['achieved speed']) == ('stopped', 'nan', '0')
+
+
+def keys(message):
+    """Return the keys of every entry of a status."""
+    return {status.name: [value.key for value in status.values] for status in message.status}
+
+
+def test_the_keys_are_the_same_whether_tasks_run_or_not(harness):
+    rig = Rig(harness)
+    told = []
+    rig.spin_until(lambda: rig.status.head == 'running')
+    told.append(keys(rig.status.messages[-1]))
+    harness.enable('rest', False)
+    rig.spin_until(lambda: rig.status.task('rest')['status'] == 'disabled')
+    told.append(keys(rig.status.messages[-1]))
+    harness.spin_until(lambda: rig.status.head == 'no joint states of joint1, joint2, joint3')
+    told.append(keys(rig.status.messages[-1]))
+    assert told == [keys(rig.status.messages[0])] * 3
 
 
 def test_every_node_speaks_under_its_own_full_name(harness):
@@ -179,7 +204,7 @@ def test_the_line_of_a_marker_leads_from_the_frame_to_the_goal(harness):
 
 def test_markers_cost_nothing_where_nobody_looks(harness, monkeypatch):
     rig = Rig(harness)
-    monkeypatch.setattr('tp_controller.nodes.controller_node.markers',
+    monkeypatch.setattr('tp_controller.nodes.reporter.markers',
                         lambda *_: pytest.fail('made without need'))
     rig.spin_until(lambda: rig.status.head == 'running')
     harness.spin_for_more(rig.status.messages, 3, rig.arm.publish)

@@ -17,11 +17,13 @@
 from collections.abc import Sequence
 from functools import cached_property
 
+import numpy as np
 from tp_controller.control.causes import Cause, Causes, missing_of
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.reasons import hint_of, limit_text, reason_of
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Evaluation, norm, Task
 
 
@@ -37,7 +39,8 @@ class TaskReport:
     bounded : bool
         It is an inequality task: it has bounds instead of a demand.
     errors : tuple of (float, str, float)
-        Norm of the error, its unit and the tolerance, for each unit.
+        Norm of the error, its unit and the tolerance, for each unit; NaN while it is disabled or
+        stopped.
     reached : bool
         Every error is within its tolerance.
     wanted_speed, achieved_speed : float
@@ -51,9 +54,12 @@ class TaskReport:
                  causes: Causes | None = None) -> None:
         self.name, self.type_name, self.bounded = task.name, task.type_name, task.bounded
         self.level, self._evaluation, self._causes = level, evaluation, causes
-        self.errors: tuple[tuple[float, str, float], ...] = ()
         self.reached, self.wanted_speed, self.achieved_speed = False, 0.0, 0.0
-        if evaluation is not None and velocity is not None:
+        if evaluation is None or velocity is None:
+            # Nothing is known about a task that is not carried out.
+            unknown = np.full(task.rows, np.nan)
+            self.errors = task.reported_errors(unknown, unknown)
+        else:
             missing = missing_of(evaluation.level, velocity) / task.row_scale
             achieved = evaluation.level.J.dot(velocity) / task.row_scale
             self.errors = task.reported_errors(evaluation.error, missing)
@@ -83,12 +89,25 @@ class TaskReport:
 
     @property
     def status(self) -> str:
-        """Return ``disabled``, ``reached``, ``satisfied`` (bounds), ``moving`` or ``limited``."""
+        """
+        Return ``disabled``, ``reached``, ``satisfied`` (bounds), ``moving`` or ``limited``.
+
+        Without a cycle it is ``stopped``.
+        """
         if self.level is None:
             return 'disabled'
+        if self._evaluation is None:
+            return 'stopped'
         if self.reached:
             return 'satisfied' if self.bounded else 'reached'
         return 'limited' if self.reason else 'moving'
+
+
+def stopped_reports(stack: Stack) -> tuple[TaskReport, ...]:
+    """Return a `TaskReport` for every task while the robot is stopped, as `Report.tasks`."""
+    return (*(TaskReport(task, level=number)
+              for number, group in enumerate(stack.active, 1) for task in group),
+            *map(TaskReport, stack.inactive))
 
 
 class Report:

@@ -14,7 +14,8 @@
 
 """The base of a robot behind its topics: odometry in, velocities of the base out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
@@ -22,11 +23,14 @@ import numpy as np
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from tp_controller.errors import GoalError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.tasks.pose import parse_pose
 
+# More messages than a queue holds: what arrives meanwhile can wait.
+MOST_WAITING = 100
 # As joint states: what is lost need not be repeated, the next one is newer.
 ODOMETRY_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -87,6 +91,10 @@ class OdometryBuffer:
         self._child, self._received = child, now
         return ''
 
+    def discard(self) -> None:
+        """Take what was heard so far for too old."""
+        self._received = -np.inf
+
     def missing(self, now: float, timeout: float) -> bool:
         """Return whether nothing was heard for `timeout` seconds."""
         return now - self._received > timeout
@@ -127,22 +135,24 @@ class MovingBase:
     ----------
     node : rclpy.node.Node
         Node that the topics belong to.
+    topic : callable
+        Returns the full name of a topic.
     robot : Robot
         Whose base it is.
-    clock : callable
-        Returns the time of receipt [s].
-    arrived : callable
-        Called after odometry was taken.
 
     """
 
-    def __init__(self, node: Node, robot: Robot, clock: Callable[[], float],
-                 arrived: Callable[[], None]) -> None:
-        self._node, self._clock, self._arrived = node, clock, arrived
+    def __init__(self, node: Node, topic: Callable[[str], str], robot: Robot) -> None:
+        self._node, self._topic = node, topic
         self._buffer = OdometryBuffer(robot)
         self._message = Twist()
-        self._commands = node.create_publisher(Twist, 'cmd_vel', 10)
-        node.create_subscription(Odometry, 'odom', self._on_odometry, ODOMETRY_QOS)
+        self._commands = node.create_publisher(Twist, topic('cmd_vel'), 10)
+        self._odometry: Subscription | None = None
+
+    def open(self, arrived: Callable[[Odometry], None]) -> None:
+        """Listen; `arrived` hands odometry to `put` where it is to be taken."""
+        self._odometry = self._node.create_subscription(Odometry, self._topic('odom'), arrived,
+                                                        ODOMETRY_QOS)
 
     def configuration(self, joints: Array) -> Array:
         """Return the configuration (nq,) with the driven positions."""
@@ -161,19 +171,30 @@ class MovingBase:
         """Wait until every subscriber has the last command."""
         self._commands.wait_for_all_acked(timeout)
 
-    def _on_odometry(self, message: Odometry) -> None:
-        """Take odometry, or say why not."""
-        fault = self._buffer.put(message.header.frame_id, message.child_frame_id,
-                                 placement_of(message), self._clock())
-        if fault:
-            self._node.get_logger().warning(f'odometry ignored: {fault}',
-                                            throttle_duration_sec=1.0)
-        else:
-            self._arrived()
+    def put(self, message: Odometry, now: float) -> str:
+        """Take odometry received at a time [s]; return what is wrong with it, or nothing."""
+        return self._buffer.put(message.header.frame_id, message.child_frame_id,
+                                placement_of(message), now)
+
+    def discard(self) -> None:
+        """Take for too old what was heard so far, and what waits to be heard."""
+        if self._odometry is not None:
+            for _ in waiting(self._odometry):
+                pass
+        self._buffer.discard()
+
+    def close(self) -> None:
+        """Give the topics up."""
+        if self._odometry is not None:
+            self._node.destroy_subscription(self._odometry)
+        self._node.destroy_publisher(self._commands)
 
 
 class FixedBase:
     """What `MovingBase` is for a base that stands still: nothing to hear and to say."""
+
+    def open(self, arrived: Callable[[Odometry], None]) -> None:
+        """Do nothing."""
 
     def configuration(self, joints: Array) -> Array:
         """Return the driven positions: they are the configuration."""
@@ -188,6 +209,27 @@ class FixedBase:
 
     def wait_for_all_acked(self, timeout: Duration) -> None:
         """Do nothing."""
+
+    def put(self, message: Odometry, now: float) -> str:
+        """Do nothing."""
+        return ''
+
+    def discard(self) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+def waiting(subscription: Subscription) -> Iterator[Any]:
+    """Take what waits in the queue of a subscription, the oldest first."""
+    with subscription.handle:
+        take, kind = subscription.handle.take_message, subscription.msg_type
+        for _ in range(MOST_WAITING):
+            taken = take(kind, subscription.raw)
+            if taken is None:
+                return
+            yield taken[0]
 
 
 def fill_twist(message: Twist, twist: Array) -> None:

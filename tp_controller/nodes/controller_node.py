@@ -14,58 +14,56 @@
 
 """The controller node: joint states, odometry and goals in, velocities and status out."""
 
-from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 import math
 import sys
-import time
-import traceback
 from typing import Any, cast
 
-from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType, ROSClock
-from rclpy.duration import Duration
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.subscription import Subscription
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from tp_controller.control.controller import Controller
-from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings
-from tp_controller.errors import in_words, RobotError, SettingsError, TpControllerError
+from tp_controller.errors import in_words, RobotError, SettingsError
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import Array
-from tp_controller.nodes.base_topics import FixedBase, MovingBase
-from tp_controller.nodes.joint_states import JointStateBuffer
+from tp_controller.nodes.log import Log
+from tp_controller.nodes.loop import boot_time, ControlLoop, INACTIVE
 from tp_controller.nodes.parameters import (
     declare,
+    fixed_faults,
+    names_in,
     ROBOT,
     robot_from,
     SETTINGS,
     settings_from,
     Spec,
-    STRINGS,
+    undeclare_limits,
     warn_unknown,
 )
-from tp_controller.nodes.runner import ClosableNode, run
-from tp_controller.nodes.state_checks import Following, MotionCheck
-from tp_controller.nodes.status import diagnostics, markers
-from tp_controller.nodes.stops import Stops
+from tp_controller.nodes.reporter import Reporter
+from tp_controller.nodes.runner import ClosableNode, run, spinning
+from tp_controller.nodes.shared_controller import SharedController
 from tp_controller.nodes.task_topics import TaskTopics
+from tp_controller.nodes.watchdog import Watchdog
 from tp_controller.tasks.stack import Stack
-from visualization_msgs.msg import MarkerArray
 
 NAME = 'tp_controller'
 PARAMETERS = (
     *ROBOT,
-    Spec('joints', STRINGS, 'driven joints, in the order of `weights` (default: all that can be '
-         'driven); the others stay where joint_states says', read_only=True),
-    Spec('command_joints', STRINGS, 'the driven joints in the order of the commands (default: '
-         'as `joints`)', read_only=True),
+    Spec('joints', [''], 'driven joints, in the order of `weights` (an empty name: all that can '
+         'be driven); the others stay where joint_states says', fixed=True),
+    Spec('command_joints', [''], 'the driven joints in the order of the commands (an empty name: '
+         'as `joints`)', fixed=True),
     Spec('stack', '', 'the tasks, the highest priority first: YAML text, a path, or '
          'package://<package>/<path>'),
     Spec('rate', 100.0, 'cycles per second; 0: one cycle for each complete joint state', 'Hz',
@@ -73,7 +71,7 @@ PARAMETERS = (
     Spec('state_timeout', 0.1, 'age of the joint states, and of the odometry of a base that '
          'moves, since their receipt, from which zeros are commanded', 's', 1e-3, 10.0, True),
     Spec('check_stamps', True, 'leave out joint states that are older than `state_timeout` by '
-         'their stamps, or ahead of time; a stamp of 0 is none', read_only=True),
+         'their stamps, or ahead of time; a stamp of 0 is none', fixed=True),
     Spec('jump_tolerance', 0.1, 'what a joint may move beyond its velocity limit between two '
          'joint states before the robot is stopped, until ~/start (inf: any distance)', 'rad or m',
          0.0, math.inf, True),
@@ -84,202 +82,293 @@ PARAMETERS = (
     Spec('settle_time', 0.3, 'for how long everything has to be in order after joint states or '
          'odometry were late, before the robot moves again', 's', 0.0, 60.0, True),
     Spec('exclusive', True, 'stop, until ~/start, if another node publishes the same commands '
-         'when this one starts; later ones are only reported', read_only=True),
+         'when this one starts; later ones are only reported', fixed=True),
+    Spec('watchdog_timeout', 0.2, 'time without a completed cycle after which zeros are commanded '
+         'from outside the loop', 's', 0.01, 10.0, True),
+    Spec('autostart', True, 'configure and activate the node at once; else its lifecycle services '
+         'do', fixed=True),
     Spec('status_rate', 10.0, 'status and marker messages per second', 'Hz', 0.1, 1000.0, True),
     *SETTINGS,
 )
-# Joint states need no repetition, and there may be several publishers in one cycle.
-STATE_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
-# How long the last zero may take to arrive when the node ends [s].
-LAST_ZERO_SECONDS = 0.5
-LAST_ZEROS = 3
 # How often other publishers are looked for, and until when this node counts as the newcomer [s].
 LOOK_SECONDS, NEW_SECONDS = 0.5, 2.0
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STOPPED = 'stopped; call ~/start to go on'
+NO_ROBOT = 'no robot description yet'
+NOT_CONFIGURED = 'not configured; configure and activate the node'
 
 
-class ControllerNode(ClosableNode):
+class ControllerNode(LifecycleNodeMixin, ClosableNode):
     """
-    Runs the controller, by a timer or once per joint state.
+    Surrounds the loop: parameters, goals, services, stacks, descriptions and status.
 
-    Whenever something is missing zeros are commanded, and the status says what.
+    What takes long happens here, and is handed to the loop between two of its cycles. Each has a
+    node and a thread of its own; see `beside`.
+
+    Attributes
+    ----------
+    loop_node : rclpy.node.Node
+        That the loop runs on; somebody has to spin it, too.
+
     """
-
-    # Made once there is a robot, all of them at once; `_ready` says whether there is.
-    _controller: Controller
-    _topics: TaskTopics
-    _buffer: JointStateBuffer
-    _base: MovingBase | FixedBase
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(NAME, **options)
-        # Safety times are measured between receipt and use, on a clock nobody can set.
-        self._now = time.monotonic
+        ClosableNode.__init__(self, NAME, **options)
+        LifecycleNodeMixin.__init__(self)
         self._values = declare(self, PARAMETERS)
-        self._settings = self._settings_of(self._values)
-        self._ready = False
-        self._report: Report | None = None
+        self._log = Log(self.get_logger())
+        self.loop_node = Node(
+            f'{self.get_name()}_loop', context=self.context, namespace=self.get_namespace(),
+            # Topics get their names from this node, whatever they are remapped to.
+            use_global_arguments=False, start_parameter_services=False, enable_rosout=False,
+            parameter_overrides=[Parameter('use_sim_time',
+                                           value=self.get_parameter('use_sim_time').value)])
+        # Made once there is a robot, all at once.
+        self._loop: ControlLoop | None = None
+        self._controller: SharedController | None = None
+        self._topics: TaskTopics | None = None
+        self._descriptions: Subscription | None = None
         self._checked_stack: Stack | None = None
-        self._stack_fault = ''
-        self._stopped = self._status_due = False
-        self._stops = Stops(self._values['settle_time'])
-        self._stop_reason = 'no robot description yet'
-        self._last_cycle = self._now()
-        self._last_robot_time = self._robot_time()
-        robot = self._make_robot()
-        if robot is not None:
-            self._set_robot(robot)
-        else:
-            self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
-        self._status = self.create_publisher(DiagnosticArray, '~/status', 10)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._markers = self.create_publisher(MarkerArray, '~/markers', 10)
+        self._stack_fault, self._taken = '', ''
+        self._configured = self._active = self._stopped = False
+        self._fault: Exception | None = None
+        self._others = 0
+        self._reporter = Reporter(self, self._values['status_rate'], self._log)
         for name, callback in (('stop', self._on_stop), ('start', self._on_start),
                                ('reload', self._on_reload)):
             self.create_service(Trigger, f'~/{name}', callback)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
-        self._start_timers()
+        self.create_timer(LOOK_SECONDS, self._look_for_others,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._refuse_strange_transitions()
+        self._reporter.leave(NOT_CONFIGURED)
+        if self._values['autostart']:
+            self._begin()
         warn_unknown(self)
+        self._log.flush()
+
+    def _begin(self) -> None:
+        """Configure and activate the node, or raise what is wrong."""
+        self.trigger_configure()
+        if self._fault is not None:
+            raise self._fault
+        self.trigger_activate()
+
+    @contextmanager
+    def beside(self, failed: Callable[[BaseException], None]) -> Iterator[None]:
+        """Let the loop, and what watches over it, run on threads of their own."""
+        watchdog = Watchdog(self._values['watchdog_timeout'], self._silence, self._bark)
+        with spinning(self.loop_node, failed), watchdog.watching():
+            yield
 
     def close(self, reason: str) -> None:
         """Command zeros for the last time, and say why, unless ROS has ended already."""
-        if self._ready and self.context.ok():
-            # A message may get lost.
-            for _ in range(LAST_ZEROS):
-                self._publish_zeros()
-            self._stop_reason = reason
-            self._publish_status()
+        if self._loop is not None and self.context.ok():
+            self._loop.deactivate(reason)
+            self._reporter.publish()
             # What has not arrived when the process ends may never do so.
-            for publisher in (self._commands, self._base):
-                publisher.wait_for_all_acked(Duration(seconds=LAST_ZERO_SECONDS))
+            self._loop.commands.wait()
+        self._log.flush()
 
-    # Setting up ---------------------------------------------------------------------------
+    def destroy_node(self) -> None:
+        """End the node, and the one of the loop."""
+        self.loop_node.destroy_node()
+        super().destroy_node()
 
-    def _period(self) -> float:
-        """Return the longest time between two commands [s]."""
-        rate = self._values['rate']
-        return 1.0 / rate if rate > 0.0 else self._values['state_timeout']
+    def _silence(self) -> float:
+        """Return for how long the loop has not completed anything [s]."""
+        return self._loop.silence() if self._loop is not None else 0.0
 
-    def _robot_time(self) -> float:
-        """Return the time that passes for the robot [s]: a simulation may have its own."""
-        # Declared as a clock of any kind; that of a node follows use_sim_time.
-        clock = cast(ROSClock, self.get_clock())
-        return clock.now().nanoseconds * 1e-9 if clock.ros_time_is_active else self._now()
+    def _bark(self, silence: float) -> None:
+        """Command zeros in place of the loop."""
+        if self._loop is not None:
+            self._loop.bark(silence)
+
+    # Lifecycle ----------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Read robot and stack; without a description wait for one."""
+        self._fault = None
+        try:
+            self._settings = self._settings_of(self._values)
+            self._reporter.leave(NO_ROBOT)
+            robot = self._make_robot()
+            if robot is not None:
+                self._set_robot(robot)
+            else:
+                self._taken = ''
+                self._descriptions = self.create_subscription(
+                    String, 'robot_description', self._on_description, LATCHED)
+        except Exception as error:
+            self._fault = error
+            self._log.error(in_words(error))
+            self._clean_up()
+            return TransitionCallbackReturn.FAILURE
+        self._configured = True
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Command velocities from now on."""
+        self._active = True
+        self._activate()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Command zeros, and then nothing any more."""
+        self._deactivate()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget robot and stack, so that others can be configured."""
+        self._clean_up()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Command zeros, and give everything up."""
+        self._deactivate()
+        self._clean_up()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _refuse_strange_transitions(self) -> None:
+        """Answer that a transition that is none from here has failed, instead of ending."""
+        change = self._service_change_state.callback
+
+        def refusing(request: ChangeState.Request,
+                     response: ChangeState.Response) -> ChangeState.Response:
+            try:
+                return cast(ChangeState.Response, change(request, response))
+            except RCLError:
+                response.success = False
+                return response
+
+        self._service_change_state.callback = refusing
+
+    def _activate(self) -> None:
+        """Let the loop command velocities, if there is one yet."""
+        if self._loop is not None and self._active:
+            self._loop.activate()
+            # Others that publish the same commands were there before.
+            self._others, self._since = 0, boot_time()
+            self._hold()
+
+    def _deactivate(self) -> None:
+        """Command zeros for the last time."""
+        self._active = False
+        if self._loop is not None:
+            self._loop.deactivate(INACTIVE)
+        self._hold()
+
+    def _clean_up(self) -> None:
+        """Give up everything that depends on the robot."""
+        if self._topics is not None:
+            self._topics.close()
+        if self._loop is not None:
+            self._loop.close()
+        if self._descriptions is not None:
+            self.destroy_subscription(self._descriptions)
+        self._loop = self._controller = self._topics = self._descriptions = None
+        undeclare_limits(self)
+        self._configured, self._stack_fault = False, ''
+        self._reporter.leave(NOT_CONFIGURED)
+
+    def _hold(self) -> None:
+        """Tell the loop what somebody has to change before the robot moves."""
+        if self._loop is not None:
+            self._loop.hold = INACTIVE if not self._active else \
+                STOPPED if self._stopped else self._stack_fault
+
+    # Robot --------------------------------------------------------------------------------
 
     def _settings_of(self, values: Mapping[str, Any]) -> Settings:
         """Return the settings that parameter values make."""
-        return settings_from(values, self._period(), '1/rate' if self._values['rate'] > 0.0
-                             else 'state_timeout, because rate is 0')
-
-    def _start_timers(self) -> None:
-        """Start the cycle, and what watches over it on the steady clock."""
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        if self._values['rate'] > 0.0:
-            self.create_timer(1.0 / self._values['rate'], self._cycle)
-        # Neither a joint state nor simulated time may come any more: then nothing else would
-        # command zeros.
-        self.create_timer(self._values['state_timeout'] / 2.0, self._watch, clock=steady)
-        self.create_timer(1.0 / self._values['status_rate'], self._on_status_timer,
-                          clock=steady)
-        self.create_timer(LOOK_SECONDS, self._look_for_others, clock=steady)
+        rate = self._values['rate']
+        return settings_from(values, 1.0 / rate if rate > 0.0 else self._values['state_timeout'],
+                             '1/rate' if rate > 0.0 else 'state_timeout, because rate is 0')
 
     def _make_robot(self, description: str | None = None) -> Robot | None:
         """Return the robot, None without a description."""
-        return robot_from(self, self._values, description, self._values['joints'])
+        return robot_from(self, self._values, description, names_in(self._values['joints']))
 
     def _on_description(self, message: String) -> None:
         """Take the first usable description from the topic."""
-        if self._ready:
+        if self._loop is not None:
+            if message.data != self._taken:
+                self._log.warning('topic robot_description: another description has arrived; '
+                                  'deactivate, clean up and configure the node to take it')
             return
         try:
             robot = self._make_robot(message.data)
             if robot is not None:
                 self._set_robot(robot)
+                self._taken = message.data
+                self._activate()
         except Exception as error:
-            self.get_logger().error(f'topic robot_description: {in_words(error)}')
+            self._log.error(f'topic robot_description: {in_words(error)}')
 
     def _set_robot(self, robot: Robot) -> None:
         """Make everything that depends on the robot."""
-        names = self._values['command_joints'] or list(robot.joint_names)
-        if sorted(names) != sorted(robot.joint_names):
-            raise RobotError('parameter command_joints must be the driven joints in some order '
-                             f'({", ".join(robot.joint_names)}), not {", ".join(names)}')
         for limit, what in ((np.inf, 'no velocity limit for'),
                             (0.0, 'the velocity limit is zero, so nothing moves, for')):
-            names_of = [name for name, given in zip(robot.velocity_names, robot.velocity)
-                        if given == limit]
-            if names_of:
-                self.get_logger().warning(f'{what} {", ".join(names_of)}')
-        self._controller = Controller(robot, Stack([]), self._settings)
-        self._topics = TaskTopics(self, self._controller, self._now)
-        self._order = np.array([robot.joint_index(name) for name in names], dtype=int)
-        self._command = Float64MultiArray(data=array('d', bytes(8 * len(names))))
-        self._command_view = np.frombuffer(self._command.data)
-        self._commands = self.create_publisher(Float64MultiArray,
-                                               'velocity_controller/commands', 10)
-        self._zeros = np.zeros(robot.n)
-        self._base = MovingBase(self, robot, self._now, self._on_odometry) if robot.moves \
-            else FixedBase()
-        self._watch_over(robot)
-        self._ready, self._started, self._others = True, self._now(), 0
+            names = [name for name, given in zip(robot.velocity_names, robot.velocity)
+                     if given == limit]
+            if names:
+                self._log.warning(f'{what} {", ".join(names)}')
+        controller = SharedController(robot, Stack([]), self._settings)
+        self._loop = ControlLoop(self.loop_node, self.resolve_topic_name, controller,
+                                 self._values, self._log)
+        self._controller = controller
+        self._topics = TaskTopics(self, controller, boot_time)
         self._load_stack()
-        self.create_subscription(JointState, 'joint_states', self._on_joint_state, STATE_QOS)
-        self.get_logger().info(f'controlling {robot.name}, base {robot.base}, '
-                               f'joints {", ".join(names)}')
-
-    def _watch_over(self, robot: Robot) -> None:
-        """Make what takes joint states, and what tells whether they can be true."""
-        rows = robot.joint_columns
-        lower, upper = robot.lower[rows], robot.upper[rows]
-        values = self._values
-        endless = np.isinf(upper - lower) & np.array(
-            [unit == 'rad' for unit in robot.velocity_units[rows]], dtype=bool)
-        self._buffer = JointStateBuffer(
-            robot.joint_names, robot.passive_names, robot.passive_neutral, robot.velocity[rows],
-            endless, values['state_timeout'] if values['check_stamps'] else math.inf,
-            values['jump_tolerance'])
-        self._motion = MotionCheck(robot.joint_names, lower, upper, endless,
-                                   Following(values['follow_window']), values['limit_tolerance'])
+        self._reporter.follow(controller, self._loop, self._topics)
+        self._log.info(f'controlling {robot.name}, base {robot.base}, '
+                       f'joints {", ".join(robot.joint_names)}')
 
     # Stack and parameters -----------------------------------------------------------------
 
-    def _load_stack(self) -> bool:
-        """Read the stack of the parameter; return whether it is valid."""
+    def _load_stack(self) -> None:
+        """Read the stack of the parameter, or say what is wrong with it."""
         try:
             self._use_stack(self._read_stack(self._values['stack']))
         except Exception as error:
             self._stack_fault = f'no valid stack: {in_words(error)}'
-            self.get_logger().error(self._stack_fault)
-            return False
-        return True
+            self._log.error(self._stack_fault)
+        self._hold()
 
     def _read_stack(self, source: str) -> Stack:
         """Return the stack of a parameter's value."""
+        if self._controller is None:
+            raise RobotError(NO_ROBOT if self._configured else NOT_CONFIGURED)
         if not source:
             raise SettingsError(['parameter stack is empty: give it YAML text or a file'])
         return Stack.from_yaml(source, self._controller.robot)
 
     def _use_stack(self, stack: Stack) -> None:
         """Carry out a stack."""
+        if self._controller is None or self._topics is None:
+            return
         self._controller.replace_stack(stack, self._settings)
         self._stack_fault = ''
         self._topics.follow_stack()
+        self._hold()
         names = ' > '.join(', '.join(task.name for task in group) for group in stack.groups)
-        self.get_logger().info(f'stack: {names or "empty"}')
+        self._log.info(f'stack: {names or "empty"}', 'stack')
         for task in stack.tasks.values():
             for remark in task.remarks:
-                self.get_logger().warning(f'task {task.name}: {remark}')
+                self._log.warning(f'task {task.name}: {remark}')
 
     def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Refuse what the method would refuse; what it knows nothing of is not its business."""
-        values = {**self._values, **{parameter.name: parameter.value
-                                     for parameter in parameters}}
+        given = {parameter.name: parameter.value for parameter in parameters}
+        values = {**self._values, **given}
+        faults = fixed_faults(self, given) if self._configured else []
+        if faults:
+            return SetParametersResult(successful=False, reason='; '.join(faults))
         try:
             settings = self._settings_of(values)
-            if self._ready:
+            if self._controller is not None:
                 stack = self._controller.stack
-                if any(parameter.name == 'stack' for parameter in parameters):
+                if 'stack' in given:
                     # Kept, since a file may be another one the next time it is read.
                     self._checked_stack = stack = self._read_stack(values['stack'])
                 self._controller.check_settings(settings, stack)
@@ -292,153 +381,35 @@ class ControllerNode(ClosableNode):
         changed = {parameter.name: parameter.value for parameter in parameters}
         self._values.update(changed)
         self._settings = self._settings_of(self._values)
-        if self._ready:
-            if 'stack' in changed and self._checked_stack is not None:
-                self._use_stack(self._checked_stack)
-            else:
+        if self._controller is None:
+            return
+        if 'stack' in changed and self._checked_stack is not None:
+            self._use_stack(self._checked_stack)
+        else:
+            with self._controller.lock:
                 self._controller.settings = self._settings
 
-    # The cycle ----------------------------------------------------------------------------
-
-    def _on_joint_state(self, message: JointState) -> None:
-        """Take joint positions; in the mode without a timer they start the cycle."""
-        stamp = message.header.stamp
-        fault = self._buffer.put(message.name, message.position, self._now(),
-                                 stamp.sec + 1e-9 * stamp.nanosec, self._robot_time())
-        if self._buffer.contradiction and self._stops.moved:
-            self._stops.latch(self._buffer.contradiction)
-        elif self._buffer.contradiction:
-            # As of a driver that publishes zeros before it has read any position.
-            self._buffer.forget()
-        if fault:
-            self.get_logger().warning(f'joint state ignored: {fault}', throttle_duration_sec=1.0)
-        elif self._values['rate'] == 0.0 and self._buffer.take_complete():
-            self._cycle()
-
-    def _on_odometry(self) -> None:
-        """Start the cycle where nothing else does: without a timer and without driven joints."""
-        if self._values['rate'] == 0.0 and not self._controller.robot.joint_names:
-            self._cycle()
-
-    def _cycle(self) -> None:
-        """Command velocities, or zeros where something is missing."""
-        now, robot_time = self._now(), self._robot_time()
-        elapsed = robot_time - self._last_robot_time
-        self._last_cycle, self._last_robot_time = now, robot_time
-        if not self._ready:
-            return
-        reason = self._find_stop_reason(now)
-        if not reason:
-            try:
-                command = self._controller.update(self._base.configuration(self._buffer.q), now,
-                                                  self._buffer.passive, elapsed)
-                self._report = command.report
-                self._topics.changed = False
-                self._publish_velocity(command.velocity)
-                self._check_motion(command.velocity, robot_time)
-            except TpControllerError as error:
-                reason = str(error)
-            except Exception as error:  # of a task that somebody else wrote
-                self._stops.latch(in_words(error))
-                self.get_logger().error(traceback.format_exc())
-                reason = self._find_stop_reason(now)
-        if reason:
-            self._publish_zeros()
-        self._log_stop_reason(reason)
-        if self._status_due:
-            self._publish_status()
-
-    def _check_motion(self, velocity: Array, now: float) -> None:
-        """Stop, until ~/start, if the robot does not follow or passes a limit."""
-        q, joints = self._buffer.q, velocity[self._controller.robot.joint_columns]
-        fault = self._motion.passed(q) or self._motion.check(q, joints, now)
-        if fault:
-            self._stops.latch(fault)
-
-    def _log_stop_reason(self, reason: str) -> None:
-        """Log why the robot is stopped, or that it moves again, where that has changed."""
-        if reason == self._stop_reason:
-            return
-        self._stop_reason = reason
-        if reason:
-            self.get_logger().warning(f'commanding zeros: {reason}')
-        else:
-            self.get_logger().info('running')
-            unheard = self._buffer.unheard()
-            if unheard:
-                self.get_logger().warning(
-                    'no joint states of passive joints: until then they count as at zero, or at '
-                    f'the limit nearest to zero: {", ".join(unheard)}')
-
-    def _find_stop_reason(self, now: float) -> str:
-        """Return why zeros are commanded; empty if nothing speaks against motion."""
-        if self._stopped:
-            return 'stopped; call ~/start to go on'
-        if self._stack_fault:
-            return self._stack_fault
-        return self._stops.reason(self._missing(now), now)
-
-    def _missing(self, now: float) -> str:
-        """Return what has not arrived for too long; empty if nothing is missing."""
-        timeout = self._values['state_timeout']
-        missing = self._buffer.missing(now, timeout)
-        if missing:
-            ignored = self._buffer.ignored(now, timeout)
-            return f'no joint states of {", ".join(missing)}' \
-                   + (f' (ignored: {ignored})' if ignored else '')
-        return self._base.stop_reason(now, timeout)
-
-    def _watch(self) -> None:
-        """Command zeros if the cycle has not done anything for too long."""
-        now = self._now()
-        silence = now - self._last_cycle
-        if not self._ready or silence <= self._values['state_timeout']:
-            return
-        reason = self._find_stop_reason(now)
-        # A cycle may well be longer than the joint states may be old.
-        if not reason and silence > 2.0 * self._period():
-            if not self.get_parameter('use_sim_time').value:
-                # The timer is only late, as on a machine that has too much to do.
-                self._cycle()
-                return
-            reason = 'simulated time (/clock) stands still'
-        if reason:
-            self._publish_zeros()
-            self._log_stop_reason(reason)
+    # Others, services ---------------------------------------------------------------------
 
     def _look_for_others(self) -> None:
         """Notice other publishers of the same commands."""
-        if not self._ready:
+        if self._loop is None or not self._active:
             return
-        topic = self._commands.topic_name
+        topic = self._loop.commands.topic
         others, before = self.count_publishers(topic) - 1, self._others
         self._others = others
         if others <= before:
             return
-        self.get_logger().warning(f'another node publishes on {topic}')
-        if self._values['exclusive'] and self._now() - self._started < NEW_SECONDS:
-            self._stops.latch(f'another node publishes on {topic}')
-
-    def _publish_zeros(self) -> None:
-        """Command no motion."""
-        # Nothing is to be followed meanwhile.
-        self._motion.forget()
-        self._controller.halt(self._now())
-        self._publish_velocity(self._zeros)
-
-    def _publish_velocity(self, velocity: Array) -> None:
-        """Command velocities (n,), to the joints and to the base."""
-        self._command_view[:] = velocity[self._order]
-        self._commands.publish(self._command)
-        self._base.publish(velocity)
-
-    # Services and status ------------------------------------------------------------------
+        self._log.warning(f'another node publishes on {topic}')
+        if self._values['exclusive'] and boot_time() - self._since < NEW_SECONDS:
+            self._loop.stops.latch(f'another node publishes on {topic}')
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Stop, until ~/start."""
         self._stopped = True
-        if self._ready:
-            self._publish_zeros()
+        self._hold()
+        if self._loop is not None and self._active:
+            self._loop.commands.interrupt()
         response.success, response.message = True, 'stopped'
         return response
 
@@ -448,45 +419,26 @@ class ControllerNode(ClosableNode):
 
         Tasks without a goal keep the values they have now.
         """
-        lasting = self._buffer.lasting(self._now()) if self._ready else ''
+        loop = self._loop
+        lasting = loop.lasting() if loop is not None else ''
         if lasting:
             response.success, response.message = False, f'not started: {lasting}'
             return response
-        if self._ready and (self._stopped or self._stops.latched):
-            self._controller.restart()
-            self._buffer.forget()
-            self._motion.forget()
-        self._stopped, self._stops.latched = False, ''
+        if loop is not None and (self._stopped or loop.stops.latched):
+            loop.restart()
+        self._stopped = False
+        self._hold()
         response.success, response.message = True, 'started'
         return response
 
     def _on_reload(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Read the stack file again; one with faults leaves the stack as it is."""
         try:
-            if not self._ready:
-                raise RobotError('no robot description yet')
             self._use_stack(self._read_stack(self._values['stack']))
             response.success, response.message = True, 'stack reloaded'
         except Exception as error:
             response.success, response.message = False, in_words(error)
         return response
-
-    def _on_status_timer(self) -> None:
-        """Publish the status; with a new goal after the next cycle, which reports about it."""
-        self._status_due = True
-        if self._stop_reason or not self._topics.changed:
-            self._publish_status()
-
-    def _publish_status(self) -> None:
-        """Publish the status, and markers where somebody looks at them."""
-        self._status_due = False
-        stamp = self.get_clock().now().to_msg()
-        message = diagnostics(stamp, self.get_fully_qualified_name().strip('/'), self._stop_reason,
-                              self._report, self._topics.records if self._ready else {})
-        self._status.publish(message)
-        self._diagnostics.publish(message)
-        if self._ready and self._markers.get_subscription_count():
-            self._markers.publish(markers(stamp, self._controller.robot.root, self._controller))
 
 
 main = partial(run, ControllerNode, NAME)

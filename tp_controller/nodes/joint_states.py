@@ -116,6 +116,11 @@ class JointStateBuffer:
         """Forget what contradicted itself."""
         self.contradiction = ''
 
+    def discard(self) -> None:
+        """Take what was heard of driven joints for too old; where they are next is no jump."""
+        self._received[:self._n] = self._measured[:self._n] = -math.inf
+        self._fresh[:] = False
+
     def lasting(self, now: float) -> str:
         """Return the contradiction that was noticed within the last second, if any."""
         return self.contradiction if now - self._contradicted < LASTING else ''

@@ -19,7 +19,7 @@ from dataclasses import dataclass, fields
 import math
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -36,9 +36,10 @@ from tp_controller.model.robot import Robot
 # By velocity and key.
 Limits = dict[str, dict[str, float]]
 
-STRINGS = Parameter.Type.STRING_ARRAY
-DOUBLES = Parameter.Type.DOUBLE_ARRAY
-DOUBLE = Parameter.Type.DOUBLE
+# What ROS tools show of a parameter that cannot change.
+FIXED = 'fixed while the node is configured'
+# Weights of robots with any number of joints.
+EQUAL = [1.0]
 # Start of the names of the joints' limits.
 LIMITS = 'limits.'
 UNIT_ENDINGS = {'velocity': '/s', 'acceleration': '/s²'}
@@ -58,13 +59,12 @@ class Spec:
     ----------
     name : str
     default : object
-        Value; or a `Parameter.Type` where there is no default.
     description : str
     unit : str
     lower, upper : float
         Range of a double.
-    read_only : bool
-        Fixed once the node runs.
+    fixed : bool
+        Fixed while the node is configured.
 
     """
 
@@ -74,7 +74,7 @@ class Spec:
     unit: str = ''
     lower: float = -math.inf
     upper: float = math.inf
-    read_only: bool = False
+    fixed: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor that ROS tools show."""
@@ -83,22 +83,23 @@ class Spec:
         if self.lower > -math.inf or self.upper < math.inf:
             ranges = [FloatingPointRange(from_value=self.lower, to_value=self.upper)]
         return ParameterDescriptor(description=self.description + unit,
-                                   floating_point_range=ranges, read_only=self.read_only)
+                                   floating_point_range=ranges,
+                                   additional_constraints=FIXED if self.fixed else '')
 
 
 ROBOT = (
     Spec('robot_description', '', 'URDF text; goes before the topic of the same name',
-         read_only=True),
+         fixed=True),
     Spec('robot', '', 'file of the robot: URDF, or DH table (.yaml); a path or '
-         'package://<package>/<path>; goes before robot_description', read_only=True),
-    Spec('base', 'fixed', f'how the base moves ({", ".join(BASES)})', read_only=True),
+         'package://<package>/<path>; goes before robot_description', fixed=True),
+    Spec('base', 'fixed', f'how the base moves ({", ".join(BASES)})', fixed=True),
     Spec('world_frame', DEFAULT_WORLD, 'name of the frame that a base moves in, the one of its '
-         'odometry', read_only=True),
+         'odometry', fixed=True),
 )
 
 # What belongs to the method is described there, once.
 SETTINGS = tuple(
-    Spec(item.name, DOUBLES if item.name == 'weights' else item.default,
+    Spec(item.name, EQUAL if item.name == 'weights' else item.default,
          item.metadata['description']
          + (f' ({", ".join(item.metadata["valid"])})' if 'valid' in item.metadata else ''),
          item.metadata['unit'], item.metadata.get('lower', -math.inf),
@@ -120,7 +121,7 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     Returns
     -------
     dict
-        {name: value}; None, where a parameter without default is not set.
+        {name: value}
 
     Raises
     ------
@@ -138,8 +139,7 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
             values[spec.name] = node.get_parameter_or(spec.name).value
         except InvalidParameterTypeException:
             given = node._parameter_overrides[spec.name].value
-            kind = spec.default if isinstance(spec.default, Parameter.Type) \
-                else Parameter.Type.from_parameter_value(spec.default)
+            kind = Parameter.Type.from_parameter_value(spec.default)
             faults.append(f'parameter {spec.name} must be {EXAMPLES[kind.name]}, not {given!r}')
         except InvalidParameterValueException:
             given = node._parameter_overrides[spec.name].value
@@ -148,6 +148,34 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     if faults:
         raise SettingsError(faults)
     return values
+
+
+def fixed_faults(node: Node, given: Mapping[str, object]) -> list[str]:
+    """Return what is wrong with values that are to be set: fixed ones have to stay."""
+    return [f'parameter {name} is {node.get_parameter(name).value!r}, {FIXED}'
+            for name, value in given.items()
+            if node.has_parameter(name) and node.get_parameter(name).value != value
+            and node.describe_parameter(name).additional_constraints == FIXED]
+
+
+def keep_fixed(node: Node) -> None:
+    """Refuse other values of fixed parameters of a node from now on."""
+    def check(parameters: Sequence[Parameter]) -> SetParametersResult:
+        faults = fixed_faults(node, {parameter.name: parameter.value for parameter in parameters})
+        return SetParametersResult(successful=not faults, reason='; '.join(faults))
+
+    node.add_on_set_parameters_callback(check)
+
+
+def undeclare_limits(node: Node) -> None:
+    """Undeclare the parameters that a robot has made."""
+    for name in list(node.get_parameters_by_prefix(LIMITS[:-1])):
+        node.undeclare_parameter(LIMITS + name)
+
+
+def names_in(value: Sequence[str]) -> list[str] | None:
+    """Return the names in a parameter; None, where an empty one stands for all."""
+    return None if list(value) == [''] else list(value)
 
 
 def warn_unknown(node: Node) -> None:
@@ -179,7 +207,7 @@ def settings_from(values: Mapping[str, Any], period: float, origin: str) -> Sett
 
     """
     given = {spec.name: values[spec.name] for spec in SETTINGS}
-    given['weights'] = tuple(given['weights']) if given['weights'] else None
+    given['weights'] = None if list(given['weights']) == EQUAL else tuple(given['weights'])
     try:
         return Settings(period=period, **given)
     except SettingsError as error:
@@ -235,10 +263,10 @@ def robot_from(node: Node, values: Mapping[str, Any], description: str | None = 
 
 def _limits(node: Node, robot: Robot) -> Limits:
     """Return {velocity: {key: value}} of the limits that parameters replace."""
-    specs = [Spec(f'{LIMITS}{name}.{key}', DOUBLE,
-                  f'{key} limit of {name}, in place of the one in the description',
-                  unit + UNIT_ENDINGS.get(key, ''), read_only=True)
-             for name, unit in zip(robot.velocity_names, robot.velocity_units)
+    specs = [Spec(f'{LIMITS}{name}.{key}', float(getattr(robot, key)[row]),
+                  f'{key} limit of {name}; changed, it replaces the one in the description',
+                  unit + UNIT_ENDINGS.get(key, ''), fixed=True)
+             for row, (name, unit) in enumerate(zip(robot.velocity_names, robot.velocity_units))
              for key in (LIMIT_KEYS if name in robot.joint_names else BASE_LIMIT_KEYS)]
     strange = {name for name in node._parameter_overrides
                if name.startswith(LIMITS)} - {spec.name for spec in specs}
@@ -247,8 +275,9 @@ def _limits(node: Node, robot: Robot) -> Limits:
                              f'{LIMITS}<joint>.{"|".join(LIMIT_KEYS)} with the driven joints '
                              f'{", ".join(robot.joint_names)}{_base_limits(robot)}'])
     limits: Limits = {}
+    described = {spec.name: spec.default for spec in specs}
     for name, value in declare(node, specs).items():
-        if value is not None:
+        if value != described[name]:
             joint, key = name.removeprefix(LIMITS).rsplit('.', 1)
             limits.setdefault(joint, {})[key] = value
     return limits

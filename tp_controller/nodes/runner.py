@@ -15,9 +15,11 @@
 """Running a node: one loop, clean ends, plain words instead of tracebacks."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 import os
 import signal
+import sys
 import threading
 
 from rclpy import init, try_shutdown
@@ -36,14 +38,22 @@ NAMES = {number.value: number.name for number in SIGNALS}
 # EventsExecutor.spin() waits with a deadline that overflows and burns a core; a long finite one
 # does not [s].
 LONG = 1e8
+# How long a thread is waited for, and the name of those that are [s].
+PATIENCE_SECONDS, BESIDE = 1.0, 'beside'
+# How long a thread that is busy in Python may hold up the others [s]; Python's own is 5 ms.
+SWITCH_SECONDS = 1e-4
 
 
 class ClosableNode(Node, ABC):
-    """A node that can say a last word."""
+    """A node that `run` can run."""
 
     @abstractmethod
     def close(self, reason: str) -> None:
         """Act for the last time, while publishing still works, and say why the node ends."""
+
+    def beside(self, failed: Callable[[BaseException], None]) -> AbstractContextManager[None]:
+        """Return what runs on other threads meanwhile; it calls `failed` if that ends."""
+        return nullcontext()
 
 
 def make_executor(context: Context | None = None) -> Executor:
@@ -76,6 +86,7 @@ def run(make_node: Callable[[], ClosableNode], name: str,
 
     """
     arrived = _catch_signals()
+    sys.setswitchinterval(SWITCH_SECONDS)
     try:
         init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:
@@ -96,6 +107,9 @@ def run(make_node: Callable[[], ClosableNode], name: str,
     finally:
         if node is not None:
             node.close(reason)
+            if _is_stuck():
+                # It would be waited for in vain, and with it everything that it uses.
+                os._exit(1)
             node.destroy_node()
         try_shutdown()
     return 0
@@ -116,7 +130,33 @@ def _catch_signals() -> int:
     return reader
 
 
-def _spin(node: Node, arrived: int) -> str:
+@contextmanager
+def spinning(node: Node, failed: Callable[[BaseException], None]) -> Iterator[None]:
+    """Spin a node on a thread of its own; `failed` is called with what ends it."""
+    executor = make_executor(node.context)
+    executor.add_node(node)
+    ended = Future(executor=executor)
+
+    def spin() -> None:
+        try:
+            _spin_until(ended, executor)
+        except ExternalShutdownException:
+            pass
+        except BaseException as error:
+            failed(error)
+
+    thread = threading.Thread(target=spin, name=BESIDE, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set_result(None)
+        thread.join(PATIENCE_SECONDS)
+        if not thread.is_alive():
+            executor.shutdown()
+
+
+def _spin(node: ClosableNode, arrived: int) -> str:
     """Spin until a signal arrives or somebody shuts the context down; return which."""
     executor = make_executor(node.context)
     executor.add_node(node)
@@ -128,15 +168,26 @@ def _spin(node: Node, arrived: int) -> str:
 
     threading.Thread(target=wait_for_signal, daemon=True).start()
     try:
-        while not ended.done():
-            try:
-                executor.spin_until_future_complete(ended, LONG)
-            except InvalidHandle:
-                # A call that was sent before a new stack closed its service cannot be answered
-                # any more, and is no reason to end.
-                continue
+        with node.beside(ended.set_exception):
+            _spin_until(ended, executor)
     except ExternalShutdownException:
         pass
     finally:
         executor.shutdown()
     return f'ended by {ended.result()}' if ended.done() else 'ended: ROS was shut down'
+
+
+def _spin_until(ended: Future, executor: Executor) -> None:
+    """Spin until a future is done."""
+    while not ended.done():
+        try:
+            executor.spin_until_future_complete(ended, LONG)
+        except InvalidHandle:
+            # A call that was sent before a new stack closed its service cannot be answered
+            # any more, and is no reason to end.
+            continue
+
+
+def _is_stuck() -> bool:
+    """Return whether a thread that was to end still runs, as in a task that never returns."""
+    return any(thread.name == BESIDE for thread in threading.enumerate())

@@ -35,30 +35,38 @@ from std_srvs.srv import Trigger
 from tp_controller.errors import RobotError
 from tp_controller.model.simulator import initial_positions, KinematicSimulator, SimulatorNoise
 from tp_controller.nodes.base_topics import fill_odometry, twist_of
-from tp_controller.nodes.parameters import declare, ROBOT, robot_from, Spec, STRINGS, warn_unknown
+from tp_controller.nodes.parameters import (
+    declare,
+    keep_fixed,
+    names_in,
+    ROBOT,
+    robot_from,
+    Spec,
+    warn_unknown,
+)
 from tp_controller.nodes.runner import ClosableNode, run
 
 NAME = 'tp_simulator'
 PARAMETERS = (
     *ROBOT,
-    Spec('command_joints', STRINGS, 'joints in the order of the commands; all others stand '
-         'still (default: all that can be driven)', read_only=True),
+    Spec('command_joints', [''], 'joints in the order of the commands; all others stand '
+         'still (an empty name: all that can be driven)', fixed=True),
     Spec('rate', 200.0, 'joint states, and odometry of a base, per simulated second', 'Hz',
          1.0, 5000.0, True),
     Spec('speed', 1.0, 'simulated seconds per second', '', 0.01, 1000.0, True),
-    Spec('publish_clock', False, 'publish simulated time on /clock', read_only=True),
+    Spec('publish_clock', False, 'publish simulated time on /clock', fixed=True),
     Spec('command_timeout', 0.1, 'time without a command after which the joints, or the base, '
          'stop, of the wall clock', 's', 1e-3, 10.0, True),
     Spec('initial_positions', '', 'positions at the start, as YAML {joint: position} or a file '
          'of it, with base_x, base_y … base_yaw for a base that moves; a joint that is left out '
          'starts at zero, or in the middle of its range where zero is outside or near a limit',
-         read_only=True),
+         fixed=True),
     Spec('noise', 0.0, 'standard deviation of measured positions', 'rad or m', 0.0, 1.0, True),
     Spec('delay', 0.0, 'time from a command to its effect, simulated', 's', 0.0, 10.0, True),
     Spec('lag', 0.0, 'time constant of the drives, first order', 's', 0.0, 10.0, True),
     Spec('drop', 0.0, 'share of commands and of joint states that get lost', '', 0.0, 0.99,
          True),
-    Spec('seed', 0, 'seed of noise and loss, not negative', read_only=True),
+    Spec('seed', 0, 'seed of noise and loss, not negative', fixed=True),
 )
 # How far the simulation may fall behind before it stops catching up [s].
 LARGEST_GAP = 0.2
@@ -83,12 +91,13 @@ class SimulatorNode(ClosableNode):
             values['command_timeout'] * self._speed,
             SimulatorNoise(values['noise'], values['delay'], values['lag'], values['drop'],
                           values['seed']))
-        names = self._check_names(values['command_joints'] or self._robot.joint_names)
+        names = self._check_names(names_in(values['command_joints']) or self._robot.joint_names)
         self._commanded = np.array([self._robot.joint_index(name) for name in names],
                                    dtype=int)
         self._velocity = np.zeros(self._robot.n)
         self._publish_clock = values['publish_clock']
         self._connect()
+        keep_fixed(self)
         warn_unknown(self)
         self.get_logger().info(
             f'simulating {self._robot.name} ({len(self._robot.joint_names)} joints, base '

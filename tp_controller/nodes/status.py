@@ -22,20 +22,21 @@ from geometry_msgs.msg import Point
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.control.controller import Controller
-from tp_controller.control.report import Report, TaskReport
+from tp_controller.control.report import Report, stopped_reports, TaskReport
 from tp_controller.nodes.task_topics import GoalRecord
 from visualization_msgs.msg import Marker, MarkerArray
 
 ARROW = (0.08, 0.008)
 LEVELS = {**dict.fromkeys(('reached', 'satisfied', 'moving', 'disabled'), DiagnosticStatus.OK),
-          'limited': DiagnosticStatus.WARN}
+          'limited': DiagnosticStatus.WARN, 'stopped': DiagnosticStatus.WARN}
 COLOURS = ((0.9, 0.1, 0.1), (0.1, 0.7, 0.1), (0.2, 0.3, 0.95))
 
 
 def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | None,
-                records: Mapping[str, GoalRecord]) -> DiagnosticArray:
+                controller: Controller | None, records: Mapping[str, GoalRecord],
+                figures: Mapping[str, str]) -> DiagnosticArray:
     """
-    Return the status of the node and of every task.
+    Return the status of the node and of every task, with the same keys at all times.
 
     Parameters
     ----------
@@ -47,30 +48,34 @@ def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | 
         Why zeros are commanded; empty while the tasks are carried out.
     report : Report or None
         Of the last cycle.
+    controller : Controller or None
+        Whose tasks are told where no report is about them.
     records : dict
         {task: GoalRecord}
+    figures : dict
+        {key: value} of the loop.
 
     Returns
     -------
     diagnostic_msgs.msg.DiagnosticArray
 
     """
+    running = report is not None and not stop_reason
     head = DiagnosticStatus(
         name=node_name, hardware_id=node_name,
         level=DiagnosticStatus.WARN if stop_reason else DiagnosticStatus.OK,
-        message=stop_reason or 'running')
+        message=stop_reason or 'running',
+        values=[_value('scale', f'{report.scale:.4f}' if report and running else 'nan'),
+                _value('limiting', report.limiting if report and running else ''),
+                *(_value(key, value) for key, value in figures.items())])
     array = DiagnosticArray(status=[head])
     array.header.stamp = stamp
-    if report is None or stop_reason:
-        array.status.extend(
-            DiagnosticStatus(name=f'{node_name}: {name}', hardware_id=node_name,
-                             level=DiagnosticStatus.WARN, message='stopped',
-                             values=[_value('status', 'stopped'), *_goal_values(record)])
-            for name, record in records.items())
-        return array
-    head.values = [_value('scale', f'{report.scale:.4f}'), _value('limiting', report.limiting)]
+    if report is not None and running:
+        tasks = report.tasks
+    else:
+        tasks = stopped_reports(controller.stack) if controller else ()
     array.status.extend(_task_status(node_name, task, records[task.name])
-                        for task in report.tasks if task.name in records)
+                        for task in tasks if task.name in records)
     return array
 
 

@@ -69,6 +69,10 @@ class Stops:
         self.moved = True
         return ''
 
+    def interrupt(self, passing: str, now: float) -> None:
+        """Stop for what is over already, for `settle` seconds from now on."""
+        self._passing, self._ended = passing, now
+
     def latch(self, fault: str) -> None:
         """Stop until the next start; the first fault is the one that is told."""
         self.latched = self.latched or fault

@@ -17,6 +17,7 @@
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +62,8 @@ class TaskTopics:
     ----------
     records : dict
         {task: GoalRecord}, in order of priority.
-    changed : bool
-        Something came in; whoever has acted on it sets this to False.
+    changed : float
+        When something came in last [s].
 
     """
 
@@ -77,7 +78,7 @@ class TaskTopics:
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._again.cancel()
         self.records: dict[str, GoalRecord] = {}
-        self.changed = False
+        self.changed = -math.inf
 
     def follow_stack(self) -> None:
         """Open what the tasks of the stack need, and close what no task needs any more."""
@@ -96,6 +97,14 @@ class TaskTopics:
         self._refusals = 0
         # A topic cannot have another type before the executor has dropped what was closed.
         self._open_missing(later=closed)
+
+    def close(self) -> None:
+        """Close everything."""
+        self._needed = {}
+        self._node.destroy_timer(self._again)
+        for _, close in self._open.values():
+            close()
+        self._open = {}
 
     def _open_missing(self, later: Collection[tuple[str, str]] = ()) -> None:
         """Open what is needed and not open yet; what cannot be opened is tried again soon."""
@@ -130,7 +139,7 @@ class TaskTopics:
         except Exception as error:
             response.success, response.message = False, in_words(error)
             return response
-        self.changed = True
+        self.changed = self._clock()
         response.success = True
         response.message = f'task {name} is {"enabled" if request.data else "disabled"}'
         return response
@@ -147,7 +156,7 @@ class TaskTopics:
         try:
             self._take(name, entry, message)
             record.accepted += 1
-            self.changed = True
+            self.changed = self._clock()
         except Exception as error:
             record.refused += 1
             record.refusal = in_words(error)

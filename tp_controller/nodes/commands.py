@@ -1,0 +1,111 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Velocities out: to the joints and to the base, from whichever thread may say so."""
+
+from array import array
+from collections.abc import Callable
+from threading import Lock
+
+import numpy as np
+from rclpy.duration import Duration
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.nodes.base_topics import FixedBase, MovingBase
+
+TOPIC = 'velocity_controller/commands'
+# How long the last zero may take to arrive when the node ends [s].
+LAST_ZERO_SECONDS = 0.5
+# A message may get lost.
+LAST_ZEROS = 3
+
+
+class Commands:
+    """
+    Publishes the velocities of a cycle, unless somebody has interrupted it.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Node that the publishers belong to.
+    topic : callable
+        Returns the full name of a topic.
+    robot : Robot
+    names : sequence of str
+        The driven joints in the order of the commands.
+    base : MovingBase or FixedBase
+
+    Attributes
+    ----------
+    topic : str
+        Full name of the topic of the joints' velocities.
+    interruptions : int
+        How often `interrupt` was called: what a cycle notes when it begins.
+
+    """
+
+    def __init__(self, node: Node, topic: Callable[[str], str], robot: Robot,
+                 names: list[str], base: MovingBase | FixedBase) -> None:
+        self._node, self._base = node, base
+        self._order = np.array([robot.joint_index(name) for name in names], dtype=int)
+        self._message = Float64MultiArray(data=array('d', bytes(8 * len(names))))
+        self._view = np.frombuffer(self._message.data)
+        self._zeros = np.zeros(robot.n)
+        self.topic = topic(TOPIC)
+        self._publisher = node.create_publisher(
+            Float64MultiArray, self.topic, 10)
+        self._gate = Lock()
+        self.interruptions = 0
+
+    def publish(self, velocity: Array, noted: int) -> bool:
+        """
+        Command velocities (n,) of a cycle that noted so many interruptions when it began.
+
+        Returns whether they were published: after an interruption they are not.
+        """
+        with self._gate:
+            if noted != self.interruptions:
+                return False
+            self._put(velocity)
+            return True
+
+    def zeros(self) -> None:
+        """Command no motion."""
+        with self._gate:
+            self._put(self._zeros)
+
+    def interrupt(self, times: int = 1) -> None:
+        """Command no motion, and let the cycle that is under way command nothing any more."""
+        with self._gate:
+            self.interruptions += 1
+            for _ in range(times):
+                self._put(self._zeros)
+
+    def wait(self) -> None:
+        """Wait until the last command has arrived, for a while."""
+        for publisher in (self._publisher, self._base):
+            publisher.wait_for_all_acked(Duration(seconds=LAST_ZERO_SECONDS))
+
+    def close(self) -> None:
+        """Give the topics up."""
+        self._base.close()
+        self._node.destroy_publisher(self._publisher)
+
+    def _put(self, velocity: Array) -> None:
+        """Publish velocities (n,)."""
+        self._view[:] = velocity[self._order]
+        self._publisher.publish(self._message)
+        self._base.publish(velocity)

@@ -1,0 +1,73 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How the loop does: how often it runs, how long it takes, and what went wrong."""
+
+import numpy as np
+from tp_controller.model.spatial import Array
+
+# What percentiles are of: the last so many cycles.
+CYCLES = 1000
+
+
+class Figures:
+    """
+    Counts cycles and their times; written by the loop, read by whoever reports.
+
+    Parameters
+    ----------
+    period : float
+        Time between two cycles that is meant [s]; infinite where joint states set the pace.
+
+    Attributes
+    ----------
+    cycles : int
+    overruns : int
+        Cycles that began more than a period late, or took longer than a period.
+    stalls : int
+        How often the whole loop stood still.
+
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self.cycles = self.overruns = self.stalls = 0
+        # Start, duration, and time from a joint state to its command, of the last cycles.
+        self._times = np.full((CYCLES, 3), np.nan)
+        self._last_start = np.inf
+
+    def add(self, start: float, end: float, received: float) -> None:
+        """Count a cycle with its start, its end, and when its joint states had arrived [s]."""
+        if start - self._last_start > 2.0 * self._period or end - start > self._period:
+            self.overruns += 1
+        self._last_start = start
+        self._times[self.cycles % CYCLES] = start, end - start, end - received
+        self.cycles += 1
+
+    def told(self) -> dict[str, str]:
+        """Return {key: number as text}, of the last cycles; always the same keys."""
+        times: Array = self._times[:min(self.cycles, CYCLES)].copy()
+        starts, took, latency = times.T
+        span = np.ptp(starts) if len(starts) > 1 else np.nan
+        return {'cycles': str(self.cycles),
+                'rate [Hz]': f'{(len(starts) - 1) / span if span > 0.0 else np.nan:.4g}',
+                **_milliseconds('cycle', took), **_milliseconds('state to command', latency),
+                'overruns': str(self.overruns), 'stalls': str(self.stalls)}
+
+
+def _milliseconds(what: str, times: Array) -> dict[str, str]:
+    """Return median, 99th percentile and maximum of times [s] as text."""
+    values = np.percentile(times, (50, 99, 100)) if len(times) else np.full(3, np.nan)
+    return {f'{what} {name} [ms]': f'{1e3 * value:.4g}'
+            for name, value in zip(('median', 'p99', 'max'), values)}

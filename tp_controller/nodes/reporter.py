@@ -1,0 +1,125 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Tells how the tasks and the loop do: status, diagnostics and markers."""
+
+from collections.abc import Mapping
+import math
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from tp_controller.nodes.log import Log
+from tp_controller.nodes.loop import boot_time, ControlLoop
+from tp_controller.nodes.shared_controller import SharedController
+from tp_controller.nodes.status import diagnostics, markers
+from tp_controller.nodes.task_topics import GoalRecord, TaskTopics
+from visualization_msgs.msg import MarkerArray
+
+# How long a sentence waits at most until it is written [s].
+FLUSH_SECONDS = 0.05
+# How long a status waits at most for a cycle that knows of all goals: they may come all the time.
+LONGEST_WAIT = 0.2
+DIAGNOSTICS_SECONDS = 1.0
+
+
+class Reporter:
+    """
+    Publishes what is going on, beside the loop.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Node that the topics belong to.
+    rate : float
+        Status and marker messages per second.
+    log : Log
+        Written by this.
+
+    Attributes
+    ----------
+    reason : str
+        Why zeros are commanded while there is no loop.
+
+    """
+
+    def __init__(self, node: Node, rate: float, log: Log) -> None:
+        self._node, self._log = node, log
+        self._name = node.get_fully_qualified_name().strip('/')
+        self._controller: SharedController | None = None
+        self._loop: ControlLoop | None = None
+        self._topics: TaskTopics | None = None
+        self.reason = ''
+        self._waits_since = math.inf
+        self._status = node.create_publisher(DiagnosticArray, '~/status', 10)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._markers = node.create_publisher(MarkerArray, '~/markers', 10)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        for period, callback in ((1.0 / rate, self._on_status), (FLUSH_SECONDS, self._on_flush),
+                                 (DIAGNOSTICS_SECONDS, self._on_diagnostics)):
+            node.create_timer(period, callback, clock=steady)
+
+    def follow(self, controller: SharedController, loop: ControlLoop,
+               topics: TaskTopics) -> None:
+        """Report about a loop from now on."""
+        self._controller, self._loop, self._topics = controller, loop, topics
+
+    def leave(self, reason: str) -> None:
+        """Report that there is no loop."""
+        self._controller = self._loop = self._topics = None
+        self.reason = reason
+
+    def publish(self) -> None:
+        """Publish the status, and markers where somebody looks at them."""
+        self._waits_since = math.inf
+        self._status.publish(self._message())
+        if self._controller is not None and self._markers.get_subscription_count():
+            self._markers.publish(markers(self._node.get_clock().now().to_msg(),
+                                          self._controller.robot.root, self._controller))
+
+    def _message(self) -> DiagnosticArray:
+        """Return the status."""
+        loop, records = self._loop, self._records()
+        return diagnostics(
+            self._node.get_clock().now().to_msg(), self._name,
+            loop.stop_reason if loop else self.reason,
+            loop.report if loop else None, self._controller, records,
+            loop.figures.told() if loop else {})
+
+    def _records(self) -> Mapping[str, GoalRecord]:
+        """Return what came in for each task."""
+        return self._topics.records if self._topics is not None else {}
+
+    def _on_status(self) -> None:
+        """Publish the status; with a new goal after the next cycle, which reports about it."""
+        now = boot_time()
+        self._waits_since = min(self._waits_since, now)
+        if self._is_current() or now - self._waits_since > LONGEST_WAIT:
+            self.publish()
+
+    def _is_current(self) -> bool:
+        """Return whether the last report knows of everything that came in."""
+        loop, topics = self._loop, self._topics
+        return loop is None or topics is None or bool(loop.stop_reason) \
+            or loop.reported > topics.changed
+
+    def _on_flush(self) -> None:
+        """Write the log, and a status that has waited for a cycle."""
+        self._log.flush()
+        if math.isfinite(self._waits_since):
+            self._on_status()
+
+    def _on_diagnostics(self) -> None:
+        """Publish the status for those who look at all nodes."""
+        self._diagnostics.publish(self._message())

@@ -1,0 +1,62 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Watches over the loop from a thread of its own."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Event, Thread
+
+
+class Watchdog:
+    """
+    Calls `bark` again and again while nothing has been completed for too long.
+
+    Parameters
+    ----------
+    timeout : float
+        [s]
+    silence : callable
+        Returns for how long nothing has been completed [s].
+    bark : callable
+        Called with the silence [s].
+
+    """
+
+    def __init__(self, timeout: float, silence: Callable[[], float],
+                 bark: Callable[[float], None]) -> None:
+        self._timeout, self._silence, self._bark = timeout, silence, bark
+
+    def check(self) -> None:
+        """Look once."""
+        silence = self._silence()
+        if silence > self._timeout:
+            self._bark(silence)
+
+    @contextmanager
+    def watching(self) -> Iterator[None]:
+        """Look four times in each timeout, until the block ends."""
+        ended = Event()
+
+        def watch() -> None:
+            while not ended.wait(self._timeout / 4.0):
+                self.check()
+
+        thread = Thread(target=watch, name='watchdog', daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
