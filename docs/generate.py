@@ -45,7 +45,7 @@ REGION = re.compile(r'(<!-- begin generated: (?P<name>[\w ]+) -->\n).*?(<!-- end
 SECTION = re.compile(r'^### (\w+)$', re.MULTILINE)
 PANDA = ROOT / 'config' / 'robots' / 'panda.yaml'
 # Packages of the types that every node's own topics and services have.
-EVERY_NODE = ('rcl_interfaces', 'type_description_interfaces')
+EVERY_NODE = ('lifecycle_msgs', 'rcl_interfaces', 'type_description_interfaces')
 # Types that the arm of the examples cannot have: its table gives no masses.
 OTHER_ROBOTS = ('center_of_mass',)
 NAMESPACE, NODE = '/namespace', 'tp_controller'
@@ -105,6 +105,16 @@ SIMULATOR_TOPICS = {
 STATUS = {
     'scale': 'smallest share of its velocity that limits leave a task; 1 if no limit is active',
     'limiting': 'joint and limit that cost the uppermost limited task most',
+    'cycles': 'cycles since the node was configured',
+    'rate [Hz]': 'cycles per second; this and the times are of the last 1000 cycles',
+    'cycle median [ms]': 'time that a cycle takes',
+    'cycle p99 [ms]': '99 of 100 take less',
+    'cycle max [ms]': 'the longest',
+    'state to command median [ms]': 'time from the receipt of joint states to the command',
+    'state to command p99 [ms]': '99 of 100 take less',
+    'state to command max [ms]': 'the longest',
+    'overruns': 'cycles that began more than a period late, or took longer than a period',
+    'stalls': 'how often the loop as a whole stood still for longer than `state_timeout`',
     'type': 'type of the task',
     'level': 'level in the stack, 1 is the highest; `disabled` for a disabled task',
     'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `disabled` or `stopped` '
@@ -236,9 +246,8 @@ def parameters(node):
     module = importlib.import_module(f'tp_controller.nodes.{node}_node')
     rows = []
     for spec in module.PARAMETERS:
-        default = '' if type(spec.default).__module__.startswith('rclpy') else spec.default
-        rows.append((f'`{spec.name}`', literal(default), interval(spec.lower, spec.upper),
-                     spec.unit, 'start' if spec.read_only else 'any time', spec.description))
+        rows.append((f'`{spec.name}`', literal(spec.default), interval(spec.lower, spec.upper),
+                     spec.unit, 'fixed' if spec.fixed else 'any time', spec.description))
     return table(('parameter', 'default', 'range', 'unit', 'set', 'meaning'), rows)
 
 
@@ -292,6 +301,8 @@ def interfaces(node):
                 made = Node(context=context, namespace=NAMESPACE, parameter_overrides=[
                     Parameter(name, value=value) for name, value in values.items()])
                 found += _opened(made)
+                if node == 'controller':
+                    found += _opened(made.loop_node)
                 made.destroy_node()
             finally:
                 rclpy.try_shutdown(context=context)
@@ -337,12 +348,15 @@ def message_name(kind):
 def status():
     """Return the table of the keys of a status message, read off a message."""
     from builtin_interfaces.msg import Time
+    from tp_controller.nodes.figures import Figures
     from tp_controller.nodes.status import diagnostics
     from tp_controller.nodes.task_topics import GoalRecord
     robot = Robot.from_file(PANDA)
     stack = Stack.from_yaml('[tool: {type: position, frame: panda_hand_tcp}]', robot)
-    report = Controller(robot, stack).update(robot.neutral(), 0.0).report
-    message = diagnostics(Time(), NODE, '', report, {'tool': GoalRecord()})
+    controller = Controller(robot, stack)
+    report = controller.update(robot.neutral(), 0.0).report
+    message = diagnostics(Time(), NODE, '', report, controller, {'tool': GoalRecord()},
+                          Figures(0.01).told())
     rows = [(of, f'`{value.key}`', STATUS[value.key])
             for of, entry in zip(('node', 'task'), message.status) for value in entry.values]
     return table(('of', 'key', 'meaning'), rows)

@@ -457,11 +457,18 @@ def test_ros2_param_names_parameters(words):
         check_parameter('controller_node', words[4], yaml.safe_load(words[5]))
 
 
+@pytest.mark.parametrize('words', commands_of('ros2', 'lifecycle', 'set'))
+def test_ros2_lifecycle_names_transitions(words):
+    assert words[3] == '/tp_controller'
+    assert words[4] in ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
+
+
 def test_ros2_commands_are_all_looked_at():
     verbs = {tuple(words[1:3]) for _, words in commands() if words[0] == 'ros2'}
     verbs = {verb if verb[0] in ('topic', 'service', 'param') else verb[:1] for verb in verbs}
     assert verbs <= {('run',), ('topic', 'pub'), ('topic', 'echo'), ('service', 'call'),
-                     ('param', 'set'), ('param', 'describe'), ('param', 'list'), ('control',)}
+                     ('param', 'set'), ('param', 'describe'), ('param', 'list'), ('control',),
+                     ('lifecycle',)}
 
 
 # Links and layout -------------------------------------------------------------------------

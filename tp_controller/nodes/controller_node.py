@@ -225,7 +225,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Command zeros, and give everything up."""
+        """Command zeros, and forget robot and stack."""
         self._deactivate()
         self._clean_up()
         return TransitionCallbackReturn.SUCCESS
@@ -260,7 +260,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._hold()
 
     def _clean_up(self) -> None:
-        """Give up everything that depends on the robot."""
+        """Close everything that depends on the robot."""
         if self._topics is not None:
             self._topics.close()
         if self._loop is not None:

@@ -22,11 +22,11 @@ import time
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
-# The same thing is written once in this time [s].
+# What repeats is written once in this time [s].
 REPEAT_SECONDS = 1.0
-# What can wait to be written, and how many things are told apart.
+# How much can wait to be written, and how many causes are told apart.
 LARGEST_QUEUE, MOST_CAUSES = 200, 100
-# rclpy wants each severity to have a line of its own.
+# In rclpy each severity needs a line of its own.
 WRITERS: dict[str, Callable[[RcutilsLogger, str], object]] = {
     'info': lambda logger, text: logger.info(text),
     'warning': lambda logger, text: logger.warning(text),

@@ -46,7 +46,7 @@ class SharedController(Controller):
     Attributes
     ----------
     lock : threading.RLock
-        Held by whoever needs several calls to act in the same cycle.
+        For whoever needs several calls to act in the same cycle.
 
     """
 
