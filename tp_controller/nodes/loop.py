@@ -19,11 +19,11 @@ from itertools import chain
 import math
 import time
 import traceback
-from typing import Any, cast
+from typing import Any
 
 from nav_msgs.msg import Odometry
 import numpy as np
-from rclpy.clock import Clock, ClockType, ROSClock
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
@@ -41,6 +41,7 @@ from tp_controller.nodes.parameters import names_in
 from tp_controller.nodes.shared_controller import SharedController
 from tp_controller.nodes.state_checks import Following, MotionCheck
 from tp_controller.nodes.stops import Stops
+from tp_controller.nodes.wire import JointStateReader
 
 # Joint states need no repetition, and there may be several publishers in one cycle.
 STATE_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -113,13 +114,13 @@ class ControlLoop:
         self.figures = Figures(1.0 / self._rate if self._rate > 0.0 else math.inf)
         self._resting = False
         self._heard = self.completed = self._received = self._last_cycle = boot_time()
+        self._simulated = node.get_parameter('use_sim_time').value
         self._last_robot_time = self._robot_time()
         self._stall = max(self._timeout, SHORTEST_STALL)
-        self._simulated = node.get_parameter('use_sim_time').value
         # Everything else has to be there: the thread of the node may call at once. Before
         # `activate` it is told to wait.
         self._states = node.create_subscription(JointState, topic('joint_states'),
-                                                self._on_joint_state, STATE_QOS)
+                                                self._on_joint_state, STATE_QOS, raw=True)
         self._base.open(self._on_odometry)
         self._timers = self._start_timers(values['watchdog_timeout'])
 
@@ -133,6 +134,7 @@ class ControlLoop:
             robot.joint_names, robot.passive_names, robot.passive_neutral, robot.velocity[rows],
             endless, self._timeout if values['check_stamps'] else math.inf,
             values['jump_tolerance'])
+        self._reader = JointStateReader()
         self._motion = MotionCheck(robot.joint_names, lower, upper, endless,
                                    Following(values['follow_window']), values['limit_tolerance'])
 
@@ -192,25 +194,26 @@ class ControlLoop:
 
     def _robot_time(self) -> float:
         """Return the time that passes for the robot [s]: a simulation may have its own."""
-        # Declared as a clock of any kind; that of a node follows use_sim_time.
-        clock = cast(ROSClock, self._node.get_clock())
-        return clock.now().nanoseconds * 1e-9 if clock.ros_time_is_active else boot_time()
+        return self._node.get_clock().now().nanoseconds * 1e-9 if self._simulated else boot_time()
 
-    def _on_joint_state(self, message: JointState) -> None:
+    def _on_joint_state(self, raw: bytes) -> None:
         """Take joint positions, all that wait; without a timer they start the cycle."""
         if not self.active or self._stood_still():
             return
-        for each in chain((message,), waiting(self._states)):
+        for each in chain((raw,), waiting(self._states)):
             self._put(each)
         if self._rate == 0.0 and self._buffer.take_complete():
             self._cycle()
 
-    def _put(self, message: JointState) -> None:
+    def _put(self, raw: bytes) -> None:
         """Take joint positions, or say why not."""
-        stamp = message.header.stamp
+        try:
+            names, positions, stamp = self._reader.read(raw)
+        except Exception as error:  # of rclpy, and not always of the same type
+            self._log.warning(f'joint state ignored: {in_words(error)}', 'joint state')
+            return
         self._received = now = boot_time()
-        fault = self._buffer.put(message.name, message.position, now,
-                                 stamp.sec + 1e-9 * stamp.nanosec, self._robot_time())
+        fault = self._buffer.put(names, positions, now, stamp, self._robot_time())
         if self._buffer.contradiction and self.stops.moved:
             self.stops.latch(self._buffer.contradiction)
         elif self._buffer.contradiction:

@@ -155,7 +155,8 @@ def fixed_faults(node: Node, given: Mapping[str, object]) -> list[str]:
     return [f'parameter {name} is {node.get_parameter(name).value!r}, {FIXED}'
             for name, value in given.items()
             if node.has_parameter(name) and node.get_parameter(name).value != value
-            and node.describe_parameter(name).additional_constraints == FIXED]
+            and (node.describe_parameter(name).additional_constraints == FIXED
+                 or name == 'use_sim_time')]
 
 
 def keep_fixed(node: Node) -> None:

@@ -164,12 +164,16 @@ class MotionCheck:
         self._sampled = self._last = -math.inf
         # Where a joint starts outside it is led back.
         self._inside = np.zeros(len(self._names), dtype=bool)
+        self._all_inside = False
 
     def passed(self, q: Array) -> str:
         """Return which joint has passed a position limit since it was inside; q (n,)."""
+        if self._all_inside and ((q - self._lower) * (self._upper - q) >= 0.0).all():
+            return ''
         beyond = np.maximum(q - self._upper, self._lower - q)
         gone = self._inside & (beyond > self._tolerance)
         self._inside = (self._inside | (beyond <= 0.0)) & ~gone
+        self._all_inside = bool(self._inside.all())
         if not gone.any():
             return ''
         joint = int(np.argmax(gone))

@@ -1,0 +1,43 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Answers every joint state with a command at once: the least that a node can do."""
+
+from array import array
+
+import rclpy
+from rclpy.node import Node
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from tp_controller.nodes.commands import TOPIC
+from tp_controller.nodes.loop import STATE_QOS
+from tp_controller.nodes.runner import LONG, make_executor
+
+
+def main():
+    """Answer until somebody ends the process."""
+    rclpy.init()
+    node = Node('echo')
+    answer = Float64MultiArray(data=array('d', bytes(8 * 7)))
+    publisher = node.create_publisher(Float64MultiArray, TOPIC, 10)
+    node.create_subscription(JointState, 'joint_states', lambda _: publisher.publish(answer),
+                             STATE_QOS)
+    executor = make_executor(node.context)
+    executor.add_node(node)
+    executor.spin_until_future_complete(Future(executor=executor), LONG)
+
+
+if __name__ == '__main__':
+    main()

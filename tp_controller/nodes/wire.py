@@ -1,0 +1,101 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Joint states as they are on the wire.
+
+Making Python objects of a joint state takes 40 µs where that happens once a millisecond, a tenth
+of the cycle. Its names hardly ever change, and its positions lie there as doubles.
+"""
+
+from collections.abc import Sequence
+import struct
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from tp_controller.model.spatial import Array
+
+# Common Data Representation (OMG, DDS-XTypes 7.4.1), little-endian, as every ROS 2 middleware on
+# such a machine uses it: a header of four bytes, then the fields, each aligned to its size.
+LITTLE_ENDIAN = b'\x00\x01'
+HEADER = 4
+STAMP = struct.Struct('<iI')
+COUNT = struct.Struct('<I')
+# Where the frame and the names begin: what is the same in every message of a publisher.
+BEGIN = HEADER + STAMP.size
+# How many publishers are remembered.
+MOST_KNOWN = 10
+
+
+class JointStateReader:
+    """Reads serialized joint states; the names of the last publishers are remembered."""
+
+    def __init__(self) -> None:
+        # How frame and names lie in a message, what is there then, and the names.
+        self._known: list[tuple[struct.Struct, tuple[object, ...], tuple[str, ...]]] = []
+
+    def read(self, raw: bytes) -> tuple[Sequence[str], Sequence[float] | Array, float]:
+        """
+        Return what is in a serialized joint state.
+
+        Parameters
+        ----------
+        raw : bytes
+            The message.
+
+        Returns
+        -------
+        names : sequence of str
+        positions : sequence of float or ndarray
+            [rad or m]
+        stamp : float
+            [s]
+
+        """
+        for layout, same, names in self._known:
+            if len(raw) >= BEGIN + layout.size and raw.startswith(LITTLE_ENDIAN) \
+                    and layout.unpack_from(raw, BEGIN) == same:
+                seconds, nanoseconds = STAMP.unpack_from(raw, HEADER)
+                return names, _doubles(raw, BEGIN + layout.size), seconds + 1e-9 * nanoseconds
+        message = deserialize_message(raw, JointState)
+        self._remember(raw, message)
+        stamp = message.header.stamp
+        return tuple(message.name), message.position, stamp.sec + 1e-9 * stamp.nanosec
+
+    def _remember(self, raw: bytes, message: JointState) -> None:
+        """Remember how a message lies in memory, if it does so as it should."""
+        # What is between the fields may be anything.
+        fields, end = ['<'], BEGIN - HEADER
+        for text in (message.header.frame_id, None, *message.name):
+            size = len(text.encode()) + 1 if text is not None else 0
+            fields.append(f'{-end % COUNT.size}xI{size}s')
+            end += -end % COUNT.size + COUNT.size + size
+        fields.append(f'{-end % COUNT.size}x')
+        layout = struct.Struct(''.join(fields))
+        end = BEGIN + layout.size
+        if raw.startswith(LITTLE_ENDIAN) and len(raw) >= end + COUNT.size \
+                and np.array_equal(_doubles(raw, end), message.position, equal_nan=True):
+            # Names that change all the time must not fill the memory.
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            self._known.append((layout, layout.unpack_from(raw, BEGIN), tuple(message.name)))
+
+
+def _doubles(raw: bytes, at: int) -> Array:
+    """Return the sequence of doubles whose count is at an index."""
+    count, = COUNT.unpack_from(raw, at)
+    begin = at + COUNT.size
+    begin += -(begin - HEADER) % 8 if count else 0
+    return np.frombuffer(raw, dtype='<f8', count=count, offset=begin)
