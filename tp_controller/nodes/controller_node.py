@@ -50,6 +50,7 @@ from tp_controller.nodes.parameters import (
     undeclare_limits,
     warn_unknown,
 )
+from tp_controller.nodes.realtime import prepare
 from tp_controller.nodes.reporter import Reporter
 from tp_controller.nodes.runner import ClosableNode, run, spinning
 from tp_controller.nodes.shared_controller import SharedController
@@ -87,6 +88,12 @@ PARAMETERS = (
          'from outside the loop', 's', 0.01, 10.0, True),
     Spec('autostart', True, 'configure and activate the node at once; else its lifecycle services '
          'do', fixed=True),
+    Spec('realtime_priority', 0, 'priority of the thread of the loop, from 1 to 99 (SCHED_FIFO); '
+         '0: as other threads', fixed=True),
+    Spec('processor', -1, 'the only processor that this thread runs on; -1: any', fixed=True),
+    Spec('lock_memory', False, 'lock the memory of the process', fixed=True),
+    Spec('freeze_garbage', False, 'let the garbage collector leave alone what is there at the '
+         'start', fixed=True),
     Spec('status_rate', 10.0, 'status and marker messages per second', 'Hz', 0.1, 1000.0, True),
     *SETTINGS,
 )
@@ -159,8 +166,15 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
     def beside(self, failed: Callable[[BaseException], None]) -> Iterator[None]:
         """Let the loop, and what watches over it, run on threads of their own."""
         watchdog = Watchdog(self._values['watchdog_timeout'], self._silence, self._bark)
-        with spinning(self.loop_node, failed), watchdog.watching():
+        with spinning(self.loop_node, failed, self._prepare), watchdog.watching():
             yield
+
+    def _prepare(self) -> None:
+        """Prepare the thread of the loop, or say what is not permitted."""
+        values = self._values
+        for fault in prepare(values['realtime_priority'], values['processor'],
+                             values['lock_memory'], values['freeze_garbage']):
+            self._log.warning(fault)
 
     def close(self, reason: str) -> None:
         """Command zeros for the last time, and say why, unless ROS has ended already."""

@@ -131,14 +131,28 @@ def _catch_signals() -> int:
 
 
 @contextmanager
-def spinning(node: Node, failed: Callable[[BaseException], None]) -> Iterator[None]:
-    """Spin a node on a thread of its own; `failed` is called with what ends it."""
+def spinning(node: Node, failed: Callable[[BaseException], None],
+             first: Callable[[], None]) -> Iterator[None]:
+    """
+    Spin a node on a thread of its own.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The node.
+    failed : callable
+        Called with what ends it.
+    first : callable
+        Called on that thread before anything else.
+
+    """
     executor = make_executor(node.context)
     executor.add_node(node)
     ended = Future(executor=executor)
 
     def spin() -> None:
         try:
+            first()
             _spin_until(ended, executor)
         except ExternalShutdownException:
             pass
