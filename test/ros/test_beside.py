@@ -15,7 +15,8 @@
 """Figures of the loop, the watchdog, and a controller that threads share."""
 
 import math
-from threading import enumerate as enumerate_threads, Event, Thread
+from threading import enumerate as enumerate_threads
+from threading import Event, Thread
 
 import numpy as np
 import pytest
