@@ -18,6 +18,7 @@ import time
 
 from harness import Arm, JOINTS, MOVING_STACK, Status
 import pytest
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from robots import PLANAR_DH
 from std_srvs.srv import Trigger
@@ -213,3 +214,15 @@ def test_a_controller_that_need_not_be_alone_starts_beside_another(harness, robo
     harness.spin_until(lambda: time.monotonic() > since + 1.5, meanwhile=robot.publish)
     assert status.head == 'running'
     harness.remove(second)
+
+
+def test_a_node_of_the_same_name_stops_the_one_that_comes_later(harness, log):
+    harness.add(Node('tp_controller', context=harness.context))
+    harness.controller()
+    status = Status(harness)
+    harness.spin_until(lambda: status.head == 'another node has the name /tp_controller; call '
+                       '~/start to go on')
+    text = log()
+    while 'another node has the name /tp_controller' not in text:
+        harness.spin_for_more(status.messages)
+        text += log()

@@ -82,8 +82,8 @@ PARAMETERS = (
          'the robot, until ~/start (0: never)', 's', 0.0, 60.0, True),
     Spec('settle_time', 0.3, 'for how long everything has to be in order after joint states or '
          'odometry were late, before the robot moves again', 's', 0.0, 60.0, True),
-    Spec('exclusive', True, 'stop, until ~/start, if another node publishes the same commands '
-         'when this one starts; later ones are only reported', fixed=True),
+    Spec('exclusive', True, 'stop, until ~/start, if another node has the same name, or publishes '
+         'the same commands, when this one starts; later ones are only reported', fixed=True),
     Spec('watchdog_timeout', 0.2, 'time without a completed cycle after which zeros are commanded '
          'from outside the loop', 's', 0.01, 10.0, True),
     Spec('autostart', True, 'configure and activate the node at once; else its lifecycle services '
@@ -139,7 +139,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._stack_fault, self._taken = '', ''
         self._configured = self._active = self._stopped = False
         self._fault: Exception | None = None
-        self._others = 0
+        self._others: dict[str, int] = {}
         self._reporter = Reporter(self, self._values['status_rate'], self._log)
         for name, callback in (('stop', self._on_stop), ('start', self._on_start),
                                ('reload', self._on_reload)):
@@ -263,7 +263,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         if self._loop is not None and self._active:
             self._loop.activate()
             # Others that publish the same commands were there before.
-            self._others, self._since = 0, boot_time()
+            self._others, self._since = {}, boot_time()
             self._hold()
 
     def _deactivate(self) -> None:
@@ -406,17 +406,19 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
     # Others, services ---------------------------------------------------------------------
 
     def _look_for_others(self) -> None:
-        """Notice other publishers of the same commands."""
+        """Notice other publishers of the same commands, and nodes of the same name."""
         if self._loop is None or not self._active:
             return
-        topic = self._loop.commands.topic
-        others, before = self.count_publishers(topic) - 1, self._others
+        topic, own = self._loop.commands.topic, (self.get_name(), self.get_namespace())
+        others = {f'another node publishes on {topic}': self.count_publishers(topic) - 1,
+                  f'another node has the name {self.get_fully_qualified_name()}':
+                  self.get_node_names_and_namespaces().count(own) - 1}
+        for what, count in others.items():
+            if count > self._others.get(what, 0):
+                self._log.warning(what)
+                if self._values['exclusive'] and boot_time() - self._since < NEW_SECONDS:
+                    self._loop.stops.latch(what)
         self._others = others
-        if others <= before:
-            return
-        self._log.warning(f'another node publishes on {topic}')
-        if self._values['exclusive'] and boot_time() - self._since < NEW_SECONDS:
-            self._loop.stops.latch(f'another node publishes on {topic}')
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Stop, until ~/start."""
