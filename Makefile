@@ -60,8 +60,9 @@ clean:  ## remove .venv and everything built
 	@rm -rf $(VENV) build install log tp_demo docs/_build *.egg-info
 	@rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
+	@find tp_controller -name '*.so' -delete
 
-$(STAMP): setup.py
+$(STAMP): setup.py tp_controller/solver/core.cpp
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { \
 	  echo 'Python 3.10 or newer is needed, "$(PYTHON)" is not.' \
 	       'Name one: make PYTHON=python3.12' >&2; exit 1; }

@@ -15,8 +15,9 @@
 from glob import glob
 import os
 import sys
+import sysconfig
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 package_name = 'tp_controller'
 executables = {
@@ -28,6 +29,17 @@ plots = ['matplotlib', 'Pillow']
 docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
 # What benchmarks/peers.py compares with; not placo, which needs pinocchio 3.
 peers = ['pin-pink', 'mink', 'embodik; python_version < "3.13"', 'example-robot-data']
+
+# One build for every Python from 3.11 on: before it the limited API has no buffer protocol.
+LIMITED = sys.version_info >= (3, 11) and not sysconfig.get_config_var('Py_GIL_DISABLED')
+# Without a C++ compiler the solver in Python does the same, more slowly.
+core = Extension(
+    package_name + '.solver.core', ['tp_controller/solver/core.cpp'],
+    # The same digits on every processor: no fused products.
+    extra_compile_args=['-std=c++17', '-O3', '-ffp-contract=off', '-fno-math-errno',
+                        '-fopenmp-simd'],
+    define_macros=[('Py_LIMITED_API', '0x030b0000')] if LIMITED else [],
+    py_limited_api=LIMITED, optional=True)
 
 
 def shims():
@@ -46,6 +58,8 @@ setup(
     version='0.1.0',
     packages=find_packages(exclude=['test*']),
     package_data={package_name: ['py.typed']},
+    ext_modules=[core],
+    options={'bdist_wheel': {'py_limited_api': 'cp311'}} if LIMITED else {},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
@@ -65,7 +79,7 @@ setup(
                  'mypy<2.5', 'types-PyYAML', 'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',
-    zip_safe=True,
+    zip_safe=False,
     maintainer='tp_controller contributors',
     maintainer_email='maintainers@users.noreply.github.com',
     description='Prioritized velocity control of redundant robots',

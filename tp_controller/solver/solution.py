@@ -14,6 +14,7 @@
 
 """What the solver returns."""
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -198,8 +199,8 @@ class Solution:
     """
 
     def __init__(self, velocity: Array, hierarchy: list[Level], memory: Memory,
-                 steps: list[LevelStep] | None = None, whole: Array | None = None,
-                 slowed: float = 1.0) -> None:
+                 steps: list[LevelStep] | Callable[[], list[LevelStep]] | None = None,
+                 whole: Array | None = None, slowed: float = 1.0) -> None:
         self.velocity, self.hierarchy, self.memory = velocity, hierarchy, memory
         self.whole, self.slowed = velocity if whole is None else whole, slowed
         self._steps = steps
@@ -213,7 +214,8 @@ class Solution:
     def steps(self) -> list[LevelStep]:
         """Return how each level was carried out."""
         if self._steps is not None:
-            return self._steps
+            # Of the compiled core they are made on demand.
+            return self._steps() if callable(self._steps) else self._steps
         # Nothing was damped and no bound active.
         infinite = np.full(len(self.velocity), np.inf)
         recursion = BoundedHierarchy(Polytope(-infinite, infinite), Damping())
@@ -224,7 +226,7 @@ class Solution:
     def bounded(self) -> bool:
         """Return whether bounds were active."""
         return self._steps is not None and any(
-            step.multipliers is not None for step in self._steps)
+            step.multipliers is not None for step in self.steps)
 
     def singular_values_alone(self, index: int) -> Array:
         """Return the singular values of a level as if there were no other."""

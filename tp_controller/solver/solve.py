@@ -22,11 +22,13 @@ cycle has to remember for the next is a value that goes in and comes out.
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+from functools import cached_property
 import math
 from typing import Any
 
 import numpy as np
 from tp_controller.solver.bounded_hierarchy import BoundedHierarchy, LevelStep
+from tp_controller.solver.compiled import Core, core_for, solve_by_core
 from tp_controller.solver.damping import Damping, Memory
 from tp_controller.solver.errors import SolverError, unknown
 from tp_controller.solver.level import Array, check_bounds, check_levels, Level
@@ -153,6 +155,11 @@ class Options:
         if self.weights is not None:
             object.__setattr__(self, 'weights', _check_weights(self.weights, self.n))
 
+    @cached_property
+    def core(self) -> Core | None:
+        """Return what solves cycles with these options; None for the reference."""
+        return core_for(self.n, self.damping, self.weights, self.scaling)
+
 
 def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
                 options: Options, period: float, speed_cap: Array | None = None,
@@ -177,6 +184,18 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
         The levels hold numbers that are not finite.
 
     """
+    if options.core is not None:
+        found = solve_by_core(options.core, options.n, levels, lower, upper, period, speed_cap,
+                              memory)
+        if found is not None:
+            return found
+    return solve_by_reference(levels, lower, upper, options, period, speed_cap, memory)
+
+
+def solve_by_reference(levels: list[Level], lower: Array | None, upper: Array | None,
+                       options: Options, period: float, speed_cap: Array | None = None,
+                       memory: Memory = ()) -> Solution:
+    """Return what `solve_cycle` does, by what is written in Python."""
     damping = options.damping
     if lower is None or upper is None:
         lower, upper = np.full(options.n, -np.inf), np.full(options.n, np.inf)

@@ -14,6 +14,7 @@
 
 """Random problems for the solver, and helpers that solve them."""
 
+from functools import partial
 import math
 import sys
 from unittest import mock
@@ -23,6 +24,7 @@ import numpy as np
 import pytest
 from reference import projector
 from tp_controller import Level, solve
+from tp_controller.solver import compiled
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
 EXACT = {'rtol': 1e-9, 'atol': 1e-9}
@@ -38,8 +40,9 @@ def near(expected, rel=1e-9):
 
 def by_loop(levels, *bounds, **options):
     """Return what `solve` does without its fast path."""
-    with mock.patch.object(sys.modules['tp_controller.solver.solve'], 'min_norm',
-                           lambda *given: None):
+    with mock.patch.multiple(sys.modules['tp_controller.solver.solve'],
+                             core_for=partial(compiled.core_for, fast=False),
+                             min_norm=lambda *given: None):
         return solve(levels, *bounds, **options)
 
 

@@ -50,6 +50,7 @@ def polytope_and_point(seed, exponent):
 
 # The nearest point
 
+@pytest.mark.solvers('python')
 @given(SEEDS, st.floats(-2.0, 3.0))
 def test_nearest_point_is_the_one_of_an_independent_method(seed, exponent):
     A, lower, upper, inside, point = polytope_and_point(seed, exponent)
@@ -84,6 +85,7 @@ def test_joints_that_can_only_move_together_do_not_leave_their_limits(signs, pus
     assert (A @ solution.velocity >= lower - 16.0 * tolerance).all()
 
 
+@pytest.mark.solvers('python')
 def test_polytope_that_is_hardly_more_than_a_point_is_left_by_no_more_than_the_tolerance():
     # Out of a closed loop: an arm at rest with joints at their limits.
     A = np.array([[1.085173078696e-05, 2e-17], [0.121455747478269, -1.5e-16],
@@ -95,6 +97,7 @@ def test_polytope_that_is_hardly_more_than_a_point_is_left_by_no_more_than_the_t
     assert np.isfinite(multipliers).all()
 
 
+@pytest.mark.solvers('python')
 @given(SEEDS, st.floats(-3.0, 6.0))
 def test_polytope_without_a_point_has_no_nearest_one(seed, exponent):
     A, lower, upper, _, point = polytope_and_point(seed, exponent)
@@ -104,6 +107,7 @@ def test_polytope_without_a_point_has_no_nearest_one(seed, exponent):
     assert nearest_point(point, A, lower, upper) is None
 
 
+@pytest.mark.solvers('python')
 @given(SEEDS, st.floats(1e-6, 1e6))
 def test_program_is_the_nearest_point_in_its_own_metric(seed, unit):
     rng = np.random.default_rng(seed)
@@ -127,6 +131,7 @@ def tiring(answered):
     return SimpleNamespace(solve=solve_some)
 
 
+@pytest.mark.solvers('python')
 def test_program_that_rounding_defeats_moves_nothing(monkeypatch):
     monkeypatch.setattr(qp, 'daqp', tiring(0))
     program = np.eye(2), np.full(2, -1.0), np.ones(2)
@@ -139,6 +144,7 @@ def test_program_that_rounding_defeats_moves_nothing(monkeypatch):
     assert not solution.levels[0].multipliers.any()
 
 
+@pytest.mark.solvers('python')
 @pytest.mark.parametrize('regularisation', [0.0, 0.0025])
 @pytest.mark.parametrize('answered', [1, 3])
 def test_answer_is_kept_where_a_later_program_is_defeated(monkeypatch, regularisation, answered):
@@ -152,6 +158,7 @@ def test_answer_is_kept_where_a_later_program_is_defeated(monkeypatch, regularis
 
 # The program of a level
 
+@pytest.mark.solvers('python')
 @pytest.mark.parametrize('soft', [0.0, 1e-4, 0.0025, 0.5, 2.0])
 @pytest.mark.parametrize('start', [[0.0, 0.0], [1.0, 0.7], [2.0, 4.0]])
 def test_soft_direction_that_helps_a_stiff_one_is_the_formula(soft, start):
@@ -169,6 +176,7 @@ def test_soft_direction_that_helps_a_stiff_one_is_the_formula(soft, start):
     np.testing.assert_allclose(multipliers, [push], rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.solvers('python')
 def test_stiff_program_is_not_regularised_at_all():
     stiffness, target = np.array([1.0, 1.0]), np.array([3.0, 1.0])
     a, multipliers = regularised(stiffness, target, np.eye(2), np.full(2, -np.inf),
@@ -177,6 +185,7 @@ def test_stiff_program_is_not_regularised_at_all():
     np.testing.assert_allclose(multipliers, [2.5, 0.0], rtol=0, atol=1e-12)
 
 
+@pytest.mark.solvers('python')
 @given(SEEDS, st.sampled_from([1e-4, 0.0025, 0.1, 10.0]))
 def test_answer_is_never_worse_than_where_it_began(seed, least):
     rng = np.random.default_rng(seed)
@@ -194,6 +203,7 @@ def test_answer_is_never_worse_than_where_it_began(seed, least):
     assert missed(again) <= missed(a) + 1e-8
 
 
+@pytest.mark.solvers('python')
 @given(SEEDS, st.sampled_from([0.0, 0.0025]))
 def test_target_that_is_allowed_is_the_answer_if_it_began_there(seed, least):
     rng = np.random.default_rng(seed)
@@ -204,6 +214,7 @@ def test_target_that_is_allowed_is_the_answer_if_it_began_there(seed, least):
     np.testing.assert_allclose(multipliers, 0.0, rtol=0, atol=1e-9)
 
 
+@pytest.mark.solvers('python')
 @given(SEEDS)
 def test_exact_program_is_that_of_an_independent_method(seed):
     rng = np.random.default_rng(seed)
@@ -217,6 +228,7 @@ def test_exact_program_is_that_of_an_independent_method(seed):
     np.testing.assert_allclose(A.T @ multipliers, stiffness * (target - a), rtol=0, atol=1e-5)
 
 
+@pytest.mark.solvers('python')
 @pytest.mark.parametrize('ratio', [1e-2, 1e-4, 1e-6])
 def test_exact_program_is_met_however_soft_a_direction_is(ratio):
     # a_1 + a_2 = 0.5 is in the way of (1, 1): the soft one gives way by its stiffness.

@@ -1,0 +1,155 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Which solver runs: the compiled core (`core.cpp`) where it was built, else the reference in Python.
+
+The core does what `tp_controller.solver.solve.solve_cycle` does, in one call. What it cannot solve
+it leaves to the reference, which is counted. The environment variable ``TP_CONTROLLER_SOLVER``
+chooses: ``python``, or ``compiled``, which fails where there is no core.
+"""
+
+from importlib import import_module
+import os
+from types import ModuleType
+from typing import Protocol
+
+import numpy as np
+from tp_controller.solver.bounded_hierarchy import LevelStep
+from tp_controller.solver.damping import Damping, Memory
+from tp_controller.solver.errors import SolverError, unknown
+from tp_controller.solver.level import Array, Level
+from tp_controller.solver.null_space import Directions
+from tp_controller.solver.solution import Solution
+
+VARIABLE = 'TP_CONTROLLER_SOLVER'
+SOLVERS = ('compiled', 'python')
+# Numbers before the arrays of a step.
+HEAD = 8
+
+
+class Core(Protocol):
+    """What a solver of the compiled core does; it keeps its memory from cycle to cycle."""
+
+    def solve(self, levels: list[Level], lower: Array | None, upper: Array | None, period: float,
+              speed_cap: Array | None, memory: Memory,
+              velocity: Array) -> tuple[Memory, bytes | None, float] | None:
+        """Fill in velocities (n,); return what `solve` makes of it, None for the reference."""
+
+
+def load(wanted: str) -> ModuleType | None:
+    """
+    Return the compiled core; None for the reference.
+
+    Parameters
+    ----------
+    wanted : str
+        One of `SOLVERS`; empty: the core where it was built.
+
+    Raises
+    ------
+    SolverError
+        There is no such solver, or the core is wanted and was not built.
+
+    """
+    if wanted and wanted not in SOLVERS:
+        raise SolverError(f'{VARIABLE}: {unknown("solver", wanted, SOLVERS)}')
+    if wanted == 'python':
+        return None
+    try:
+        return import_module('tp_controller.solver.core')
+    except ImportError as error:
+        if wanted:
+            raise SolverError(f'{VARIABLE} is {wanted}, but the core was not built: install the '
+                              f'package again where there is a C++ compiler ({error})') from error
+        return None
+
+
+core = load(os.environ.get(VARIABLE, ''))
+_left = 0
+
+
+def running() -> str:
+    """Return which solver runs, one of `SOLVERS`."""
+    return 'python' if core is None else 'compiled'
+
+
+def left_to_the_reference() -> int:
+    """Return how many cycles the compiled core could not solve, since the package was loaded."""
+    return _left
+
+
+def core_for(n: int, damping: Damping, weights: Array | None, scaling: str,
+             fast: bool = True) -> Core | None:
+    """
+    Return a solver of the core for options that were checked; None where there is no core.
+
+    With the fast path (`tp_controller.solver.min_norm`), or without.
+    """
+    if core is None or n == 0:
+        return None
+    found: Core = core.Solver(n, damping.damping, damping.singular_region,
+                              damping.release_region, damping.regularisation, weights,
+                              scaling == 'uniform', fast)
+    return found
+
+
+def solve_by_core(solver: Core, n: int, levels: list[Level], lower: Array | None,
+                  upper: Array | None, period: float, speed_cap: Array | None,
+                  memory: Memory) -> Solution | None:
+    """Return the `Solution` of one cycle; None where the reference has to solve it."""
+    global _left
+    x = np.empty(n)
+    found = solver.solve(levels, lower, upper, period, speed_cap, memory, x)
+    if found is None:
+        _left += 1
+        return None
+    memory, record, slowed = found
+    if record is None:
+        return Solution(x, levels, memory)
+    whole = np.frombuffer(record, count=n) if slowed < 1.0 else None
+    return Solution(x, levels, memory, lambda: decode(record, n, len(levels)), whole, slowed)
+
+
+def decode(record: bytes, n: int, count: int) -> list[LevelStep]:
+    """Return the steps of all levels, as core.cpp wrote them down (`Record`)."""
+    reader = _Reader(np.frombuffer(record))
+    reader.take(n)
+    return [reader.step(n) for _ in range(count)]
+
+
+class _Reader:
+    """Takes arrays from the front of a row of numbers."""
+
+    def __init__(self, numbers: Array) -> None:
+        self._numbers, self._at = numbers, 0
+
+    def take(self, *shape: int) -> Array:
+        """Return the next array; matrices lie there column by column."""
+        size = int(np.prod(shape))
+        found = self._numbers[self._at:self._at + size]
+        self._at += size
+        return found.reshape(shape[::-1]).T
+
+    def step(self, n: int) -> LevelStep:
+        """Return the next step."""
+        head = self.take(HEAD).tolist()
+        m, rank, k, left, has_multipliers, rows = (int(each) for each in head[:6])
+        velocity, directions = self.take(n), None
+        if m >= 0:
+            directions = Directions(self.take(m, rank), self.take(rank), self.take(n, k), head[6])
+        return LevelStep(
+            velocity, directions, self.take(rank), self.take(n, left) if left >= 0 else None,
+            self.take(n) if has_multipliers else None,
+            self.take(rows) if rows >= 0 else None, head[7])
