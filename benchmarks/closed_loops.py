@@ -43,6 +43,7 @@ from scipy.optimize import lsq_linear
 from tp_controller import Controller, Settings, Stack
 from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.solver import bounded_hierarchy
+from tp_controller.solver.compiled import left_to_the_reference, running
 from tp_controller.solver.qp import regularised
 
 # {robot: (frames tasks are about, frame that some are relative to, axes of a pose task)}
@@ -82,9 +83,11 @@ class Result:
     cycles: int = 0
     # Exceptions and commands that are not finite.
     failures: int = 0
-    # Quadratic programs, and those that rounding defeats.
+    # Of the solver in Python: quadratic programs, and those that rounding defeats.
     programs: int = 0
     unsolved: int = 0
+    # Of the compiled core: cycles that it leaves to the solver in Python.
+    left: int = 0
     # Commands beyond a velocity limit; joints that left their range or went farther out.
     velocity: int = 0
     position: int = 0
@@ -332,13 +335,14 @@ def run(robot_name, cycles, seed):
     Result
 
     """
-    result = Result(robot_name)
+    result, left = Result(robot_name), left_to_the_reference()
     with patch.object(bounded_hierarchy, 'regularised', Programs(result)):
         number = 0
         while result.cycles < cycles:
             episode = Episode(robot_name, seed, number)
             result.cycles += episode.run(result, cycles - result.cycles)
             number += 1
+    result.left = left_to_the_reference() - left
     return result
 
 
@@ -354,8 +358,11 @@ def rows(result):
     ends = ('reached', 'position limit', 'singularity', 'under way')
     yield 'cycles', f'{result.cycles:,}'
     yield 'failures', result.failures
-    yield 'quadratic programs', f'{result.programs:,}'
-    yield '… unsolved', result.unsolved
+    if running() == 'compiled':
+        yield 'left to the solver in Python', result.left
+    else:
+        yield 'quadratic programs', f'{result.programs:,}'
+        yield '… unsolved', result.unsolved
     yield 'velocity limit violated', result.velocity
     yield 'position limit violated', result.position
     yield 'largest acceleration / limit', f'{result.acceleration:.9f}'
