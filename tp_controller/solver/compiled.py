@@ -22,6 +22,7 @@ chooses: ``python``, or ``compiled``, which fails where there is no core.
 
 from importlib import import_module
 import os
+from struct import Struct
 from types import ModuleType
 from typing import Protocol
 
@@ -36,7 +37,7 @@ from tp_controller.solver.solution import Solution
 VARIABLE = 'TP_CONTROLLER_SOLVER'
 SOLVERS = ('compiled', 'python')
 # Numbers before the arrays of a step.
-HEAD = 8
+HEAD = Struct('8d')
 
 
 class Core(Protocol):
@@ -124,32 +125,32 @@ def solve_by_core(solver: Core, n: int, levels: list[Level], lower: Array | None
 
 def decode(record: bytes, n: int, count: int) -> list[LevelStep]:
     """Return the steps of all levels, as core.cpp wrote them down (`Record`)."""
-    reader = _Reader(np.frombuffer(record))
-    reader.take(n)
-    return [reader.step(n) for _ in range(count)]
-
-
-class _Reader:
-    """Takes arrays from the front of a row of numbers."""
-
-    def __init__(self, numbers: Array) -> None:
-        self._numbers, self._at = numbers, 0
-
-    def take(self, *shape: int) -> Array:
-        """Return the next array; matrices lie there column by column."""
-        size = int(np.prod(shape))
-        found = self._numbers[self._at:self._at + size]
-        self._at += size
-        return found.reshape(shape[::-1]).T
-
-    def step(self, n: int) -> LevelStep:
-        """Return the next step."""
-        head = self.take(HEAD).tolist()
-        m, rank, k, left, has_multipliers, rows = (int(each) for each in head[:6])
-        velocity, directions = self.take(n), None
+    numbers, at, steps = np.frombuffer(record), n, []
+    for _ in range(count):
+        *counts, size, bend = HEAD.unpack_from(record, 8 * at)
+        m, rank, k, left, has_multipliers, rows = map(int, counts)
+        at += 8
+        velocity, directions = numbers[at:at + n], None
+        at += n
         if m >= 0:
-            directions = Directions(self.take(m, rank), self.take(rank), self.take(n, k), head[6])
-        return LevelStep(
-            velocity, directions, self.take(rank), self.take(n, left) if left >= 0 else None,
-            self.take(n) if has_multipliers else None,
-            self.take(rows) if rows >= 0 else None, head[7])
+            # Matrices lie there column by column.
+            U = numbers[at:at + m * rank].reshape(rank, m).T
+            at += m * rank
+            s = numbers[at:at + rank]
+            at += rank
+            directions = Directions(U, s, numbers[at:at + n * k].reshape(k, n).T, size)
+            at += n * k
+        followed, relaxed, multipliers, row_multipliers = numbers[at:at + rank], None, None, None
+        at += rank
+        if left >= 0:
+            relaxed = numbers[at:at + n * left].reshape(left, n).T
+            at += n * left
+        if has_multipliers:
+            multipliers = numbers[at:at + n]
+            at += n
+        if rows >= 0:
+            row_multipliers = numbers[at:at + rows]
+            at += rows
+        steps.append(LevelStep(velocity, directions, followed, relaxed, multipliers,
+                               row_multipliers, bend))
+    return steps

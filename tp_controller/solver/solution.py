@@ -121,12 +121,15 @@ class LevelSolution:
         found = self._step.multipliers
         return np.zeros(len(self.velocity)) if found is None else found
 
-    @property
+    @cached_property
     def limited_by(self) -> list[int]:
         """Return the joints whose bounds limit it, as indices, the strongest first."""
-        size = np.abs(self.multipliers)
-        least = max(NEGLIGIBLE * size.max(initial=0.0), ROUNDING)
-        return [int(joint) for joint in np.argsort(-size, kind='stable') if size[joint] > least]
+        if self._step.multipliers is None:
+            return []
+        size = list(map(abs, self._step.multipliers.tolist()))
+        least = max(NEGLIGIBLE * max(size, default=0.0), ROUNDING)
+        return sorted((joint for joint, each in enumerate(size) if each > least),
+                      key=lambda joint: -size[joint])
 
     @property
     def limited_velocity(self) -> Array:
