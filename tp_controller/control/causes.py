@@ -26,8 +26,9 @@ from tp_controller.control.escape import STILL
 from tp_controller.control.velocity_limits import SAME
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
-from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import Level, NEGLIGIBLE
+from tp_controller.solver.min_norm import moves_well
+from tp_controller.solver.null_space import singular_values
 from tp_controller.solver.solution import LevelSolution
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation, norm
@@ -156,8 +157,9 @@ class Causes:
             return ()
         index, found = self._places[id(evaluation)], []
         missing = missing_of(evaluation.level, self._outcome.velocity)
+        size = norm(missing)
         for kind, name, left in self._candidates(index, evaluation, missing):
-            share = 1.0 - norm(left) / norm(missing)
+            share = 1.0 - norm(left) / size
             if share > NOTABLE:
                 found.append(Cause(kind, name, share))
         return tuple(sorted(found, key=lambda cause: -cause.share))
@@ -197,14 +199,21 @@ class Causes:
     def _pushed(self, index: int) -> list[tuple[Any, ...]]:
         """Return (joint, *limits) for all that a level, or one above it, pushes against."""
         commanded, bounds = self._outcome.commanded, self._cycle.bounds
-        found = {(joint, *self.limits_at(level, joint)): True
-                 for level in commanded.levels[:index + 1] for joint in level.limited_by}
+        found = {each: True for level in self._pushed_by[:index + 1] for each in level}
         if commanded.slowed < 1.0:
             # Bounds of levels may have led more joints to their limits than the one that decides.
+            velocity = commanded.velocity.tolist()
             for up, bound in ((True, bounds.upper), (False, bounds.lower)):
-                for joint in np.flatnonzero(np.abs(commanded.velocity - bound) <= SAME).tolist():
-                    found[(joint, *bounds.limits(joint, up))] = True
+                for joint, (one, other) in enumerate(zip(velocity, bound.tolist())):
+                    if abs(one - other) <= SAME:
+                        found[(joint, *bounds.limits(joint, up))] = True
         return list(found)
+
+    @cached_property
+    def _pushed_by(self) -> list[list[tuple[Any, ...]]]:
+        """Return (joint, *limits) for all that a level pushes against, for each level."""
+        return [[(joint, *self.limits_at(level, joint)) for joint in level.limited_by]
+                for level in self._outcome.commanded.levels]
 
     def _without_limits(self, joint: int, limits: Sequence[str]) -> Array:
         """Return the velocities (n,) without some limits of a joint."""
@@ -216,8 +225,7 @@ class Causes:
                 cycle = replace(cycle, speed_cap=cap)
             else:
                 cycle = replace(cycle, bounds=cycle.bounds.without(joint, limits))
-            self._solved[key] = self._again(
-                cycle, self._outcome.commanded.hierarchy, self._pushes)
+            self._solved[key] = self._again(cycle, self._outcome.commanded.hierarchy)
         return self._solved[key]
 
     def _without_task(self, number: int, evaluation: Evaluation) -> Array:
@@ -234,26 +242,27 @@ class Causes:
         if number >= len(hierarchy) or hierarchy[number] is not cycle.levels[number]:
             # While a change fades in it is not in force yet.
             return self._outcome.velocity
-        memory, pushes = list(cycle.memory), list(self._pushes)
-        for values in (memory, pushes):
-            values[number:number + 1] *= len(levels)
+        memory = list(cycle.memory)
+        memory[number:number + 1] *= len(levels)
         other = replace(cycle, memory=tuple(memory), levels=[
             *cycle.levels[:number], *levels, *cycle.levels[number + 1:]])
-        return self._again(other, [*hierarchy[:number], *levels, *hierarchy[number + 1:]], pushes)
+        return self._again(other, [*hierarchy[:number], *levels, *hierarchy[number + 1:]],
+                           number if len(levels) != 1 else None)
 
     @cached_property
     def _pushes(self) -> list[float]:
         """Return h of each level of the stack, from this cycle alone."""
         return _pushes(self._cycle, self._outcome.commanded.hierarchy)
 
-    def _again(self, cycle: Cycle, levels: Sequence[Level], before: Sequence[float]) -> Array:
+    def _again(self, cycle: Cycle, levels: Sequence[Level], without: int | None = None) -> Array:
         """
-        Return the velocities (n,) of a cycle with one change.
+        Return the velocities (n,) of a cycle with one change; a level may be gone.
 
         What it remembers follows from what pushed before (h of each level), and so is no cause
         of its own: it falls as far as the pushes do.
         """
         if any(cycle.memory):
+            before = [h for index, h in enumerate(self._pushes) if index != without]
             after = _pushes(cycle, levels)
             cycle = replace(cycle, memory=tuple(
                 h * new / old if new < old else h
@@ -264,25 +273,23 @@ class Causes:
         """Say whether a level, or one above it, is damped or relaxed."""
         # Bounds of levels that cannot be met are damped, too.
         return any(step.relaxed is not None or step.directions is None and step.multipliers is
-                   not None or step.followed.min(initial=1.0) < 1.0 - NEGLIGIBLE
+                   not None or min(step.followed.tolist(), default=1.0) < 1.0 - NEGLIGIBLE
                    for step in self._outcome.commanded.steps[:index + 1])
 
     @cached_property
     def _undamped(self) -> Array:
         """Return the velocities (n,) without damping or relaxed directions."""
         cycle = self._cycle
-        options = replace(cycle.options, damping=Damping(
-            regularisation=cycle.options.damping.regularisation))
-        return replace(cycle, options=options, period=0.0, memory=()).solve(
+        return replace(cycle, options=cycle.options.undamped, period=0.0, memory=()).solve(
             self._outcome.commanded.hierarchy).velocity
 
     def _singular(self, index: int, evaluation: Evaluation,
                   missing: Array) -> Iterator[tuple[str, str, Array]]:
         """Yield what is missing because the robot can hardly move, or not at all, there."""
         level = evaluation.level
-        if not level.J.size:
+        if not level.J.size or level.is_identity or moves_well(level.J, NEAR_SINGULAR):
             return
-        U, s, V_T = np.linalg.svd(level.J)
+        U, s, V = singular_values(level.J)
         rank = int(np.count_nonzero(s > NEGLIGIBLE * norm(s)))
         if rank < len(U):
             nowhere = U[:, rank:]
@@ -290,7 +297,7 @@ class Causes:
         weak = s[:rank] < NEAR_SINGULAR
         if weak.any():
             stronger = np.maximum(s[:rank], NEAR_SINGULAR)
-            J = (U[:, :rank] * stronger).dot(V_T[:rank])
+            J = (U[:, :rank] * stronger).dot(V[:, :rank].T)
             other = Evaluation(evaluation.task, replace(level, J=J), evaluation.error)
             group = [other if each is evaluation else each for each in self._evaluations[index]]
             yield SINGULARITY, '', missing_of(other.level, self._with(index, levels_of([group])))
@@ -299,11 +306,11 @@ class Causes:
 def _pushes(cycle: Cycle, levels: Sequence[Level]) -> list[float]:
     """Return h of each level of a stack, from one cycle alone, in which levels are carried out."""
     found = replace(cycle, memory=()).solve(levels)
-    pushes = {id(level): step.bend for level, step in zip(levels, found.steps)}
+    pushes = {id(level): h for level, h in zip(levels, found.bends)}
     return [pushes.get(id(level), 0.0) for level in cycle.levels]
 
 
 def missing_of(level: Level, x: Array) -> Array:
     """Return what is missing of the demand of a level, or to its bounds, at velocities x (n,)."""
     achieved = level.J.dot(x)
-    return level.demanded(achieved) - achieved
+    return (level.demanded(achieved) if level.v is None else level.v) - achieved

@@ -65,7 +65,7 @@ class Cycle:
         """Return what carries levels out within bounds on the velocities (n,)."""
         # Levels that are not of the stack have nothing to remember.
         memory = self.memory
-        if levels is not self.levels:
+        if levels is not self.levels and any(memory):
             remembered = {id(level): h for level, h in zip(self.levels, memory)}
             memory = tuple([remembered.get(id(level), 0.0) for level in levels])
         return solve_cycle(list(levels), lower, upper, self.options, self.period,

@@ -120,37 +120,55 @@ def solve_by_core(solver: Core, n: int, levels: list[Level], lower: Array | None
     if record is None:
         return Solution(x, levels, memory)
     whole = np.frombuffer(record, count=n) if slowed < 1.0 else None
-    return Solution(x, levels, memory, lambda: decode(record, n, len(levels)), whole, slowed)
+    return Solution(x, levels, memory, Record(record, n, len(levels)), whole, slowed)
 
 
-def decode(record: bytes, n: int, count: int) -> list[LevelStep]:
-    """Return the steps of all levels, as core.cpp wrote them down (`Record`)."""
-    numbers, at, steps = np.frombuffer(record), n, []
-    for _ in range(count):
-        *counts, size, bend = HEAD.unpack_from(record, 8 * at)
+class Record:
+    """
+    How each level was carried out, as core.cpp wrote it down; see `Record` there.
+
+    Parameters
+    ----------
+    record : bytes
+        Doubles: the velocities before uniform scaling, h of each level, then the steps.
+    n, count : int
+        Number of joints, and of levels.
+
+    """
+
+    def __init__(self, record: bytes, n: int, count: int) -> None:
+        self._record, self._n, self._count = record, n, count
+
+    def bends(self) -> list[float]:
+        """Return `LevelStep.bend` of each level."""
+        found: list[float] = np.frombuffer(self._record, float, self._count, 8 * self._n).tolist()
+        return found
+
+    def all(self) -> list[LevelStep]:
+        """Return the steps of all levels."""
+        self._numbers, self._at = np.frombuffer(self._record), self._n + self._count
+        return [self._step() for _ in range(self._count)]
+
+    def _step(self) -> LevelStep:
+        """Return the step that is next."""
+        *counts, size, bend = HEAD.unpack_from(self._record, 8 * self._at)
         m, rank, k, left, has_multipliers, rows = map(int, counts)
-        at += 8
-        velocity, directions = numbers[at:at + n], None
-        at += n
+        self._at += 8
+        n, take = self._n, self._take
+        velocity, directions = take(n), None
         if m >= 0:
-            # Matrices lie there column by column.
-            U = numbers[at:at + m * rank].reshape(rank, m).T
-            at += m * rank
-            s = numbers[at:at + rank]
-            at += rank
-            directions = Directions(U, s, numbers[at:at + n * k].reshape(k, n).T, size)
-            at += n * k
-        followed, relaxed, multipliers, row_multipliers = numbers[at:at + rank], None, None, None
-        at += rank
-        if left >= 0:
-            relaxed = numbers[at:at + n * left].reshape(left, n).T
-            at += n * left
-        if has_multipliers:
-            multipliers = numbers[at:at + n]
-            at += n
-        if rows >= 0:
-            row_multipliers = numbers[at:at + rows]
-            at += rows
-        steps.append(LevelStep(velocity, directions, followed, relaxed, multipliers,
-                               row_multipliers, bend))
-    return steps
+            directions = Directions(self._columns(m, rank), take(rank), self._columns(n, k), size)
+        return LevelStep(velocity, directions, take(rank),
+                         self._columns(n, left) if left >= 0 else None,
+                         take(n) if has_multipliers else None,
+                         take(rows) if rows >= 0 else None, bend)
+
+    def _take(self, size: int) -> Array:
+        """Return the numbers (size,) that are next."""
+        begin = self._at
+        self._at = begin + size
+        return self._numbers[begin:self._at]
+
+    def _columns(self, rows: int, columns: int) -> Array:
+        """Return the matrix that is next, column by column."""
+        return self._take(rows * columns).reshape(columns, rows).T

@@ -1647,16 +1647,17 @@ Level read_level(Arena &arena, PyObject *object, int n) {
   return level;
 }
 
-// All steps as one row of doubles; `decode` in compiled.py reads it.
+// All steps as one row of doubles; `Record` in compiled.py reads it.
 class Record {
  public:
   explicit Record(const Solver &solver) : n_(solver.n()) {
-    size_t size = n_;
+    size_t size = n_ + solver.steps.size();
     for (const Step &step : solver.steps) size += count(step);
     bytes_ = PyBytes_FromStringAndSize(nullptr, Py_ssize_t(size * sizeof(double)));
     if (!bytes_) return;
     at_ = PyBytes_AsString(bytes_);
     put(solver.whole, n_);
+    for (const Step &step : solver.steps) put(&step.bend, 1);
     for (const Step &step : solver.steps) put(step);
   }
 

@@ -86,16 +86,29 @@ def _weighted(J: Array, v: Array, factor: Array, weights: Array) -> Array | None
     return x + J.T.dot(dpotrs(factor, v - J.dot(x))[0])
 
 
-def _factor(J: Array, size: float, levels: list[Level], damping: Damping,
-            curved: Sequence[float]) -> Array | None:
-    """Return the Cholesky factor of J Jᵀ, ‖J‖ = size; None where J is near a singularity."""
+def moves_well(J: Array, least: float) -> bool:
+    """Say whether all singular values are at least so large; no where that takes more time."""
+    factors = _factors(J, norm(J))
+    return factors is not None and factors[2] * least <= 1.0
+
+
+def _factors(J: Array, size: float) -> tuple[Array, Array, float] | None:
+    """Return R of J Jᵀ = Rᵀ R, R⁻¹, and ‖R⁻¹‖, for ‖J‖ = size; None near a singularity."""
     factor, info = dpotrf(J.dot(J.T))
     if info != 0:
         return None
     inverse = dtrtri(factor)[0]
     largest = norm(inverse)
-    if not WELL_CONDITIONED * size * largest <= 1.0:
+    return (factor, inverse, largest) if WELL_CONDITIONED * size * largest <= 1.0 else None
+
+
+def _factor(J: Array, size: float, levels: list[Level], damping: Damping,
+            curved: Sequence[float]) -> Array | None:
+    """Return R of J Jᵀ = Rᵀ R, ‖J‖ = size; None where J is damped, or near a singularity."""
+    factors = _factors(J, size)
+    if factors is None:
         return None
+    factor, inverse, largest = factors
     if damping.spares(1.0 / largest, max(curved)) or _undamped(levels, inverse, damping, curved):
         return factor
     return None

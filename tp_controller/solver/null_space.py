@@ -85,7 +85,7 @@ def decompose(level: Level, Z: Array | None = None, orthonormal: bool = True) ->
                           size)
     if level.is_identity and orthonormal:
         return Directions(J_bar, np.ones(columns), J_bar, size)
-    U, s, V = _singular_values(J_bar)
+    U, s, V = singular_values(J_bar)
     # Not measured by J Z itself: of a level that repeats the one above, J Z is rounding errors
     # only, and their inverse would be a velocity of 1e16.
     least = NEGLIGIBLE * size
@@ -124,7 +124,7 @@ def null_space(levels: list[Level], n: int) -> Array:
     return Z
 
 
-def _singular_values(J_bar: Array) -> tuple[Array, Array, Array]:
+def singular_values(J_bar: Array) -> tuple[Array, Array, Array]:
     """Return U, s and V; U at least as wide as s is long."""
     if J_bar.shape[1] == 1:
         size = norm(J_bar)

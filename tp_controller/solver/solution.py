@@ -14,8 +14,8 @@
 
 """What the solver returns."""
 
-from collections.abc import Callable
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from tp_controller.solver.bounded_hierarchy import BoundedHierarchy, LevelStep
@@ -184,6 +184,16 @@ class LevelSolution:
         return self._solution.slowed * (self._solution.whole - self.velocity)
 
 
+class Steps(Protocol):
+    """How each level was carried out, written down by the compiled core."""
+
+    def all(self) -> list[LevelStep]:
+        """Return the steps."""
+
+    def bends(self) -> list[float]:
+        """Return `LevelStep.bend` of each."""
+
+
 class Solution:
     """
     The answer of the solver.
@@ -202,8 +212,8 @@ class Solution:
     """
 
     def __init__(self, velocity: Array, hierarchy: list[Level], memory: Memory,
-                 steps: list[LevelStep] | Callable[[], list[LevelStep]] | None = None,
-                 whole: Array | None = None, slowed: float = 1.0) -> None:
+                 steps: list[LevelStep] | Steps | None = None, whole: Array | None = None,
+                 slowed: float = 1.0) -> None:
         self.velocity, self.hierarchy, self.memory = velocity, hierarchy, memory
         self.whole, self.slowed = velocity if whole is None else whole, slowed
         self._steps = steps
@@ -217,13 +227,19 @@ class Solution:
     def steps(self) -> list[LevelStep]:
         """Return how each level was carried out."""
         if self._steps is not None:
-            # Of the compiled core they are made on demand.
-            return self._steps() if callable(self._steps) else self._steps
+            return self._steps if isinstance(self._steps, list) else self._steps.all()
         # Nothing was damped and no bound active.
         infinite = np.full(len(self.velocity), np.inf)
         recursion = BoundedHierarchy(Polytope(-infinite, infinite), Damping())
         return [LevelStep(recursion.x) if level.v is None else recursion.carry_out(level, 0.0)
                 for level in self.hierarchy]
+
+    @property
+    def bends(self) -> list[float]:
+        """Return h of this cycle alone (`tp_controller.solver.damping`), of each level."""
+        if self._steps is None or isinstance(self._steps, list):
+            return [step.bend for step in self.steps]
+        return self._steps.bends()
 
     @property
     def bounded(self) -> bool:

@@ -21,7 +21,7 @@ cycle has to remember for the next is a value that goes in and comes out.
 """
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 import math
 from typing import Any
@@ -159,6 +159,11 @@ class Options:
     def core(self) -> Core | None:
         """Return what solves cycles with these options; None for the reference."""
         return core_for(self.n, self.damping, self.weights, self.scaling)
+
+    @cached_property
+    def undamped(self) -> 'Options':
+        """Return the same without damping or relaxed directions."""
+        return replace(self, damping=Damping(regularisation=self.damping.regularisation))
 
 
 def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
