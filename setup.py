@@ -37,7 +37,7 @@ core = Extension(
     package_name + '.solver.core', ['tp_controller/solver/core.cpp'],
     # The same digits on every processor: no fused products.
     extra_compile_args=['-std=c++17', '-O3', '-ffp-contract=off', '-fno-math-errno',
-                        '-fopenmp-simd'],
+                        '-fopenmp-simd', '-g0'],
     define_macros=[('Py_LIMITED_API', '0x030b0000')] if LIMITED else [],
     py_limited_api=LIMITED, optional=True)
 

@@ -29,6 +29,7 @@ import shutil
 import stat
 import subprocess
 import sys
+import sysconfig
 from xml.etree import ElementTree
 import zipfile
 
@@ -212,15 +213,15 @@ def child_environment(**changes):
 def run(*command, **changes):
     """Run a command and return what it printed."""
     done = subprocess.run(list(map(str, command)), env=child_environment(**changes), cwd='/',
-                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=60)
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=120)
     assert done.returncode == 0, done.stdout
     return done.stdout
 
 
-def pip(*arguments):
+def pip(*arguments, **changes):
     """Run pip without a network, in this very environment."""
     return run(sys.executable, '-m', 'pip', '--disable-pip-version-check', '--no-input',
-               arguments[0], '--quiet', '--no-deps', '--no-index', *arguments[1:])
+               arguments[0], '--quiet', '--no-deps', '--no-index', *arguments[1:], **changes)
 
 
 def build_sdist(source, target):
@@ -233,8 +234,8 @@ def build_sdist(source, target):
 
 
 @pytest.fixture(scope='module')
-def wheel(tmp_path_factory):
-    """Return a wheel, built from a source distribution of this tree."""
+def unpacked(tmp_path_factory):
+    """Return the folder of a source distribution of this tree."""
     pytest.importorskip('pip')
     if importlib.util.find_spec('setuptools.command.bdist_wheel') is None:
         pytest.importorskip('wheel', reason='setuptools is older than 70.1, and no wheel')
@@ -244,13 +245,23 @@ def wheel(tmp_path_factory):
     for name in SHIPPED:
         if (ROOT / name).is_dir():
             shutil.copytree(ROOT / name, source / name,
-                            ignore=shutil.ignore_patterns('__pycache__'))
+                            ignore=shutil.ignore_patterns('__pycache__', '*.so'))
         elif (ROOT / name).exists():
             shutil.copy2(ROOT / name, source / name)
-    unpacked = build_sdist(source, folder)
-    pip('wheel', '--no-build-isolation', '--wheel-dir', folder, unpacked)
+    return build_sdist(source, folder)
+
+
+def build_wheel(unpacked, folder, **changes):
+    """Return a wheel, built from a source distribution."""
+    pip('wheel', '--no-build-isolation', '--wheel-dir', folder, unpacked, **changes)
     result, = folder.glob('*.whl')
     return result
+
+
+@pytest.fixture(scope='module')
+def wheel(unpacked):
+    """Return a wheel."""
+    return build_wheel(unpacked, unpacked.parent)
 
 
 @pytest.fixture(scope='module')
@@ -283,6 +294,37 @@ def test_wheel_holds_every_file(wheel):
     assert f'{PACKAGE}/py.typed' in modes, 'type checkers would ignore the annotations'
     for name in EXECUTABLES:
         assert modes[f'lib/{PACKAGE}/{name}'] & stat.S_IXUSR
+
+
+@pytest.mark.skipif(not any(map(shutil.which, ('c++', 'g++', 'clang++'))), reason='no compiler')
+def test_wheel_holds_the_compiled_core_for_all_later_versions_of_python(wheel, site_packages):
+    with zipfile.ZipFile(wheel) as archive:
+        core, = [name for name in archive.namelist() if '/solver/core' in name]
+    if sys.version_info >= (3, 11) and not sysconfig.get_config_var('Py_GIL_DISABLED'):
+        assert core.endswith('/core.abi3.so') and '-cp311-abi3-' in wheel.name
+    assert solver_of(site_packages) == 'compiled'
+
+
+def test_package_installs_and_works_without_a_compiler(unpacked, tmp_path):
+    # Without what was built in it before.
+    tree = shutil.copytree(unpacked, tmp_path / 'tree', ignore=shutil.ignore_patterns('build'))
+    wheel = build_wheel(tree, tmp_path, CC='false', CXX='false')
+    with zipfile.ZipFile(wheel) as archive:
+        assert not [name for name in archive.namelist() if name.endswith('.so')]
+        archive.extractall(tmp_path / 'installed')
+    assert solver_of(tmp_path / 'installed') == 'python'
+
+
+def solver_of(folder):
+    """Return which solver an installed library has, after it solved something."""
+    code = ('import tp_controller\n'
+            'from tp_controller.solver.compiled import running\n'
+            'assert tp_controller.solve([([[2.0]], [1.0])]).velocity == [0.5]\n'
+            'print(running(), tp_controller.__file__)')
+    name, module = run(sys.executable, '-c', code, PYTHONPATH=python_path(folder),
+                       TP_CONTROLLER_SOLVER='').split()
+    assert Path(module).parents[1] == folder
+    return name
 
 
 def test_ros2_run_finds_the_executables(prefix, monkeypatch):

@@ -262,25 +262,30 @@ struct Directions {
   }
 };
 
-// Turn columns, which lie `stride` apart, until their first m numbers are orthogonal.
+// Turn columns a and b until their first m numbers are orthogonal; say whether they were not.
+inline bool turn(double *a, double *b, int m, int stride, double &aa, double &bb, double noise) {
+  const double ab = dot(a, b, m);
+  if (!(ab * ab > ORTHOGONAL * ORTHOGONAL * aa * bb) || !(std::min(aa, bb) > noise)) return false;
+  const double half = 0.5 * (bb - aa);
+  const double t = ab / (half + std::copysign(std::sqrt(half * half + ab * ab), half));
+  const double c = 1.0 / std::sqrt(1.0 + t * t);
+  rotate(c, c * t, a, b, stride);
+  aa -= t * ab;
+  bb += t * ab;
+  return true;
+}
+
+// One-sided Jacobi for k columns, which lie `stride` apart. Pairs with the same sum, modulo k,
+// have no column in common: a processor turns several at once.
 void orthogonalise(double *B, int m, int stride, int k, double noise, double *square) {
   for (int sweep = 0; sweep < SWEEPS; ++sweep) {
     bool turned = false;
     for (int j = 0; j < k; ++j) square[j] = dot(B + j * stride, B + j * stride, m);
-    for (int p = 0; p + 1 < k; ++p)
-      for (int q = p + 1; q < k; ++q) {
-        if (!(std::min(square[p], square[q]) > noise * noise)) continue;
-        double *a = B + p * stride, *b = B + q * stride;
-        const double g = dot(a, b, m);
-        if (!(g * g > ORTHOGONAL * ORTHOGONAL * square[p] * square[q])) continue;
-        const double zeta = (square[q] - square[p]) / (2.0 * g);
-        const double t = std::copysign(1.0, zeta)
-            / (std::fabs(zeta) + std::sqrt(1.0 + zeta * zeta));
-        const double c = 1.0 / std::sqrt(1.0 + t * t);
-        rotate(c, c * t, a, b, stride);
-        square[p] -= t * g;
-        square[q] += t * g;
-        turned = true;
+    for (int sum = 0; sum < k; ++sum)
+      for (int p = 0; p < k; ++p) {
+        const int q = sum >= p ? sum - p : sum - p + k;
+        if (p < q)
+          turned |= turn(B + p * stride, B + q * stride, m, stride, square[p], square[q], noise);
       }
     if (!turned) return;
   }
@@ -399,7 +404,8 @@ class Decomposition {
   void finish(double *B, int r, const int *order) {
     const int m = m_, stride = m + r;
     double *square = arena_.take(r);
-    orthogonalise(B, m, stride, r, NOISE * found_.size, square);
+    const double noise = NOISE * found_.size;
+    orthogonalise(B, m, stride, r, noise * noise, square);
     int *place = arena_.integers(r);
     for (int j = 0; j < r; ++j) {
       square[j] = norm(B + size_t(j) * stride, m);
