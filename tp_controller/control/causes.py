@@ -96,6 +96,7 @@ class Causes:
                         for evaluation in group}
         # Another task may need the same.
         self._solved: dict[tuple[object, ...], Array] = {}
+        self._limits: dict[tuple[int, bool], list[str]] = {}
 
     @property
     def instead(self) -> str:
@@ -194,7 +195,10 @@ class Causes:
         # The reserve stops a joint before its own bound does.
         if before and cap is not None and math.isfinite(cap[joint]):
             return [RESERVE]
-        return bounds.limits(joint, up)
+        # Levels above and below push against the same ones.
+        if (joint, up) not in self._limits:
+            self._limits[joint, up] = bounds.limits(joint, up)
+        return self._limits[joint, up]
 
     def _pushed(self, index: int) -> list[tuple[Any, ...]]:
         """Return (joint, *limits) for all that a level, or one above it, pushes against."""
@@ -290,12 +294,12 @@ class Causes:
         if not level.J.size or level.is_identity or moves_well(level.J, NEAR_SINGULAR):
             return
         U, s, V = singular_values(level.J)
-        rank = int(np.count_nonzero(s > NEGLIGIBLE * norm(s)))
+        least, sizes = NEGLIGIBLE * norm(s), s.tolist()
+        rank = sum(each > least for each in sizes)
         if rank < len(U):
             nowhere = U[:, rank:]
             yield IMPOSSIBLE, '', missing - nowhere.dot(nowhere.T.dot(missing))
-        weak = s[:rank] < NEAR_SINGULAR
-        if weak.any():
+        if rank and sizes[rank - 1] < NEAR_SINGULAR:
             stronger = np.maximum(s[:rank], NEAR_SINGULAR)
             J = (U[:, :rank] * stronger).dot(V[:, :rank].T)
             other = Evaluation(evaluation.task, replace(level, J=J), evaluation.error)

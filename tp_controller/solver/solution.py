@@ -28,25 +28,23 @@ class LevelSolution:
     """
     How far one level was carried out, and what limited it.
 
-    Everything beyond these attributes is computed when it is read, from what the solver knows
-    already.
-
-    Attributes
-    ----------
-    wanted : ndarray (m,)
-        Demanded task velocity; of a level with bounds, the one within them that is
-        nearest to `achieved`.
-    achieved : ndarray (m,)
-        J q_dot, with the velocity that was returned.
+    Everything is computed when it is read, from what the solver knows already.
 
     """
 
     def __init__(self, index: int, solution: 'Solution') -> None:
         self._index, self._solution = index, solution
-        self._step = solution.steps[index]
-        self._level = level = solution.hierarchy[index]
-        self.achieved = level.J.dot(solution.velocity)
-        self.wanted = level.demanded(self.achieved)
+        self._step, self._level = solution.steps[index], solution.hierarchy[index]
+
+    @cached_property
+    def achieved(self) -> Array:
+        """Return J q_dot (m,), with the velocity that was returned."""
+        return self._level.J.dot(self._solution.velocity)
+
+    @property
+    def wanted(self) -> Array:
+        """Return the demand (m,); of a level with bounds, the one nearest to `achieved`."""
+        return self._level.demanded(self.achieved)
 
     @property
     def residual(self) -> Array:
