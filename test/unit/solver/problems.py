@@ -25,6 +25,9 @@ import pytest
 from reference import projector
 from tp_controller import Level, solve
 from tp_controller.solver import compiled
+from tp_controller.solver.damping import Damping
+from tp_controller.solver.level import check_levels
+from tp_controller.solver.solve import Options
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
 EXACT = {'rtol': 1e-9, 'atol': 1e-9}
@@ -156,3 +159,63 @@ def well_conditioned(n, hierarchy, least=1e-2):
             return False
         above.append((J, None))
     return True
+
+
+# Cycles of the compiled core
+
+OPTIONS = {
+    'default': [Damping(0.1, 0.1, 0.02, 0.02)],
+    'exact': [Damping()],
+    'others': [Damping(0.1, math.inf, 0.0, 0.02), Damping(0.3, 0.3, 0.1, 0.0),
+               Damping(0.0, math.inf, 0.1, 0.1)]}
+
+
+def structured_level(rng, n, above):
+    """Return a level of one of many kinds, which conflicts with those above or repeats them."""
+    m = int(rng.integers(0, max(1, n // 2) + 1))
+    J = rng.standard_normal((m, n))
+    kind = rng.choice(['full', 'full', 'full', 'rank deficient', 'duplicate', 'mixture',
+                       'selection', 'tall', 'posture', 'weak', 'zero'])
+    if kind == 'rank deficient' and m > 1:
+        J = rng.standard_normal((m, m // 2)) @ rng.standard_normal((m // 2, n))
+    elif kind == 'duplicate' and above:
+        J = above[rng.integers(len(above))].J.copy()
+    elif kind == 'mixture' and above:
+        rows = np.concatenate([each.J for each in above])
+        J = rng.standard_normal((m, len(rows))) @ rows / math.sqrt(max(1, len(rows)))
+    elif kind == 'selection':
+        J = np.eye(n)[rng.permutation(n)[:m]]
+    elif kind == 'tall':
+        J = rng.standard_normal((n + 1, n))
+    elif kind == 'posture':
+        J = np.eye(n)
+    elif kind == 'weak' and m:
+        U, s, V_T = np.linalg.svd(J, full_matrices=False)
+        s[-1] = 10.0 ** rng.uniform(-4.0, -0.5)
+        J = U * s @ V_T
+    elif kind == 'zero':
+        J = np.zeros((m, n))
+    if len(J) and rng.random() < 0.25:
+        lower, upper = random_rows(rng, len(J))
+        return Level(J, lower=lower, upper=upper)
+    mode = 'scale' if rng.random() < 0.2 and not any(each.v is None for each in above) \
+        else 'least_squares'
+    return Level(J, rng.standard_normal(len(J)) * 10.0 ** rng.uniform(-1.5, 0.5), mode)
+
+
+def random_cycle(seed, settings):
+    """Return what `solve_cycle` takes, of random shapes, bounds and options."""
+    rng = np.random.default_rng(seed)
+    n, levels = int(rng.integers(1, 13)), []
+    for _ in range(int(rng.integers(0, 6))):
+        levels.append(structured_level(rng, n, levels))
+    lower, upper = random_box(rng, n, str(rng.choice(['symmetric', 'mixed'])))
+    if rng.random() < 0.15:
+        lower = upper = None
+    weights = 10.0 ** rng.uniform(-1.0, 1.0, n) if rng.random() < 0.3 else None
+    scaling = 'uniform' if rng.random() < 0.25 else 'redistribute'
+    options = Options(n, settings[rng.integers(len(settings))], weights, scaling)
+    cap = rng.uniform(0.05, 0.5, n) if scaling == 'redistribute' and rng.random() < 0.3 else None
+    remembered = rng.uniform(0.0, 3.0, len(levels)) * (rng.random(len(levels)) < 0.5)
+    return (check_levels(levels), lower, upper, options, 0.01 if rng.random() < 0.7 else 0.0, cap,
+            tuple(remembered.tolist()) if rng.random() < 0.6 else ())

@@ -16,11 +16,12 @@
 
 from collections import Counter
 import math
+import os
 import shutil
 import sys
 
 import numpy as np
-from problems import random_box, random_rows
+from problems import OPTIONS, random_cycle
 import pytest
 from tp_controller import Level, solve, SolverError
 from tp_controller.solver import bounded_hierarchy, compiled, damping, level, min_norm, qp
@@ -28,65 +29,9 @@ from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import check_levels
 from tp_controller.solver.solve import Options, solve_by_reference, solve_cycle
 
-SETTINGS = {
-    'default': [Damping(0.1, 0.1, 0.02, 0.02)],
-    'exact': [Damping()],
-    'others': [Damping(0.1, math.inf, 0.0, 0.02), Damping(0.3, 0.3, 0.1, 0.0),
-               Damping(0.0, math.inf, 0.1, 0.1)]}
-# benchmarks/core.py has as many as one likes.
-PROBLEMS = 500
+# A long run: TP_CONTROLLER_PROBLEMS=10000 make test PYTEST_FLAGS=test/unit/solver/test_core.py
+PROBLEMS = int(os.environ.get('TP_CONTROLLER_PROBLEMS', '1500'))
 pytestmark = pytest.mark.solvers('compiled')
-
-
-def structured_level(rng, n, above):
-    """Return a level of one of many kinds, which conflicts with those above or repeats them."""
-    m = int(rng.integers(0, max(1, n // 2) + 1))
-    J = rng.standard_normal((m, n))
-    kind = rng.choice(['full', 'full', 'full', 'rank deficient', 'duplicate', 'mixture',
-                       'selection', 'tall', 'posture', 'weak', 'zero'])
-    if kind == 'rank deficient' and m > 1:
-        J = rng.standard_normal((m, m // 2)) @ rng.standard_normal((m // 2, n))
-    elif kind == 'duplicate' and above:
-        J = above[rng.integers(len(above))].J.copy()
-    elif kind == 'mixture' and above:
-        rows = np.concatenate([each.J for each in above])
-        J = rng.standard_normal((m, len(rows))) @ rows / math.sqrt(max(1, len(rows)))
-    elif kind == 'selection':
-        J = np.eye(n)[rng.permutation(n)[:m]]
-    elif kind == 'tall':
-        J = rng.standard_normal((n + 1, n))
-    elif kind == 'posture':
-        J = np.eye(n)
-    elif kind == 'weak' and m:
-        U, s, V_T = np.linalg.svd(J, full_matrices=False)
-        s[-1] = 10.0 ** rng.uniform(-4.0, -0.5)
-        J = U * s @ V_T
-    elif kind == 'zero':
-        J = np.zeros((m, n))
-    if len(J) and rng.random() < 0.25:
-        lower, upper = random_rows(rng, len(J))
-        return Level(J, lower=lower, upper=upper)
-    mode = 'scale' if rng.random() < 0.2 and not any(each.v is None for each in above) \
-        else 'least_squares'
-    return Level(J, rng.standard_normal(len(J)) * 10.0 ** rng.uniform(-1.5, 0.5), mode)
-
-
-def problem(seed, settings):
-    """Return what `solve_cycle` takes, of random shapes, bounds and options."""
-    rng = np.random.default_rng(seed)
-    n, levels = int(rng.integers(1, 13)), []
-    for _ in range(int(rng.integers(0, 6))):
-        levels.append(structured_level(rng, n, levels))
-    lower, upper = random_box(rng, n, str(rng.choice(['symmetric', 'mixed'])))
-    if rng.random() < 0.15:
-        lower = upper = None
-    weights = 10.0 ** rng.uniform(-1.0, 1.0, n) if rng.random() < 0.3 else None
-    scaling = 'uniform' if rng.random() < 0.25 else 'redistribute'
-    options = Options(n, settings[rng.integers(len(settings))], weights, scaling)
-    cap = rng.uniform(0.05, 0.5, n) if scaling == 'redistribute' and rng.random() < 0.3 else None
-    remembered = rng.uniform(0.0, 3.0, len(levels)) * (rng.random(len(levels)) < 0.5)
-    return (check_levels(levels), lower, upper, options, 0.01 if rng.random() < 0.7 else 0.0, cap,
-            tuple(remembered.tolist()) if rng.random() < 0.6 else ())
 
 
 def by_core(levels, lower, upper, options, period=0.0, cap=None, memory=()):
@@ -95,11 +40,11 @@ def by_core(levels, lower, upper, options, period=0.0, cap=None, memory=()):
                                   memory)
 
 
-@pytest.mark.parametrize('settings', SETTINGS)
+@pytest.mark.parametrize('settings', OPTIONS)
 def test_core_gives_the_velocities_of_the_solver_in_python(settings):
     counted = Counter()
     for seed in range(PROBLEMS):
-        given = problem(seed, SETTINGS[settings])
+        given = random_cycle(seed, OPTIONS[settings])
         expected, found = solve_by_reference(*given), by_core(*given)
         counted['left'] += found is None
         if found is not None:
@@ -171,7 +116,7 @@ def test_core_takes_the_fast_path_where_no_bound_is_in_the_way(excess):
 def test_core_remembers_nothing_but_what_it_is_given():
     # Its memory is used again, by stacks of all sizes.
     for seed in range(40):
-        levels, lower, upper, options, period, cap, memory = problem(seed, SETTINGS['default'])
+        levels, lower, upper, options, period, cap, memory = random_cycle(seed, OPTIONS['default'])
         given = levels, lower, upper, options, period, cap, memory
         first = by_core(*given)
         for other in (levels[:1], [*levels, *levels], []):
@@ -218,6 +163,56 @@ def test_core_leaves_what_it_cannot_use_to_the_solver_in_python(levels, lower, u
     assert raw(core, levels, lower, upper, n=2) is None
     # It is none the worse for it.
     assert raw(core, [Level(np.eye(2), np.ones(2))]) is not None
+
+
+def garbage(rng, *shape):
+    """Return an array of numbers of all sizes, and of what is none."""
+    numbers = rng.standard_normal(shape)
+    strange = rng.choice([0.0, 1e-308, 1e-160, 1e-12, 1e8, 1e100, 1e160, 1e308, BAD, math.inf,
+                          -math.inf, -1e100], shape)
+    array = np.where(rng.random(shape) < rng.choice([0.0, 0.02, 0.3]), strange, numbers)
+    return array[::-1] if rng.random() < 0.1 else array
+
+
+def strange_cycle(seed):
+    """Return the number of joints and levels, bounds and more, of shapes that may not fit."""
+    rng = np.random.default_rng(seed)
+    n, levels = int(rng.choice([1, 2, 3, 7, 20])), []
+
+    def size(usual):
+        return int(rng.integers(0, 5)) if rng.random() < 0.02 else usual
+    for _ in range(rng.integers(0, 5)):
+        m = int(rng.integers(0, n + 3))
+        J = garbage(rng, size(m), size(n))
+        if rng.random() < 0.3:
+            edges = np.sort([garbage(rng, m), garbage(rng, m)], axis=0)
+            levels.append(Level(J, lower=edges[0], upper=edges[1]))
+        elif rng.random() < 0.2:
+            levels.append(Level.of_joints(garbage(rng, n)))
+        else:
+            levels.append(Level(J, garbage(rng, size(m)), str(rng.choice(['scale', '']))))
+    lower, upper = -np.abs(garbage(rng, size(n))), np.abs(garbage(rng, size(n)))
+    cap = np.abs(garbage(rng, n)) if rng.random() < 0.3 else None
+    return n, levels, lower, upper, float(np.abs(garbage(rng, 1))[0]), cap, tuple(
+        np.abs(garbage(rng, int(rng.integers(0, 7)))).tolist())
+
+
+@pytest.mark.parametrize('scaling', ['redistribute', 'uniform'])
+def test_core_survives_all_shapes_and_numbers(scaling):
+    cores, answered = {}, 0
+    for seed in range(4 * PROBLEMS):
+        n, levels, lower, upper, period, cap, memory = strange_cycle(seed)
+        options = (Damping(0.1, 0.1, 0.02, 0.02), Damping())[seed % 2]
+        core = cores.setdefault((n, seed % 2), compiled.core_for(n, options, None, scaling))
+        x = np.empty(n)
+        found = core.solve(levels, lower, upper, period, cap, memory, x)
+        if found is not None:
+            answered += 1
+            assert np.isfinite(x).all() and (lower <= x).all() and (x <= upper).all()
+            if found[1] is not None:
+                record = compiled.Record(found[1], n, len(levels))
+                assert len(record.all()) == len(record.bends()) == len(levels)
+    assert answered > PROBLEMS
 
 
 @pytest.mark.parametrize('memory', [None, (BAD,), ('1',), [0.0]])
