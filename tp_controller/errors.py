@@ -38,7 +38,9 @@ __all__ = [
     'Fault', 'GoalError', 'RobotError', 'SettingsError', 'SolverError', 'StackError', 'TaskError',
     'TimeError', 'TpControllerError', 'suggestion', 'unknown']
 
+# What a message shows: characters of a fault, and faults of a stack.
 LONGEST = 2000
+MOST_SHOWN = 30
 
 
 class RobotError(TpControllerError):
@@ -104,7 +106,10 @@ class StackError(TpControllerError):
 
     def __init__(self, faults: Iterable[Fault]) -> None:
         self.faults = tuple(sorted(faults, key=lambda fault: fault.line))
-        super().__init__('; '.join(str(fault) for fault in self.faults))
+        shown = [str(fault) for fault in self.faults[:MOST_SHOWN]]
+        if len(self.faults) > MOST_SHOWN:
+            shown.append(f'and {len(self.faults) - MOST_SHOWN} more')
+        super().__init__('; '.join(shown))
 
 
 def in_words(error: Exception) -> str:

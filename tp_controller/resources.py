@@ -12,18 +12,47 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files by name: paths, ``package://`` names, and text given in place of a file."""
+"""
+Files by name, or text given in place of a file, read as YAML or XML.
+
+What is read may come from anywhere, so there are limits to its size, depth and number of values:
+whatever is given, it is read or refused within about a second.
+"""
 
 from collections.abc import Callable
-from pathlib import Path
+import os
+from pathlib import Path, PurePosixPath
 import re
+import stat
+import time
 from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 from tp_controller.solver.errors import suggestion
 import yaml
 
 PACKAGE = 'tp_controller'
 SCHEME = 'package://'
+# Of example-robot-data's 100 descriptions the largest, TIAGo with two arms, has 210,777
+# characters, 3,851 elements and 7 levels; stacks have about 1,000 characters.
+MOST_YAML_CHARACTERS = 250_000
+MOST_VALUES = 10_000
+MOST_YAML_LEVELS = 32
+# Numbers, names and all else that is not in quotes.
+LONGEST_PLAIN = 1000
+MOST_XML_CHARACTERS = 2_000_000
+MOST_ELEMENTS = 20_000
+MOST_XML_LEVELS = 64
+# XML is parsed in pieces of this many characters, between which other threads can run.
+PIECE = 16_384
+# A file that changed less than this ago may still be written [s].
+SETTLED = 0.02
+# How long to wait for that [s].
+PATIENCE = 1.0
+# Of a file's name, and what a message shows of one that is longer.
+LONGEST_PATH, LONGEST_SHOWN = 1000, 100
+SURROGATE = re.compile('[\ud800-\udfff]')
 
 
 def package_share(package: str = PACKAGE) -> Path:
@@ -63,12 +92,65 @@ def package_share(package: str = PACKAGE) -> Path:
 
 
 class YamlLoader(yaml.SafeLoader):
-    """Safe YAML that reads 1e-3 as a number, as YAML 1.2 does, and not as text."""
+    """
+    Safe YAML with limits.
+
+    It reads 1e-3 as a number, as YAML 1.2 does, and not as text. What an alias stands for counts
+    as often as it is used.
+    """
+
+    def __init__(self, text: str) -> None:
+        check_length(text, MOST_YAML_CHARACTERS)
+        super().__init__(text)
+        self._values = self._levels = 0
+        # How many values there are in a node that is complete.
+        self._sizes: dict[yaml.Node | None, int] = {}
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Return the next node, or refuse what goes beyond a limit."""
+        before = self._values
+        event = self.peek_event()
+        self._levels += 1
+        if self._levels > MOST_YAML_LEVELS:
+            raise _refusal(f'nested too deeply, in more than {MOST_YAML_LEVELS} levels', event)
+        node = super().compose_node(parent, index)
+        self._levels -= 1
+        if isinstance(event, yaml.AliasEvent):
+            if node not in self._sizes:
+                raise _refusal(f'the alias *{event.anchor} is part of what it stands for', event)
+            self._values += self._sizes[node]
+        else:
+            self._values += 1
+            self._sizes[node] = self._values - before
+        if self._values > MOST_VALUES:
+            raise _refusal(f'more than {MOST_VALUES} values, counting what aliases stand for',
+                           event)
+        return node
+
+    def compose_scalar_node(self, anchor: Any) -> yaml.ScalarNode:
+        """Return the next scalar, or refuse one that is too long or no text."""
+        event = self.peek_event()
+        if event.style is None and len(event.value) > LONGEST_PLAIN:
+            raise _refusal(f'a number or word of more than {LONGEST_PLAIN} characters', event)
+        if SURROGATE.search(event.value):
+            raise _refusal('half of a character (a lone surrogate)', event)
+        return super().compose_scalar_node(anchor)
+
+
+def _refusal(problem: str, event: Any) -> yaml.YAMLError:
+    """Return the error of what is valid YAML but beyond a limit."""
+    return yaml.composer.ComposerError(None, None, problem, event.start_mark)
 
 
 YamlLoader.add_implicit_resolver('tag:yaml.org,2002:float',
                                  re.compile(r'[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$'),
                                  list('-+0123456789'))
+
+
+def check_length(text: str, most: int) -> None:
+    """Raise ValueError for a text of more than `most` characters."""
+    if len(text) > most:
+        raise ValueError(f'a text of {len(text)} characters; at most {most} are read')
 
 
 def load_yaml(text: str) -> Any:
@@ -87,15 +169,71 @@ def load_yaml(text: str) -> Any:
     Raises
     ------
     ValueError
-        The text is no YAML, or a value in it cannot be read.
+        The text is no YAML, a value in it cannot be read, or it goes beyond a limit.
 
     """
     try:
         return yaml.load(text, YamlLoader)
-    except RecursionError as error:
-        raise ValueError('not valid YAML: nested too deeply') from error
     except (yaml.YAMLError, LookupError, AttributeError, TypeError) as error:
         raise ValueError(f'not valid YAML: {error}') from error
+
+
+class _Builder(ElementTree.TreeBuilder):
+    """Builds the tree of an XML text within the limits."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._elements = self._levels = 0
+
+    def start(self, tag: str, attributes: dict[str, str]) -> Element:
+        """Begin an element."""
+        self._elements += 1
+        self._levels += 1
+        if self._elements > MOST_ELEMENTS:
+            raise ValueError(f'more than {MOST_ELEMENTS} elements')
+        if self._levels > MOST_XML_LEVELS:
+            raise ValueError(f'nested too deeply, in more than {MOST_XML_LEVELS} levels')
+        return super().start(tag, attributes)
+
+    def end(self, tag: str) -> Element:
+        """End an element."""
+        self._levels -= 1
+        return super().end(tag)
+
+    def doctype(self, name: str, public: str | None, system: str | None) -> None:
+        """Refuse what may declare entities, by which a short text becomes an endless one."""
+        raise ValueError('a document type (<!DOCTYPE …>) is not read')
+
+
+def load_xml(text: str) -> Element:
+    """
+    Return the outermost element of an XML text.
+
+    The text is in Unicode already: an encoding that it names says nothing.
+
+    Parameters
+    ----------
+    text : str
+        One document.
+
+    Returns
+    -------
+    xml.etree.ElementTree.Element
+
+    Raises
+    ------
+    ValueError
+        The text is no XML, or goes beyond a limit.
+
+    """
+    check_length(text, MOST_XML_CHARACTERS)
+    parser = ElementTree.XMLParser(target=_Builder())
+    try:
+        for start in range(0, len(text), PIECE):
+            parser.feed(text[start:start + PIECE])
+        return parser.close()
+    except (ElementTree.ParseError, UnicodeEncodeError) as error:
+        raise ValueError(f'not valid XML: {error}') from error
 
 
 def find_file(name: str | Path) -> Path:
@@ -114,25 +252,58 @@ def find_file(name: str | Path) -> Path:
     Raises
     ------
     FileNotFoundError
-        There is no such file, or ``~user`` names nobody.
+        There is no such file, ``~user`` names nobody, or the path leads out of its package.
 
     """
     if not str(name):
         raise FileNotFoundError('no file: its name is empty')
+    if len(str(name)) > LONGEST_PATH:
+        # Who gives a text for a name gives a long one.
+        raise FileNotFoundError(f'no file {str(name)[:LONGEST_SHOWN]} …')
     if str(name).startswith(SCHEME):
-        package, _, rest = str(name)[len(SCHEME):].partition('/')
-        path = package_share(package) / rest
-    else:
-        try:
-            path = Path(name).expanduser()
-        except RuntimeError as error:
-            raise FileNotFoundError(f'no file {name}: {error}') from error
-    if not path.is_file():
-        raise FileNotFoundError(f'no file {path}')
+        return _package_file(str(name))
+    try:
+        path = Path(name).expanduser()
+    except RuntimeError as error:
+        raise FileNotFoundError(f'no file {name}: {error}') from error
+    return _regular(path)
+
+
+def _package_file(name: str) -> Path:
+    """Return the path of a file of a package."""
+    package, _, rest = name[len(SCHEME):].partition('/')
+    parts = PurePosixPath(rest)
+    if parts.is_absolute() or '..' in parts.parts or '\0' in name:
+        raise FileNotFoundError(f'no file {name}: the path must stay in its package')
+    share = package_share(package)
+    path = _regular(share / parts)
+    if not any(path.resolve().is_relative_to(folder) for folder in _folders(package, share)):
+        raise FileNotFoundError(f'no file {name}: it is a link out of its package')
     return path
 
 
-def read_source(source: str | Path, is_text: Callable[[str], bool]) -> str:
+def _folders(package: str, share: Path) -> list[Path]:
+    """
+    Return the folders that a package's files are in.
+
+    After ``colcon build --symlink-install`` its share directory has links to its source, as of
+    package.xml, and to what was built of it.
+    """
+    source = (share / 'package.xml').resolve().parent
+    builds = [folder / 'build' / package for folder in share.resolve().parents[2:4]]
+    return [share.resolve(), source, *builds]
+
+
+def _regular(path: Path) -> Path:
+    """Return a path; raise OSError where there is no file, or a directory, device or the like."""
+    if not path.is_file():
+        raise FileNotFoundError(
+            f'no file {path}' + (': it is no regular file' if path.exists() else ''))
+    return path
+
+
+def read_source(source: str | Path, is_text: Callable[[str], bool],
+                most: int = MOST_YAML_CHARACTERS) -> str:
     """
     Return the text of `source`, which is a file's name or the text itself.
 
@@ -142,6 +313,8 @@ def read_source(source: str | Path, is_text: Callable[[str], bool]) -> str:
         Text or name.
     is_text : callable
         Says of a string whether it is the text itself.
+    most : int
+        How many characters it may have.
 
     Returns
     -------
@@ -152,13 +325,48 @@ def read_source(source: str | Path, is_text: Callable[[str], bool]) -> str:
     FileNotFoundError
         `source` is no text and there is no such file.
     ValueError
-        The file is none of text in UTF-8.
+        It is too long, or the file is none of text in UTF-8 or still being written.
 
     """
     if isinstance(source, str) and is_text(source):
+        check_length(source, most)
         return source
     path = find_file(source)
+    content = _settled_content(path, most)
     try:
-        return path.read_text(encoding='utf-8')
+        text = content.decode('utf-8')
     except UnicodeDecodeError as error:
         raise ValueError(f'{path} is not text in UTF-8') from error
+    # As files of text are read: \r\n and \r end a line, too.
+    return text.replace('\r\n', '\n').replace('\r', '\n')
+
+
+def _settled_content(path: Path, most: int) -> bytes:
+    """
+    Return the content of a file once nobody writes it any more.
+
+    The first lines of a stack are a stack, too: whoever reads while they are written gets the
+    upper tasks only.
+    """
+    until = time.monotonic() + PATIENCE
+    while True:
+        content, changed = _content(path, most)
+        if not 0.0 <= time.time() - changed < SETTLED:
+            return content
+        if time.monotonic() > until:
+            raise ValueError(f'{path} has been changing for {PATIENCE:g} s: read it when it is '
+                             'complete')
+        time.sleep(SETTLED)
+
+
+def _content(path: Path, most: int) -> tuple[bytes, float]:
+    """Return the content of a file, and when it changed last."""
+    # A fifo that took the file's place meanwhile must not block.
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    with open(descriptor, 'rb') as file:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise FileNotFoundError(f'no file {path}: it is no regular file')
+        content = file.read(most + 1)
+        if len(content) > most:
+            raise ValueError(f'{path} is longer than {most} bytes, more than are read')
+        return content, os.fstat(descriptor).st_mtime

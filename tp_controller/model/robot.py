@@ -36,7 +36,7 @@ from tp_controller.model.urdf import (
     moving_joints,
     parse,
 )
-from tp_controller.resources import read_source
+from tp_controller.resources import MOST_XML_CHARACTERS, read_source
 
 # The frame that Pinocchio has before all others.
 WORLD = 0
@@ -167,7 +167,7 @@ class Robot:
 
         """
         try:
-            urdf = read_source(source, lambda text: '<' in text)
+            urdf = read_source(source, lambda text: '<' in text, MOST_XML_CHARACTERS)
         except (OSError, ValueError) as error:
             raise RobotError(f'robot description: {error}') from error
         return cls(urdf, joints, limits, base, world_frame)

@@ -15,9 +15,8 @@
 """Which links may touch, as an SRDF says."""
 
 from pathlib import Path
-from xml.etree import ElementTree
 
-from tp_controller.resources import read_source
+from tp_controller.resources import load_xml, MOST_XML_CHARACTERS, read_source
 
 # Pinocchio's removeCollisionPairsFromXML removes the same pairs (Panda, UR5, Baxter). But of a
 # file that is none it says "No such node (robot)", and of broken XML "expected >".
@@ -45,11 +44,9 @@ def srdf_pairs(source: str | Path) -> set[frozenset[str]]:
     if not isinstance(source, (str, Path)):
         raise ValueError(f'needs text or the name of a file, got {source!r}')
     try:
-        tree = ElementTree.fromstring(read_source(source, lambda text: '<' in text).encode())
+        tree = load_xml(read_source(source, lambda text: '<' in text, MOST_XML_CHARACTERS))
     except OSError as error:
         raise ValueError(str(error)) from error
-    except ElementTree.ParseError as error:
-        raise ValueError(f'not valid XML: {error}') from error
     if tree.tag != 'robot':
         raise ValueError(f'not an SRDF: the outermost element is <{tree.tag}>, not <robot>')
     return {frozenset((element.get('link1', ''), element.get('link2', '')))

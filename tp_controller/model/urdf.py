@@ -22,10 +22,14 @@ from xml.etree.ElementTree import Element
 
 import pinocchio
 from tp_controller.errors import RobotError, unknown
+from tp_controller.resources import load_xml
 
 MOVING = ('revolute', 'continuous', 'prismatic')
 # A URDF has no word for "unlimited"; limits from here on are taken for none at all.
 UNLIMITED = 1e9
+# The largest of example-robot-data, TIAGo with two arms, has 130 links and 101 moving joints. What
+# Pinocchio stores for a state grows with the third power of the joints: 100 MB for 150.
+MOST_LINKS, MOST_JOINTS = 1000, 150
 # Name of the joint between the world and a base that moves.
 FREE_FLYER = 'free flyer'
 # {follower: (leader, multiplier, offset)}
@@ -35,9 +39,9 @@ MimicRules: TypeAlias = dict[str, tuple[str, float, float]]
 def parse(urdf: str) -> Element:
     """Return the element tree of a URDF text."""
     try:
-        tree = ElementTree.fromstring(urdf.encode())
-    except ElementTree.ParseError as error:
-        raise RobotError(f'robot description is not valid XML: {error}') from error
+        tree = load_xml(urdf)
+    except ValueError as error:
+        raise RobotError(f'robot description: {error}') from error
     if tree.tag != 'robot':
         raise RobotError(f'robot description: the outermost element is <{tree.tag}>, not <robot>')
     if any('xacro' in element.tag for element in tree.iter() if isinstance(element.tag, str)):
@@ -53,6 +57,9 @@ def moving_joints(tree: Element) -> dict[str, Element]:
         if kind in MOVING:
             _check_limit(joint)
             elements[joint.get('name', '')] = joint
+            if len(elements) > MOST_JOINTS:
+                raise RobotError(f'more than {MOST_JOINTS} joints that move: fix those that are '
+                                 'not needed')
         elif kind != 'fixed':
             raise RobotError(f'joint {joint.get("name")!r} is of type {kind!r}; '
                              f'valid: fixed, {", ".join(MOVING)}')
@@ -65,13 +72,10 @@ def check_tree(tree: Element) -> None:
 
     The URDF parser itself only says that the text is not valid.
     """
-    links = [link.get('name') for link in tree.findall('link')]
-    joints = [joint.get('name') for joint in tree.findall('joint')]
-    for what, names in (('link', links), ('joint', joints)):
-        for name in names:
-            if not name or names.count(name) > 1:
-                raise RobotError(f'robot description: every {what} needs a name of its own; '
-                                 f'missing or used twice: {name!r}')
+    links = _names(tree, 'link')
+    _names(tree, 'joint')
+    if len(links) > MOST_LINKS:
+        raise RobotError(f'robot description: {len(links)} links; at most {MOST_LINKS} are read')
     children = set()
     for joint in tree.findall('joint'):
         for end in ('parent', 'child'):
@@ -79,7 +83,7 @@ def check_tree(tree: Element) -> None:
             link = None if element is None else element.get('link')
             if link not in links:
                 raise RobotError(f'joint {joint.get("name")!r}, {end}: '
-                                 f'{unknown("link", link, filter(None, links))}')
+                                 f'{unknown("link", link, links)}')
         if link in children:
             raise RobotError(f'link {link!r} is the child of two joints')
         children.add(link)
@@ -87,6 +91,18 @@ def check_tree(tree: Element) -> None:
     if len(roots) != 1:
         raise RobotError('robot description: the links must make one tree, with one root; '
                          f'without a parent are: {", ".join(map(str, roots)) or "none"}')
+
+
+def _names(tree: Element, what: str) -> dict[str, None]:
+    """Return the names of the links or joints, in order; refuse any that is not its own."""
+    names: dict[str, None] = {}
+    for element in tree.findall(what):
+        name = element.get('name')
+        if not name or name in names:
+            raise RobotError(f'robot description: every {what} needs a name of its own; '
+                             f'missing or used twice: {name!r}')
+        names[name] = None
+    return names
 
 
 def _check_limit(joint: Element) -> None:

@@ -17,6 +17,8 @@
 import difflib
 from typing import Iterable
 
+LONGEST_NAME = 200
+
 
 class TpControllerError(Exception):
     """Base of all errors raised by this package."""
@@ -34,5 +36,9 @@ def unknown(what: str, name: object, valid: Iterable[str]) -> str:
 
 def suggestion(name: object, valid: Iterable[str]) -> str:
     """Return a name in quotes, with the valid name that was meant perhaps."""
+    shown = repr(name)
+    if len(shown) > LONGEST_NAME:
+        # No name: to compare it with all valid ones would take seconds.
+        return f'{shown[:LONGEST_NAME]} …'
     near = difflib.get_close_matches(str(name), list(valid), n=1)
-    return f'{name!r}' + (f' (did you mean {near[0]!r}?)' if near else '')
+    return shown + (f' (did you mean {near[0]!r}?)' if near else '')

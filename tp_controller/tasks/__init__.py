@@ -23,7 +23,7 @@ entry point group ``tp_controller.tasks``, whose entries name the class or its m
 from functools import lru_cache
 from importlib.metadata import entry_points
 
-from tp_controller.errors import TpControllerError
+from tp_controller.errors import in_words, TpControllerError
 from tp_controller.tasks.base_pose import BaseOrientation, BasePose
 from tp_controller.tasks.bounded import BoundedTask
 from tp_controller.tasks.center_of_mass import CenterOfMass
@@ -63,8 +63,9 @@ def _load_entry_points() -> None:
     for entry in entry_points(group=ENTRY_POINTS):
         try:
             entry.load()
-        except (ImportError, AttributeError) as error:
-            raise TpControllerError(f'task types of {entry.value!r}: {error}') from error
+        except Exception as error:
+            # It is code of others, which may fail in any way.
+            raise TpControllerError(f'task types of {entry.value!r}: {in_words(error)}') from error
 
 
 def task_types() -> dict[str, type[Task]]:

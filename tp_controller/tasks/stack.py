@@ -14,14 +14,15 @@
 
 """The stack: a YAML list of tasks, the highest priority first, turned into levels every cycle."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 import inspect
 from pathlib import Path
 import re
+import time
 from typing import Any, TypeAlias
 
 import numpy as np
-from tp_controller.errors import Fault, StackError, suggestion, TaskError, unknown
+from tp_controller.errors import Fault, in_words, StackError, suggestion, TaskError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.state import RobotState
 from tp_controller.resources import read_source, YamlLoader
@@ -34,6 +35,11 @@ import yaml
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}\Z')
 # The tasks of each level.
 Groups: TypeAlias = tuple[tuple[Task, ...], ...]
+# No robot carries out more in time.
+MOST_TASKS = 100
+# For how long tasks are read [s]: only `self_collision` of robots with hundreds of shapes takes
+# more than a second, and types of other packages may take any time.
+SECONDS = 10.0
 LIST_FORM = 'a stack must be a list of "- name: {type: …}", the highest priority first'
 
 
@@ -176,13 +182,13 @@ class _Reader:
         self._types_listed = 0
         # Inequality tasks read so far.
         self._bounded: list[Task] = []
+        # How many entries were read, and until when there is time for more.
+        self._entries, self._until = 0, time.monotonic() + SECONDS
 
     def read(self, text: str) -> list[list[Task]]:
         """Return the groups of tasks."""
         try:
             root = yaml.compose(text, Loader=YamlLoader)
-        except RecursionError as error:
-            raise StackError([Fault(1, '', 'not valid YAML: nested too deeply')]) from error
         except yaml.YAMLError as error:
             mark = getattr(error, 'problem_mark', None)
             line = mark.line + 1 if mark else 1
@@ -222,6 +228,7 @@ class _Reader:
 
     def _task(self, node: yaml.Node) -> Task | None:
         """Return the task of one entry, or None and note what is wrong."""
+        self._check_effort(node)
         if not isinstance(node, yaml.MappingNode) or len(node.value) != 1:
             self._fault(node, '', LIST_FORM)
             return None
@@ -242,6 +249,17 @@ class _Reader:
         else:
             return self._build(self._types[kind], name, key, values, lines)
         return None
+
+    def _check_effort(self, node: yaml.Node) -> None:
+        """Raise `StackError` where there are too many tasks, or reading them takes too long."""
+        self._entries += 1
+        if self._entries > MOST_TASKS:
+            self._fault(node, '', f'more than {MOST_TASKS} tasks')
+        elif time.monotonic() > self._until:
+            self._fault(node, '', f'the tasks above took more than {SECONDS:g} s to read')
+        else:
+            return
+        raise StackError(self._faults)
 
     def _valid_types(self, line: int) -> str:
         """Return which types are valid, as the end of a message; in full only once."""
@@ -280,7 +298,7 @@ class _Reader:
                 # What cannot be shown cannot be told to be wrong: a number of a thousand digits.
                 repr(built)
                 values[key.value] = built
-            except (yaml.YAMLError, ValueError, LookupError, AttributeError) as error:
+            except (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError) as error:
                 # PyYAML lets the errors of a date or number it cannot read through.
                 self._fault(value, f'{name}, {key.value}', _first_line(error))
         return values, lines
@@ -288,7 +306,27 @@ class _Reader:
     def _build(self, task_type: type[Task], name: str, key: yaml.Node, values: dict[str, Any],
                lines: dict[str, int]) -> Task | None:
         """Return a task of a type, or None and note what is wrong with its keys."""
-        accepted = task_type.accepted_keys()
+        missing: list[str] = []
+        try:
+            accepted, described = task_type.accepted_keys(), task_type.described_keys()
+            missing = self._check_keys(name, key, accepted, described, values, lines)
+            # Missing keys are tried as None, so that faults of the other ones are found too.
+            make: Callable[..., Task] = task_type
+            return make(self._robot, name, **dict.fromkeys(missing), **values)
+        except TaskError as error:
+            own_line = key.start_mark.line + 1
+            self._faults.extend(
+                Fault(lines.get(fault_key, own_line), f'{name}, {fault_key}', message)
+                for fault_key, message in error.faults if fault_key not in missing)
+        except Exception as error:
+            # A type may be anybody's code.
+            self._fault(key, name, f'type {task_type.type_name}: {in_words(error)}')
+        return None
+
+    def _check_keys(self, name: str, key: yaml.Node, accepted: Mapping[str, Any],
+                    described: Mapping[str, str], values: dict[str, Any],
+                    lines: Mapping[str, int]) -> list[str]:
+        """Leave out keys that the type does not take, and return those that are missing."""
         for other in set(values) - set(accepted):
             self._faults.append(Fault(lines[other], name,
                                       unknown('key', other, ['type', *accepted])))
@@ -298,18 +336,8 @@ class _Reader:
                    if default is inspect.Parameter.empty and needed not in values]
         for needed in missing:
             if needed not in lines:
-                self._fault(key, name, f'needs the key {needed!r}: '
-                                       f'{task_type.described_keys()[needed]}')
-        try:
-            # Missing keys are tried as None, so that faults of the other ones are found too.
-            make: Callable[..., Task] = task_type
-            return make(self._robot, name, **dict.fromkeys(missing), **values)
-        except TaskError as error:
-            own_line = key.start_mark.line + 1
-            self._faults.extend(
-                Fault(lines.get(fault_key, own_line), f'{name}, {fault_key}', message)
-                for fault_key, message in error.faults if fault_key not in missing)
-            return None
+                self._fault(key, name, f'needs the key {needed!r}: {described[needed]}')
+        return missing
 
     def _fault(self, node: yaml.Node | None, where: str, message: str) -> None:
         """Note a fault at the line of a YAML node."""
