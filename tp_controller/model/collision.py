@@ -19,7 +19,7 @@ Distances come from Pinocchio and its collision library Coal; nothing else here 
 All shapes are convex: a mesh counts as its convex hull.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 import math
 from xml.etree.ElementTree import Element
@@ -29,6 +29,7 @@ import numpy as np
 import pinocchio
 from tp_controller.errors import RobotError, unknown
 from tp_controller.model.kinematics import Kinematics
+from tp_controller.model.meshes import mesh_hull
 from tp_controller.model.shapes import Box, Cylinder, Shape, Sphere
 from tp_controller.model.spatial import Array, pose, rotation_from_rpy
 from tp_controller.model.state import RobotState
@@ -45,6 +46,8 @@ EXACT = 1e-9
 # benchmarks/inequalities.py come as deep as 5.7 mm (obstacles). With 0.001, as Coal has it, they
 # come 2.2 mm deep, with 0.002 to 0.005 at most 0.04 mm, and turn round as often.
 FLAT = 0.003
+# How many pairs one call into Coal is about, half a millisecond if all of them are near.
+BATCH = 128
 HALF_TURN = pinocchio.SE3(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 
 
@@ -180,12 +183,7 @@ def _mesh_hull(shape: Element) -> coal.CollisionGeometry:
     """Return the convex hull of a mesh; OSError where it cannot be read."""
     scale = _numbers(shape.get('scale', '1 1 1'), 3)
     path = find_file((shape.get('filename') or '').removeprefix(FILE_SCHEME))
-    try:
-        mesh = coal.MeshLoader().load(str(path), scale)
-        mesh.buildConvexHull(True, 'Qt')
-    except (RuntimeError, ValueError) as error:
-        raise OSError(f'{path}: {error}') from error
-    return mesh.convex
+    return mesh_hull(path, scale)
 
 
 # The length of a capsule is that between its half-spheres.
@@ -263,19 +261,104 @@ class Clearance:
 
     def __init__(self, kinematics: Kinematics, solids: Sequence[Solid],
                  pairs: Sequence[tuple[int, int]], within: float) -> None:
-        self._kinematics, self._solids, self.pairs = kinematics, solids, sorted(pairs)
+        self._solids, self.pairs = solids, sorted(pairs)
         self.frames = list(dict.fromkeys(solid.frame for solid in solids))
         frame = np.array([self.frames.index(solid.frame) for solid in solids], dtype=int)
         one, other = np.array(self.pairs, dtype=int).reshape(-1, 2).T
         self.first, self.second = frame[one], frame[other]
+        self._batches = [
+            _Batch(kinematics, solids, self.pairs[start:start + BATCH], start, within)
+            for start in range(0, len(self.pairs), BATCH)]
+
+    def move(self, solids: Sequence[Solid]) -> bool:
+        """
+        Put the solids elsewhere on their frames, in a tenth of the time to begin anew.
+
+        Parameters
+        ----------
+        solids : sequence of Solid
+            The same solids, but for their poses.
+
+        Returns
+        -------
+        bool
+            False where they are others, and nothing was done.
+
+        """
+        changed = {index: after for index, (before, after) in enumerate(zip(
+            self._solids, solids)) if after is not before}
+        if len(solids) != len(self._solids) or any(
+                (each.name, each.frame) != (self._solids[index].name, self._solids[index].frame)
+                or each.geometry != self._solids[index].geometry
+                for index, each in changed.items()):
+            return False
+        for batch in self._batches:
+            batch.move(changed)
+        self._solids = solids
+        return True
+
+    def near(self, state: RobotState) -> list[int]:
+        """Return which pairs are nearer than `within`."""
+        return [pair for batch in self._batches for pair in batch.near(state)]
+
+    def nearest(self, state: RobotState, close: float = -math.inf) -> Distances:
+        """
+        Return where pairs are closest, of those that are near.
+
+        Parameters
+        ----------
+        state : RobotState
+            Where the frames are.
+        close : float
+            Of pairs nearer than this corners are given, too [m].
+
+        Returns
+        -------
+        Distances
+            In the root.
+
+        """
+        found = [(pair, batch) for batch in self._batches for pair in batch.near(state)]
+        pairs = [pair for pair, _ in found]
+        contacts = [batch.contact(pair) for pair, batch in found]
+        distances = np.array([contact.penetration_depth for contact in contacts], dtype=float)
+        # Coal's normals go from the first to the second.
+        normals = -np.array([contact.normal for contact in contacts]).reshape(-1, 3)
+        points = np.array([contact.pos for contact in contacts]).reshape(-1, 3)
+        lost = ~np.isfinite(normals.sum(axis=1))
+        corners = {row: found[row][1].corners(pairs[row], normals[row])
+                   for row in np.flatnonzero((distances < close) & ~lost).tolist()}
+        for row in np.flatnonzero(lost).tolist():
+            distances[row], (normals[row], points[row]) = 0.0, found[row][1].guess(pairs[row])
+        rows = [*range(len(pairs)), *(row for row, found in corners.items() for _ in found)]
+        numbers = [number for found in corners.values() for number in range(1, len(found) + 1)]
+        return Distances([pairs[row] for row in rows], [0] * len(pairs) + numbers,
+                         distances[rows], normals[rows],
+                         np.concatenate([points, *filter(len, corners.values())]))
+
+
+class _Batch:
+    """
+    Some of the pairs of a `Clearance`.
+
+    To make them, and to go through all of them, are calls into C++ that no other thread of Python
+    can interrupt: 60 ms for the 5,640 pairs of TIAGo with two arms.
+    """
+
+    def __init__(self, kinematics: Kinematics, solids: Sequence[Solid],
+                 pairs: Sequence[tuple[int, int]], start: int, within: float) -> None:
+        self._kinematics, self._start = kinematics, start
+        # {index of a solid: that of its object in the model}
+        self._objects = {solid: index for index, solid in enumerate(sorted(
+            {solid for pair in pairs for solid in pair}))}
+        self._solids = [solids[solid] for solid in self._objects]
+        self._pairs = [(self._objects[one], self._objects[other]) for one, other in pairs]
         self._model = pinocchio.GeometryModel()
-        for index, each in enumerate(solids):
+        for index, each in enumerate(self._solids):
             self._model.addGeometryObject(pinocchio.GeometryObject(
                 str(index), *self._placed(each), each.geometry))
-        # To add them one by one takes as long as the square of their number.
-        paired = np.zeros((len(solids), len(solids)), dtype=bool)
-        paired[one, other] = True
-        self._model.setCollisionPairs(paired)
+        for one, other in self._pairs:
+            self._model.addCollisionPair(pinocchio.CollisionPair(one, other))
         self._data = self._model.createData()
         request = coal.CollisionRequest(coal.CONTACT, 1)
         # Solids nearer than the margin collide; beyond the bound the search ends early.
@@ -296,89 +379,43 @@ class Clearance:
         joint, placement = self._kinematics.attachment(each.frame)
         return joint, placement * pinocchio.SE3(each.pose)
 
-    def move(self, solids: Sequence[Solid]) -> bool:
-        """
-        Put the solids elsewhere on their frames, in a tenth of the time to begin anew.
-
-        Parameters
-        ----------
-        solids : sequence of Solid
-            The same solids, but for their poses.
-
-        Returns
-        -------
-        bool
-            False where they are others, and nothing was done.
-
-        """
-        changed = [(index, after) for index, (before, after) in enumerate(zip(
-            self._solids, solids)) if after is not before]
-        if len(solids) != len(self._solids) or any(
-                (each.name, each.frame) != (self._solids[index].name, self._solids[index].frame)
-                or each.geometry != self._solids[index].geometry for index, each in changed):
-            return False
+    def move(self, changed: Mapping[int, Solid]) -> None:
+        """Put those solids elsewhere that are of this batch."""
         objects = self._model.geometryObjects
-        for index, each in changed:
-            objects[index].placement = self._placed(each)[1]
-        self._solids = solids
-        return True
+        for solid in self._objects.keys() & changed.keys():
+            objects[self._objects[solid]].placement = self._placed(changed[solid])[1]
 
-    def nearest(self, state: RobotState, close: float = -math.inf) -> Distances:
-        """
-        Return where pairs are closest, of those that are near.
-
-        Parameters
-        ----------
-        state : RobotState
-            Where the frames are.
-        close : float
-            Of pairs nearer than this corners are given, too [m].
-
-        Returns
-        -------
-        Distances
-            In the root.
-
-        """
+    def near(self, state: RobotState) -> list[int]:
+        """Return which pairs are near."""
         state.place(self._model, self._data)
         # All pairs: this loop in C++ ends early for far ones. To sort these out first, by spheres
         # and boxes around the solids in numpy, took longer: distances and Jacobian of 32 pairs of
         # Panda 138 µs instead of 70, of 509 pairs of Baxter 447 instead of 342, of 900 pairs of
         # Panda and 100 obstacles 454 instead of 302.
         pinocchio.computeCollisions(self._model, self._data, False)
-        pairs = [pair for pair, result in enumerate(self._results) if result.isCollision()]
-        contacts = [self._results[pair].getContact(0) for pair in pairs]
-        distances = np.array([contact.penetration_depth for contact in contacts], dtype=float)
-        # Coal's normals go from the first to the second.
-        normals = -np.array([contact.normal for contact in contacts]).reshape(-1, 3)
-        points = np.array([contact.pos for contact in contacts]).reshape(-1, 3)
-        lost = ~np.isfinite(normals.sum(axis=1))
-        corners = {row: self._corners(pairs[row], normals[row])
-                   for row in np.flatnonzero((distances < close) & ~lost).tolist()}
-        for row in np.flatnonzero(lost).tolist():
-            distances[row], (normals[row], points[row]) = 0.0, self._guess(pairs[row])
-        rows = [*range(len(pairs)), *(row for row, found in corners.items() for _ in found)]
-        numbers = [number for found in corners.values() for number in range(1, len(found) + 1)]
-        return Distances([pairs[row] for row in rows], [0] * len(pairs) + numbers,
-                         distances[rows], normals[rows],
-                         np.concatenate([points, *filter(len, corners.values())]))
+        return [pair for pair, result in enumerate(self._results, self._start)
+                if result.isCollision()]
 
-    def _corners(self, pair: int, normal: Array) -> list[Array]:
+    def contact(self, pair: int) -> coal.Contact:
+        """Return where a near pair is closest."""
+        return self._results[pair - self._start].getContact(0)
+
+    def corners(self, pair: int, normal: Array) -> list[Array]:
         """Return the corners of the contact patch of a pair, none where that is a point."""
-        for index in self.pairs[pair]:
+        for index in self._pairs[pair - self._start]:
             T = self._data.oMg[index]
             if isinstance(self._solids[index].geometry, coal.Cylinder) \
                     and T.rotation[:, 2].dot(normal) > 0.0:
                 # Coal goes round the end of a cylinder in its own axes, and finds no patch where
                 # that is the wrong direction. Half a turn about x changes nothing else.
                 self._data.oMg[index] = T * HALF_TURN
-        pinocchio.computeContactPatch(self._model, self._data, pair)
-        patch = self._patches[pair].getContactPatch(0)
+        pinocchio.computeContactPatch(self._model, self._data, pair - self._start)
+        patch = self._patches[pair - self._start].getContactPatch(0)
         return [patch.getPoint(index) for index in range(patch.size())] if patch.size() > 1 else []
 
-    def _guess(self, pair: int) -> tuple[Array, Array]:
+    def guess(self, pair: int) -> tuple[Array, Array]:
         """Return a normal and a point for solids whose distance Coal did not find."""
-        first, second = self.pairs[pair]
+        first, second = self._pairs[pair - self._start]
         one, other = self._data.oMg[first], self._data.oMg[second]
         plane = isinstance(self._solids[second].geometry, coal.Halfspace)
         away = other.rotation[:, 2] if plane else one.translation - other.translation

@@ -103,18 +103,25 @@ class Kinematics:
         found = self.model.frames[self.frame_ids[frame]]
         return found.parentJoint, found.placement
 
-    def adjacent(self, one: str, other: str) -> bool:
-        """Say whether no more than one joint that moves lies between two frames."""
-        return len(self._between(one, other)) <= 1
+    def joints_between(self, frames: Sequence[str]) -> tuple[Array, Array]:
+        """
+        Count the joints on the path from each of some frames to each other.
 
-    def separable(self, one: str, other: str) -> bool:
-        """Say whether driven joints, or the base, move two frames against each other."""
-        return not self._driven_joints.isdisjoint(self._between(one, other))
+        Parameters
+        ----------
+        frames : sequence of str
+            Their names (f,).
 
-    def _between(self, one: str, other: str) -> set[int]:
-        """Return the joints on the path from one frame to another."""
-        ends = (self.attachment(frame)[0] for frame in (one, other))
-        return set.symmetric_difference(*(set(self.model.supports[end]) for end in ends))
+        Returns
+        -------
+        every, driven : ndarray (f, f)
+            How many joints move, and how many of these are driven, a base included.
+
+        """
+        supports = np.zeros((len(frames), self.model.njoints))
+        for row, frame in enumerate(frames):
+            supports[row, list(self.model.supports[self.attachment(frame)[0]])] = 1.0
+        return _different(supports), _different(supports[:, sorted(self._driven_joints)])
 
     def positions(self, q: Array) -> Array:
         """Return the positions of the driven joints (n,) at q, zeros for the base."""
@@ -147,3 +154,9 @@ class Kinematics:
         if not self.base.moves:
             return joints
         return np.concatenate((self.base.moved(q, moved[:7], displacement[:6]), joints))
+
+
+def _different(members: Array) -> Array:
+    """Return for each two rows (f, m) of zeros and ones in how many entries they differ (f, f)."""
+    counts = members.sum(axis=1)
+    return counts[:, np.newaxis] + counts - 2.0 * members @ members.T

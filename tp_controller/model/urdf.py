@@ -121,9 +121,13 @@ def build_model(tree: Element, moving_base: bool = False) -> pinocchio.Model:
 
     A base that moves has a joint of its own before them, which leaves it all freedom.
     """
-    tree = copy.deepcopy(tree)
-    tree.set('name', tree.get('name') or 'robot')
-    for joint in tree.findall('joint'):
+    # Without shapes, as most of a description is: the parser keeps all other threads waiting.
+    slim = Element('robot', name=tree.get('name') or 'robot')
+    for link in tree.findall('link'):
+        ElementTree.SubElement(slim, 'link', name=link.get('name', '')).extend(
+            link.findall('inertial'))
+    slim.extend(copy.deepcopy(tree.findall('joint')))
+    for joint in slim.findall('joint'):
         if joint.get('type') == 'continuous':
             # Pinocchio would hold a continuous joint as cosine and sine and forget its turns.
             joint.set('type', 'revolute')
@@ -134,7 +138,7 @@ def build_model(tree: Element, moving_base: bool = False) -> pinocchio.Model:
             limit.set('upper', repr(UNLIMITED))
     before = (pinocchio.JointModelFreeFlyer(), FREE_FLYER) if moving_base else ()
     try:
-        return pinocchio.buildModelFromXML(ElementTree.tostring(tree, encoding='unicode'), *before)
+        return pinocchio.buildModelFromXML(ElementTree.tostring(slim, encoding='unicode'), *before)
     except (ValueError, RuntimeError) as error:
         raise RobotError(f'robot description: {error}') from error
 

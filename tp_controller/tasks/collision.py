@@ -58,6 +58,8 @@ CLOSE = 0.02
 POSTURES = 100
 # Joints without limits are tried within this [rad or m].
 WIDEST = math.pi
+# TIAGo with two arms has 5,690 pairs.
+MOST_PAIRS = 10_000
 # Every obstacle costs time in every cycle.
 MOST_OBSTACLES = 100
 # In an update of obstacles, the name of all there are so far.
@@ -130,8 +132,7 @@ class CollisionTask(BoundedTask):
     def _arrange(self, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]) -> None:
         """Look at these pairs of solids from now on."""
         self._clearance = Clearance(self.robot.kinematics, solids, pairs, self.within)
-        self._names = [f'{solids[one].name} – {solids[other].name}'
-                       for one, other in self._clearance.pairs]
+        self._names = [_pair_name(solids, pair) for pair in self._clearance.pairs]
 
     def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return the distances of the near pairs (m,) [m], and their Jacobian (m, n)."""
@@ -197,16 +198,20 @@ class SelfCollision(CollisionTask):
         if ignore is not None:
             harmless |= keys.check('ignore', _pairs, robot, ignore) or set()
         keys.raise_faults(name)
-        self._arrange(self._solids, self._candidates(harmless))
-        near = self._mostly_near()
-        self.left_out = [self._names[pair] for pair in near]
-        self._arrange(self._solids, [pair for index, pair in enumerate(self._clearance.pairs)
+        pairs = self._candidates(harmless)
+        if len(pairs) > MOST_PAIRS:
+            keys.faults.append(('links', f'at most {MOST_PAIRS} pairs of shapes, got {len(pairs)}'
+                                         ': name fewer links, or pairs that may touch'))
+            keys.raise_faults(name)
+        near = self._mostly_near(pairs)
+        self.left_out = [_pair_name(self._solids, pairs[index]) for index in sorted(near)]
+        self._arrange(self._solids, [pair for index, pair in enumerate(pairs)
                                      if index not in near])
         self.pairs = list(self._names)
         if not self.pairs:
             keys.faults.append(('links', self._nothing_left()))
         keys.raise_faults(name)
-        if near:
+        if self.left_out:
             self.remarks = (f'not kept apart, as nearer than distance = {self.distance:g} in most '
                             f'postures: {", ".join(self.left_out)}',)
 
@@ -221,20 +226,24 @@ class SelfCollision(CollisionTask):
 
     def _candidates(self, harmless: set[frozenset[str]]) -> list[tuple[int, int]]:
         """Return the pairs of solids (int, int) whose links can move against each other."""
-        found, kinematics = [], self.robot.kinematics
-        for other, second in enumerate(self._solids):
-            for one, first in enumerate(self._solids[:other]):
-                links = first.frame, second.frame
-                if frozenset(links) not in harmless and kinematics.separable(*links) \
-                        and not kinematics.adjacent(*links):
-                    found.append((one, other))
-        return found
+        rows = {frame: row for row, frame in enumerate(
+            dict.fromkeys(each.frame for each in self._solids))}
+        every, driven = self.robot.kinematics.joints_between(list(rows))
+        checked = (every > 1.0) & (driven > 0.0)
+        for links in harmless:
+            if len(links) == 2 and links <= rows.keys():
+                one, other = (rows[link] for link in links)
+                checked[one, other] = checked[other, one] = False
+        row = [rows[each.frame] for each in self._solids]
+        return [(one, other) for one, other in np.argwhere(
+            np.triu(checked[row][:, row], 1)).tolist()]
 
-    def _mostly_near(self) -> list[int]:
+    def _mostly_near(self, pairs: Sequence[tuple[int, int]]) -> set[int]:
         """Return the indices of the pairs that are too near in most postures."""
         robot = self.robot
         state = robot.state(robot.neutral())
-        times = np.zeros(len(self._names))
+        clearance = Clearance(robot.kinematics, self._solids, pairs, self.distance)
+        times = np.zeros(len(pairs))
         # The same postures whenever the stack is read.
         chance = np.random.default_rng(0)
         joints = robot.joint_columns
@@ -242,9 +251,8 @@ class SelfCollision(CollisionTask):
         upper = np.minimum(robot.upper[joints], WIDEST)
         for _ in range(POSTURES):
             state.update(robot.configuration(chance.uniform(lower, np.maximum(lower, upper))))
-            near = self._clearance.nearest(state)
-            times[np.array(near.pairs, dtype=int)[near.distances < self.distance]] += 1
-        return np.flatnonzero(times > 0.5 * POSTURES).tolist()
+            times[clearance.near(state)] += 1
+        return set(np.flatnonzero(times > 0.5 * POSTURES).tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,8 +314,10 @@ class Obstacles(CollisionTask):
                          tolerance=tolerance)
         self._fixed = keys.check('obstacles', _obstacles, {} if obstacles is None else obstacles)
         if self.reference is not None:
-            self._solids = [each for each in self._solids
-                            if robot.kinematics.separable(each.frame, self.reference)]
+            _, driven = robot.kinematics.joints_between(
+                [self.reference, *(each.frame for each in self._solids)])
+            self._solids = [each for each, joints in zip(self._solids, driven[0, 1:])
+                            if joints > 0.0]
             if not self._solids and not keys.faults:
                 keys.faults.append(('links', 'the joints move none of these links against '
                                              f'{self.reference}'))
@@ -379,6 +389,12 @@ class Obstacles(CollisionTask):
             self.goal = {name: obstacle for name, obstacle in other.goal.items()
                          if obstacle is not None}
             self._place()
+
+
+def _pair_name(solids: Sequence[Solid], pair: tuple[int, int]) -> str:
+    """Return what messages call a pair of solids."""
+    one, other = pair
+    return f'{solids[one].name} – {solids[other].name}'
 
 
 def _links(robot: Robot, links: str | Sequence[str] | None) -> list[str] | None:

@@ -304,7 +304,7 @@ def test_what_cannot_be_measured_counts_as_touching():
     for other, normal in (('cylinder', [0.0, 0.0, 1.0]),
                           ('half_space', solids('b')['half_space'].pose[:3, 2])):
         pair = clearance('box', other)
-        pair.clearance._results = [Lost()]
+        pair.clearance._batches[0]._results = [Lost()]
         near = pair.nearest(poses)
         assert near.distances[0] == 0.0 and np.isfinite(near.points).all()
         np.testing.assert_allclose(near.normals[0], normal, atol=1e-12)
