@@ -174,7 +174,7 @@ def load_yaml(text: str) -> Any:
     """
     try:
         return yaml.load(text, YamlLoader)
-    except (yaml.YAMLError, LookupError, AttributeError, TypeError) as error:
+    except (yaml.YAMLError, LookupError, AttributeError, TypeError, ArithmeticError) as error:
         raise ValueError(f'not valid YAML: {error}') from error
 
 
@@ -366,7 +366,8 @@ def _content(path: Path, most: int) -> tuple[bytes, float]:
     with open(descriptor, 'rb') as file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise FileNotFoundError(f'no file {path}: it is no regular file')
-        content = file.read(most + 1)
+        # Of a file that has nothing yet, as some below /proc, None is read.
+        content = file.read(most + 1) or b''
         if len(content) > most:
             raise ValueError(f'{path} is longer than {most} bytes, more than are read')
         return content, os.fstat(descriptor).st_mtime

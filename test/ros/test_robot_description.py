@@ -91,7 +91,7 @@ def test_nothing_is_commanded_before_the_robot_is_known(harness):
 @pytest.mark.parametrize('bad, told', [
     ('', "robot_description must be URDF text, not ''"),
     ('/etc/hostname', "must be URDF text, not '/etc/hostname'"),
-    ('<robot', 'is not valid XML'),
+    ('<robot', 'not valid XML'),
     ('<sdf/>', 'the outermost element is <sdf>'),
     ('<robot name="r"><link name="a"/></robot>', 'no joint to drive'),
     (PANDA_URDF, 'unknown parameter limits.joint2.velocity'),

@@ -103,7 +103,7 @@ FAULTS = [
     ('controller_node', ['--params-file', '{folder}/list.yaml'], '{folder}/list.yaml'),
     ('controller_node', ['--nonsense'], '--nonsense'),
     ('simulator_node', ['-p', 'robot:={folder}/broken.urdf'],
-     'robot description is not valid XML'),
+     'robot description: not valid XML'),
     ('simulator_node', ['-p', 'robot:={folder}/broken.yaml'], 'joints, row 1'),
     ('simulator_node', ['-p', 'speed:=0.0'], 'parameter speed must be from 0.01 to 1000'),
 ]

@@ -17,11 +17,17 @@
 import difflib
 from typing import Iterable
 
-LONGEST_NAME = 200
+# What messages show [characters].
+LONGEST_MESSAGE, LONGEST_NAME = 10_000, 200
 
 
 class TpControllerError(Exception):
     """Base of all errors raised by this package."""
+
+    def __str__(self) -> str:
+        """Return the message, cut where it quotes at length what was given."""
+        text = super().__str__()
+        return text if len(text) <= LONGEST_MESSAGE else f'{text[:LONGEST_MESSAGE]} …'
 
 
 class SolverError(TpControllerError):

@@ -58,8 +58,8 @@ CLOSE = 0.02
 POSTURES = 100
 # Joints without limits are tried within this [rad or m].
 WIDEST = math.pi
-# TIAGo with two arms has 5,690 pairs.
-MOST_PAIRS = 10_000
+# TIAGo with two arms has 5,690 pairs, and 11,200 with 100 obstacles.
+MOST_PAIRS = 15_000
 # Every obstacle costs time in every cycle.
 MOST_OBSTACLES = 100
 # In an update of obstacles, the name of all there are so far.
@@ -321,6 +321,8 @@ class Obstacles(CollisionTask):
             if not self._solids and not keys.faults:
                 keys.faults.append(('links', 'the joints move none of these links against '
                                              f'{self.reference}'))
+        if not keys.faults and len(self._fixed) > self._most():
+            keys.faults.append(('obstacles', self._too_many(len(self._fixed))))
         keys.raise_faults(name)
         self._arrange(self._solids, [])
         self._place()
@@ -330,6 +332,14 @@ class Obstacles(CollisionTask):
         """Return {name: Obstacle} of what stands around."""
         return {name: obstacle for name, obstacle in {**self._fixed, **(self.goal or {})}.items()
                 if obstacle is not None}
+
+    def _most(self) -> int:
+        """Return how many obstacles there may be."""
+        return min(MOST_OBSTACLES, MOST_PAIRS // len(self._solids))
+
+    def _too_many(self, count: int) -> str:
+        """Return what is wrong with so many obstacles."""
+        return f'at most {self._most()} obstacles, got {count}'
 
     def _place(self) -> None:
         """Look at what stands around from now on."""
@@ -369,9 +379,8 @@ class Obstacles(CollisionTask):
             raise GoalError(f'the goal of task {self.name!r}: {error}') from error
         left = set() if ALL in changes else set(self.obstacles)
         left |= {name for name, obstacle in changes.items() if obstacle is not None}
-        if len(left) > MOST_OBSTACLES:
-            raise GoalError(f'the goal of task {self.name!r}: at most {MOST_OBSTACLES} obstacles, '
-                            f'got {len(left)}')
+        if len(left) > self._most():
+            raise GoalError(f'the goal of task {self.name!r}: {self._too_many(len(left))}')
         return changes
 
     def goal_in_reference(self, goal: dict[str, Obstacle | None],
@@ -460,9 +469,6 @@ def _obstacles(given: Any, removals: bool = False) -> dict[str, Obstacle | None]
     """Return {name: Obstacle}, None for one to be removed, or raise."""
     if not isinstance(given, dict):
         raise ValueError(f'needs a mapping {{name: {OBSTACLE_FORM}}}, got {given!r}')
-    count = sum(keys is not None for keys in given.values())
-    if count > MOST_OBSTACLES:
-        raise ValueError(f'at most {MOST_OBSTACLES} obstacles, got {count}')
     return {_name(name, keys, removals): _obstacle(name, keys, removals)
             for name, keys in given.items()}
 

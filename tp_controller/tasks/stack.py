@@ -298,7 +298,8 @@ class _Reader:
                 # What cannot be shown cannot be told to be wrong: a number of a thousand digits.
                 repr(built)
                 values[key.value] = built
-            except (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError) as error:
+            except (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError,
+                    ArithmeticError) as error:
                 # PyYAML lets the errors of a date or number it cannot read through.
                 self._fault(value, f'{name}, {key.value}', _first_line(error))
         return values, lines
