@@ -117,7 +117,7 @@ STATUS = {
     'stalls': 'how often the loop as a whole stood still for longer than `state_timeout`',
     'type': 'type of the task',
     'level': 'level in the stack, 1 is the highest; `disabled` for a disabled task',
-    'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `disabled` or `stopped` '
+    'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `failed`, `disabled` or `stopped` '
               '(zeros are commanded)',
     'error [m]': 'norm of the error, or distance outside its bounds; one key for each unit: '
                  '`[m]`, `[rad]`, `[1]` for ratios, for velocity tasks `[m/s]`, `[rad/s]`',

@@ -26,6 +26,7 @@ Prioritized velocity control of redundant robots.
 from tp_controller.control.controller import Command, Controller
 from tp_controller.control.settings import Settings
 from tp_controller.errors import (
+    EvaluationError,
     GoalError,
     RobotError,
     SettingsError,
@@ -43,6 +44,7 @@ from tp_controller.solver.solve import solve
 from tp_controller.tasks.stack import Stack
 
 __all__ = [
-    'Command', 'Controller', 'GoalError', 'KinematicSimulator', 'Level', 'LevelSolution', 'Robot',
-    'RobotError', 'RobotState', 'Settings', 'SettingsError', 'SimulatorNoise', 'Solution',
-    'SolverError', 'Stack', 'StackError', 'TaskError', 'TimeError', 'TpControllerError', 'solve']
+    'Command', 'Controller', 'EvaluationError', 'GoalError', 'KinematicSimulator', 'Level',
+    'LevelSolution', 'Robot', 'RobotError', 'RobotState', 'Settings', 'SettingsError',
+    'SimulatorNoise', 'Solution', 'SolverError', 'Stack', 'StackError', 'TaskError', 'TimeError',
+    'TpControllerError', 'solve']

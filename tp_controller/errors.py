@@ -24,6 +24,7 @@ The errors a user can meet.
     ├── StackError      the list of tasks has faults (all of them at once, with lines)
     ├── GoalError       a goal is not finite, has the wrong shape or names nothing
     ├── TimeError       a time is not a finite number
+    ├── EvaluationError a task fails in a cycle: it raises an exception, or takes too long
     └── SolverError     the levels handed to ``solve`` do not fit together
 
 Every message names what is wrong and says what is valid.
@@ -35,8 +36,8 @@ from dataclasses import dataclass
 from tp_controller.solver.errors import SolverError, suggestion, TpControllerError, unknown
 
 __all__ = [
-    'Fault', 'GoalError', 'RobotError', 'SettingsError', 'SolverError', 'StackError', 'TaskError',
-    'TimeError', 'TpControllerError', 'suggestion', 'unknown']
+    'EvaluationError', 'Fault', 'GoalError', 'RobotError', 'SettingsError', 'SolverError',
+    'StackError', 'TaskError', 'TimeError', 'TpControllerError', 'suggestion', 'unknown']
 
 # What a message shows: characters of a fault, and faults of a stack.
 LONGEST = 2000
@@ -70,6 +71,14 @@ class GoalError(TpControllerError):
 
 class TimeError(TpControllerError):
     """A time was refused; the controller is as it was before."""
+
+
+class EvaluationError(TpControllerError):
+    """A task failed in a cycle; ``task`` is its name, and ``reason`` says why."""
+
+    def __init__(self, task: str, reason: str) -> None:
+        self.task, self.reason = task, reason
+        super().__init__(f'task {task}: {reason}')
 
 
 @dataclass(frozen=True)
@@ -114,5 +123,11 @@ class StackError(TpControllerError):
 
 def in_words(error: Exception) -> str:
     """Return what an exception says, with its type where it is not one of ours."""
-    return str(error) if isinstance(error, TpControllerError) else \
-        f'{type(error).__name__}: {error}'
+    if isinstance(error, TpControllerError):
+        return str(error)
+    try:
+        text = str(error)
+    except Exception:
+        # An exception may be anybody's code, too.
+        text = 'without a message'
+    return f'{type(error).__name__}: {text[:LONGEST]}'

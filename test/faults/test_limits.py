@@ -146,7 +146,7 @@ def test_largest_descriptions_are_read():
     assert len(Robot.from_urdf(chain(1000, 150)).joint_names) == 150
 
 
-def test_limits_leave_room_for_the_largest_robots_there_are():
+def test_limits_suffice_for_the_largest_robots_there_are():
     large = robots.urdf_path('tiago').with_name('tiago_dual.urdf').read_text()
     tree = load_xml(large)
     assert 4 * len(large) < resources.MOST_XML_CHARACTERS

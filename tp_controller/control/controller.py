@@ -15,6 +15,7 @@
 """The controller: joint positions in, joint velocities and a report out."""
 
 from dataclasses import dataclass
+import math
 from typing import Any
 
 import numpy as np
@@ -24,17 +25,25 @@ from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.cycle_time import check_time, CycleTime
 from tp_controller.control.escape import Escape
 from tp_controller.control.report import Report
-from tp_controller.control.settings import Settings
+from tp_controller.control.settings import Settings, STOP
 from tp_controller.control.transition import Transition
 from tp_controller.control.velocity_limits import VelocityLimits
-from tp_controller.errors import GoalError, SettingsError, TimeError, unknown
+from tp_controller.errors import (
+    EvaluationError,
+    GoalError,
+    SettingsError,
+    SolverError,
+    TimeError,
+    unknown,
+)
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.model.state import RobotState
 from tp_controller.solver.damping import Memory
+from tp_controller.tasks.guard import accept
 from tp_controller.tasks.pose import parse_pose
 from tp_controller.tasks.stack import Groups, levels_of, shared_levels, Stack
-from tp_controller.tasks.task import Goal, Task
+from tp_controller.tasks.task import Evaluation, Goal, Task
 
 ROUNDING = 1e-12
 
@@ -111,25 +120,35 @@ class Controller:
         ------
         SettingsError
             The settings do not fit it; what was in force before stays in force.
+        EvaluationError
+            A task fails when it gets its goal; what was in force before stays in force.
 
         """
         settings = settings or self._settings
         self.check_settings(settings, stack)
         before = self.stack.active
         stack.inherit_goals(self.stack)
+        stack.limit_time(settings.task_budget * settings.period)
         self.stack = stack
         self._started = False
         self._announce_stack(before)
         self.settings = settings
 
     def restart(self) -> None:
-        """Give tasks without a goal, in the next cycle, the value they have then as goal."""
+        """
+        Give tasks without a goal, in the next cycle, the value they have then as goal.
+
+        Raises
+        ------
+        EvaluationError
+            A task fails; the others forget their default goals all the same.
+
+        """
         changed = [any(task.has_default_goal for task in group) for group in self.stack.active]
         if any(changed):
             self._transition.announce(changed.index(True))
-        for task in self.stack.tasks.values():
-            task.reset()
         self._started = False
+        self.stack.reset()
 
     def halt(self, now: float) -> None:
         """
@@ -165,6 +184,7 @@ class Controller:
         self._options = settings.solver_options(self.robot.n)
         self._memory: Memory = ()
         self._time.expect(settings.period)
+        self.stack.limit_time(settings.task_budget * settings.period)
         self._transition.duration = settings.blend
 
     def check_settings(self, settings: Settings, stack: Stack | None = None) -> None:
@@ -218,11 +238,11 @@ class Controller:
         """
         now = check_time(now, 'now', GoalError)
         task = self._task(name)
-        goal = task.parse_goal(goal)
+        goal = accept(task, task.parse_goal, goal)
         if frame is not None:
-            goal = task.goal_in_reference(goal, self._pose_in(task, frame))
+            goal = accept(task, task.goal_in_reference, goal, self._pose_in(task, frame))
         self._announce_goal(task, now)
-        task.set_goal(goal, now)
+        accept(task, task.set_goal, goal, now)
 
     def set_feed_forward(self, name: str, velocity: Any, now: float,
                          frame: str | Array | None = None) -> None:
@@ -244,12 +264,12 @@ class Controller:
         """
         now = check_time(now, 'now', GoalError)
         task = self._task(name)
-        velocity = task.parse_feed_forward(velocity)
+        velocity = accept(task, task.parse_feed_forward, velocity)
         if frame is not None:
-            velocity = task.feed_forward_in_reference(velocity,
-                                                      self._pose_in(task, frame)[:3, :3])
+            velocity = accept(task, task.feed_forward_in_reference, velocity,
+                              self._pose_in(task, frame)[:3, :3])
         self._announce_goal(task, now)
-        task.set_feed_forward(velocity, now)
+        accept(task, task.set_feed_forward, velocity, now)
 
     def enable(self, name: str, enabled: bool) -> None:
         """
@@ -270,7 +290,7 @@ class Controller:
             return
         before = self.stack.active
         if enabled:
-            task.reset()
+            accept(task, task.reset)
             self._started = False
         self.stack.enable(name, enabled)
         self._announce_stack(before)
@@ -306,6 +326,10 @@ class Controller:
             `q` or `passive` has the wrong shape, is not finite, or its quaternion is none.
         TimeError
             `now` or `elapsed` is not a finite number.
+        EvaluationError
+            A task fails, and the setting `task_faults` is ``stop``.
+        SolverError
+            The velocity is not finite.
 
         """
         now = check_time(now, 'now', TimeError)
@@ -317,10 +341,7 @@ class Controller:
             self._state.update(q, passive)
         state = self._state
         state.velocity = self._velocity
-        if not self._started:
-            self.stack.start(state)
-            self._started = True
-        evaluations = self.stack.evaluate(state, now)
+        evaluations = self._evaluate(state, now)
         levels = levels_of(evaluations)
         if self._last_update is None:
             elapsed = self._settings.period
@@ -331,10 +352,28 @@ class Controller:
         cycle = Cycle(levels, bounds, self._options, self._time.mean, self._speed_cap,
                       self._memory)
         outcome = self._blend(cycle, elapsed) or self._follow(cycle)
+        if not math.isfinite(outcome.velocity.dot(outcome.velocity)):
+            self.stack.check(evaluations, self.robot.n)
+            raise SolverError('the velocity that carries the stack out is not finite')
         self._velocity, self._last_update = outcome.velocity, now
         self._memory = outcome.solution.memory
         return Command(outcome.velocity, Report(self.robot, evaluations, self.stack.inactive,
-                                                cycle, outcome))
+                                                cycle, outcome, self.stack.faults))
+
+    def _evaluate(self, state: RobotState, now: float) -> list[list[Evaluation]]:
+        """Return the evaluations of the stack, without the tasks that fail, or raise."""
+        while True:
+            try:
+                if not self._started:
+                    self.stack.start(state)
+                    self._started = True
+                return self.stack.evaluate(state, now)
+            except EvaluationError as error:
+                if self._settings.task_faults == STOP:
+                    raise
+                before = self.stack.active
+                self.stack.switch_off(error.task, error.reason)
+                self._announce_stack(before)
 
     def _follow(self, cycle: Cycle) -> Outcome:
         """Return what carries the stack out."""
@@ -395,16 +434,19 @@ class Controller:
         if self._state is None:
             return []
         found = []
-        for group in self.stack.active:
-            for task in group:
-                # A task that has not started yet may have no goal.
-                if task.goal is None or task.frame is None or task.reference is None:
-                    continue
+        for task in self.stack.active_tasks:
+            # A task that has not started yet may have no goal.
+            if task.goal is None or task.frame is None or task.reference is None:
+                continue
+            try:
                 T_reference_goal = task.goal_pose(self._state)
                 if T_reference_goal is not None:
                     found.append((task.name,
                                   self._state.pose(task.reference).dot(T_reference_goal),
                                   self._state.pose(task.frame)))
+            except Exception:
+                # Of a type of another package: what cannot be shown is left out.
+                continue
         return found
 
     def _pose_in(self, task: Task, frame: str | Array) -> Array:

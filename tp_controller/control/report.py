@@ -14,8 +14,9 @@
 
 """The report of a cycle: for every task its error, and what limits it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
+import math
 
 import numpy as np
 from tp_controller.control.causes import Cause, Causes, missing_of
@@ -23,6 +24,7 @@ from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.reasons import hint_of, limit_text, reason_of
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.tasks.guard import raised
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Evaluation, norm, Task
 
@@ -46,25 +48,40 @@ class TaskReport:
     wanted_speed, achieved_speed : float
         Norm of the demanded task velocity, and of its part that is carried out (over all rows;
         m/s and rad/s are added up as they are).
+    fault : str
+        Why the task failed, in a sentence; empty where it did not.
 
     """
 
     def __init__(self, task: Task, evaluation: Evaluation | None = None,
                  level: int | None = None, velocity: Array | None = None,
-                 causes: Causes | None = None) -> None:
+                 causes: Causes | None = None, fault: str = '') -> None:
         self.name, self.type_name, self.bounded = task.name, task.type_name, task.bounded
         self.level, self._evaluation, self._causes = level, evaluation, causes
         self.reached, self.wanted_speed, self.achieved_speed = False, 0.0, 0.0
+        self.fault = fault
+        try:
+            self.errors = self._measure(task, velocity)
+        except Exception as error:
+            # Of a type of another package; it is carried out all the same.
+            self.fault = fault or raised(task.reported_errors, error)
+            self.errors = tuple((math.nan, unit, tolerance) for _, unit, tolerance in task.groups)
+            self.reached = False
+
+    def _measure(self, task: Task,
+                 velocity: Array | None) -> tuple[tuple[float, str, float], ...]:
+        """Measure speeds, and return the errors."""
+        evaluation = self._evaluation
         if evaluation is None or velocity is None:
             # Nothing is known about a task that is not carried out.
             unknown = np.full(task.rows, np.nan)
-            self.errors = task.reported_errors(unknown, unknown)
-        else:
-            missing = missing_of(evaluation.level, velocity) / task.row_scale
-            achieved = evaluation.level.J.dot(velocity) / task.row_scale
-            self.errors = task.reported_errors(evaluation.error, missing)
-            self.reached = all(value <= tolerance for value, _, tolerance in self.errors)
-            self.wanted_speed, self.achieved_speed = norm(achieved + missing), norm(achieved)
+            return _checked(task.reported_errors(unknown, unknown))
+        missing = missing_of(evaluation.level, velocity) / task.row_scale
+        achieved = evaluation.level.J.dot(velocity) / task.row_scale
+        errors = _checked(task.reported_errors(evaluation.error, missing))
+        self.reached = all(value <= tolerance for value, _, tolerance in errors)
+        self.wanted_speed, self.achieved_speed = norm(achieved + missing), norm(achieved)
+        return errors
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
@@ -76,6 +93,8 @@ class TaskReport:
     @cached_property
     def reason(self) -> str:
         """Return what limits the task, in a sentence; empty where its demand is met."""
+        if self.fault:
+            return self.fault
         if self._causes is None or self._evaluation is None or self.level is None or self.reached:
             return ''
         return reason_of(self._evaluation, self.errors, self.causes, self._causes)
@@ -83,6 +102,8 @@ class TaskReport:
     @cached_property
     def hint(self) -> str:
         """Return what would help, in a sentence; empty where nothing has to."""
+        if self.fault:
+            return 'correct its code, then enable the task again'
         if self._causes is None or self._evaluation is None or not self.reason:
             return ''
         return hint_of(self._evaluation, self.causes, self._causes)
@@ -90,10 +111,13 @@ class TaskReport:
     @property
     def status(self) -> str:
         """
-        Return ``disabled``, ``reached``, ``satisfied`` (bounds), ``moving`` or ``limited``.
+        Return the state of the task in a word.
 
-        Without a cycle it is ``stopped``.
+        ``failed``, ``disabled``, ``reached``, ``satisfied`` (bounds), ``moving`` or ``limited``;
+        ``stopped`` without a cycle.
         """
+        if self.fault:
+            return 'failed'
         if self.level is None:
             return 'disabled'
         if self._evaluation is None:
@@ -107,7 +131,17 @@ def stopped_reports(stack: Stack) -> tuple[TaskReport, ...]:
     """Return a `TaskReport` for every task while the robot is stopped, as `Report.tasks`."""
     return (*(TaskReport(task, level=number)
               for number, group in enumerate(stack.active, 1) for task in group),
-            *map(TaskReport, stack.inactive))
+            *_disabled_reports(stack.inactive, stack.faults))
+
+
+def _disabled_reports(tasks: Sequence[Task], faults: Mapping[str, str]) -> list[TaskReport]:
+    """Return a `TaskReport` for tasks that are disabled, some of them because they failed."""
+    return [TaskReport(task, fault=faults.get(task.name, '')) for task in tasks]
+
+
+def _checked(errors: Iterable[tuple[float, str, float]]) -> tuple[tuple[float, str, float], ...]:
+    """Return errors as numbers; raise where they are none."""
+    return tuple([(float(value), unit, float(tolerance)) for value, unit, tolerance in errors])
 
 
 class Report:
@@ -122,12 +156,16 @@ class Report:
     disabled : sequence of Task
     cycle, outcome : Cycle, Outcome
         What was solved, and what it came to.
+    faults : mapping
+        {name: reason} of the disabled tasks that failed.
 
     """
 
     def __init__(self, robot: Robot, evaluations: Sequence[Sequence[Evaluation]],
-                 disabled: Sequence[Task], cycle: Cycle, outcome: Outcome) -> None:
+                 disabled: Sequence[Task], cycle: Cycle, outcome: Outcome,
+                 faults: Mapping[str, str]) -> None:
         self._robot, self._evaluations, self._disabled = robot, evaluations, disabled
+        self._faults = faults
         self._cycle, self._outcome = cycle, outcome
         self._solution = outcome.solution.moved_to(outcome.velocity)
 
@@ -142,7 +180,7 @@ class Report:
         reports = [TaskReport(evaluation.task, evaluation, number, self._outcome.velocity,
                               self._causes)
                    for number, group in enumerate(self._evaluations, 1) for evaluation in group]
-        return (*reports, *map(TaskReport, self._disabled))
+        return (*reports, *_disabled_reports(self._disabled, self._faults))
 
     @property
     def scale(self) -> float:

@@ -26,6 +26,9 @@ from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import Array
 from tp_controller.solver.solve import Options, SCALINGS
 
+# What is done when a task fails.
+STOP, SWITCH_OFF = 'stop', 'switch off'
+
 
 def _number(default: float, lower: float, upper: float, unit: str, description: str) -> float:
     """Return a field with its range and description."""
@@ -83,6 +86,13 @@ class Settings:
     blend: float = _number(
         0.4, 0.0, 60.0, 's', 'duration of the transition after a change of the stack, a goal or a '
         'setting (0: at once)')
+    task_faults: str = _choice(
+        'stop', (STOP, SWITCH_OFF), 'what is done when a task fails, which raises an exception, '
+        'returns what is no use, or takes too long: the robot stops, or the task is switched off '
+        'until it is enabled again, and the others go on')
+    task_budget: float = _number(
+        0.5, 1e-3, math.inf, '', 'share of the period that the evaluation of a task of another '
+        'package may take; it fails after three longer ones in a row (inf: any time)')
     weights: tuple[float, ...] | None = field(default=None, metadata={
         'unit': '', 'description': 'cost of each velocity, those of a moving base before those '
         'of the joints, all positive: the higher, the less it is used in what all tasks leave '

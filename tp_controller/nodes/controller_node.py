@@ -34,7 +34,7 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tp_controller.control.settings import Settings
-from tp_controller.errors import in_words, RobotError, SettingsError
+from tp_controller.errors import EvaluationError, in_words, RobotError, SettingsError
 from tp_controller.model.robot import Robot
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.loop import boot_time, ControlLoop, INACTIVE
@@ -441,7 +441,11 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
             response.success, response.message = False, f'not started: {lasting}'
             return response
         if loop is not None and (self._stopped or loop.stops.latched):
-            loop.restart()
+            try:
+                loop.restart()
+            except EvaluationError as error:
+                response.success, response.message = False, f'not started: {error}'
+                return response
         self._stopped = False
         self._hold()
         response.success, response.message = True, 'started'

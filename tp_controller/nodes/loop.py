@@ -29,7 +29,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from tp_controller.control.report import Report
-from tp_controller.errors import in_words, RobotError, TpControllerError
+from tp_controller.errors import EvaluationError, in_words, RobotError, TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.nodes.base_topics import FixedBase, MovingBase, waiting
@@ -280,6 +280,9 @@ class ControlLoop:
         try:
             command = self._controller.update(self._base.configuration(self._buffer.q), now,
                                               self._buffer.passive, elapsed)
+        except EvaluationError as error:
+            self.stops.latch(str(error))
+            return self._find_stop_reason(now)
         except TpControllerError as error:
             return str(error)
         except Exception as error:  # of a task that somebody else wrote

@@ -28,7 +28,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 ARROW = (0.08, 0.008)
 LEVELS = {**dict.fromkeys(('reached', 'satisfied', 'moving', 'disabled'), DiagnosticStatus.OK),
-          'limited': DiagnosticStatus.WARN, 'stopped': DiagnosticStatus.WARN}
+          'limited': DiagnosticStatus.WARN, 'stopped': DiagnosticStatus.WARN,
+          'failed': DiagnosticStatus.ERROR}
 COLOURS = ((0.9, 0.1, 0.1), (0.1, 0.7, 0.1), (0.2, 0.3, 0.95))
 
 

@@ -119,7 +119,7 @@ def check_levels(levels: Iterable[Any]) -> list[Level]:
     except TypeError as error:
         raise SolverError(f'levels must be a sequence of Level or (J, v), not {levels!r}') \
             from error
-    levels = [_check_level(level, f'level {number}') for number, level in enumerate(levels, 1)]
+    levels = [check_level(level, f'level {number}') for number, level in enumerate(levels, 1)]
     widths = [level.J.shape[1] for level in levels]
     if len(set(widths)) > 1:
         raise SolverError(f'levels disagree on the number of joints: {widths}')
@@ -134,8 +134,8 @@ def check_levels(levels: Iterable[Any]) -> list[Level]:
     return levels
 
 
-def _check_level(level: Any, name: str) -> Level:
-    """Return one level, its arrays of floats."""
+def check_level(level: Any, name: str) -> Level:
+    """Return one level, its arrays of floats; `SolverError` as in `check_levels`."""
     if not isinstance(level, Level):
         try:
             level = Level(*level)

@@ -22,12 +22,21 @@ import time
 from typing import Any, TypeAlias
 
 import numpy as np
-from tp_controller.errors import Fault, in_words, StackError, suggestion, TaskError, unknown
+from tp_controller.errors import (
+    EvaluationError,
+    Fault,
+    in_words,
+    StackError,
+    suggestion,
+    TaskError,
+    unknown,
+)
 from tp_controller.model.robot import Robot
 from tp_controller.model.state import RobotState
 from tp_controller.resources import read_source, YamlLoader
 from tp_controller.solver.level import Level
 from tp_controller.tasks import task_types
+from tp_controller.tasks.guard import attempt, check, Guard, is_foreign
 from tp_controller.tasks.task import Evaluation, Task
 import yaml
 
@@ -35,6 +44,8 @@ import yaml
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}\Z')
 # The tasks of each level.
 Groups: TypeAlias = tuple[tuple[Task, ...], ...]
+# What the constructor of every task sets.
+MADE = ('name', 'units', 'gain', 'groups', 'mode', 'goal')
 # No robot carries out more in time.
 MOST_TASKS = 100
 # For how long tasks are read [s]: only `self_collision` of robots with hundreds of shapes takes
@@ -55,6 +66,8 @@ class Stack:
         The tasks of each level, the highest priority first.
     disabled : set of str
         Names of the tasks that are left out until they are enabled again.
+    faults : mapping
+        {name: reason} of those of them that were switched off because they failed.
     active, active_tasks, inactive : tuple
         Enabled tasks by level, the same in one row, and disabled ones.
 
@@ -64,6 +77,9 @@ class Stack:
         self.groups: Groups = tuple(tuple(group) for group in groups)
         self.tasks = {task.name: task for group in self.groups for task in group}
         self.disabled: set[str] = set()
+        self.faults: Mapping[str, str] = {}
+        self._guard = Guard()
+        self._foreign = any(map(is_foreign, self.tasks.values()))
         self._arrange()
 
     @classmethod
@@ -93,20 +109,47 @@ class Stack:
     def enable(self, name: str, enabled: bool) -> None:
         """Enable or disable a task."""
         (self.disabled.discard if enabled else self.disabled.add)(name)
+        self.faults = {other: reason for other, reason in self.faults.items() if other != name}
+        self._guard.forget(name)
         self._arrange()
 
+    def switch_off(self, name: str, reason: str) -> None:
+        """Disable a task that failed, until it is enabled again."""
+        self.enable(name, False)
+        self.faults = {**self.faults, name: reason}
+
+    def limit_time(self, budget: float) -> None:
+        """Set how long the evaluation of a task of another package may take [s]."""
+        self._guard.budget = budget
+
     def inherit_goals(self, other: 'Stack') -> None:
-        """Go on with the goals of another stack, task by task of the same name and kind."""
+        """
+        Go on with the goals of another stack, task by task of the same name and kind.
+
+        What was switched off because it failed gets another chance.
+        """
         for name, task in self.tasks.items():
             if name in other.tasks:
-                task.inherit_goal(other.tasks[name])
-        self.disabled = other.disabled & set(self.tasks)
+                attempt(task, task.inherit_goal, other.tasks[name])
+        self.disabled = (other.disabled - other.faults.keys()) & set(self.tasks)
         self._arrange()
 
     def start(self, state: RobotState) -> None:
         """Give every task without a goal its value at a `RobotState` as default goal."""
+        for name, task in self.tasks.items():
+            if name not in self.faults:
+                attempt(task, task.start, state)
+
+    def reset(self) -> None:
+        """Let tasks forget their default goals."""
+        failed = None
         for task in self.tasks.values():
-            task.start(state)
+            try:
+                attempt(task, task.reset)
+            except EvaluationError as error:
+                failed = error
+        if failed:
+            raise failed
 
     def evaluate(self, state: RobotState, now: float) -> list[list[Evaluation]]:
         """
@@ -124,8 +167,26 @@ class Stack:
         list of list of Evaluation
             For each group of `active`.
 
+        Raises
+        ------
+        EvaluationError
+            A task fails.
+
         """
-        return [[task.evaluate(state, now) for task in group] for group in self.active]
+        if not self._foreign:
+            try:
+                return [[task.evaluate(state, now) for task in group] for group in self.active]
+            except Exception:
+                # Which one it was comes out below.
+                pass
+        return [[self._guard.evaluate(task, state, now) for task in group]
+                for group in self.active]
+
+    def check(self, evaluations: Sequence[Sequence[Evaluation]], n: int) -> None:
+        """Raise `EvaluationError` where a task, of whatever package, returned what is no use."""
+        for group in evaluations:
+            for evaluation in group:
+                check(evaluation.task, evaluation, n)
 
     def levels(self, state: RobotState, now: float) -> list[Level]:
         """Return the `Level` of each group of `active` at a state."""
@@ -155,10 +216,18 @@ def shared_levels(before: Groups, after: Groups) -> int:
     """Return how many of the upper levels of two stacks demand the same, now and later on."""
     count = 0
     for old, new in zip(before, after):
-        if len(old) != len(new) or not all(map(Task.is_equivalent, new, old)):
+        if len(old) != len(new) or not all(map(_is_equivalent, new, old)):
             break
         count += 1
     return count
+
+
+def _is_equivalent(one: Task, other: Task) -> bool:
+    """Say whether a task demands what another does; where that fails, it does not."""
+    try:
+        return bool(one.is_equivalent(other))
+    except Exception:
+        return False
 
 
 def _joined(levels: Sequence[Level]) -> Level:
@@ -313,7 +382,11 @@ class _Reader:
             missing = self._check_keys(name, key, accepted, described, values, lines)
             # Missing keys are tried as None, so that faults of the other ones are found too.
             make: Callable[..., Task] = task_type
-            return make(self._robot, name, **dict.fromkeys(missing), **values)
+            task = make(self._robot, name, **dict.fromkeys(missing), **values)
+            if all(hasattr(task, attribute) for attribute in MADE):
+                return task
+            self._fault(key, name, f'type {task_type.type_name}: its constructor must call that '
+                                   'of Task')
         except TaskError as error:
             own_line = key.start_mark.line + 1
             self._faults.extend(

@@ -1,0 +1,165 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Tasks that fail.
+
+A type may be anybody's code, which can raise any exception, return anything and take any time. The
+types of this package are only named where they raise an exception: to check what they return is
+what tests are for, and would cost time in every cycle.
+"""
+
+from collections.abc import Callable
+import math
+import time
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from tp_controller.errors import (
+    EvaluationError,
+    GoalError,
+    in_words,
+    SolverError,
+    TpControllerError,
+)
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
+from tp_controller.solver.level import check_level
+from tp_controller.tasks.task import Evaluation, Task
+
+PACKAGE = __name__.partition('.')[0]
+# In how many cycles in a row a task may take too long. One alone proves nothing: the machine may
+# have stood still.
+PATIENCE = 3
+
+Given = ParamSpec('Given')
+Returned = TypeVar('Returned')
+
+
+def is_foreign(task: Task) -> bool:
+    """Say whether a type is of another package."""
+    return type(task).__module__.partition('.')[0] != PACKAGE
+
+
+def attempt(task: Task, method: Callable[Given, Returned], *arguments: Given.args,
+            **options: Given.kwargs) -> Returned:
+    """Return what a method of a task does; `EvaluationError` where it raises any exception."""
+    try:
+        return method(*arguments, **options)
+    except Exception as error:
+        raise EvaluationError(task.name, raised(method, error)) from error
+
+
+def accept(task: Task, method: Callable[Given, Returned], *arguments: Given.args,
+           **options: Given.kwargs) -> Returned:
+    """Return what a method of a task that takes a goal does; `GoalError` where it fails."""
+    try:
+        return method(*arguments, **options)
+    except TpControllerError:
+        raise
+    except Exception as error:
+        raise GoalError(f'task {task.name}: {raised(method, error)}') from error
+
+
+def raised(method: Callable[..., object], error: Exception) -> str:
+    """Return which method raised what, in a sentence."""
+    return f'{getattr(method, "__name__", "it")} raised {in_words(error)}'
+
+
+class Guard:
+    """
+    Evaluates tasks that may fail.
+
+    Attributes
+    ----------
+    budget : float
+        How long the evaluation of a task of another package may take, on the steady clock [s].
+
+    """
+
+    def __init__(self) -> None:
+        self.budget = math.inf
+        # {task: in how many cycles it took too long, without a break}
+        self._slow: dict[str, int] = {}
+
+    def forget(self, name: str) -> None:
+        """Forget how long a task took."""
+        self._slow.pop(name, None)
+
+    def evaluate(self, task: Task, state: RobotState, now: float) -> Evaluation:
+        """Return the `Evaluation` of a task; `EvaluationError` where it fails."""
+        began = time.perf_counter()
+        evaluation = attempt(task, task.evaluate, state, now)
+        if is_foreign(task):
+            self._check_time(task.name, time.perf_counter() - began)
+            check(task, evaluation, len(state.velocity))
+        return evaluation
+
+    def _check_time(self, name: str, took: float) -> None:
+        """Raise `EvaluationError` where a task takes too long again and again."""
+        if took <= self.budget:
+            self._slow[name] = 0
+            return
+        self._slow[name] = self._slow.get(name, 0) + 1
+        if self._slow[name] >= PATIENCE:
+            self._slow[name] = 0
+            raise EvaluationError(name, f'evaluate took more than {1e3 * self.budget:.3g} ms in '
+                                        f'{PATIENCE} cycles in a row, now {1e3 * took:.3g} ms')
+
+
+def check(task: Task, evaluation: Evaluation, n: int) -> None:
+    """
+    Check what a task returned, and make its arrays such of floats.
+
+    Parameters
+    ----------
+    task : Task
+        That returned it.
+    evaluation : Evaluation
+        Should be one.
+    n : int
+        Number of velocities.
+
+    Raises
+    ------
+    EvaluationError
+        It cannot be used.
+
+    """
+    if not isinstance(evaluation, Evaluation) or evaluation.task is not task:
+        raise EvaluationError(task.name, 'evaluate must return an Evaluation of the task, got '
+                                         f'{type(evaluation).__name__}')
+    try:
+        level = evaluation.level = check_level(evaluation.level, 'its level')
+    except SolverError as error:
+        raise EvaluationError(task.name, str(error)) from error
+    rows = len(level.J)
+    if level.J.shape[1] != n:
+        fault = f'its Jacobian must have {n} columns, got {level.J.shape[1]}'
+    elif (level.v is None) != task.bounded:
+        fault = f'its level must have {"bounds" if task.bounded else "a velocity"}'
+    elif _is_vector(evaluation.error, rows):
+        names: Any = evaluation.row_names
+        if isinstance(names, (list, tuple)) and len(names) in (0, rows):
+            return
+        fault = f'row_names must be a list or tuple, with a name for each of the {rows} rows'
+    else:
+        fault = f'its error must be an array of {rows} finite floats'
+    raise EvaluationError(task.name, fault)
+
+
+def _is_vector(values: Array, size: int) -> bool:
+    """Say whether there are this many finite floats."""
+    return isinstance(values, np.ndarray) and values.dtype == float \
+        and values.shape == (size,) and bool(np.isfinite(values).all())
