@@ -15,7 +15,6 @@
 """The controller: joint positions in, joint velocities and a report out."""
 
 from dataclasses import dataclass
-import math
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,6 @@ from tp_controller.errors import (
     EvaluationError,
     GoalError,
     SettingsError,
-    SolverError,
     TimeError,
     unknown,
 )
@@ -329,7 +327,7 @@ class Controller:
         EvaluationError
             A task fails, and the setting `task_faults` is ``stop``.
         SolverError
-            The velocity is not finite.
+            No finite velocity carries the stack out.
 
         """
         now = check_time(now, 'now', TimeError)
@@ -351,10 +349,12 @@ class Controller:
         bounds = self._limits.at(state.positions, self._velocity, elapsed)
         cycle = Cycle(levels, bounds, self._options, self._time.mean, self._speed_cap,
                       self._memory)
-        outcome = self._blend(cycle, elapsed) or self._follow(cycle)
-        if not math.isfinite(outcome.velocity.dot(outcome.velocity)):
+        try:
+            outcome = self._blend(cycle, elapsed) or self._follow(cycle)
+        except Exception:
+            # The levels were at fault: name the task, if it is a single one.
             self.stack.check(evaluations, self.robot.n)
-            raise SolverError('the velocity that carries the stack out is not finite')
+            raise
         self._velocity, self._last_update = outcome.velocity, now
         self._memory = outcome.solution.memory
         return Command(outcome.velocity, Report(self.robot, evaluations, self.stack.inactive,

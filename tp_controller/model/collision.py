@@ -346,23 +346,30 @@ class Clearance:
             In the root.
 
         """
-        found = [(pair, batch) for batch in self._batches for pair in batch.near(state)]
-        pairs = [pair for pair, _ in found]
-        contacts = [batch.contact(pair) for pair, batch in found]
+        pairs: list[int] = []
+        contacts: list[coal.Contact] = []
+        for batch in self._batches:
+            near = batch.near(state)
+            pairs += near
+            contacts += batch.contacts(near)
         distances = np.array([contact.penetration_depth for contact in contacts], dtype=float)
         # Coal's normals go from the first to the second.
         normals = -np.array([contact.normal for contact in contacts]).reshape(-1, 3)
         points = np.array([contact.pos for contact in contacts]).reshape(-1, 3)
         lost = ~np.isfinite(normals.sum(axis=1))
-        corners = {row: found[row][1].corners(pairs[row], normals[row])
+        corners = {row: self._batch(pairs[row]).corners(pairs[row], normals[row])
                    for row in np.flatnonzero((distances < close) & ~lost).tolist()}
         for row in np.flatnonzero(lost).tolist():
-            distances[row], (normals[row], points[row]) = 0.0, found[row][1].guess(pairs[row])
+            distances[row], (normals[row], points[row]) = 0.0, self._batch(pairs[row]).guess(pairs[row])
         rows = [*range(len(pairs)), *(row for row, found in corners.items() for _ in found)]
         numbers = [number for found in corners.values() for number in range(1, len(found) + 1)]
         return Distances([pairs[row] for row in rows], [0] * len(pairs) + numbers,
                          distances[rows], normals[rows],
                          np.concatenate([points, *filter(len, corners.values())]))
+
+    def _batch(self, pair: int) -> '_Batch':
+        """Return the batch that a pair is in."""
+        return self._batches[pair // BATCH]
 
 
 class _Batch:
@@ -424,9 +431,9 @@ class _Batch:
         return [pair for pair, result in enumerate(self._results, self._start)
                 if result.isCollision()]
 
-    def contact(self, pair: int) -> coal.Contact:
-        """Return where a near pair is closest."""
-        return self._results[pair - self._start].getContact(0)
+    def contacts(self, pairs: Sequence[int]) -> list[coal.Contact]:
+        """Return where near pairs are closest."""
+        return [self._results[pair - self._start].getContact(0) for pair in pairs]
 
     def corners(self, pair: int, normal: Array) -> list[Array]:
         """Return the corners of the contact patch of a pair, none where that is a point."""

@@ -157,7 +157,8 @@ class Task(ABC):
     def __init_subclass__(cls, **options: Any) -> None:
         """Register the type."""
         super().__init_subclass__(**options)
-        if cls.type_name:
+        # A subclass that inherits the name is no other version of that type.
+        if vars(cls).get('type_name'):
             Task.types[cls.type_name] = cls
         if cls.level is not Task.level:
             # Of the class, not of a task.
