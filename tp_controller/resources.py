@@ -328,6 +328,8 @@ def read_source(source: str | Path, is_text: Callable[[str], bool],
         It is too long, or the file is none of text in UTF-8 or still being written.
 
     """
+    if not isinstance(source, (str, Path)):
+        raise ValueError(f'needs text or the name of a file, got {source!r}')
     if isinstance(source, str) and is_text(source):
         check_length(source, most)
         return source

@@ -282,7 +282,7 @@ class Controller:
 
         """
         task = self._task(name)
-        if enabled not in (True, False):
+        if not isinstance(enabled, (int, np.bool_)) or enabled not in (True, False):
             raise GoalError(f'enabled must be True or False, got {enabled!r}')
         if enabled == (name not in self.stack.disabled):
             return

@@ -132,11 +132,18 @@ class Settings:
                        f'not {value!r}')
         elif 'lower' in item.metadata:
             lower, upper = item.metadata['lower'], item.metadata['upper']
-            if isinstance(value, bool) or not isinstance(value, (int, float)) \
-                    or not lower <= value <= upper:
+            if not _is_number(value) or not lower <= value <= upper:
                 yield f'{item.name} must be a number from {lower:g} to {upper:g}, not {value!r}'
         elif value is not None and not (
                 isinstance(value, (list, tuple)) and
-                all(isinstance(weight, (int, float)) and 0.0 < weight < math.inf
-                    for weight in value)):
+                all(_is_number(weight) and 0.0 < weight < math.inf for weight in value)):
             yield f'{item.name} must be positive numbers, one for each joint, not {value!r}'
+
+
+def _is_number(value: object) -> bool:
+    """Say whether a value is a number that a float can hold."""
+    try:
+        return isinstance(value, (int, float)) and not isinstance(value, bool) \
+            and not math.isnan(float(value))
+    except OverflowError:
+        return False

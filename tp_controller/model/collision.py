@@ -360,7 +360,8 @@ class Clearance:
         corners = {row: self._batch(pairs[row]).corners(pairs[row], normals[row])
                    for row in np.flatnonzero((distances < close) & ~lost).tolist()}
         for row in np.flatnonzero(lost).tolist():
-            distances[row], (normals[row], points[row]) = 0.0, self._batch(pairs[row]).guess(pairs[row])
+            distances[row] = 0.0
+            normals[row], points[row] = self._batch(pairs[row]).guess(pairs[row])
         rows = [*range(len(pairs)), *(row for row, found in corners.items() for _ in found)]
         numbers = [number for found in corners.values() for number in range(1, len(found) + 1)]
         return Distances([pairs[row] for row in rows], [0] * len(pairs) + numbers,

@@ -111,7 +111,7 @@ def urdf_from_dh(table: Table, convention: str | None = None) -> str:
 
 def _load(table: Any) -> dict[str, Any]:
     """Return the table as a mapping with a list of joints."""
-    if not isinstance(table, (list, tuple, dict)):
+    if isinstance(table, (str, Path)):
         try:
             text = read_source(table, lambda text: '\n' in text or '{' in text)
             table = load_yaml(text)

@@ -343,7 +343,7 @@ class Robot:
         """Sort the moving joints into driven and passive ones, and name velocities after them."""
         moving = [name for name in names if name in elements]
         drivable = [name for name in moving if name not in mimics]
-        driven = drivable if joints is None else list(joints)
+        driven = drivable if joints is None else _listed(joints)
         self._check_driven(driven, drivable, mimics)
         taken = {*self._base.names, *self._base.coordinate_names}.intersection(moving)
         if taken:
@@ -366,9 +366,9 @@ class Robot:
                       mimics: MimicRules) -> None:
         """Raise `RobotError` where joints cannot be the driven ones."""
         for name in driven:
-            if name in mimics:
+            if isinstance(name, str) and name in mimics:
                 raise RobotError(f'joint {name!r} mimics {mimics[name][0]!r}: drive that one')
-            if name not in drivable:
+            if not isinstance(name, str) or name not in drivable:
                 raise RobotError(unknown('joint', name, drivable))
         if len(set(driven)) < len(driven):
             raise RobotError(f'driven joints named twice: {driven}')
@@ -389,6 +389,13 @@ class Robot:
         ranges = [joint_limits(name, elements[name]) for name in self.passive_names]
         self.passive_neutral = np.array([min(max(0.0, row['lower']), row['upper'])
                                          for row in ranges])
+
+
+def _listed(joints: object) -> list[str]:
+    """Return the names of joints as a list; what is no name is found later."""
+    if isinstance(joints, str) or not isinstance(joints, (Sequence, np.ndarray)):
+        raise RobotError(f'joints must be a list of names, not {joints!r}')
+    return list(joints)
 
 
 def _with_world(frame_ids: dict[str, int], name: object) -> dict[str, int]:

@@ -41,8 +41,6 @@ def srdf_pairs(source: str | Path) -> set[frozenset[str]]:
         It cannot be read.
 
     """
-    if not isinstance(source, (str, Path)):
-        raise ValueError(f'needs text or the name of a file, got {source!r}')
     try:
         tree = load_xml(read_source(source, lambda text: '<' in text, MOST_XML_CHARACTERS))
     except OSError as error:

@@ -24,6 +24,9 @@ from tp_controller.errors import RobotError
 from tp_controller.model.kinematics import Kinematics
 from tp_controller.model.spatial import Array, cross, read_only
 
+# Farther is no position [rad or m]; squares and cubes of larger numbers would overflow.
+LARGEST = 1e9
+
 
 class RobotState:
     """
@@ -214,8 +217,8 @@ def _positions(values: ArrayLike, names: Sequence[str], what: str) -> Array:
     if positions.shape != (len(names),):
         raise RobotError(f'{what} needs {len(names)} positions ({", ".join(names)}), '
                          f'got an array of shape {positions.shape}')
-    # A square beyond the range of a float would be no position either.
-    if not math.isfinite(positions.dot(positions)):
-        bad = [name for name, value in zip(names, positions) if not abs(value) < 1e150]
-        raise RobotError(f'{what} is not finite for {", ".join(bad)}')
+    if not math.hypot(*positions.tolist()) <= LARGEST:
+        bad = [name for name, value in zip(names, positions) if not abs(value) <= LARGEST]
+        raise RobotError(f'{what} is not finite, or beyond {LARGEST:g}, for '
+                         f'{", ".join(bad or names)}')
     return read_only(positions)
