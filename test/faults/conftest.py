@@ -13,6 +13,6 @@ EXAMPLES = int(os.environ.get('TP_FUZZ', DEFAULT))
 
 settings.register_profile(
     'faults', derandomize=EXAMPLES == DEFAULT, deadline=None, database=None,
-    max_examples=EXAMPLES // 10, phases=[Phase.explicit, Phase.generate, Phase.shrink],
+    max_examples=EXAMPLES // 11, phases=[Phase.explicit, Phase.generate, Phase.shrink],
     suppress_health_check=list(HealthCheck))
 settings.load_profile('faults')

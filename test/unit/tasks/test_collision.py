@@ -424,6 +424,34 @@ def test_jacobian_is_the_derivative_of_the_distances(name, case, reference):
     assert np.median(wrong) < 1e-5 and np.quantile(wrong, 0.9) < 2e-3
 
 
+@pytest.mark.parametrize('size', [1, 3])
+def test_distances_do_not_depend_on_how_many_pairs_are_checked_at_once(size, monkeypatch):
+    # With a cylinder and a half-space, as both have a case of their own.
+    around = {'table': TABLE, 'floor': {'shape': 'half_space'}, 'pole': {
+        'shape': {'cylinder': [0.1, 0.4]}, 'at': [0.4, 0.1, 0.4]}}
+    moved = {'pole': {**around['pole'], 'at': [0.4, -0.1, 0.4]}}
+
+    def found():
+        tasks = [make('self_collision', distance=0.1),
+                 make('self_collision', arm(), distance=0.1),
+                 make('obstacles', obstacles=around, distance=0.1)]
+        tasks[-1].set_goal(tasks[-1].parse_goal(moved), 0.0)
+        rng = np.random.default_rng(7)
+        return [len(task._clearance._batches) for task in tasks], [
+            task.observe_rows(task.robot.state(inside(task.robot, rng)))
+            for task in tasks for _ in range(20)]
+
+    batches, at_once = found()
+    monkeypatch.setattr(geometry, 'BATCH', size)
+    more, in_parts = found()
+    assert batches == [1, 1, 1] and min(more) > 1
+    assert sum(len(seen.value) for seen in at_once) > 300
+    for one, other in zip(at_once, in_parts):
+        assert one.keys == other.keys
+        assert np.allclose(one.value, other.value, atol=1e-12)
+        assert np.allclose(one.J, other.J, atol=1e-9)
+
+
 # Capsules are parallel by chance only.
 @pytest.mark.parametrize('case', ['panda', 'ur5', 'mimic fingers'])
 def test_row_of_a_corner_is_how_fast_both_links_part_there(case):
