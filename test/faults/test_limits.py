@@ -168,6 +168,12 @@ def test_piece_that_ends_anywhere_changes_nothing(monkeypatch):
     assert (tree.get('b'), tree[0].tail or tree.text) == ('<ü😀', '😀')
 
 
+def test_xml_that_comes_as_text_has_the_same_limits():
+    load_xml('<a>' + 1_999_993 * ' ' + '</a>')
+    with pytest.raises(ValueError, match='a text of 2000001 characters; at most 2000000 are read'):
+        load_xml('<a>' + 1_999_994 * ' ' + '</a>')
+
+
 def test_srdf_has_the_same_limits():
     with pytest.raises(ValueError, match='more than 20000 elements'):
         srdf_pairs('<robot>' + 20_000 * '<a/>' + '</robot>')

@@ -219,6 +219,6 @@ def _positions(values: ArrayLike, names: Sequence[str], what: str) -> Array:
                          f'got an array of shape {positions.shape}')
     if not math.hypot(*positions.tolist()) <= LARGEST:
         bad = [name for name, value in zip(names, positions) if not abs(value) <= LARGEST]
-        raise RobotError(f'{what} is not finite, or beyond {LARGEST:g}, for '
-                         f'{", ".join(bad or names)}')
+        raise RobotError(f'{what} is not finite for {", ".join(bad or names)}, or beyond '
+                         f'{LARGEST:g}')
     return read_only(positions)
