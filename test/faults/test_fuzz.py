@@ -15,16 +15,19 @@
 """
 Any input works, or ends in the error that is documented, within a second.
 
-Hypothesis makes input of two kinds: what nobody would write, and what is nearly right. See
-`conftest.py` for how many examples are tried.
+Hypothesis makes input of two kinds: what nobody would write, and what is nearly right. Tried are
+10,000 examples in all, always the same ones; more, and others every time, with
+
+    TP_FUZZ=1000000 python -m pytest test/faults/test_fuzz.py
 """
 
 from contextlib import contextmanager
 import json
 import math
+import os
 import time
 
-from hypothesis import example, given, note
+from hypothesis import example, given, HealthCheck, note, Phase, settings
 from hypothesis import strategies as st
 import numpy as np
 import robots
@@ -47,6 +50,14 @@ from tp_controller.resources import load_yaml
 from tp_controller.tasks import task_types
 import yaml
 
+DEFAULT = 10_000
+EXAMPLES = int(os.environ.get('TP_FUZZ', DEFAULT))
+# How many tests share them.
+TESTS = 11
+tried = settings(
+    max_examples=EXAMPLES // TESTS, derandomize=EXAMPLES == DEFAULT, deadline=None, database=None,
+    phases=[Phase.explicit, Phase.generate, Phase.shrink],
+    suppress_health_check=list(HealthCheck))
 # What an input may take, of the processor alone [s].
 SOON = 1.0
 ARM = (robots.CONFIG / 'robots' / 'two_arms.urdf').read_text()
@@ -182,6 +193,7 @@ def carry_out(stack, robot=ROBOT):
 # Texts
 
 
+@tried
 @given(st.one_of(texts, near(STACKS + TABLES)))
 @example('!!python/object/apply:os.system [x]')
 def test_any_text_is_yaml_or_none(text):
@@ -189,12 +201,14 @@ def test_any_text_is_yaml_or_none(text):
         load_yaml(text)
 
 
+@tried
 @given(st.one_of(texts, near(STACKS)))
 def test_any_text_is_a_stack_or_none(text):
     with only(StackError):
         carry_out(Stack.from_yaml(text, ROBOT))
 
 
+@tried
 @given(stacks)
 def test_any_tasks_are_a_stack_or_none(document):
     text = yaml.safe_dump(document)
@@ -203,6 +217,7 @@ def test_any_tasks_are_a_stack_or_none(document):
         carry_out(Stack.from_yaml('---\n' + text, ROBOT))
 
 
+@tried
 @given(st.one_of(near([SMALL, SMALL, ARM]), texts.map('<robot name="a">{}</robot>'.format), texts))
 def test_any_text_is_a_urdf_or_none(text):
     with only(RobotError):
@@ -215,6 +230,7 @@ def test_any_text_is_a_urdf_or_none(text):
         urdf_solids(text, robot.frame_names)
 
 
+@tried
 @given(st.one_of(texts, near([SRDF])))
 def test_any_text_is_an_srdf_or_none(text):
     with only(ValueError):
@@ -242,6 +258,7 @@ limits = st.dictionaries(
                               st.one_of(numbers, values)), values), max_size=2)
 
 
+@tried
 @given(st.one_of(tables, tables.map(yaml.safe_dump), near(TABLES)))
 def test_any_table_is_a_robot_or_none(table):
     with only(RobotError):
@@ -253,6 +270,7 @@ def test_any_table_is_a_robot_or_none(table):
 # Values
 
 
+@tried
 @given(limits, st.one_of(st.none(), st.lists(words, max_size=3), values),
        st.one_of(st.sampled_from(['fixed', 'planar', 'differential', 'floating']), values),
        st.one_of(words, values))
@@ -263,14 +281,15 @@ def test_any_options_make_a_robot_or_none(limits, joints, base, world):
         carry_out(Stack.from_yaml(f'- a: {{type: position, frame: {frame}}}', robot), robot)
 
 
+@tried
 @given(st.dictionaries(st.sampled_from([
     'period', 'damping', 'singular_region', 'braking_gain', 'release_region', 'scaling',
     'regularisation', 'reserve', 'blend', 'task_faults', 'task_budget', 'weights']),
     st.one_of(numbers, values, vectors, st.sampled_from(['uniform', 'stop']))),
     st.one_of(texts, near(['{turn: 0.5, bend: 0.1}', 'bend: 1\n']), values.map(yaml.safe_dump)))
-def test_any_settings_and_positions_are_used_or_refused(settings, positions):
+def test_any_settings_and_positions_are_used_or_refused(keys, positions):
     with only(SettingsError):
-        used = Settings(**settings)
+        used = Settings(**keys)
         controller = Controller(ROBOT, Stack.from_yaml(
             '- tip: {type: pose, frame: tip}\n- rest: {type: posture}', ROBOT), used)
         controller.update([0.2, 0.3], 0.0)
@@ -301,6 +320,7 @@ calls = st.tuples(
               st.just(np.eye(4))))
 
 
+@tried
 @given(st.sampled_from(GOALS), st.lists(calls, min_size=1, max_size=3),
        st.sampled_from([ROBOT, *BASES]))
 def test_any_goal_is_followed_or_refused(task, calls, robot):
@@ -318,6 +338,7 @@ def test_any_goal_is_followed_or_refused(task, calls, robot):
         assert all(task.status for task in command.report.tasks)
 
 
+@tried
 @given(st.lists(st.tuples(
     st.one_of(vectors, st.lists(st.floats(-3.0, 3.0), min_size=2, max_size=2), anything),
     st.one_of(st.floats(0.0, 10.0), numbers, values),
@@ -340,6 +361,7 @@ names = st.lists(st.one_of(st.sampled_from(['turn', 'bend', 'idle', 'other']),
 stamps = st.one_of(st.just(0.0), st.floats(0.0, 2.0 ** 32), st.floats(0.0, 20.0))
 
 
+@tried
 @given(st.lists(st.tuples(
     names, st.lists(st.one_of(st.floats(-4.0, 4.0), st.floats()), max_size=4),
     st.floats(0.0, 1e9), stamps, st.one_of(st.none(), stamps)), max_size=4),
@@ -353,3 +375,7 @@ def test_any_joint_states_leave_finite_positions_or_none(messages, late):
         known = np.array([*buffer.q, *buffer.passive])
         assert (np.abs(known[~np.isnan(known)]) <= 1e6).all()
         assert not np.isnan(buffer.passive).any()
+
+
+def test_tests_share_all_examples():
+    assert TESTS == sum(hasattr(test, 'hypothesis') for test in globals().values())

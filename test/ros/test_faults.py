@@ -175,6 +175,22 @@ def test_a_task_that_raises_stops_the_robot_until_a_start(harness, robot, monkey
     harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
 
 
+def test_the_rest_goes_on_without_a_task_that_raises_where_that_is_wanted(
+        harness, robot, monkeypatch):
+    result, = robot.controller.set_parameters([Parameter('task_faults', value='switch off')])
+    assert result.successful
+
+    def fail(*arguments):
+        raise ZeroDivisionError('division by zero')
+
+    monkeypatch.setattr(robot.controller._controller.stack.tasks['swing'], 'evaluate', fail)
+    harness.spin_until(lambda: robot.status.task('swing')['status'] == 'failed', 'failed',
+                       meanwhile=robot.publish)
+    assert robot.status.task('swing')['reason'] == (
+        'fail raised ZeroDivisionError: division by zero')
+    assert robot.status.head == 'running'
+
+
 @pytest.mark.parametrize('text', ['[' * 300, '- a: &a [*a]', '? [a]\n: b', '- \ud7ff: 1'])
 def test_no_stack_ends_the_node(harness, robot, text):
     result, = robot.controller.set_parameters([Parameter('stack', value=text)])
