@@ -87,7 +87,10 @@ class Controller:
     def __init__(self, robot: Robot, stack: Stack, settings: Settings | None = None) -> None:
         self.robot = robot
         self.stack = stack
+        # None before the first update. To make one takes Pinocchio 8 ms for TIAGo, 44 ms for TIAGo
+        # with two arms: too long for a cycle.
         self._state: RobotState | None = None
+        self._first_state = robot.state(robot.neutral())
         self._started = False
         # What was commanded last, and when; at rest before the first command.
         self._velocity = np.zeros(robot.n)
@@ -333,11 +336,9 @@ class Controller:
         now = check_time(now, 'now', TimeError)
         if elapsed is not None:
             elapsed = check_time(elapsed, 'elapsed', TimeError)
-        if self._state is None:
-            self._state = self.robot.state(q, passive)
-        else:
-            self._state.update(q, passive)
-        state = self._state
+        state = self._state or self._first_state
+        state.update(q, passive)
+        self._state = state
         state.velocity = self._velocity
         evaluations = self._evaluate(state, now)
         levels = levels_of(evaluations)

@@ -792,3 +792,14 @@ def test_frame_that_is_no_pose_is_refused_and_the_goal_stays(frame):
     with pytest.raises(GoalError, match='frame of a goal'):
         controller.set_goal('tool', np.eye(4), 0.0, frame=frame)
     assert controller.update(READY, 0.1).velocity == pytest.approx(before)
+
+
+def test_first_cycle_makes_no_state_as_that_takes_too_long(monkeypatch):
+    robot = robots.planar()
+    controller = Controller(robot, Stack.from_yaml('- rest: {type: posture}', robot))
+    monkeypatch.delattr(Robot, 'state')
+    with pytest.raises(RobotError):
+        controller.update([math.nan] * 3, 0.0)
+    assert not controller.goal_poses()
+    controller.update([0.1, 0.2, 0.3], 0.0)
+    assert controller.stack.tasks['rest'].goal.tolist() == [0.1, 0.2, 0.3]
