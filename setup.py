@@ -44,13 +44,15 @@ core = Extension(
 
 def shims():
     """
-    Return scripts for lib/tp_controller, where `ros2 run` looks for executables.
+    Return scripts that stand where an installer puts no console scripts.
 
-    colcon installs the console scripts there by itself (setup.cfg); pip puts them in bin/ only.
+    colcon installs console scripts into lib/tp_controller (setup.cfg), where `ros2 run` looks for
+    executables, but not into bin/, which a sourced workspace has on its PATH. pip puts them into
+    bin/ only.
     """
-    if not {'bdist_wheel', 'sdist'} & set(sys.argv):
-        return []
-    return [(os.path.join('lib', package_name), sorted(glob('scripts/*')))]
+    if {'bdist_wheel', 'sdist'} & set(sys.argv):
+        return [(os.path.join('lib', package_name), sorted(glob('scripts/*')))]
+    return [('bin', ['bin/tp_controller'])]
 
 
 setup(
@@ -63,9 +65,10 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
-        ('share/' + package_name + '/config', glob('config/*.yaml')),
+        ('share/' + package_name + '/config', glob('config/*.yaml') + glob('config/*.rviz')),
         ('share/' + package_name + '/config/robots',
          glob('config/robots/*.yaml') + glob('config/robots/*.urdf')),
+        ('share/' + package_name + '/launch', glob('launch/*.launch.py')),
         *shims(),
     ],
     install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin>=4', 'coal', 'daqp',

@@ -21,6 +21,7 @@ date. Regions about the nodes need rclpy; without it they stay as they are.
 """
 
 import argparse
+import ast
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import fields
 from functools import cache
@@ -238,6 +239,21 @@ def command_help(command=None):
     return f'```text\n$ tp_controller {" ".join(arguments)}\n{printed.getvalue()}```\n'
 
 
+def launch_arguments(name):
+    """Return the table of the arguments of a launch file, read off its code."""
+    code = (ROOT / 'launch' / f'{name}.launch.py').read_text(encoding='utf-8')
+    rows = []
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'DeclareLaunchArgument':
+            values = {keyword.arg: keyword.value for keyword in node.keywords}
+            default = values['default_value']
+            shown = literal(default.value) if isinstance(default, ast.Constant) \
+                else '`config/controller.rviz`'
+            rows.append((f'`{node.args[0].value}`', shown,
+                         ast.literal_eval(values['description'])))
+    return table(('argument', 'default', 'meaning'), rows)
+
+
 # What needs ROS --------------------------------------------------------------------------
 
 
@@ -375,6 +391,8 @@ REGIONS = {
     'messages': messages,
     'help': command_help, **{f'help {name}': lambda name=name: command_help(name)
                              for name in ('demo', 'goal')},
+    **{f'launch {name}': lambda name=name: launch_arguments(name)
+       for name in ('controller', 'demo')},
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},
 }
 ROS_REGIONS = {

@@ -15,6 +15,8 @@
 """Mobile bases: odometry in, cmd_vel out, checked and limited in the same way as joints."""
 
 import math
+import sys
+from types import ModuleType, SimpleNamespace
 
 from geometry_msgs.msg import PoseStamped, Twist
 from harness import Arm, Status
@@ -150,6 +152,40 @@ def test_tool_reaches_a_goal_that_the_base_has_to_drive_to(any_harness, base, ra
 
 
 # Odometry
+
+@pytest.fixture
+def transforms(monkeypatch):
+    """Return a list that grows by what is published as tf: the wheels have no tf2."""
+    sent, module = [], ModuleType('tf2_ros')
+    module.TransformBroadcaster = lambda node: SimpleNamespace(sendTransform=sent.append)
+    monkeypatch.setitem(sys.modules, 'tf2_ros', module)
+    return sent
+
+
+def test_the_simulator_publishes_its_odometry_as_tf_where_told(harness, transforms):
+    harness.simulator(**ROBOT, publish_tf=True, initial_positions=START)
+    places = harness.record(Odometry, '/odom')
+    harness.spin_for_more(places)
+    first = transforms[0]
+    assert (first.header.frame_id, first.child_frame_id) == ('odom', 'base_link')
+    assert first.header.stamp == places[0].header.stamp
+    shift, turn = first.transform.translation, first.transform.rotation
+    assert (shift.x, shift.y, shift.z) == pytest.approx((2.0, 0.0, 0.0))
+    assert (turn.x, turn.y, turn.z, turn.w) == pytest.approx((0.0, 0.0, math.sin(1), math.cos(1)))
+
+
+@pytest.mark.parametrize('options', [{**ROBOT, 'publish_tf': False}, {'publish_tf': True}])
+def test_the_simulator_publishes_no_tf_unless_told_and_about_a_base(harness, transforms, options):
+    harness.simulator(**options)
+    harness.spin_for_more(harness.record(JointState, '/joint_states'))
+    assert not transforms
+
+
+def test_tf_without_tf2_is_refused(harness, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'tf2_ros', None)
+    with pytest.raises(SettingsError, match='publish_tf needs tf2_ros'):
+        harness.simulator(**ROBOT, publish_tf=True)
+
 
 def test_odometry_becomes_velocities_in_the_axes_of_the_base(any_harness):
     # The base looks along y of the world, the goal is ahead of it.

@@ -40,8 +40,8 @@ import yaml
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'tp_controller'
 EXECUTABLES = {'tp_controller', 'controller_node', 'simulator_node'}
-SHIPPED = ('LICENSE', 'README.md', 'config', 'package.xml', 'pyproject.toml', 'resource',
-           'scripts', 'setup.cfg', 'setup.py', PACKAGE)
+SHIPPED = ('LICENSE', 'README.md', 'bin', 'config', 'launch', 'package.xml', 'pyproject.toml',
+           'resource', 'scripts', 'setup.cfg', 'setup.py', PACKAGE)
 
 # Module: (requirement in setup.py, key in package.xml; None where rosdep has none).
 # Every other module that is not Python's own is a ROS package.
@@ -150,7 +150,7 @@ def test_package_xml_is_valid():
     assert warnings == []
 
 
-@pytest.mark.parametrize('folder', [PACKAGE, 'test', 'benchmarks'])
+@pytest.mark.parametrize('folder', [PACKAGE, 'launch', 'test', 'benchmarks'])
 def test_every_import_is_a_dependency(folder, metadata, package_xml):
     wanted, keys = requirements(metadata), dependencies(package_xml)
     for module in imported_modules(folder):
@@ -200,6 +200,46 @@ def test_colcon_puts_executables_where_ros2_run_looks():
     config.read(ROOT / 'setup.cfg')
     assert config['install']['install_scripts'] == f'$base/lib/{PACKAGE}'
     assert config['develop']['script_dir'] == f'$base/lib/{PACKAGE}'
+
+
+def test_a_sourced_workspace_has_the_command_on_its_path(metadata):
+    # Neither pip nor a source distribution is told to install this one.
+    assert ('bin', ['bin/tp_controller']) in metadata['data_files']
+    assert os.access(ROOT / 'bin' / 'tp_controller', os.X_OK)
+
+
+def test_the_command_of_a_workspace_runs_the_program_beside_it(tmp_path):
+    for folder in ('bin', 'lib/tp_controller', 'elsewhere'):
+        (tmp_path / folder).mkdir(parents=True)
+    program = tmp_path / 'lib' / PACKAGE / 'tp_controller'
+    program.write_text('#!/bin/sh\necho $$ "$#" "$2"\nexit 7\n')
+    program.chmod(0o755)
+    # As with `colcon build --symlink-install`.
+    command = tmp_path / 'bin' / 'tp_controller'
+    command.symlink_to(ROOT / 'bin' / 'tp_controller')
+    child = subprocess.Popen(['tp_controller', 'one', 'two words'], stdout=subprocess.PIPE,
+                             text=True, cwd=tmp_path / 'elsewhere',
+                             env={'PATH': f'{command.parent}:/usr/bin:/bin'})
+    said, _ = child.communicate(timeout=10)
+    assert (said, child.returncode) == (f'{child.pid} 2 two words\n', 7)
+
+
+def test_colcon_builds_a_workspace_in_which_the_command_is_found(tmp_path):
+    if importlib.util.find_spec('colcon_ros') is None:
+        pytest.skip('needs colcon')
+    for name in SHIPPED:
+        (tmp_path / 'src' / name).parent.mkdir(exist_ok=True)
+        (tmp_path / 'src' / name).symlink_to(ROOT / name)
+    said = run(sys.executable, '-m', 'colcon', '--log-base', tmp_path / 'log', 'build',
+               '--base-paths', tmp_path / 'src', '--build-base', tmp_path / 'build',
+               '--install-base', tmp_path / 'install', '--event-handlers', 'console_direct+')
+    assert 'Finished <<< tp_controller' in said
+    setup = tmp_path / 'install' / 'setup.bash'
+    assert re.fullmatch(r'\d+\.\d+\.\d+\n', run(
+        'bash', '-c', f'source {setup} && tp_controller --version'))
+    share = tmp_path / 'install' / PACKAGE / 'share' / PACKAGE
+    assert {path.name for path in (share / 'launch').iterdir()} \
+        == {'controller.launch.py', 'demo.launch.py'}
 
 
 def child_environment(**changes):
@@ -284,8 +324,9 @@ def test_wheel_holds_every_file(wheel):
     with zipfile.ZipFile(wheel) as archive:
         modes = {entry.filename.partition('.data/data/')[2] or entry.filename:
                  entry.external_attr >> 16 for entry in archive.infolist()}
-    data = [path.relative_to(ROOT) for path in (ROOT / 'config').rglob('*.*')]
-    assert len(data) > 1
+    data = [path.relative_to(ROOT) for folder in ('config', 'launch')
+            for path in (ROOT / folder).rglob('*.*') if path.suffix != '.pyc']
+    assert {path.suffix for path in data} == {'.yaml', '.urdf', '.rviz', '.py'}
     assert {f'share/{PACKAGE}/{path}' for path in data} <= set(modes)
     assert {f'share/{PACKAGE}/package.xml',
             f'share/ament_index/resource_index/packages/{PACKAGE}'} <= set(modes)

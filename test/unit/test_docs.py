@@ -378,6 +378,29 @@ def test_ros2_run_names_executables_and_parameters(words):
         check_parameter(words[3], name, yaml.safe_load(value))
 
 
+@pytest.mark.parametrize('words', commands_of('ros2', 'launch'))
+def test_ros2_launch_names_files_and_arguments(words, generate):
+    assert words[2] == 'tp_controller'
+    arguments = [argument.partition(':=')[0] for argument in words[4:]]
+    assert (ROOT / 'launch' / words[3]).is_file()
+    table = generate.launch_arguments(words[3].partition('.')[0])
+    assert all(f'| `{argument}` |' in table for argument in arguments)
+
+
+def blocks_until_ended(words):
+    """Say whether a command runs until it is ended."""
+    return words[:2] == ['ros2', 'launch'] or words[:3] == ['ros2', 'topic', 'echo'] or (
+        words[:2] == ['ros2', 'run'] and words[3].endswith('_node')) or (
+        words[:2] == ['tp_controller', 'status'] and '--once' not in words)
+
+
+@pytest.mark.parametrize('block', sorted({block for block, _ in commands()}, key=str), ids=str)
+def test_a_block_can_be_pasted_as_a_whole(block):
+    lines = [words for other, words in commands() if other == block]
+    waiting = [words for words in lines[:-1] if blocks_until_ended(words)]
+    assert not waiting, 'what follows would not run'
+
+
 def message_type(name):
     """Return a message or service type, as ROS tools do."""
     package, kind, last = name.split('/')
@@ -466,9 +489,9 @@ def test_ros2_lifecycle_names_transitions(words):
 def test_ros2_commands_are_all_looked_at():
     verbs = {tuple(words[1:3]) for _, words in commands() if words[0] == 'ros2'}
     verbs = {verb if verb[0] in ('topic', 'service', 'param') else verb[:1] for verb in verbs}
-    assert verbs <= {('run',), ('topic', 'pub'), ('topic', 'echo'), ('service', 'call'),
-                     ('param', 'set'), ('param', 'describe'), ('param', 'list'), ('control',),
-                     ('lifecycle',)}
+    assert verbs <= {('run',), ('launch',), ('topic', 'pub'), ('topic', 'echo'),
+                     ('service', 'call'), ('param', 'set'), ('param', 'describe'),
+                     ('param', 'list'), ('control',), ('lifecycle',)}
 
 
 # Links and layout -------------------------------------------------------------------------

@@ -46,7 +46,8 @@ FOUND = re.compile('|'.join(rf'\b({word})\b' for word in WORDS), re.IGNORECASE)
 # Names that users have written into their files.
 NAMES = re.compile(r'release_region')
 SUFFIXES = {'.md', '.py', '.yaml', '.xml', '.toml', '.cfg'}
-FOLDERS = ('tp_controller', 'config', 'docs', 'benchmarks', 'test', 'scripts', 'examples')
+FOLDERS = ('tp_controller', 'config', 'docs', 'launch', 'benchmarks', 'test', 'scripts',
+           'examples')
 
 
 def texts():

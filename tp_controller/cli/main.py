@@ -228,8 +228,8 @@ def _demo(options: argparse.Namespace) -> int:
         passed = lab1(options.output) if options.name == 'lab1' \
             else lab2(options.output, options.seed)
     else:
-        from tp_controller.demos.ros_demos import DEMOS as ROS_DEMOS
         from tp_controller.demos.ros_demos import run_demo
+        from tp_controller.demos.scenarios import DEMOS as ROS_DEMOS
         passed = run_demo(ROS_DEMOS[options.name], options.output)
     return 0 if passed else 1
 

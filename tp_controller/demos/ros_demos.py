@@ -17,22 +17,21 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import zip_longest
 import os
 from pathlib import Path
 import time
-from typing import Any, cast, TYPE_CHECKING
+from typing import cast, TYPE_CHECKING
 
 import numpy as np
 from tp_controller.demos.film import animate_arm
 from tp_controller.demos.outlines import outline
 from tp_controller.demos.plots import plot_errors, plot_tool_path, plot_velocities
 from tp_controller.demos.processes import ended_by_sigterm, NodeProcess, own_domain
+from tp_controller.demos.scenarios import Demo, Goal, goal_fields
 from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import Array, quaternion_from_rotation, rotation_from_rpy
-from tp_controller.resources import load_yaml, package_share
+from tp_controller.model.spatial import Array
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.stack import Stack
 
@@ -40,9 +39,6 @@ if TYPE_CHECKING:
     # Imported when a demo starts: nothing else here needs ROS.
     from tp_controller.nodes.client import Client
     from tp_controller.nodes.recorder import Recorder
-
-# A goal of a file: task, what it is called, and the fields of its message.
-Goal = Mapping[str, Any]
 
 # Discovery mostly takes less than 50 ms, now and then 3 s.
 START_SECONDS = 20.0
@@ -56,66 +52,6 @@ REPEAT_SECONDS = 0.1
 SHOWN = {'m': '{:8.2f} mm', 'rad': '{:6.2f}°', 'm/s': '{:8.2f} mm/s'}
 FACTORS = {'m': 1e3, 'rad': np.degrees(1.0), 'm/s': 1e3}
 DONE = ('reached', 'satisfied')
-
-
-@dataclass(frozen=True)
-class Demo:
-    """
-    A robot that carries out a stack of tasks, and what of it is drawn.
-
-    Attributes
-    ----------
-    files : str
-        Start of the names in config/: ``<files>.yaml`` holds the parameters of both nodes,
-        ``<files>_stack.yaml`` the tasks and ``<files>_goals.yaml`` their goals.
-    title : str
-        Of the film.
-    leader : str
-        Task whose goals and frame are drawn.
-    frames : tuple of str
-        Other frames whose path is drawn.
-    carried : tuple of (str, str)
-        Pairs of frames that hold one object.
-
-    """
-
-    files: str
-    title: str
-    leader: str
-    frames: tuple[str, ...] = ()
-    carried: tuple[tuple[str, str], ...] = ()
-
-    def file(self, ending: str) -> Path:
-        """Return the path of a file, by the ending of its name."""
-        return package_share() / 'config' / f'{self.files}{ending}.yaml'
-
-    @cached_property
-    def robot(self) -> Robot:
-        """Return the robot as the nodes are told to have it, limits included."""
-        simulator, controller = (load_yaml(self.file('').read_text())[node]['ros__parameters']
-                                 for node in ('tp_simulator', 'tp_controller'))
-        return Robot.from_file(simulator['robot'], base=simulator.get('base', 'fixed'),
-                               limits=controller.get('limits'))
-
-    @cached_property
-    def stack(self) -> Stack:
-        """Return the stack."""
-        return Stack.from_yaml(self.file('_stack'), self.robot)
-
-    @cached_property
-    def steps(self) -> list[tuple[Goal, ...]]:
-        """Return the goals, those that are sent at once in one tuple."""
-        return [tuple(step) if isinstance(step, list) else (step,)
-                for step in load_yaml(self.file('_goals').read_text())]
-
-
-DEMOS = {
-    'panda': Demo('demo', 'Panda: tool, elbow, posture', 'tool'),
-    'mobile': Demo('mobile', 'A tray, level, past obstacles', 'tray', ('base_link',)),
-    'underwater': Demo('underwater', 'Underwater: tool, view, vehicle', 'tool', ('vehicle',)),
-    'two_arms': Demo('two_arms', 'Two hands carry one object', 'carry', ('right_hand',),
-                     (('left_hand', 'right_hand'),)),
-}
 
 
 @dataclass(frozen=True)
@@ -203,27 +139,6 @@ def run_demo(demo: Demo, folder: Path) -> bool:
     for path in _figures(folder, demo, recorder, changes):
         print(f'  {path}', flush=True)
     return within and all(outcome.reached for outcome in outcomes if outcome.asked)
-
-
-def goal_fields(goal: Goal) -> dict[str, Any]:
-    """
-    Return what of a goal in a file goes into its message.
-
-    Parameters
-    ----------
-    goal : dict
-        With ``xyz`` [m], ``rpy`` [rad], ``linear`` [m/s] or ``angular`` [rad/s].
-
-    Returns
-    -------
-    dict
-        As `tp_controller.nodes.client.Client.send` takes it.
-
-    """
-    fields = {key: goal[key] for key in ('xyz', 'linear', 'angular') if key in goal}
-    if 'rpy' in goal:
-        fields['quat_xyzw'] = quaternion_from_rotation(rotation_from_rpy(*goal['rpy']))
-    return fields
 
 
 def _wait_until_running(client: 'Client', recorder: 'Recorder',

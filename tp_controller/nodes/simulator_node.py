@@ -45,6 +45,7 @@ from tp_controller.nodes.parameters import (
     warn_unknown,
 )
 from tp_controller.nodes.runner import ClosableNode, run
+from tp_controller.nodes.tf_frames import TfBroadcast
 
 NAME = 'tp_simulator'
 PARAMETERS = (
@@ -55,6 +56,8 @@ PARAMETERS = (
          1.0, 5000.0, True),
     Spec('speed', 1.0, 'simulated seconds per second', '', 0.01, 1000.0, True),
     Spec('publish_clock', False, 'publish simulated time on /clock', fixed=True),
+    Spec('publish_tf', False, 'publish the odometry of a base that moves as tf, too, for RViz; '
+         'needs tf2_ros', fixed=True),
     Spec('command_timeout', 0.1, 'time without a command after which the joints, or the base, '
          'stop, of the wall clock', 's', 1e-3, 10.0, True),
     Spec('initial_positions', '', 'positions at the start, as YAML {joint: position} or a file '
@@ -96,6 +99,7 @@ class SimulatorNode(ClosableNode):
                                    dtype=int)
         self._velocity = np.zeros(self._robot.n)
         self._publish_clock = values['publish_clock']
+        self._tf = TfBroadcast(self) if values['publish_tf'] and robot.moves else None
         self._connect()
         keep_fixed(self)
         warn_unknown(self)
@@ -209,6 +213,8 @@ class SimulatorNode(ClosableNode):
             fill_odometry(self._odometry, self._robot.base_placement(q),
                           self._robot.base_twist(velocity))
             self._odometry_publisher.publish(self._odometry)
+            if self._tf is not None:
+                self._tf.send(self._odometry)
 
 
 main = partial(run, SimulatorNode, NAME)

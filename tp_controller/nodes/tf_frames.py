@@ -12,15 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames that are not on the robot, through tf2 where it is installed."""
+"""Frames that are not on the robot, and where its base is, through tf2 where it is installed."""
 
 from typing import Any
 
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.time import Time
-from tp_controller.errors import GoalError
+from tp_controller.errors import GoalError, SettingsError
 from tp_controller.model.spatial import pose, rotation_from_quaternion
 from tp_controller.tasks.keys import finite_vector
 
@@ -73,3 +75,37 @@ class TfFrames:
         except (tf2_ros.TransformException, ValueError, GoalError) as error:
             raise GoalError(f'frame {frame!r}: {error}{hint}') from error
         return pose(R, origin)
+
+
+class TfBroadcast:
+    """
+    Publishes odometry as tf, for whatever shows a robot whose base moves.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+
+    Raises
+    ------
+    SettingsError
+        tf2 is not installed.
+
+    """
+
+    def __init__(self, node: Node) -> None:
+        try:
+            import tf2_ros
+        except ImportError as error:
+            raise SettingsError(['parameter publish_tf needs tf2_ros, which is not '
+                                 'installed']) from error
+        self._broadcaster = tf2_ros.TransformBroadcaster(node)
+
+    def send(self, odometry: Odometry) -> None:
+        """Publish the pose of a message."""
+        place = odometry.pose.pose
+        transform = TransformStamped(header=odometry.header,
+                                     child_frame_id=odometry.child_frame_id)
+        shift = transform.transform.translation
+        shift.x, shift.y, shift.z = place.position.x, place.position.y, place.position.z
+        transform.transform.rotation = place.orientation
+        self._broadcaster.sendTransform(transform)

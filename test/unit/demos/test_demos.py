@@ -21,9 +21,8 @@ import pytest
 from robots import CONFIG, REPOSITORY
 from tp_controller import Controller, GoalError, KinematicSimulator, Settings
 from tp_controller.cli.main import DEMOS as DESCRIBED
-from tp_controller.demos.ros_demos import DEMOS, goal_fields
+from tp_controller.demos.scenarios import DEMOS, goal_fields, node_parameters
 from tp_controller.model.simulator import initial_positions
-from tp_controller.resources import load_yaml
 from tp_controller.tasks import task_types
 import yaml
 
@@ -34,7 +33,7 @@ demos = pytest.mark.parametrize('demo', DEMOS.values(), ids=DEMOS)
 
 def parameters(demo, node):
     """Return the parameters of a node."""
-    return load_yaml(demo.file('').read_text())[node]['ros__parameters']
+    return node_parameters(demo.file(''), node)
 
 
 def goal_of(fields):

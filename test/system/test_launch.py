@@ -1,0 +1,288 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The launch files: what they name exists, and they start what they say where launch is installed.
+
+There is no wheel of launch, so that nothing but the lint runs without a ROS installation.
+"""
+
+import ast
+import json
+import os
+from pathlib import Path
+import signal
+import stat
+import subprocess
+import sys
+
+import pytest
+from robots import REPOSITORY
+from tp_controller.demos.scenarios import DEMOS
+import yaml
+
+LAUNCH = REPOSITORY / 'launch'
+FILES = sorted(LAUNCH.glob('*.launch.py'))
+EXECUTABLES = {'controller_node', 'simulator_node', 'tp_controller'}
+# What launch starts of other packages is only told to say how it was started.
+TELL = """\
+#!{python}
+import json, pathlib, sys
+arguments = sys.argv[1:]
+files = [arguments[index + 1] for index, word in enumerate(arguments) if word == '--params-file']
+print('STARTED', json.dumps([arguments, [pathlib.Path(file).read_text() for file in files]]),
+      flush=True)
+"""
+RUN = """\
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+file, *arguments = sys.argv[1:]
+service = LaunchService()
+service.include_launch_description(LaunchDescription([IncludeLaunchDescription(
+    PythonLaunchDescriptionSource(file),
+    launch_arguments=[text.split(':=', 1) for text in arguments])]))
+sys.exit(service.run())
+"""
+
+
+def calls(path, *names):
+    """Return (positional texts, keywords) of every call of some names in a file."""
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.Call) and getattr(node.func, 'id', '') in names:
+            yield ([argument.value for argument in node.args
+                    if isinstance(argument, ast.Constant)],
+                   {keyword.arg: keyword.value for keyword in node.keywords})
+
+
+def text(node):
+    """Return a text in the code; None where it is worked out."""
+    return node.value if isinstance(node, ast.Constant) else None
+
+
+def arguments_of(path):
+    """Return {name: keywords} of the declared arguments."""
+    return {name: keywords for (name,), keywords in calls(path, 'DeclareLaunchArgument')}
+
+
+# Lint -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_every_argument_has_a_default_and_a_description(path):
+    declared = arguments_of(path)
+    assert {'robot', 'stack', 'namespace', 'rviz', 'use_sim_time', 'params_file'} <= set(declared)
+    for name, keywords in declared.items():
+        assert {'default_value', 'description'} <= set(keywords), name
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_every_argument_that_is_read_is_declared(path):
+    # A name in a loop is looked up by hand: it stands in a tuple of texts.
+    read = {name for names, _ in calls(path, 'LaunchConfiguration') for name in names}
+    loops = {element.value for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+             if isinstance(node, ast.comprehension) and isinstance(node.iter, ast.Tuple)
+             for element in node.iter.elts}
+    assert read and read | loops <= set(arguments_of(path))
+    assert set(arguments_of(path)) - {'commands'} <= read | loops | {'use_sim_time'}
+
+
+def test_the_demo_hands_on_only_arguments_that_the_controller_has():
+    handed = set()
+    for _, keywords in calls(LAUNCH / 'demo.launch.py', 'IncludeLaunchDescription'):
+        handed = {node.value for node in ast.walk(keywords['launch_arguments'])
+                  if isinstance(node, ast.Constant)}
+    assert handed and handed <= set(arguments_of(LAUNCH / 'controller.launch.py'))
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_every_program_exists_in_its_package(path):
+    depends = (REPOSITORY / 'package.xml').read_text(encoding='utf-8')
+    found = [(text(keywords['package']), text(keywords['executable']))
+             for _, keywords in calls(path, 'Node')]
+    found += [(text(keywords['package']), *names)
+              for names, keywords in calls(path, 'ExecutableInPackage')]
+    assert found
+    for package, executable in found:
+        if package == 'tp_controller':
+            assert executable in EXECUTABLES
+        else:
+            # The programs of the others are called as their packages.
+            assert package == executable
+            assert f'<exec_depend>{package}</exec_depend>' in depends
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_every_parameter_that_is_set_exists(path):
+    controller = pytest.importorskip('tp_controller.nodes.controller_node').PARAMETERS
+    simulator = pytest.importorskip('tp_controller.nodes.simulator_node').PARAMETERS
+    known = {spec.name for spec in (*controller, *simulator)} | {'use_sim_time'}
+    keys = {key.value for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+            if isinstance(node, ast.Dict) for key in node.keys if isinstance(key, ast.Constant)}
+    # The others are fields of goals and options of the command line.
+    assert keys - known <= {'xyz', 'rpy', 'linear', 'angular', 'fixed_frame'}
+
+
+def test_rviz_shows_what_the_nodes_publish():
+    config = yaml.safe_load((REPOSITORY / 'config' / 'controller.rviz').read_text())
+    displays = {display['Class'].rpartition('/')[2]: display
+                for display in config['Visualization Manager']['Displays']}
+    assert {'RobotModel', 'TF', 'MarkerArray'} <= set(displays)
+    topics = {displays['RobotModel']['Description Topic']['Value'],
+              displays['MarkerArray']['Topic']['Value']}
+    # Names that the launch file moves into the namespace.
+    source = (LAUNCH / 'controller.launch.py').read_text(encoding='utf-8')
+    assert topics == {'/robot_description', '/tp_controller/markers'}
+    assert all(f"('{topic}', '{topic[1:]}')" in source for topic in topics)
+    # A latched topic is received late only by those who are latched, too.
+    assert displays['RobotModel']['Description Topic']['Durability Policy'] == 'Transient Local'
+
+
+# With launch ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope='module')
+def workspace(tmp_path_factory):
+    """Return a prefix with this tree as colcon would install it, and packages that only tell."""
+    pytest.importorskip('launch_ros', reason='needs launch, which is on PyPI for no Python')
+    prefix = tmp_path_factory.mktemp('prefix')
+    programs = {(name, name): TELL.format(python=sys.executable)
+                for name in ('rviz2', 'robot_state_publisher')}
+    for name in EXECUTABLES:
+        module = 'tp_controller' if name == 'tp_controller' else f'tp_controller.nodes.{name}'
+        programs['tp_controller', name] = f'#!/bin/sh\nexec {sys.executable} -m {module} "$@"\n'
+    for (package, name), code in programs.items():
+        program = prefix / 'lib' / package / name
+        program.parent.mkdir(parents=True, exist_ok=True)
+        program.write_text(code)
+        program.chmod(program.stat().st_mode | stat.S_IXUSR)
+        marker = prefix / 'share' / 'ament_index' / 'resource_index' / 'packages' / package
+        marker.parent.mkdir(parents=True, exist_ok=True)
+        marker.touch()
+    (prefix / 'share' / 'tp_controller').symlink_to(REPOSITORY)
+    return prefix
+
+
+@pytest.fixture
+def start(workspace, domain, tmp_path):
+    """Return what starts a launch file; all are ended at last."""
+    running = []
+
+    def start(name, *arguments):
+        prefixes = [str(workspace), *filter(None, [os.environ.get('AMENT_PREFIX_PATH')])]
+        log = tmp_path / f'launch{len(running)}.log'
+        environment = {**domain, 'AMENT_PREFIX_PATH': os.pathsep.join(prefixes),
+                       'ROS_LOG_DIR': str(tmp_path), 'OVERRIDE_LAUNCH_PROCESS_OUTPUT_FORMAT': ''}
+        with open(log, 'w') as output:
+            process = subprocess.Popen(
+                [sys.executable, '-c', RUN, str(LAUNCH / name), *arguments], env=environment,
+                stdout=output, stderr=subprocess.STDOUT, start_new_session=True)
+        running.append(Launched(process, log))
+        return running[-1]
+
+    yield start
+    for launched in running:
+        launched.end()
+
+
+class Launched:
+    """A launch file that runs; the listener takes it for a node."""
+
+    def __init__(self, process, log):
+        self._process, self._log = process, log
+
+    def running(self):
+        """Return whether it runs."""
+        return self._process.poll() is None
+
+    def output(self):
+        """Return what it has printed so far."""
+        return self._log.read_text()
+
+    def end(self):
+        """Press Ctrl-C, as for a user; return the exit status."""
+        if self.running():
+            os.killpg(self._process.pid, signal.SIGINT)
+        try:
+            return self._process.wait(30.0)
+        except subprocess.TimeoutExpired:
+            os.killpg(self._process.pid, signal.SIGKILL)
+            raise
+
+    def told(self):
+        """Return {program: (arguments, texts of its parameter files)} of those that only tell."""
+        lines = [line for line in self.output().splitlines() if 'STARTED ' in line]
+        return {line.partition('-')[0].strip('['): json.loads(line.partition('STARTED ')[2])
+                for line in lines}
+
+
+def test_the_demo_reaches_its_goals_and_ends_with_ctrl_c(start, listener):
+    launched = start('demo.launch.py', 'rviz:=false')
+    for number, (goal,) in enumerate(DEMOS['panda'].steps):
+        # Two nodes have started before.
+        ended = f'[goal_{goal["task"]}-{number + 3}]: process has finished cleanly'
+        listener.wait(lambda: ended in launched.output(), 'a goal', [launched])
+    assert listener.client.task_names() == ['tool', 'elbow', 'posture']
+    assert 'not reached' not in launched.output()
+    assert launched.end() == 0
+    assert 'Traceback' not in launched.output() and 'ERROR' not in launched.output()
+
+
+def test_a_demo_in_a_namespace_has_its_parameters_and_shows_itself_in_rviz(start, domain):
+    from processes_harness import Listener
+    from tp_controller.nodes.client import Client
+    launched = start('demo.launch.py', 'demo:=two_arms', 'namespace:=left', 'goals:=false')
+    waiting = Listener()
+    with Client('left/tp_controller') as client:
+        client.wait(client.task_names, 15.0)
+        # That the file of parameters applies shows in the stack.
+        assert client.task_names() == list(DEMOS['two_arms'].stack.tasks), launched.output()
+    waiting.wait(lambda: len(launched.told()) == 2, 'the others', [launched])
+    waiting.client.close()
+    told = launched.told()
+    rviz, _ = told['rviz2']
+    assert rviz[rviz.index('-f') + 1] == DEMOS['two_arms'].robot.root
+    assert Path(rviz[rviz.index('-d') + 1]).name == 'controller.rviz'
+    assert '/tp_controller/markers:=tp_controller/markers' in rviz
+    assert '__ns:=/left' in rviz
+    _, (description, *_) = told['robot_state_publisher']
+    assert '<robot' in description
+
+
+def test_another_robot_stays_where_it_is(start, listener):
+    launched = start('demo.launch.py', 'rviz:=false',
+                     'robot:=package://tp_controller/config/robots/planar_3r.yaml')
+    listener.wait(lambda: listener.commands and not listener.client.stop_reason(), 'motion',
+                  [launched])
+    assert listener.client.task_names() == ['posture']
+    assert not listener.moving()
+    assert 'goal_' not in launched.output()
+
+
+def test_the_controller_takes_a_stack_as_text_and_another_topic(start, listener):
+    from std_msgs.msg import Float64MultiArray
+    heard = []
+    listener.client.node.create_subscription(Float64MultiArray, '/arm/commands', heard.append, 10)
+    launched = start('controller.launch.py', 'stack:=[home: {type: posture}]',
+                     'robot:=package://tp_controller/config/robots/planar_3r.yaml',
+                     'commands:=/arm/commands')
+    listener.wait(lambda: heard and listener.client.task_names(), 'zeros', [launched])
+    assert listener.client.task_names() == ['home']
+
+
+def test_the_controller_alone_waits_for_a_robot(start, listener):
+    launched = start('controller.launch.py')
+    listener.wait(lambda: listener.client.stop_reason() == 'no robot description yet', 'the node',
+                  [launched])
