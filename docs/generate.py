@@ -118,8 +118,8 @@ STATUS = {
     'stalls': 'how often the loop as a whole stood still for longer than `state_timeout`',
     'type': 'type of the task',
     'level': 'level in the stack, 1 is the highest; `disabled` for a disabled task',
-    'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `failed`, `disabled` or `stopped` '
-              '(zeros are commanded)',
+    'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `failed`, `disabled` or '
+              '`stopped` (zeros are commanded)',
     'error [m]': 'norm of the error, or distance outside its bounds; one key for each unit: '
                  '`[m]`, `[rad]`, `[1]` for ratios, for velocity tasks `[m/s]`, `[rad/s]`',
     'tolerance [m]': 'error below which the goal counts as reached; one key for each unit',
@@ -130,6 +130,8 @@ STATUS = {
     'goals accepted': 'goals and velocities accepted since the task is in the stack',
     'goals refused': 'goals and velocities refused',
     'last refusal': 'reason of the last refusal',
+    'goal warning': 'what is probably a mistake in the last goal accepted: out of reach, or '
+                    'coordinates that do not count; empty if nothing is',
 }
 
 

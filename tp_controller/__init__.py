@@ -23,28 +23,64 @@ Prioritized velocity control of redundant robots.
     command = controller.update(q, now)
 """
 
-from tp_controller.control.controller import Command, Controller
-from tp_controller.control.settings import Settings
-from tp_controller.errors import (
-    EvaluationError,
-    GoalError,
-    RobotError,
-    SettingsError,
-    SolverError,
-    StackError,
-    TaskError,
-    TimeError,
-    TpControllerError,
-)
-from tp_controller.model.robot import Robot, RobotState
-from tp_controller.model.simulator import KinematicSimulator, SimulatorNoise
-from tp_controller.solver.level import Level
-from tp_controller.solver.solution import LevelSolution, Solution
-from tp_controller.solver.solve import solve
-from tp_controller.tasks.stack import Stack
+from importlib import import_module
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tp_controller.control.controller import Command, Controller
+    from tp_controller.control.settings import Settings
+    from tp_controller.errors import (
+        EvaluationError,
+        GoalError,
+        RobotError,
+        SettingsError,
+        SolverError,
+        StackError,
+        TaskError,
+        TimeError,
+        TpControllerError,
+    )
+    from tp_controller.model.robot import Robot, RobotState
+    from tp_controller.model.simulator import KinematicSimulator, SimulatorNoise
+    from tp_controller.solver.level import Level
+    from tp_controller.solver.solution import LevelSolution, Solution
+    from tp_controller.solver.solve import solve
+    from tp_controller.tasks.stack import Stack
 
 __all__ = [
     'Command', 'Controller', 'EvaluationError', 'GoalError', 'KinematicSimulator', 'Level',
     'LevelSolution', 'Robot', 'RobotError', 'RobotState', 'Settings', 'SettingsError',
     'SimulatorNoise', 'Solution', 'SolverError', 'Stack', 'StackError', 'TaskError', 'TimeError',
     'TpControllerError', 'solve']
+
+# Where each name is, which is imported with its first use: the command line needs few of them.
+_ORIGINS = {
+    'control.controller': ('Command', 'Controller'),
+    'control.settings': ('Settings',),
+    'errors': ('EvaluationError', 'GoalError', 'RobotError', 'SettingsError', 'SolverError',
+               'StackError', 'TaskError', 'TimeError', 'TpControllerError'),
+    'model.robot': ('Robot', 'RobotState'),
+    'model.simulator': ('KinematicSimulator', 'SimulatorNoise'),
+    'solver.level': ('Level',),
+    'solver.solution': ('LevelSolution', 'Solution'),
+    'solver.solve': ('solve',),
+    'tasks.stack': ('Stack',),
+}
+_MODULES = {name: module for module, names in _ORIGINS.items() for name in names}
+_SUBPACKAGES = ('control', 'errors', 'model', 'resources', 'solver', 'tasks')
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name, or a part of the package, imported now."""
+    if name in _MODULES:
+        found = getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)
+        globals()[name] = found
+        return found
+    if name in _SUBPACKAGES:
+        return import_module(f'{__name__}.{name}')
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+
+
+def __dir__() -> list[str]:
+    """Return the names that there are, imported or not."""
+    return sorted({*globals(), *__all__, *_SUBPACKAGES})

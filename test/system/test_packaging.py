@@ -326,7 +326,7 @@ def test_wheel_holds_every_file(wheel):
                  entry.external_attr >> 16 for entry in archive.infolist()}
     data = [path.relative_to(ROOT) for folder in ('config', 'launch')
             for path in (ROOT / folder).rglob('*.*') if path.suffix != '.pyc']
-    assert {path.suffix for path in data} == {'.yaml', '.urdf', '.rviz', '.py'}
+    assert {path.suffix for path in data} == {'.yaml', '.urdf', '.rviz', '.xml', '.py'}
     assert {f'share/{PACKAGE}/{path}' for path in data} <= set(modes)
     assert {f'share/{PACKAGE}/package.xml',
             f'share/ament_index/resource_index/packages/{PACKAGE}'} <= set(modes)

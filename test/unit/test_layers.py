@@ -15,6 +15,7 @@
 """The architecture: imports run one way, no ROS in the method, one version, documented names."""
 
 import ast
+import importlib
 from pathlib import Path
 import re
 import subprocess
@@ -145,11 +146,27 @@ def test_public_names_exist_and_are_documented():
         assert documentation and not documentation.startswith(f'{name}('), name
 
 
-def test_public_names_are_all_that_the_package_imports():
+def test_public_names_come_from_where_type_checkers_look_for_them():
     tree = ast.parse((PACKAGE / '__init__.py').read_text(encoding='utf-8'))
-    names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
-             for alias in node.names}
-    assert names == set(tp_controller.__all__)
+    block, = (node for node in tree.body if isinstance(node, ast.If))
+    told = {alias.name: node.module for node in block.body for alias in node.names}
+    assert set(told) == set(tp_controller.__all__)
+    for name, module in told.items():
+        assert getattr(tp_controller, name) is getattr(importlib.import_module(module), name)
+
+
+def test_the_package_loads_what_is_used_and_names_what_there_is():
+    done = subprocess.run(
+        [sys.executable, '-c', 'import sys, tp_controller; print(*dir(tp_controller)); '
+         'assert not {"numpy", "scipy", "pinocchio"} & set(sys.modules); '
+         'tp_controller.errors; tp_controller.GoalError; '
+         'assert not {"scipy", "pinocchio"} & set(sys.modules); '
+         'assert tp_controller.solve([([[1.0]], [2.0])]).velocity == [2.0]'],
+        capture_output=True, text=True, cwd=robots.REPOSITORY)
+    assert done.returncode == 0, done.stderr
+    assert {*tp_controller.__all__, 'errors', 'tasks'} <= set(done.stdout.split())
+    with pytest.raises(AttributeError, match="no attribute 'Wheel'"):
+        tp_controller.Wheel
 
 
 @pytest.mark.parametrize('name', METHOD, ids=named)

@@ -20,8 +20,7 @@ import sys
 import time
 from typing import Any, TYPE_CHECKING
 
-from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
-from tp_controller.tasks.keys import with_unit
+from tp_controller.model.rpy import quaternion_from_rpy
 
 if TYPE_CHECKING:
     # Imported when a goal is sent: the help needs no ROS.
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
 
 # Velocities time out at the controller, so they are repeated at this period [s].
 REPEAT = 0.05
+TURN = 2.0 * math.pi
 # {part of a goal: the option that gives it}
 OPTIONS = {'xyz': '--xyz', 'quat_xyzw': '--rpy/--quat', 'joints': '--joint',
            'velocities': '--velocity', 'linear': '--linear', 'angular': '--angular'}
@@ -52,6 +52,9 @@ def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
                         help='linear velocity [m/s]')
     parser.add_argument('--angular', nargs=3, type=_finite, metavar=('X', 'Y', 'Z'),
                         help='angular velocity [rad/s]')
+    parser.add_argument('--deg', action='store_true',
+                        help='angles are in degrees, of --rpy and --angular, and of joints that '
+                        'turn')
     parser.add_argument('--frame', default='',
                         help='frame the goal is expressed in (default: the reference frame of '
                         'the task)')
@@ -86,30 +89,50 @@ def send_goal(options: argparse.Namespace) -> int:
         The controller or task is not there, or the task takes something else.
 
     """
-    fields = _fields(options)
-    if not fields:
-        print('tp_controller goal: nothing to send; give --xyz, --rpy, --quat, --joint, '
-              '--velocity, --linear or --angular', file=sys.stderr)
+    fault = _fault(options)
+    if fault:
+        print(f'tp_controller goal: {fault}', file=sys.stderr)
         return 2
     from tp_controller.nodes.client import Client
     with Client(options.node, names=OPTIONS) as client:
-        client.send(options.task, options.frame, options.wait, **fields)
+        client.send(options.task, options.frame, options.wait, **_fields(options, client))
         if options.duration:
             _repeat(client, options.duration)
         print(f'goal sent to task {options.task}')
+        warning = client.task_status(options.task).get('goal warning')
+        if warning:
+            print(f'warning: {warning}', file=sys.stderr)
         if options.reach:
             return 0 if _reach(client, options) else 1
     return 0
 
 
-def _fields(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the parts of the goal that were given."""
+def _fault(options: argparse.Namespace) -> str:
+    """Return what is wrong with the goal as it was given; empty if nothing is."""
+    if not any((options.xyz, options.rpy, options.quat, options.joint, options.velocity,
+                options.linear, options.angular)):
+        return ('nothing to send; give --xyz, --rpy, --quat, --joint, --velocity, --linear or '
+                '--angular')
+    if options.rpy and not options.deg and max(map(abs, options.rpy)) > TURN:
+        given = ' '.join(f'{angle:g}' for angle in options.rpy)
+        return (f'--rpy {given} is in radians, and more than a turn; for degrees add --deg')
+    return ''
+
+
+def _fields(options: argparse.Namespace, client: 'Client') -> dict[str, Any]:
+    """Return the parts of the goal that were given, in radians."""
+    angle = math.radians(1.0) if options.deg else 1.0
     quat_xyzw = options.quat
     if options.rpy:
-        quat_xyzw = quaternion_from_rotation(rotation_from_rpy(*options.rpy)).tolist()
+        quat_xyzw = quaternion_from_rpy(*(angle * value for value in options.rpy))
     fields = {'xyz': options.xyz, 'quat_xyzw': quat_xyzw, 'linear': options.linear,
-              'angular': options.angular, 'joints': options.joint and dict(options.joint),
-              'velocities': options.velocity and dict(options.velocity)}
+              'angular': options.angular and [angle * value for value in options.angular]}
+    for name, values in (('joints', options.joint), ('velocities', options.velocity)):
+        fields[name] = values and dict(values)
+        if values and options.deg:
+            turning = client.turning(fields[name], options.wait)
+            fields[name] = {joint: angle * value if joint in turning else value
+                            for joint, value in values}
     return {name: value for name, value in fields.items() if value}
 
 
@@ -130,6 +153,7 @@ def _reach(client: 'Client', options: argparse.Namespace) -> bool:
     if client.stop_reason():
         print(f'not reached: {client.stop_reason()}')
         return False
+    from tp_controller.tasks.keys import with_unit
     errors = ', '.join(with_unit(f'{float(value):.3g}', key[7:-1])
                        for key, value in status.items() if key.startswith('error ['))
     reason = status.get('reason', f'the stack has no task {options.task} any more')

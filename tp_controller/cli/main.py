@@ -24,10 +24,12 @@ from pathlib import Path
 import sys
 from textwrap import wrap
 from types import ModuleType
+from typing import NoReturn
 
 import argcomplete
 from tp_controller.cli.goal import add_goal_arguments, send_goal
 from tp_controller.errors import TpControllerError
+from tp_controller.nodes.discovery import announce_often
 
 EXAMPLES = """\
 examples:
@@ -79,7 +81,7 @@ def make_parser() -> argparse.ArgumentParser:
         prog='tp_controller', epilog=EXAMPLES,
         description='Prioritized velocity control of redundant robots.',
         formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--version', action='version', version=_version())
+    parser.add_argument('--version', action=_Version)
     commands = parser.add_subparsers(dest='command', required=True, metavar='command')
     demo = commands.add_parser(
         'demo', help='run a demonstration and write its figures', epilog=DEMO_EXAMPLES,
@@ -122,6 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     argcomplete.autocomplete(parser)
     options = parser.parse_args(
         _mark_numbers(sys.argv[1:] if arguments is None else arguments))
+    announce_often()
     try:
         return options.run(options)
     except TpControllerError as error:
@@ -153,6 +156,7 @@ def _node(name: str) -> int:
     if {'-h', '--help'} & set(sys.argv[1:]):
         print(_node_help(name, module))
         return 0
+    announce_often()
     return module.main()
 
 
@@ -204,12 +208,20 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _version() -> str:
-    """Return the version that is installed."""
-    try:
-        return version('tp_controller')
-    except PackageNotFoundError:
-        return 'not installed'
+class _Version(argparse.Action):
+    """Prints the version, which takes time to find out."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS,
+                         help="show program's version number and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """Print it and end."""
+        try:
+            print(version('tp_controller'))
+        except PackageNotFoundError:
+            print('not installed')
+        parser.exit()
 
 
 def _demo(options: argparse.Namespace) -> int:

@@ -23,6 +23,7 @@ from tp_controller.control.causes import TRANSITION
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.cycle_time import check_time, CycleTime
 from tp_controller.control.escape import Escape
+from tp_controller.control.goal_limits import check_goal
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
 from tp_controller.control.transition import Transition
@@ -213,7 +214,7 @@ class Controller:
             raise SettingsError(faults)
 
     def set_goal(self, name: str, goal: Goal, now: float,
-                 frame: str | Array | None = None) -> None:
+                 frame: str | Array | None = None) -> tuple[str, ...]:
         """
         Set the goal of a task.
 
@@ -230,11 +231,18 @@ class Controller:
             T_root_frame of a frame that is not on the robot; the task's reference frame by
             default.
 
+        Returns
+        -------
+        tuple of str
+            What is probably a mistake in the goal: it is out of reach, or coordinates are given
+            that do not count.
+
         Raises
         ------
         GoalError
-            The task or frame is unknown, the goal is not finite or has the wrong shape, or `now`
-            is not a finite number. The goal before stays in force.
+            The task or frame is unknown, the goal is not finite, has the wrong shape or is beyond
+            the limits of goals in the settings, or `now` is not a finite number. The goal before
+            stays in force.
 
         """
         now = check_time(now, 'now', GoalError)
@@ -242,8 +250,11 @@ class Controller:
         goal = accept(task, task.parse_goal, goal)
         if frame is not None:
             goal = accept(task, task.goal_in_reference, goal, self._pose_in(task, frame))
+        check_goal(task, goal, self._state, self._settings)
         self._announce_goal(task, now)
         accept(task, task.set_goal, goal, now)
+        own = frame is None or (isinstance(frame, str) and frame == task.reference)
+        return accept(task, task.goal_remarks, goal, not own)
 
     def set_feed_forward(self, name: str, velocity: Any, now: float,
                          frame: str | Array | None = None) -> None:

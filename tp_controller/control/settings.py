@@ -28,6 +28,15 @@ from tp_controller.solver.solve import Options, SCALINGS
 
 # What is done when a task fails.
 STOP, SWITCH_OFF = 'stop', 'switch off'
+# A box without ends.
+ANYWHERE = (-math.inf, math.inf) * 3
+
+
+def _is_box(value: object) -> bool:
+    """Say whether a value is a lower and an upper end for each of x, y and z."""
+    return isinstance(value, (list, tuple)) and len(value) == 6 and all(
+        isinstance(number, (int, float)) and not isinstance(number, bool) for number in value) \
+        and all(lower <= upper for lower, upper in zip(value[::2], value[1::2]))
 
 
 def _number(default: float, lower: float, upper: float, unit: str, description: str) -> float:
@@ -98,6 +107,16 @@ class Settings:
         'of the joints, all positive: the higher, the less it is used in what all tasks leave '
         'free (empty: all equal)'})
 
+    workspace: tuple[float, ...] = field(default=ANYWHERE, metadata={
+        'count': 6, 'unit': 'm', 'description': 'box that the goals of frames have to lie in, in '
+        'the root frame: x from, to, y from, to, z from, to (infinite: no limit)'})
+    largest_jump: float = _number(
+        math.inf, 0.0, math.inf, 'm', 'largest distance of a new goal from where its task is '
+        '(inf: any)')
+    largest_turn: float = _number(
+        math.inf, 0.0, math.inf, 'rad', 'largest angle between a new goal and where its task is, '
+        'also of joints (inf: any)')
+
     def __post_init__(self) -> None:
         """Check everything, and raise one error for all faults."""
         faults = [fault for item in fields(self) for fault in self._faults(item)]
@@ -106,6 +125,12 @@ class Settings:
                           f'{1.0 / self.period:g}, or position limits would be crossed')
         if faults:
             raise SettingsError(faults)
+
+    @property
+    def limits_goals(self) -> bool:
+        """Say whether there is a limit of goals."""
+        return (self.workspace, self.largest_jump, self.largest_turn) != (
+            ANYWHERE, math.inf, math.inf)
 
     def solver_options(self, n: int) -> Options:
         """Return the `Options` for a robot with n joints that these settings make."""
@@ -134,6 +159,10 @@ class Settings:
             lower, upper = item.metadata['lower'], item.metadata['upper']
             if not _is_number(value) or not lower <= value <= upper:
                 yield f'{item.name} must be a number from {lower:g} to {upper:g}, not {value!r}'
+        elif 'count' in item.metadata:
+            if not _is_box(value):
+                yield (f'{item.name} must be six numbers, from and to for each of x, y and z, '
+                       f'not {value!r}')
         elif value is not None and not (
                 isinstance(value, (list, tuple)) and
                 all(_is_number(weight) and 0.0 < weight < math.inf for weight in value)):

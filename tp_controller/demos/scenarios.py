@@ -22,7 +22,7 @@ from typing import Any
 
 from tp_controller.errors import RobotError
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
+from tp_controller.model.rpy import quaternion_from_rpy
 from tp_controller.resources import load_yaml, package_share
 from tp_controller.tasks.stack import Stack
 
@@ -104,7 +104,7 @@ def goal_fields(goal: Goal) -> dict[str, Any]:
     """
     fields = {key: goal[key] for key in ('xyz', 'linear', 'angular') if key in goal}
     if 'rpy' in goal:
-        fields['quat_xyzw'] = quaternion_from_rotation(rotation_from_rpy(*goal['rpy']))
+        fields['quat_xyzw'] = quaternion_from_rpy(*goal['rpy'])
     return fields
 
 

@@ -123,6 +123,34 @@ class Kinematics:
             supports[row, list(self.model.supports[self.attachment(frame)[0]])] = 1.0
         return _different(supports), _different(supports[:, sorted(self._driven_joints)])
 
+    def reach(self, one: str, other: str) -> float:
+        """
+        Return how far two frames can be apart at most, the links between them stretched [m].
+
+        The bound is not tight: joints need not turn so that the links come to lie in a line.
+        Infinite where a base that moves, or a sliding joint without end, lies between them.
+        """
+        ends = (self.attachment(frame)[1].translation for frame in (one, other))
+        return float(sum(np.linalg.norm(end) for end in ends)
+                     + sum(np.linalg.norm(self.model.jointPlacements[joint].translation)
+                           + self._travel(joint) for joint in self._between(one, other)))
+
+    def _travel(self, joint: int) -> float:
+        """Return how far a joint can move its frame from where it is at zero [m]."""
+        found = self.model.joints[joint]
+        kind = found.shortname()
+        if kind == 'JointModelFreeFlyer':
+            return np.inf
+        if not kind.startswith('JointModelP'):
+            return 0.0
+        ends = (self.model.lowerPositionLimit, self.model.upperPositionLimit)
+        return max(abs(limits[found.idx_q]) for limits in ends)
+
+    def _between(self, one: str, other: str) -> set[int]:
+        """Return the joints on the path from one frame to another."""
+        ends = (self.attachment(frame)[0] for frame in (one, other))
+        return set.symmetric_difference(*(set(self.model.supports[end]) for end in ends))
+
     def positions(self, q: Array) -> Array:
         """Return the positions of the driven joints (n,) at q, zeros for the base."""
         if not self.base.moves:

@@ -213,6 +213,26 @@ class Robot:
         """Return `name` if it is a frame of the robot, else raise `RobotError`."""
         return self.kinematics.check_frame(name)
 
+    def reach(self, frame: str, reference: str | None = None) -> float:
+        """
+        Return a distance that a frame never exceeds from another one.
+
+        Parameters
+        ----------
+        frame, reference : str
+            Two frames of the robot; the root is the default of the second.
+
+        Returns
+        -------
+        float
+            Length of all links between them, laid in a line [m]; infinite where the base moves
+            one against the other.
+
+        """
+        return self.kinematics.reach(self.check_frame(frame),
+                                     self.check_frame(self.root if reference is None
+                                                      else reference))
+
     def joint_index(self, name: object) -> int:
         """Return the index of a driven joint in arrays (n,), else raise `RobotError`."""
         if not isinstance(name, str) or name not in self._joint_indices:

@@ -13,3 +13,8 @@
 # limitations under the License.
 
 """Everything ROS: parameters, messages and the nodes."""
+
+from typing import Any, TypeAlias
+
+# What rosidl generates has neither types nor a common base class.
+Message: TypeAlias = Any

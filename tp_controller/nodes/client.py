@@ -29,6 +29,7 @@ from geometry_msgs.msg import (
     Vector3,
     Vector3Stamped,
 )
+from rcl_interfaces.srv import DescribeParameters
 from rclpy import init, try_shutdown
 from rclpy.context import Context
 from rclpy.duration import Duration
@@ -38,13 +39,15 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from tp_controller.errors import GoalError, TpControllerError, unknown
-from tp_controller.nodes.goal_messages import Message
+from tp_controller.nodes import Message
 
 # What a message is filled with, by the names that `FIELDS` lists.
 Fields = Mapping[str, Any]
 
 # How long to wait, on leaving, for goals to arrive [s].
 LEAVE_SECONDS = 5.0
+# How often a condition is looked at: that a topic is found, nobody says.
+POLL_SECONDS = 0.02
 # What stands for the answers to goals where the task is not there.
 ABSENT = '', ''
 # What of a goal each message can carry, and must.
@@ -91,11 +94,15 @@ class Client:
             except (RuntimeError, ValueError) as error:
                 raise TpControllerError(f'ROS 2 cannot start: {error}') from error
         self.controller = controller.strip('/')
-        self.node = Node('tp_client', context=self._context, use_global_arguments=False)
+        # Neither log topic nor parameters: each costs time to open.
+        self.node = Node('tp_client', context=self._context, use_global_arguments=False,
+                         enable_rosout=False, start_parameter_services=False)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._publishers: dict[tuple[str, str], Publisher] = {}
         self._last: tuple[Publisher, Message] | None = None
+        # Publishers of messages that nothing has answered yet.
+        self._pending: set[Publisher] = set()
         self.status: DiagnosticArray | None = None
         try:
             self.node.create_subscription(DiagnosticArray, f'/{self.controller}/status',
@@ -106,7 +113,7 @@ class Client:
 
     def close(self) -> None:
         """Leave, once everything that was sent has arrived."""
-        for publisher in self._publishers.values():
+        for publisher in self._pending:
             publisher.wait_for_all_acked(Duration(seconds=LEAVE_SECONDS))
         self._executor.shutdown()
         self.node.destroy_node()
@@ -132,7 +139,7 @@ class Client:
         Parameters
         ----------
         condition : callable
-            Asked after everything that arrives, and at least ten times a second.
+            Asked after everything that arrives, and at least fifty times a second.
         seconds : float
             How long to wait at most.
 
@@ -147,7 +154,7 @@ class Client:
             left = end - time.monotonic()
             if left <= 0.0:
                 return False
-            self.spin(min(left, 0.1))
+            self.spin(min(left, POLL_SECONDS))
         return True
 
     def tasks(self) -> dict[str, dict[str, type]]:
@@ -208,9 +215,11 @@ class Client:
             raise GoalError(f'the controller sends no status of task {task!r}')
         before = self._answers(task)
         self._last = publisher, message
+        self._pending.add(publisher)
         publisher.publish(message)
         if not self.wait(lambda: self._answers(task) not in (ABSENT, before), wait):
             raise GoalError(f'the controller did not answer the goal for task {task!r}')
+        self._pending.discard(publisher)
         if self._answers(task)[1] != before[1]:
             raise GoalError(f'refused: {self.task_status(task)["last refusal"]}')
 
@@ -218,7 +227,40 @@ class Client:
         """Publish once more what was sent last; no answer is waited for."""
         if self._last is not None:
             publisher, message = self._last
+            self._pending.add(publisher)
             publisher.publish(message)
+
+    def turning(self, joints: Iterable[str], wait: float = 10.0) -> set[str]:
+        """
+        Return those of some joints that turn; the others slide.
+
+        Parameters
+        ----------
+        joints : iterable of str
+            Driven joints.
+        wait : float
+            How long to wait for the controller [s].
+
+        Raises
+        ------
+        GoalError
+            The controller does not answer, or has not all of these joints.
+
+        """
+        names = list(joints)
+        service = self.node.create_client(DescribeParameters,
+                                          f'/{self.controller}/describe_parameters')
+        if not self.wait(service.service_is_ready, wait):
+            raise GoalError(self._not_there())
+        # The unit stands in the description of a limit.
+        future = service.call_async(DescribeParameters.Request(
+            names=[f'limits.{name}.lower' for name in names]))
+        self.wait(future.done, wait)
+        found = future.result().descriptors if future.done() else []
+        if len(found) < len(names):
+            raise GoalError('cannot tell which joints turn: the controller has not all of '
+                            f'{", ".join(names)}')
+        return {name for name, limit in zip(names, found) if limit.description.endswith('[rad]')}
 
     def task_status(self, task: str) -> dict[str, str]:
         """Return {key: value} of the latest status of a task; empty before the first."""
@@ -249,12 +291,16 @@ class Client:
         tasks = self.tasks()
         names = self.task_names() or sorted(tasks)
         if not names:
-            return (f'no node /{self.controller} with tasks is running (ROS_DOMAIN_ID and '
-                    "ROS_AUTOMATIC_DISCOVERY_RANGE must be the same as the controller's)")
+            return self._not_there()
         if task not in names:
             return unknown('task', task, names)
         return (f'task {task!r} takes no {_listed(fields, self._names)}; its topics: '
                 f'{", ".join(sorted(tasks.get(task, []))) or "none"}')
+
+    def _not_there(self) -> str:
+        """Return that there is no such controller."""
+        return (f'no node /{self.controller} with tasks is running (ROS_DOMAIN_ID and '
+                "ROS_AUTOMATIC_DISCOVERY_RANGE must be the same as the controller's)")
 
     def _on_status(self, message: DiagnosticArray) -> None:
         """Keep the latest status."""

@@ -27,12 +27,11 @@ from geometry_msgs.msg import (
 )
 from sensor_msgs.msg import JointState
 from tp_controller.errors import GoalError
+from tp_controller.nodes import Message
 from tp_controller.tasks.collision import ALL
 from tp_controller.tasks.task import Task
 from visualization_msgs.msg import Marker, MarkerArray
 
-# What rosidl generates has neither types nor a common base class.
-Message = Any
 # A goal for obstacles, by their names, and the frame that it is in.
 Parts = list[tuple[str, dict[str, Any]]]
 Xyz = tuple[float, float, float]

@@ -208,6 +208,7 @@ def settings_from(values: Mapping[str, Any], period: float, origin: str) -> Sett
 
     """
     given = {spec.name: values[spec.name] for spec in SETTINGS}
+    given['workspace'] = tuple(given['workspace'])
     given['weights'] = None if list(given['weights']) == EQUAL else tuple(given['weights'])
     try:
         return Settings(period=period, **given)

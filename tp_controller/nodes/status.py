@@ -83,7 +83,7 @@ def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | 
 def _goal_values(record: GoalRecord) -> list[KeyValue]:
     """Return what came in for a task."""
     return [_value('goals accepted', record.accepted), _value('goals refused', record.refused),
-            _value('last refusal', record.refusal)]
+            _value('last refusal', record.refusal), _value('goal warning', record.warning)]
 
 
 def _task_status(node_name: str, task: TaskReport, record: GoalRecord) -> DiagnosticStatus:

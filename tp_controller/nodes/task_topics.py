@@ -27,7 +27,8 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool
 from tp_controller.control.controller import Controller
 from tp_controller.errors import GoalError, in_words
-from tp_controller.nodes.goal_messages import GoalMessage, Message, messages_of, Parts
+from tp_controller.nodes import Message
+from tp_controller.nodes.goal_messages import GoalMessage, messages_of, Parts
 from tp_controller.nodes.tf_frames import TfFrames
 from tp_controller.tasks.collision import ALL
 
@@ -38,11 +39,24 @@ WORRYING = 100
 
 @dataclass
 class GoalRecord:
-    """What came in for a task: so many goals taken, so many refused, and why the last one."""
+    """
+    What came in for a task.
+
+    Attributes
+    ----------
+    accepted, refused : int
+        How many goals were.
+    refusal : str
+        Why the last one was refused.
+    warning : str
+        What is probably a mistake in the last one that was accepted.
+
+    """
 
     accepted: int = 0
     refused: int = 0
     refusal: str = ''
+    warning: str = ''
 
 
 class TaskTopics:
@@ -154,7 +168,7 @@ class TaskTopics:
         entry, = (entry for entry in messages_of(task) if entry.topic == topic)
         record = self.records[name]
         try:
-            self._take(name, entry, message)
+            self._warn(name, self._take(name, entry, message))
             record.accepted += 1
             self.changed = self._clock()
         except Exception as error:
@@ -162,11 +176,19 @@ class TaskTopics:
             record.refusal = in_words(error)
             self._node.get_logger().error(f'goal for task {name} refused: {record.refusal}')
 
-    def _take(self, name: str, entry: GoalMessage, message: Message) -> None:
-        """Hand the content of a message to the controller."""
+    def _warn(self, name: str, remarks: Collection[str]) -> None:
+        """Note what is probably a mistake in a goal; of a stream, say it once."""
+        record, warning = self.records[name], '; '.join(remarks)
+        if warning and warning != record.warning:
+            self._node.get_logger().warning(f'goal for task {name}: {warning}',
+                                            throttle_duration_sec=1.0)
+        record.warning = warning
+
+    def _take(self, name: str, entry: GoalMessage, message: Message) -> Collection[str]:
+        """Hand the content of a message to the controller; return remarks about it."""
         if entry.parts is not None:
             self._take_parts(name, entry.parts(message))
-            return
+            return ()
         goal, feed_forward = entry.goal(message), entry.feed_forward(message)
         if goal is None and feed_forward is None:
             raise GoalError('the message has no goal or velocity for this task')
@@ -175,10 +197,12 @@ class TaskTopics:
         if goal is not None and feed_forward is not None:
             # A message is taken as a whole or not at all.
             self._controller.stack.tasks[name].parse_feed_forward(feed_forward)
+        remarks: Collection[str] = ()
         if goal is not None:
-            self._controller.set_goal(name, goal, now, frame)
+            remarks = self._controller.set_goal(name, goal, now, frame)
         if feed_forward is not None:
             self._controller.set_feed_forward(name, feed_forward, now, frame)
+        return remarks
 
     def _take_parts(self, name: str, parts: Parts) -> None:
         """Hand parts (frame, goal) to the controller, all of them or none."""

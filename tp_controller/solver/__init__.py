@@ -13,10 +13,3 @@
 # limitations under the License.
 
 """The method: levels in, velocities out. It knows no robot, no task and no clock."""
-
-from tp_controller.solver.errors import SolverError
-from tp_controller.solver.level import Level
-from tp_controller.solver.solution import LevelSolution, Solution
-from tp_controller.solver.solve import solve
-
-__all__ = ['Level', 'LevelSolution', 'Solution', 'SolverError', 'solve']

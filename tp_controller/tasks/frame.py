@@ -15,6 +15,7 @@
 """Tasks about where a frame of the robot is, seen from another frame."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
@@ -168,6 +169,11 @@ class FrameTask(MovingGoalTask):
     def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
         """Say whether a goal of `other` is one of this task, too."""
         return super().is_compatible(other) and self.frame == other.frame
+
+    @cached_property
+    def reach(self) -> float:
+        """Return a distance from its reference that the frame never exceeds [m]."""
+        return self.robot.reach(self.frame, self.reference)
 
     def position(self, state: RobotState) -> Array:
         """Return the origin of the frame (3,) [m], in the reference frame."""

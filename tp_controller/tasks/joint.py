@@ -25,6 +25,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, wrap_angle
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import identity
+from tp_controller.tasks.goal_remarks import looks_like_degrees
 from tp_controller.tasks.keys import finite_vector, Gain, Keys, Tolerance
 from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Task
 from tp_controller.tasks.velocity import VelocityTask
@@ -196,8 +197,11 @@ class Joint(JointTask):
         for joint, index, value in zip(self.joints, self._indices, given):
             lower, upper = self.robot.lower[index], self.robot.upper[index]
             if value < lower or value > upper:
+                unit = self.robot.velocity_units[index]
+                hint = '; goals are in radians, not in degrees' \
+                    if unit == 'rad' and looks_like_degrees(value, lower, upper) else ''
                 raise GoalError(f'{what}: {joint} = {value:g} is outside its limits '
-                                f'[{lower:g}, {upper:g}]')
+                                f'[{lower:g}, {upper:g}]{hint}')
         return given if self.goal is None else np.where(np.isnan(given), self.goal, given)
 
 

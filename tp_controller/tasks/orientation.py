@@ -14,7 +14,7 @@
 
 """The end-effector orientation task (lecture 3.3, slip corrected)."""
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +31,8 @@ from tp_controller.model.state import RobotState
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.keys import finite_vector
 from tp_controller.tasks.task import Goal, Task
+
+SomeTurningTask = TypeVar('SomeTurningTask', bound='TurningTask')
 
 
 class ContinuousRotation:
@@ -68,6 +70,12 @@ class TurningTask(Task):
         """Take a goal; the shorter rotation to it is chosen anew."""
         super().set_goal(goal, now)
         self._rotation_error.forget()
+
+    def with_goal(self: SomeTurningTask, goal: Goal) -> SomeTurningTask:
+        """Return a copy that has a goal, and chooses the shorter rotation for itself."""
+        tried = super().with_goal(goal)
+        tried._rotation_error = ContinuousRotation()
+        return tried
 
     def inherit_goal(self, other: Task) -> None:
         """Go on with the goal of a task that this one replaces, in the same direction."""

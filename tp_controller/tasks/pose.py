@@ -20,6 +20,7 @@ from tp_controller.errors import GoalError
 from tp_controller.model.spatial import Array, pose
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.frame import FrameTask
+from tp_controller.tasks.goal_remarks import masked_place, masked_turn, out_of_reach
 from tp_controller.tasks.keys import finite_vector, has_shape
 from tp_controller.tasks.orientation import parse_rotation, TurningTask
 from tp_controller.tasks.task import Task
@@ -63,6 +64,24 @@ class Pose(PoseTask, TurningTask, FrameTask):
         error[:3] = self.goal[:3, 3] - self.position(state)
         error[3:] = self._rotation_error.error(self.goal[:3, :3], self.rotation(state))
         return error[self._mask]
+
+    def goal_remarks(self, goal: Array, converted: bool) -> tuple[str, ...]:
+        """Say that the goal is out of reach, or parts of it do not count."""
+        place, turns = goal[:3, 3], self.axis_names()[3:]
+        masked = () if converted else (masked_place(place, self.axes),
+                                       masked_turn(goal[:3, :3], self.axes, turns))
+        return tuple(filter(None, (
+            out_of_reach(place, self._counting(), self.reach, self.reference), *masked)))
+
+    def goal_place(self, goal: Array, state: RobotState) -> Array:
+        """Return the goal, where it counts, and where the frame is for the rest (3,) [m]."""
+        place, counting = self.position(state).copy(), self._counting()
+        place[counting] = goal[counting, 3]
+        return place
+
+    def _counting(self) -> list[int]:
+        """Return the coordinates of a place that count."""
+        return ['xyz'.index(axis) for axis in self.axes if axis in 'xyz']
 
 
 def parse_pose(goal: ArrayLike, what: str) -> Array:

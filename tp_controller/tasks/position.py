@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from tp_controller.model.spatial import Array, pose
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.frame import FrameTask, MovingGoalTask
+from tp_controller.tasks.goal_remarks import masked_place, out_of_reach
 from tp_controller.tasks.keys import finite_vector
 
 
@@ -52,6 +53,18 @@ class Position(PointTask, FrameTask):
     def error(self, state: RobotState) -> Array:
         """Return the vector to the goal along the axes that count (rows,) [m]."""
         return (self.goal - self.position(state))[self._mask]
+
+    def goal_remarks(self, goal: Array, converted: bool) -> tuple[str, ...]:
+        """Say that the goal is out of reach, or coordinates of it do not count."""
+        return tuple(filter(None, (
+            out_of_reach(goal, self._mask, self.reach, self.reference),
+            '' if converted else masked_place(goal, self.axes))))
+
+    def goal_place(self, goal: Array, state: RobotState) -> Array:
+        """Return the goal, where it counts, and where the frame is for the rest (3,) [m]."""
+        place = self.position(state).copy()
+        place[self._mask] = goal[self._mask]
+        return place
 
     def goal_pose(self, state: RobotState) -> Array:
         """Return the goal with the orientation of the frame (4, 4)."""

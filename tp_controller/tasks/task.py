@@ -16,6 +16,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 import inspect
 import math
@@ -245,6 +246,30 @@ class Task(ABC):
     def goal_in_reference(self, goal: Goal, T_reference_frame: Array) -> Goal:
         """Return a goal given in another frame; raise `GoalError` where goals have no frame."""
         raise GoalError(f'a goal of task {self.name!r} is not expressed in a frame: leave it out')
+
+    def goal_remarks(self, goal: Goal, converted: bool) -> tuple[str, ...]:
+        """
+        Return what is probably a mistake in a goal, in words.
+
+        Parameters
+        ----------
+        goal : object
+            In the form used inside.
+        converted : bool
+            It was given in another frame than the reference.
+
+        """
+        return ()
+
+    def goal_place(self, goal: Goal, state: RobotState) -> Array | None:
+        """Return where a goal brings the frame (3,) [m], in the reference; None for no place."""
+        return None
+
+    def with_goal(self: SomeTask, goal: Goal) -> SomeTask:
+        """Return a copy that has a goal, to try it out: what the copy does leaves this alone."""
+        tried = copy(self)
+        tried.goal = goal
+        return tried
 
     def goal_pose(self, state: RobotState) -> Array | None:
         """Return T_reference_goal (4, 4) for display; None where the goal is no place."""

@@ -1,0 +1,87 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Limits of goals: a box that they have to lie in, and how far away they may be."""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+from tp_controller.control.settings import Settings
+from tp_controller.errors import GoalError
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
+from tp_controller.tasks.keys import with_unit
+from tp_controller.tasks.task import Goal, norm, Task
+
+# Kinds of goals that a value moves towards; others are velocities and obstacles.
+TARGETS = {'point', 'direction', 'quaternion', 'pose', 'joints'}
+
+
+def check_goal(task: Task, goal: Goal, state: RobotState | None, settings: Settings) -> None:
+    """
+    Refuse a goal beyond the limits of `Settings`.
+
+    Parameters
+    ----------
+    task : Task
+        That gets the goal; one with bounds has no limits.
+    goal : object
+        In the form used inside, in the reference frame of the task.
+    state : RobotState or None
+        Where the robot is.
+    settings : Settings
+        Its `workspace`, `largest_jump` and `largest_turn`.
+
+    Raises
+    ------
+    GoalError
+        The goal is beyond one of them, or nobody knows because there is no state yet.
+
+    """
+    if task.bounded or task.goal_type not in TARGETS or not settings.limits_goals:
+        return
+    if state is None:
+        raise GoalError('the limits of goals need joint positions, and none have arrived yet')
+    if task.reference is not None:
+        _check_place(task, task.goal_place(goal, state), state, settings.workspace)
+    largest_of = {'m': ('largest_jump', settings.largest_jump),
+                  'rad': ('largest_turn', settings.largest_turn)}
+    error = task.with_goal(goal).error(state)
+    for rows, unit, _ in task.groups:
+        name, largest = largest_of.get(unit, ('', math.inf))
+        # A joint that has no goal yet has no distance to it either.
+        distance = norm(np.nan_to_num(error[rows]))
+        if distance > largest:
+            raise GoalError(f'the goal is {distance:.3g} {unit} away, more than {name} '
+                            f'({with_unit(f"{largest:g}", unit)}) allows')
+
+
+def _check_place(task: Task, place: Array | None, state: RobotState,
+                 workspace: Sequence[float]) -> None:
+    """Refuse a place, in the reference of a task, outside of the workspace."""
+    if place is None or task.reference is None:
+        return
+    T = state.pose(task.reference)
+    in_root = T[:3, :3].dot(place) + T[:3, 3]
+    for axis, value, lower, upper in zip('xyz', in_root, workspace[::2], workspace[1::2]):
+        if not lower <= value <= upper:
+            raise GoalError(f'the goal is outside the workspace: {axis} = {value:.3g} m is not '
+                            f'from {_bound(lower)} to {_bound(upper)}, in the frame '
+                            f'{task.robot.root}')
+
+
+def _bound(value: float) -> str:
+    """Return an end of the workspace as text."""
+    return f'{value:g} m' if math.isfinite(value) else 'anywhere'
