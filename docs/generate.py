@@ -392,7 +392,7 @@ REGIONS = {
     'tasks': tasks, 'settings': settings, 'names': names, 'errors': error_tree,
     'messages': messages,
     'help': command_help, **{f'help {name}': lambda name=name: command_help(name)
-                             for name in ('demo', 'goal')},
+                             for name in ('demo', 'goal', 'status')},
     **{f'launch {name}': lambda name=name: launch_arguments(name)
        for name in ('controller', 'demo')},
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},

@@ -29,8 +29,8 @@ PACKAGE = Path(__file__).resolve().parents[1] / 'tp_controller'
 DRAWING = ('demos/drawing.py', 'demos/film.py', 'demos/outlines.py', 'demos/plots.py')
 # Calls and arguments whose texts describe something, and names that do.
 DESCRIBING = {'Spec', '_number', '_choice', 'NewType', 'Demo', 'title', 'help', 'description',
-              'epilog', 'keys', 'KEYS', 'EXAMPLES', 'DEMO_EXAMPLES', 'GOAL_EXAMPLES', 'DEMOS',
-              'metadata'}
+              'epilog', 'keys', 'KEYS', 'EXAMPLES', 'DEMO_EXAMPLES', 'GOAL_EXAMPLES',
+              'STATUS_EXAMPLES', 'DEMOS', 'metadata'}
 FILLED = re.compile(r'{[^}]*}')
 WORDS = re.compile(r'[A-Za-z]{2}.* .*\w|\w .*[A-Za-z]{2}')
 XML = re.compile(r'</|/>|<\?|\w="|<\w+ \w+=')

@@ -14,16 +14,22 @@
 
 """The command line against running nodes, and every example that it shows."""
 
+import fcntl
 import importlib
 from importlib.metadata import version
 from importlib.util import find_spec
 import os
 from pathlib import Path
+import pty
 import re
+import select
 import shlex
 import signal
+import struct
 import subprocess
 import sys
+import termios
+from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -39,7 +45,9 @@ from tp_controller.cli.main import (
     main,
     make_parser,
     simulator_node,
+    STATUS_EXAMPLES,
 )
+from tp_controller.cli.status import table
 import yaml
 
 DOWN = ('--rpy', '3.1416', '0', '0')
@@ -70,6 +78,14 @@ def robot(domain, tmp_path_factory):
 def goal(robot, domain):
     """Return what runs ``tp_controller goal``."""
     return lambda *arguments: command_line(domain, 'goal', *arguments)
+
+
+class Heard(NamedTuple):
+    """What `tp_controller.nodes.watch.Heard` is, where there is no ROS."""
+
+    head: str
+    tasks: dict
+    age: float
 
 
 def tool(listener):
@@ -146,6 +162,103 @@ def test_a_goal_that_cannot_be_sent_or_is_refused_returns_1_with_the_reason(
     assert re.fullmatch(f'tp_controller: {told}.*\n', complaint), complaint
 
 
+def test_angles_in_degrees_are_sent_in_radians(robot, goal, capsys):
+    assert main(['goal', 'tool', '--xyz', '0.45', '0.2', '0.5', '--rpy', '180', '0', '0', '--deg',
+                 '--reach', '15']) == 0
+    assert main(['goal', 'posture', '--joint', 'panda_joint4=-115', '--deg']) == 0
+    assert main(['goal', 'posture', '--joint', 'panda_joint4=-115']) == 1
+    assert 'goals are in radians, not in degrees' in capsys.readouterr().err
+    assert main(['goal', 'swing', '--velocity', 'panda_joint7=-10', '--deg', '--for', '0.2']) == 0
+    before = len(robot.commands)
+    robot.wait(lambda: len(robot.commands) > before + 20, 'commands')
+    assert max(abs(command[6]) for command in robot.commands[-100:]) < 1.0
+    assert main(['goal', 'posture', '--joint', 'joint4=-115', '--deg']) == 1
+    assert 'cannot tell which joints turn: the controller has not all of joint4' \
+        in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('arguments, told', [
+    (('tool', '--xyz', '400', '200', '500', *DOWN),
+     'the goal is 671 m from panda_link0, and out of reach: all links in a line are 1.42 m long; '
+     'goals are in metres, not in millimetres'),
+    (('elbow', '--xyz', '0.1', '0', '0.6'),
+     'not counted: x = 0.1, z = 0.6; the axes of the task are y')])
+def test_a_goal_that_is_probably_a_mistake_comes_with_a_warning(robot, capsys, arguments, told):
+    assert main(['goal', *arguments]) == 0
+    assert capsys.readouterr().err == f'warning: {told}\n'
+    assert main(['goal', 'tool', '--xyz', '0.45', '0.2', '0.5', *DOWN]) == 0
+    assert main(['goal', 'elbow', '--xyz', '0', '0', '0']) == 0
+    assert capsys.readouterr().err == ''
+
+
+# Status ---------------------------------------------------------------------------------------
+
+def test_the_status_is_a_table_of_all_controllers(robot, capsys):
+    assert main(['status', '--once']) == 0
+    said = capsys.readouterr().out.splitlines()
+    # On a busy machine it may not run at this moment.
+    assert said[0].startswith('/tp_controller: ')
+    assert said[1].split() == ['task', 'level', 'error', 'status', 'reason']
+    assert [line.split()[:2] for line in said[2:]] == [
+        ['tool', '1'], ['swing', '2'], ['elbow', '3'], ['posture', '4']]
+    assert main(['status', '--once', '--node', '/tp_controller']) == 0
+    assert capsys.readouterr().out.startswith('/tp_controller: ')
+
+
+def test_controllers_that_are_not_there_are_named(robot, capsys):
+    assert main(['status', '--once', '--wait', '0.3', '--node', 'left/arm', '--node',
+                 'tp_controller']) == 1
+    assert re.search('no node .*/left/arm.* with tasks is running', capsys.readouterr().err)
+
+
+def test_the_status_is_drawn_in_place_on_a_terminal(robot, domain):
+    shown, told = read_terminal(domain, 'status', '--period', '0.1')
+    assert shown[0].startswith('\x1b[2J')
+    screens = ''.join(shown).split('\x1b[H\x1b[J')[1:]
+    assert len(screens) >= 3
+    # A screen of 40 columns and 4 lines shows no more, and leaves the last line alone.
+    assert all(len(screen.splitlines()) == 3 for screen in screens[:-1])
+    assert all(len(line) <= 40 for screen in screens[:-1] for line in screen.splitlines())
+    assert told == 0 and ''.join(shown).endswith('\x1b[?25h')
+
+
+def read_terminal(environment, *arguments):
+    """Run a command on a terminal of 40 × 4, until Ctrl-C; return what it showed, its status."""
+    controller, terminal = pty.openpty()
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack('HHHH', 4, 40, 0, 0))
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'tp_controller', *arguments], stdin=terminal, stdout=terminal,
+        stderr=terminal, env={key: value for key, value in environment.items()
+                              if key not in ('COLUMNS', 'LINES')})
+    os.close(terminal)
+    shown = []
+    try:
+        while ''.join(shown).count('\x1b[H') < 4:
+            assert select.select([controller], [], [], DEADLINE)[0], ''.join(shown)
+            shown.append(os.read(controller, 4096).decode())
+        process.send_signal(signal.SIGINT)
+        while True:
+            try:
+                shown.append(os.read(controller, 4096).decode())
+            except OSError:  # the other end is closed
+                break
+        return shown, process.wait(DEADLINE)
+    finally:
+        process.kill()
+        process.wait()
+        os.close(controller)
+
+
+def test_the_status_is_printed_line_by_line_into_a_pipe(robot, domain):
+    with subprocess.Popen([sys.executable, '-m', 'tp_controller', 'status', '--period', '0.1'],
+                          env=domain, stdout=subprocess.PIPE, text=True) as process:
+        tables = [process.stdout.readline() for _ in range(14)]
+        process.send_signal(signal.SIGINT)
+        assert process.wait(DEADLINE) == 130
+    assert sum(line.startswith('/tp_controller: ') for line in tables) == 2
+    assert '\x1b' not in ''.join(tables)
+
+
 # Without nodes --------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('arguments, told', [
@@ -168,6 +281,32 @@ def test_a_command_that_makes_no_sense_returns_2_and_says_what_is_wrong(capsys, 
         status = leave.code
     assert status == 2
     assert told in capsys.readouterr().err
+
+
+def test_angles_of_more_than_a_turn_are_taken_for_degrees_that_were_not_meant(capsys):
+    assert main(['goal', 'tool', '--rpy', '180', '0', '0']) == 2
+    assert capsys.readouterr().err == (
+        'tp_controller goal: --rpy 180 0 0 is in radians, and more than a turn; for degrees add '
+        '--deg\n')
+
+
+def test_a_table_shows_silence_errors_and_reasons():
+    tasks = {'tool': {'level': '1', 'error [m]': '0.25', 'error [rad]': '0.5',
+                      'status': 'limited', 'reason': 'near a singularity',
+                      'goal warning': 'out of reach'},
+             'mobile': {'level': '2', 'error [1]': '0.01', 'status': 'satisfied'},
+             'elbow': {'level': '3', 'error [m]': 'nan', 'status': 'stopped'}}
+    heard = {'left/arm': Heard('running', tasks, 0.1), 'arm': Heard('running', {}, 61.4)}
+    assert table(heard) == """\
+/left/arm: running
+  task           level    error                    status     reason
+  tool           1        0.2500 m, 0.5000 rad     limited    near a singularity; out of reach
+  mobile         2        0.0100                   satisfied
+  elbow          3        -                        stopped
+
+/arm: no status for 61 s
+  task           level    error                    status     reason"""
+    assert max(map(len, table(heard, 30).splitlines())) == 30
 
 
 class Answering:
@@ -236,7 +375,7 @@ def test_a_shell_completes_commands(tmp_path, line, completed):
     assert {text.strip() for text in answer.read_text().split(':')} == completed
 
 
-@pytest.mark.parametrize('command', [(), ('demo',), ('goal',)])
+@pytest.mark.parametrize('command', [(), ('demo',), ('goal',), ('status',)])
 def test_help_is_shown(capsys, command):
     with pytest.raises(SystemExit) as leave:
         main([*command, '--help'])
@@ -248,7 +387,7 @@ def test_help_is_shown(capsys, command):
 
 def examples():
     """Return every example line of the help texts."""
-    lines = [line.strip() for text in (EXAMPLES, DEMO_EXAMPLES, GOAL_EXAMPLES)
+    lines = [line.strip() for text in (EXAMPLES, DEMO_EXAMPLES, GOAL_EXAMPLES, STATUS_EXAMPLES)
              for line in text.splitlines()]
     # What stands after two spaces tells what the command is for.
     return [re.split(r'\s{2,}', line)[0] for line in lines if line.startswith('tp_controller ')]

@@ -20,6 +20,7 @@ import sys
 import time
 from typing import Any, TYPE_CHECKING
 
+from tp_controller.cli.numbers import finite_number, positive_number
 from tp_controller.model.rpy import quaternion_from_rpy
 
 if TYPE_CHECKING:
@@ -37,20 +38,20 @@ OPTIONS = {'xyz': '--xyz', 'quat_xyzw': '--rpy/--quat', 'joints': '--joint',
 def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command to its parser."""
     parser.add_argument('task', help='name of the task in the stack')
-    parser.add_argument('--xyz', nargs=3, type=_finite, metavar=('X', 'Y', 'Z'),
+    parser.add_argument('--xyz', nargs=3, type=finite_number, metavar=('X', 'Y', 'Z'),
                         help='position [m], or direction')
     turn = parser.add_mutually_exclusive_group()
-    turn.add_argument('--rpy', nargs=3, type=_finite, metavar=('R', 'P', 'Y'),
+    turn.add_argument('--rpy', nargs=3, type=finite_number, metavar=('R', 'P', 'Y'),
                       help='orientation as roll, pitch, yaw [rad]')
-    turn.add_argument('--quat', nargs=4, type=_finite, metavar=('X', 'Y', 'Z', 'W'),
+    turn.add_argument('--quat', nargs=4, type=finite_number, metavar=('X', 'Y', 'Z', 'W'),
                       help='orientation as a quaternion')
     parser.add_argument('--joint', action='append', type=_assignment, metavar='NAME=VALUE',
                         help='joint position [rad or m]; once for each joint')
     parser.add_argument('--velocity', action='append', type=_assignment, metavar='NAME=VALUE',
                         help='joint velocity [rad/s or m/s]; once for each joint')
-    parser.add_argument('--linear', nargs=3, type=_finite, metavar=('X', 'Y', 'Z'),
+    parser.add_argument('--linear', nargs=3, type=finite_number, metavar=('X', 'Y', 'Z'),
                         help='linear velocity [m/s]')
-    parser.add_argument('--angular', nargs=3, type=_finite, metavar=('X', 'Y', 'Z'),
+    parser.add_argument('--angular', nargs=3, type=finite_number, metavar=('X', 'Y', 'Z'),
                         help='angular velocity [rad/s]')
     parser.add_argument('--deg', action='store_true',
                         help='angles are in degrees, of --rpy and --angular, and of joints that '
@@ -58,14 +59,14 @@ def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--frame', default='',
                         help='frame the goal is expressed in (default: the reference frame of '
                         'the task)')
-    parser.add_argument('--for', dest='duration', type=_seconds, metavar='SECONDS',
+    parser.add_argument('--for', dest='duration', type=positive_number, metavar='SECONDS',
                         help='repeat the goal for so long: velocities time out')
-    parser.add_argument('--reach', type=_seconds, metavar='SECONDS',
+    parser.add_argument('--reach', type=positive_number, metavar='SECONDS',
                         help='wait until the goal is reached, at most so long; the exit status '
                         'tells whether it was')
     parser.add_argument('--node', default='tp_controller',
                         help='name of the controller node (default: tp_controller)')
-    parser.add_argument('--wait', type=_seconds, default=10.0, metavar='SECONDS',
+    parser.add_argument('--wait', type=positive_number, default=10.0, metavar='SECONDS',
                         help='how long to look for the controller (default: 10)')
 
 
@@ -164,28 +165,9 @@ def _reach(client: 'Client', options: argparse.Namespace) -> bool:
     return reached
 
 
-def _finite(text: str) -> float:
-    """Return a finite number of the command line."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f'{text.strip()!r} is not a finite number')
-    return value
-
-
-def _seconds(text: str) -> float:
-    """Return a positive time of the command line."""
-    value = _finite(text)
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f'{text.strip()!r} must be positive')
-    return value
-
-
 def _assignment(text: str) -> tuple[str, float]:
     """Return (name, value) of NAME=VALUE."""
     name, equals, value = text.partition('=')
     if not equals or not name:
         raise argparse.ArgumentTypeError(f'{text!r} is not of the form NAME=VALUE')
-    return name, _finite(value)
+    return name, finite_number(value)

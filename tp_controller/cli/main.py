@@ -28,6 +28,7 @@ from typing import NoReturn
 
 import argcomplete
 from tp_controller.cli.goal import add_goal_arguments, send_goal
+from tp_controller.cli.status import add_status_arguments, show_status
 from tp_controller.errors import TpControllerError
 from tp_controller.nodes.discovery import announce_often
 
@@ -37,8 +38,9 @@ examples:
   tp_controller demo mobile              an arm on wheels carries a tray past obstacles
   tp_controller demo drill               drilling, and what the other joints do besides
   tp_controller demo lab1                motion in the null space of a planar arm, no ROS needed
-  tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 3.14 0 0
+  tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 180 0 0 --deg
   tp_controller goal --help              how to send goals of every kind
+  tp_controller status                   what the tasks of running controllers do
 """
 HELP_WIDTH = 95
 DEMOS = {
@@ -62,16 +64,23 @@ which talk on this machine only, in a ROS domain of their own. drill, lab1 and l
 """
 GOAL_EXAMPLES = """\
 examples:
-  tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 3.14 0 0
+  tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 180 0 0 --deg
   tp_controller goal tool --xyz 0 0 0.1 --quat 0 0 0 1 --frame panda_hand_tcp
   tp_controller goal elbow --xyz 0 0 0.6 --reach 10
   tp_controller goal posture --joint panda_joint4=-2.0 --joint panda_joint6=1.8
+  tp_controller goal posture --joint panda_joint4=-115 --deg
   tp_controller goal swing --velocity joint1=0.3 --for 2
   tp_controller goal carry --linear 0.1 0 0 --for 3
 
 The same with the ros2 command:
   ros2 topic pub --once /tp_controller/elbow/goal geometry_msgs/msg/PointStamped \\
       "{point: {x: 0.0, y: 0.0, z: 0.6}}"
+"""
+STATUS_EXAMPLES = """\
+examples:
+  tp_controller status                       all controllers, until Ctrl-C
+  tp_controller status --once                one table
+  tp_controller status --node left/tp_controller --node right/tp_controller
 """
 
 
@@ -102,6 +111,12 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter)
     add_goal_arguments(goal)
     goal.set_defaults(run=send_goal)
+    status = commands.add_parser(
+        'status', help='show what running controllers do, live', epilog=STATUS_EXAMPLES,
+        description='Show the tasks of running controllers, until Ctrl-C: how far each is from '
+        'its goal, and what limits it.', formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_status_arguments(status)
+    status.set_defaults(run=show_status)
     return parser
 
 

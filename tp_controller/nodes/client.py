@@ -105,11 +105,10 @@ class Client:
         self._pending: set[Publisher] = set()
         self.status: DiagnosticArray | None = None
         try:
-            self.node.create_subscription(DiagnosticArray, f'/{self.controller}/status',
-                                          self._on_status, 10)
-        except NameValidationException as error:
+            subscribe_status(self.node, self.controller, self._on_status)
+        except TpControllerError:
             self.close()
-            raise TpControllerError(f'{controller!r} cannot be the name of a node') from error
+            raise
 
     def close(self) -> None:
         """Leave, once everything that was sent has arrived."""
@@ -251,7 +250,7 @@ class Client:
         service = self.node.create_client(DescribeParameters,
                                           f'/{self.controller}/describe_parameters')
         if not self.wait(service.service_is_ready, wait):
-            raise GoalError(self._not_there())
+            raise GoalError(absence(f'/{self.controller}'))
         # The unit stands in the description of a limit.
         future = service.call_async(DescribeParameters.Request(
             names=[f'limits.{name}.lower' for name in names]))
@@ -291,20 +290,30 @@ class Client:
         tasks = self.tasks()
         names = self.task_names() or sorted(tasks)
         if not names:
-            return self._not_there()
+            return absence(f'/{self.controller}')
         if task not in names:
             return unknown('task', task, names)
         return (f'task {task!r} takes no {_listed(fields, self._names)}; its topics: '
                 f'{", ".join(sorted(tasks.get(task, []))) or "none"}')
 
-    def _not_there(self) -> str:
-        """Return that there is no such controller."""
-        return (f'no node /{self.controller} with tasks is running (ROS_DOMAIN_ID and '
-                "ROS_AUTOMATIC_DISCOVERY_RANGE must be the same as the controller's)")
-
     def _on_status(self, message: DiagnosticArray) -> None:
         """Keep the latest status."""
         self.status = message
+
+
+def absence(names: str) -> str:
+    """Return that nodes of some names, or of any name, are not there."""
+    return (f'no node {f"{names} " if names else ""}with tasks is running (ROS_DOMAIN_ID and '
+            "ROS_AUTOMATIC_DISCOVERY_RANGE must be the same as the controller's)")
+
+
+def subscribe_status(node: Node, controller: str,
+                     callback: Callable[[DiagnosticArray], None]) -> None:
+    """Listen to the status of a controller; `TpControllerError` if that cannot be its name."""
+    try:
+        node.create_subscription(DiagnosticArray, f'/{controller}/status', callback, 10)
+    except NameValidationException as error:
+        raise TpControllerError(f'{controller!r} cannot be the name of a node') from error
 
 
 def make_message(task: str, kind: type, fields: Fields,
