@@ -427,9 +427,9 @@ def test_the_lab_demo_runs_from_the_command_line(environment, tmp_path):
     folder = tmp_path / 'figures'
     status, said, _ = command_line(environment, 'demo', 'lab1', '--output', str(folder))
     assert status == 0
-    written = [path.name for path in folder.iterdir()]
-    assert written and all(name in said for name in written)
-    check_images(folder, written)
+    written = [path.name for path in (folder / 'lab1').iterdir()]
+    assert written and all(f'lab1/{name}' in said for name in written)
+    check_images(folder / 'lab1', written)
 
 
 @pytest.mark.skipif(find_spec('rclpy') is None, reason='needs ROS 2')
@@ -446,9 +446,10 @@ def test_the_demo_of_a_robot_reaches_its_goals_within_the_limits(environment, tm
     outcomes = [(task, text) for task, text in outcomes if task != 'marks']
     assert [task for task, _ in outcomes] == asked
     assert all(text.endswith('reached') and 'not reached' not in text for _, text in outcomes)
-    check_images(tmp_path, ['errors.png', 'velocities.png', 'tool_path.png', 'arm.gif'])
+    folder = tmp_path / name
+    check_images(folder, ['errors.png', 'velocities.png', 'tool_path.png', 'arm.gif'])
     for node in ('controller_node.log', 'simulator_node.log'):
-        assert 'ERROR' not in (tmp_path / node).read_text()
+        assert 'ERROR' not in (folder / node).read_text()
 
 
 def test_a_demo_that_is_ended_takes_its_nodes_with_it(domain, tmp_path):

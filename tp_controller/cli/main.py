@@ -54,8 +54,8 @@ DEMOS = {
 }
 DEMO_EXAMPLES = """\
 examples:
-  tp_controller demo                         figures and animation go to ./tp_demo
-  tp_controller demo --output /tmp/figures
+  tp_controller demo                         figures and film go to ./tp_demo/panda
+  tp_controller demo --output figures
   tp_controller demo underwater              a vehicle with an arm, beside a riser
   tp_controller demo lab2 --seed 3           exercise 2 of the lab with other random goals
 
@@ -100,7 +100,8 @@ def make_parser() -> argparse.ArgumentParser:
                       choices=tuple(DEMOS),
                       help='; '.join(f'{name}: {what}' for name, what in DEMOS.items()))
     demo.add_argument('--output', type=Path, default=Path('tp_demo'), metavar='FOLDER',
-                      help='where the figures go (default: ./tp_demo)')
+                      help='where the folder with the figures goes, which has the name '
+                      'of the demo (default: ./tp_demo)')
     demo.add_argument('--seed', type=_seed, default=1,
                       help='seed of the random goals of lab2 (default: 1)')
     demo.set_defaults(run=_demo)
@@ -139,7 +140,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     argcomplete.autocomplete(parser)
     options = parser.parse_args(
         _mark_numbers(sys.argv[1:] if arguments is None else arguments))
-    announce_often()
     try:
         return options.run(options)
     except TpControllerError as error:
@@ -241,23 +241,25 @@ class _Version(argparse.Action):
 
 def _demo(options: argparse.Namespace) -> int:
     """Run the demonstration that was named."""
+    # Each in a folder of its own, or one would write over the pictures of another.
+    folder = options.output / options.name
     try:
-        options.output.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         print(f'tp_controller: --output: {error}', file=sys.stderr)
         return 2
     # Imported here: figures take a second to import, and goals do not need them.
     if options.name == 'drill':
         from tp_controller.demos.drill import drill
-        passed = drill(options.output)
+        passed = drill(folder)
     elif options.name in ('lab1', 'lab2'):
         from tp_controller.demos.lab import lab1, lab2
-        passed = lab1(options.output) if options.name == 'lab1' \
-            else lab2(options.output, options.seed)
+        passed = lab1(folder) if options.name == 'lab1' else lab2(folder, options.seed)
     else:
         from tp_controller.demos.ros_demos import run_demo
         from tp_controller.demos.scenarios import DEMOS as ROS_DEMOS
-        passed = run_demo(ROS_DEMOS[options.name], options.output)
+        announce_often()
+        passed = run_demo(ROS_DEMOS[options.name], folder)
     return 0 if passed else 1
 
 

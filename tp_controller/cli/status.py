@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 
 from tp_controller.cli.numbers import positive_number
 from tp_controller.errors import TpControllerError
+from tp_controller.nodes.discovery import announce_often
 
 if TYPE_CHECKING:
     # Imported with the first status: the help needs no ROS.
@@ -71,6 +72,7 @@ def show_status(options: argparse.Namespace) -> int:
         No controller is there, or not all of those that were named.
 
     """
+    announce_often()
     from tp_controller.nodes.client import absence
     from tp_controller.nodes.watch import Watch
     with Watch(options.node) as watch:

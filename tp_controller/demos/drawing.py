@@ -24,6 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 import numpy as np
 from numpy.typing import ArrayLike
+from tp_controller.demos.files import new_file
 from tp_controller.model.spatial import Array
 
 if TYPE_CHECKING:
@@ -132,13 +133,7 @@ def mark_bound(axis: Axes, bound: float, beyond: float, label: str | None = None
 
 def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure and return its path."""
-    path = prepared(path)
-    figure.savefig(path)
-    return path
-
-
-def prepared(path: str | Path) -> Path:
-    """Return a path whose folder exists."""
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    with new_file(path) as file:
+        figure.savefig(file, format=path.suffix[1:])
     return path

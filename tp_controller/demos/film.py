@@ -35,9 +35,9 @@ from tp_controller.demos.drawing import (
     GOAL_COLOUR,
     make_scene,
     PATH_COLOUR,
-    prepared,
     SHADOW_COLOUR,
 )
+from tp_controller.demos.files import new_file
 from tp_controller.demos.outlines import base_outline
 from tp_controller.demos.outlines import joined as joined_lines
 from tp_controller.model.urdf import parse
@@ -294,12 +294,13 @@ def _bases(robot: Robot, qs: Array) -> Array:
 
 def _save_gif(path: str | Path, pictures: Sequence[Image.Image], milliseconds: float) -> Path:
     """Write pictures as an animation that repeats, and return its path."""
-    path = prepared(path)
+    path = Path(path)
     palette = _palette(pictures[-1])
     first, *others = (picture.quantize(palette=palette, dither=Image.Dither.NONE)
                       for picture in pictures)
-    first.save(path, save_all=True, append_images=others, loop=0,
-               duration=max(round(milliseconds, -1), 20))
+    with new_file(path) as file:
+        first.save(file, 'GIF', save_all=True, append_images=others, loop=0,
+                   duration=max(round(milliseconds, -1), 20))
     return path
 
 

@@ -22,8 +22,9 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-import tempfile
+from typing import BinaryIO
 
+from tp_controller.demos.files import new_file, open_lock, private_folder
 from tp_controller.errors import TpControllerError
 
 # Ids that are safe on every platform (ROS 2 documentation, "The ROS_DOMAIN_ID"), from the last
@@ -45,23 +46,29 @@ def own_domain() -> Iterator[dict[str, str]]:
         Environment for nodes that shall hear each other and nobody else.
 
     """
-    folder = Path(tempfile.gettempdir()) / f'tp_controller_domains_{os.getuid()}'
-    folder.mkdir(exist_ok=True)
-    for domain in DOMAINS:
-        with open(folder / str(domain), 'w') as lock:
+    domain, lock = _free_domain()
+    with lock:
+        _LOCKS[domain] = lock.fileno()
+        try:
+            yield {**os.environ, 'ROS_DOMAIN_ID': domain,
+                   'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        finally:
+            del _LOCKS[domain]
+
+
+def _free_domain() -> tuple[str, BinaryIO]:
+    """Return the id of a domain that nobody has locked, and the file that is locked now."""
+    with private_folder(f'tp_controller_domains_{os.getuid()}') as folder:
+        for domain in map(str, DOMAINS):
+            lock = open_lock(domain, folder)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
+                lock.close()
                 continue
-            _LOCKS[str(domain)] = lock.fileno()
-            try:
-                yield {**os.environ, 'ROS_DOMAIN_ID': str(domain),
-                       'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-            finally:
-                del _LOCKS[str(domain)]
-            return
+            return domain, lock
     raise TpControllerError('no free ROS domain: other demos or tests use all of '
-                            f'{DOMAINS[0]} to {DOMAINS[-1]}; the locks are in {folder}')
+                            f'{DOMAINS[0]} to {DOMAINS[-1]}')
 
 
 @contextmanager
@@ -123,7 +130,7 @@ class NodeProcess:
         self.log = Path(log)
         # A node that outlives this process, which was killed perhaps, keeps its domain reserved.
         lock = _LOCKS.get(environment.get('ROS_DOMAIN_ID', ''))
-        with open(self.log, 'w') as output:
+        with new_file(self.log) as output:
             self.process = subprocess.Popen(
                 [sys.executable, '-m', f'tp_controller.nodes.{executable}', '--ros-args',
                  *arguments], env=environment, stdin=subprocess.DEVNULL, stdout=output,

@@ -29,6 +29,7 @@ DOWN = (1.0, 0.0, 0.0, 0.0)
 STACK = f"""
 - tool: {{type: pose, frame: {PANDA_TOOL}}}
 - flat: {{type: pose, frame: {PANDA_TOOL}, axes: [x, y, z]}}
+- side: {{type: pose, frame: panda_link4, axes: [y, rz]}}
 - elbow: {{type: position, frame: panda_link4, axes: y}}
 - hand: {{type: position, frame: {PANDA_TOOL}, reference: panda_link4}}
 - turn: {{type: orientation, frame: {PANDA_TOOL}}}
@@ -141,13 +142,14 @@ def test_a_goal_outside_the_workspace_is_refused_and_the_old_one_stays(task, goa
     made.set_goal(task, [0.4, 5.0, 0.15, *goal[3:]], 0.0)
 
 
-def test_of_a_place_in_the_workspace_only_axes_that_count_are_those_of_the_goal():
+@pytest.mark.parametrize('task, rest', [('elbow', ()), ('side', (0.0, 0.0, 0.0, 1.0))])
+def test_of_a_place_in_the_workspace_only_axes_that_count_are_those_of_the_goal(task, rest):
     elbow = panda().state(Q).position('panda_link4')
     made = controller(workspace=(-1.0, 1.0, -0.2, 0.2, elbow[2] - 0.01, 1.0))
     # x and z are those of the elbow.
-    made.set_goal('elbow', [0.0, 0.1, 0.0], 0.0)
+    made.set_goal(task, [0.0, 0.1, 0.0, *rest], 0.0)
     with pytest.raises(GoalError, match='y = 0.3 m'):
-        made.set_goal('elbow', [0.0, 0.3, 0.0], 0.0)
+        made.set_goal(task, [0.0, 0.3, 0.0, *rest], 0.0)
 
 
 def test_the_workspace_is_in_the_root_whatever_the_reference_of_a_task():
@@ -192,7 +194,8 @@ def test_joints_are_limited_by_the_largest_turn_and_the_others_by_nothing():
     with pytest.raises(GoalError, match='largest_turn'):
         made.set_goal('posture', {'panda_joint1': 0.6}, 0.0)
     # The region is no goal of the frame.
-    made.set_goal('in', [5.0, 0.0, 0.0, *DOWN], 0.0)
+    for height in (-5.0, 5.0):
+        made.set_goal('in', [0.0, 0.0, height, *DOWN], 0.0)
 
 
 def test_a_refused_goal_leaves_the_direction_of_a_turn_alone():
@@ -200,7 +203,9 @@ def test_a_refused_goal_leaves_the_direction_of_a_turn_alone():
     free, limited = controller(), controller(largest_turn=3.2, largest_jump=0.01)
     half = tool()
     half[:3, :3] = Rotation.from_rotvec([0.0, 0.0, math.pi - 1e-3]).as_matrix().dot(half[:3, :3])
-    other = half.copy()
+    other = tool()
+    other[:3, :3] = Rotation.from_rotvec([0.0, 0.0, -2.0]).as_matrix().dot(
+        other[:3, :3])
     other[0, 3] += 0.5
     for made in (free, limited):
         made.set_goal('tool', half, 0.0)

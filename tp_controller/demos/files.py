@@ -1,0 +1,98 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Files in folders that others may write to: no link of theirs is followed."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import errno
+import os
+from pathlib import Path
+import stat
+import tempfile
+from typing import BinaryIO
+
+from tp_controller.errors import TpControllerError
+
+PRIVATE = 0o700
+
+
+@contextmanager
+def private_folder(name: str) -> Iterator[int]:
+    """
+    Open a folder in the temporary directory that is this user's alone; made where it is missing.
+
+    Parameters
+    ----------
+    name : str
+        Of the folder, the same for every process of the user.
+
+    Yields
+    ------
+    int
+        Descriptor, to open files in the folder by (``dir_fd``), whatever becomes of its path.
+
+    Raises
+    ------
+    TpControllerError
+        Somebody else owns it, or it is a link or a file.
+
+    """
+    path = Path(tempfile.gettempdir()) / name
+    try:
+        path.mkdir(PRIVATE, exist_ok=True)
+        folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    except OSError as error:
+        raise TpControllerError(f'{path} must be a folder of your own: {error.strerror}; remove '
+                                'it, or set TMPDIR') from error
+    try:
+        status = os.fstat(folder)
+        if status.st_uid != os.getuid():
+            raise TpControllerError(f'{path} must be a folder of your own: it belongs to user '
+                                    f'{status.st_uid}; set TMPDIR')
+        if stat.S_IMODE(status.st_mode) != PRIVATE:
+            os.fchmod(folder, PRIVATE)
+        yield folder
+    finally:
+        os.close(folder)
+
+
+def open_lock(name: str, folder: int) -> BinaryIO:
+    """Open a file for locks, made where it is missing, in a folder (descriptor)."""
+    try:
+        number = os.open(name, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600, dir_fd=folder)
+    except OSError as error:
+        raise TpControllerError(f'no lock {name}: {error.strerror}') from error
+    return os.fdopen(number, 'r+b')
+
+
+def new_file(path: str | Path) -> BinaryIO:
+    """
+    Open a file for writing from its start; its folder is made where it is missing.
+
+    Raises
+    ------
+    TpControllerError
+        It is a link, and whoever made that would decide which file is written.
+
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o666)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise TpControllerError(f'{path} is a link, and is not written; remove it') from error
+        raise
+    return os.fdopen(number, 'wb')
