@@ -14,6 +14,7 @@
 
 """Goals of every kind arrive as they are meant, and bad ones change nothing."""
 
+import math
 import sys
 from types import ModuleType, SimpleNamespace
 
@@ -21,6 +22,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped, QuaternionStamped, Twis
 from harness import Arm, JOINTS, Status
 import numpy as np
 import pytest
+from rclpy.parameter import Parameter
 from robots import panda, PANDA_DH, PANDA_READY, PANDA_TOOL
 from sensor_msgs.msg import JointState
 from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
@@ -221,6 +223,32 @@ def test_a_twist_in_a_frame_of_the_robot_is_along_its_axes(harness):
     rig.spin_until(lambda: publisher.publish(message) or any(rig.commands[-1]))
     np.testing.assert_allclose(rig.state.jacobian(PANDA_TOOL)[:3].dot(rig.commands[-1]),
                                0.02 * rig.state.rotation('panda_link4')[:, 2], atol=1e-9)
+
+
+def test_a_goal_that_is_probably_a_mistake_is_taken_and_told_once(harness, log):
+    rig = Rig(harness, 'place')
+    far = make_message('', PointStamped, {'xyz': (400.0, 200.0, 500.0)})
+    log()
+    for _ in range(3):
+        assert rig.send(far) is None
+    told = 'the goal is 671 m from panda_link0, and out of reach'
+    assert rig.status.task('place')['goal warning'].startswith(told)
+    assert log().count(told) == 1
+    assert rig.send(make_message('', PointStamped, {'xyz': (0.4, 0.1, 0.5)})) is None
+    assert rig.status.task('place')['goal warning'] == ''
+
+
+def test_a_goal_beyond_a_limit_that_is_set_meanwhile_is_refused(harness):
+    rig = Rig(harness, 'place')
+    near, far = (make_message('', PointStamped, {'xyz': (0.4, 0.1, height)})
+                 for height in (0.5, 0.05))
+    assert rig.send(far) is None
+    limits = Parameter('workspace', value=[-1.0, 1.0, -1.0, 1.0, 0.1, math.inf])
+    assert rig.controller.set_parameters([limits])[0].successful
+    assert rig.send(far).startswith('the goal is outside the workspace: z = 0.05 m')
+    assert rig.send(near) is None
+    bad, = rig.controller.set_parameters([Parameter('workspace', value=[1.0, -1.0])])
+    assert 'workspace must be six numbers' in bad.reason
 
 
 def test_a_foreign_frame_is_refused_where_there_is_no_tf2(harness, monkeypatch):

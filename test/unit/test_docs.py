@@ -389,9 +389,12 @@ def test_ros2_launch_names_files_and_arguments(words, generate):
 
 def blocks_until_ended(words):
     """Say whether a command runs until it is ended."""
-    return words[:2] == ['ros2', 'launch'] or words[:3] == ['ros2', 'topic', 'echo'] or (
-        words[:2] == ['ros2', 'run'] and words[3].endswith('_node')) or (
-        words[:2] == ['tp_controller', 'status'] and '--once' not in words)
+    program, *rest = words
+    if program == 'ros2':
+        return rest[0] == 'launch' or rest[:2] == ['topic', 'echo'] \
+            or (rest[:2] == ['topic', 'pub'] and not {'--once', '--times'} & set(rest)) \
+            or (rest[0] == 'run' and rest[2].endswith('_node'))
+    return words[:2] == ['tp_controller', 'status'] and '--once' not in rest
 
 
 @pytest.mark.parametrize('block', sorted({block for block, _ in commands()}, key=str), ids=str)
