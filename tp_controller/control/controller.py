@@ -14,8 +14,9 @@
 
 """The controller: joint positions in, joint velocities and a report out."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +27,7 @@ from tp_controller.control.escape import Escape
 from tp_controller.control.goal_limits import check_goal
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
-from tp_controller.control.transition import Transition
+from tp_controller.control.transition import kept_above, Transition
 from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.errors import (
     EvaluationError,
@@ -39,11 +40,14 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.model.state import RobotState
 from tp_controller.solver.damping import Memory
+from tp_controller.solver.level import Level
 from tp_controller.tasks.guard import accept
 from tp_controller.tasks.pose import parse_pose
 from tp_controller.tasks.stack import Groups, levels_of, shared_levels, Stack
 from tp_controller.tasks.task import Evaluation, Goal, Task
 
+Given = ParamSpec('Given')
+Returned = TypeVar('Returned')
 ROUNDING = 1e-12
 
 
@@ -88,14 +92,17 @@ class Controller:
     def __init__(self, robot: Robot, stack: Stack, settings: Settings | None = None) -> None:
         self.robot = robot
         self.stack = stack
-        # None before the first update. To make one takes Pinocchio 8 ms for TIAGo, 44 ms for TIAGo
-        # with two arms: too long for a cycle.
+        # None before the first update.
         self._state: RobotState | None = None
-        self._first_state = robot.state(robot.neutral())
+        # Of this cycle and of the one before, in turns. To make one takes Pinocchio 8 ms for TIAGo,
+        # 44 ms for TIAGo with two arms: too long for a cycle.
+        self._states = [robot.state(robot.neutral()) for _ in range(2)]
+        self._passive: ArrayLike | None = None
         self._started = False
         # What was commanded last, and when; at rest before the first command.
         self._velocity = np.zeros(robot.n)
         self._last_update: float | None = None
+        self._memory: Memory = ()
         self._transition = Transition(0.0)
         self._escape = Escape(robot.n)
         self._settings = settings = settings or Settings()
@@ -164,6 +171,7 @@ class Controller:
         """
         self._last_update = check_time(now, 'now', TimeError)
         self._velocity = np.zeros(self.robot.n)
+        self._transition.end()
         self._transition.announce(0)
 
     @property
@@ -184,7 +192,6 @@ class Controller:
         self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain)
         self._speed_cap = settings.speed_cap(self.robot)
         self._options = settings.solver_options(self.robot.n)
-        self._memory: Memory = ()
         self._time.expect(settings.period)
         self.stack.limit_time(settings.task_budget * settings.period)
         self._transition.duration = settings.blend
@@ -347,22 +354,27 @@ class Controller:
         now = check_time(now, 'now', TimeError)
         if elapsed is not None:
             elapsed = check_time(elapsed, 'elapsed', TimeError)
-        state = self._state or self._first_state
+        before = self._before_change()
+        state = self._states[0]
+        if passive is None or not self.robot.passive_names:
+            passive = self._passive
         state.update(q, passive)
+        # Whoever has given the positions may change them later.
+        self._passive = None if passive is None else np.array(passive)
+        self._states.reverse()
         self._state = state
         state.velocity = self._velocity
-        evaluations = self._evaluate(state, now)
-        levels = levels_of(evaluations)
+        self._without_faulty(self._start, state)
         if self._last_update is None:
             elapsed = self._settings.period
         elif elapsed is None:
             elapsed = now - self._last_update
         elapsed = self._time.advance(elapsed)
-        bounds = self._limits.at(state.positions, self._velocity, elapsed)
-        cycle = Cycle(levels, bounds, self._options, self._time.mean, self._speed_cap,
-                      self._memory)
+        # Tasks see the states in the order of time.
+        changed = None if before is None else self._cycle(before, now, elapsed)[1]
+        evaluations, cycle = self._cycle(state, now, elapsed)
         try:
-            outcome = self._blend(cycle, elapsed) or self._follow(cycle)
+            outcome = self._blend(cycle, changed or cycle, elapsed) or self._follow(cycle)
         except Exception:
             # The levels were at fault: name the task, if it is a single one.
             self.stack.check(evaluations, self.robot.n)
@@ -372,20 +384,43 @@ class Controller:
         return Command(outcome.velocity, Report(self.robot, evaluations, self.stack.inactive,
                                                 cycle, outcome, self.stack.faults))
 
-    def _evaluate(self, state: RobotState, now: float) -> list[list[Evaluation]]:
-        """Return the evaluations of the stack, without the tasks that fail, or raise."""
+    def _start(self, state: RobotState) -> None:
+        """Give tasks without a goal the value they have now, once."""
+        if not self._started:
+            self.stack.start(state)
+            self._started = True
+
+    def _without_faulty(self, method: Callable[Given, Returned], *arguments: Given.args,
+                        **keys: Given.kwargs) -> Returned:
+        """Return what a method does with the stack, without the tasks that fail, or raise."""
         while True:
             try:
-                if not self._started:
-                    self.stack.start(state)
-                    self._started = True
-                return self.stack.evaluate(state, now)
+                return method(*arguments, **keys)
             except EvaluationError as error:
                 if self._settings.task_faults == STOP:
                     raise
                 before = self.stack.active
                 self.stack.switch_off(error.task, error.reason)
                 self._announce_stack(before)
+
+    def _before_change(self) -> RobotState | None:
+        """
+        Return where the robot was when it was told to move last, if something has changed since.
+
+        What the new stack demands there, and not where the robot has come since, shows what the
+        change alone changes.
+        """
+        if self._state is None or not self._transition.announced or not self._velocity.any():
+            return None
+        return self._state
+
+    def _cycle(self, state: RobotState, now: float, elapsed: float
+               ) -> tuple[list[list[Evaluation]], Cycle]:
+        """Return what is to be solved at a state."""
+        evaluations = self._without_faulty(self.stack.evaluate, state, now)
+        bounds = self._limits.at(state.positions, self._velocity, elapsed)
+        return evaluations, Cycle(levels_of(evaluations), bounds, self._options, self._time.mean,
+                                  self._speed_cap, self._memory)
 
     def _follow(self, cycle: Cycle) -> Outcome:
         """Return what carries the stack out."""
@@ -395,8 +430,12 @@ class Controller:
             return Outcome(solution, solution)
         return Outcome(solution, cycle.solve(escape), 'leaving a singularity')
 
-    def _blend(self, cycle: Cycle, elapsed: float) -> Outcome | None:
-        """Return the outcome that blends in a change; None where there is nothing to blend."""
+    def _blend(self, cycle: Cycle, changed: Cycle, elapsed: float) -> Outcome | None:
+        """
+        Return the outcome that blends in a change; None where there is nothing to blend.
+
+        `changed` is what is to be solved where the robot was before the change.
+        """
         now = self._time.now
         shared = self._transition.pending()
         if shared is not None:
@@ -406,8 +445,12 @@ class Controller:
         # The end of the transition: acceleration limits only say how fast to get there.
         aim = cycle.aim()
         if shared is not None:
-            self._transition.begin(self._velocity - aim.velocity,
-                                   now - min(elapsed, self._settings.period), shared)
+            began = now - min(elapsed, self._settings.period)
+            # What is shared is not to fade, even if its goal moves on.
+            velocity = changed.aim(kept_above(changed.levels, shared) + [
+                Level.of_joints(self._velocity - self._transition.offset(began, shared))]).velocity
+            after = aim if changed is cycle else changed.aim()
+            self._transition.begin(velocity - after.velocity, began, shared)
         blended = self._transition.levels(cycle.levels, aim.velocity, now)
         if blended is None:
             return None
@@ -419,7 +462,8 @@ class Controller:
         shared = shared_levels(before, after)
         if shared < max(len(before), len(after)):
             self._transition.announce(shared)
-            self._memory = self._memory[:shared]
+            remembered = dict(zip(map(_names, before), self._memory))
+            self._memory = tuple([remembered.get(_names(group), 0.0) for group in after])
 
     def _announce_goal(self, task: Task, now: float) -> None:
         """Tell the transition that a task gets a goal."""
@@ -476,3 +520,8 @@ class Controller:
         T_root_frame = self._state.pose(frame) if isinstance(frame, str) else parse_pose(
             frame, f'the frame of a goal for task {task.name!r}')
         return inverse_pose(self._state.pose(task.reference)).dot(T_root_frame)
+
+
+def _names(group: Iterable[Task]) -> tuple[str, ...]:
+    """Return the names of the tasks of a level."""
+    return tuple([task.name for task in group])

@@ -57,9 +57,9 @@ class Cycle:
         return self._solve(self.levels if levels is None else levels,
                            self.bounds.lower, self.bounds.upper)
 
-    def aim(self) -> Solution:
-        """Return what carries the stack out without acceleration limits."""
-        return self._solve(self.levels, *self.bounds.settled)
+    def aim(self, levels: Sequence[Level] | None = None) -> Solution:
+        """Return what carries levels out without acceleration limits."""
+        return self._solve(self.levels if levels is None else levels, *self.bounds.settled)
 
     def _solve(self, levels: Sequence[Level], lower: Array, upper: Array) -> Solution:
         """Return what carries levels out within bounds on the velocities (n,)."""

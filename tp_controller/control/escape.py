@@ -62,7 +62,6 @@ class Escape:
     def reset(self) -> None:
         """Say that something has changed, so that it is worth trying again."""
         self._tries = self._upper = 0
-        self._still_since = None
 
     def levels(self, solution: Solution, now: float,
                solve: Callable[[list[Level]], Solution]) -> list[Level] | None:

@@ -14,10 +14,49 @@
 
 """From one stack to another while the robot moves."""
 
+from dataclasses import dataclass
 import math
 
+import numpy as np
 from tp_controller.model.spatial import Array
-from tp_controller.solver.level import Level
+from tp_controller.solver.level import Level, norm
+
+# An offset is gone where it is less than this, and changes by less in a second [rad/s or m/s].
+GONE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Fade:
+    """
+    An offset that fades out, as the cubic polynomial of time that ends at rest.
+
+    Attributes
+    ----------
+    offset, rate : ndarray (n,)
+        Where it begins, and how fast it changes there [1/s].
+    began, duration : float
+        [s]
+    shared : int
+        How many of the upper levels do not fade.
+
+    """
+
+    offset: Array
+    rate: Array
+    began: float
+    duration: float
+    shared: int
+
+    def active(self, now: float) -> bool:
+        """Return whether it is not over."""
+        return now - self.began < self.duration
+
+    def at(self, now: float) -> tuple[Array, Array]:
+        """Return the offset and its rate."""
+        r = (now - self.began) / self.duration
+        change = self.duration * self.rate
+        return ((1.0 - r) ** 2 * ((1.0 + 2.0 * r) * self.offset + r * change),
+                (1.0 - r) * ((1.0 - 3.0 * r) * change - 6.0 * r * self.offset) / self.duration)
 
 
 class Transition:
@@ -30,6 +69,12 @@ class Transition:
     new velocity and fades out. The sum is the demand of a closing level, below the levels that the
     old and the new stack share: those are carried out exactly. The bounds are the same.
 
+    A change that comes before the offset has gone adds its part to it, and the offset goes on
+    changing at its rate. So it also fades out while there is a change in every cycle: it follows
+    a linear filter of second order, with the natural frequency √6 / duration and the damping
+    ratio 0.82. A change that shares more levels than the ones before has an offset of its own,
+    and does not hold up theirs.
+
     Parameters
     ----------
     duration : float
@@ -39,9 +84,7 @@ class Transition:
 
     def __init__(self, duration: float) -> None:
         self.duration = duration
-        self._offset: Array | None = None
-        self._began = 0.0
-        self._shared = 0
+        self._fades: list[Fade] = []
         self._announced: int | None = None
         self._goal_times: dict[str, float] = {}
 
@@ -60,6 +103,11 @@ class Transition:
             self.announce(level)
         self._goal_times[name] = now
 
+    @property
+    def announced(self) -> bool:
+        """Return whether a change is announced that is to fade in."""
+        return self._announced is not None and self.duration > 0.0
+
     def pending(self) -> int | None:
         """Return how many upper levels the announced changes leave as they are; None if none."""
         shared, self._announced = self._announced, None
@@ -67,24 +115,41 @@ class Transition:
 
     def begin(self, offset: Array, began: float, shared: int) -> None:
         """
-        Let an offset fade out from now on, in place of one that still does.
+        Let an offset fade out from now on, at first at the rate of those that it replaces.
+
+        Those are the ones that share as many levels, or more.
 
         Parameters
         ----------
         offset : ndarray (n,)
-            Velocity before the change − velocity after it.
+            Velocity before the change − velocity after it − `offset` of fewer levels.
         began : float
             Time of the velocity before, on a clock that is never set back [s].
         shared : int
             How many of the upper levels the change leaves as they are.
 
         """
-        self._shared = min(shared, self._shared) if self.active(began) else shared
-        self._offset, self._began = offset, began
+        rate = np.zeros_like(offset)
+        fades = [fade for fade in self._fades if fade.active(began)]
+        for fade in fades:
+            if fade.shared >= shared:
+                rate += fade.at(began)[1]
+        self._fades = [fade for fade in fades if fade.shared < shared]
+        if norm(offset) > GONE or norm(rate) > GONE:
+            self._fades.append(Fade(offset, rate, began, self.duration, shared))
+
+    def end(self) -> None:
+        """Drop what still fades out."""
+        self._fades.clear()
+
+    def offset(self, now: float, below: int) -> Array | float:
+        """Return what fades out and shares fewer than `below` levels (n,); 0 without any."""
+        return sum(fade.at(now)[0] for fade in self._fades
+                   if fade.shared < below and fade.active(now))
 
     def active(self, now: float) -> bool:
         """Return whether an offset still fades out."""
-        return self._offset is not None and now - self._began < self.duration
+        return any(fade.active(now) for fade in self._fades)
 
     def levels(self, levels: list[Level], velocity: Array, now: float) -> list[Level] | None:
         """
@@ -100,12 +165,12 @@ class Transition:
             [s]
 
         """
-        if self._offset is None or not self.active(now):
+        fades = [fade for fade in self._fades if fade.active(now)]
+        if not fades:
             return None
-        share = (now - self._began) / self.duration
-        left = 1.0 - share * share * (3.0 - 2.0 * share)
-        return kept_above(levels, self._shared) + [
-            Level.of_joints(velocity + left * self._offset)]
+        shared = min(fade.shared for fade in fades)
+        return kept_above(levels, shared) + [
+            Level.of_joints(velocity + sum(fade.at(now)[0] for fade in fades))]
 
 
 def kept_above(levels: list[Level], count: int) -> list[Level]:

@@ -34,7 +34,7 @@ def prepare(priority: int, processor: int, lock_memory: bool, freeze: bool) -> l
     processor : int
         The only one that the thread runs on; -1: any.
     lock_memory : bool
-        Nothing of the process is written to disk to make room.
+        Nothing of the process is written to disk while other processes need memory.
     freeze : bool
         Python's garbage collector leaves alone what is there now.
 

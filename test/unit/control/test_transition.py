@@ -447,3 +447,205 @@ def test_a_stack_may_be_replaced_before_it_has_ever_run():
     run.update()
     assert np.isfinite(run.velocities[-1]).all()
     assert run.fastest_change(CHANGE) < 20.0
+
+
+# Changes that repeat
+
+def set_damping(run, number):
+    """Change a setting to and fro."""
+    run.controller.settings = replace(run.controller.settings, damping=0.1 + 0.01 * (number % 2))
+
+
+def set_weights(run, number):
+    """Make a joint heavier and lighter."""
+    run.controller.settings = replace(
+        run.controller.settings, weights=(3.0 if number % 2 else 1.0, *(1.0,) * 6))
+
+
+def toggle(run, number):
+    """Disable and enable a task."""
+    run.controller.enable('elbow', number % 2 == 1)
+
+
+def alternate(run, number):
+    """Replace the stack by another one and back."""
+    put(run, BELOW if number % 2 else STACK)
+
+
+def reaching(change, rate, settings=None, gain=2.0, seconds=6.0):
+    """Return a run at 100 Hz to a goal of the tool, in which something changes all the time."""
+    run = Run(settings or Settings(period=0.01), text=STACK.replace('gain: 2.0', f'gain: {gain}'),
+              goals=('tool',))
+    changes = 0
+    for cycle in range(1, round(seconds / 0.01)):
+        run.now = 0.01 * cycle
+        while rate and run.now > 0.1 + changes / rate:
+            changes += 1
+            change(run, changes)
+        run.command = run.controller.update(run.q, run.now)
+        run.velocities.append(run.command.velocity)
+        run.q = run.q + 0.01 * run.command.velocity
+    return run
+
+
+@pytest.mark.parametrize('rate', [5.0, 20.0, 50.0, 100.0])
+@pytest.mark.parametrize('change', [set_damping, set_weights, toggle, alternate])
+def test_changes_that_repeat_do_not_keep_the_robot_from_its_goal(change, rate):
+    run = reaching(change, rate)
+    missed = run.goal - run.robot.state(run.q).position('panda_hand_tcp')
+    assert np.linalg.norm(missed) < 1e-3
+    # Velocities as smooth as they are after a single change.
+    assert np.abs(np.diff(run.velocities[1:], axis=0)).max() / 0.01 < 16.0
+
+
+def unchanged(robot, text, q, every, goal, blend=0.4, passive=None):
+    """Return the velocities on the way to a goal; a setting without effect changes at times."""
+    controller = Controller(robot, Stack.from_yaml(text, robot),
+                            Settings(period=0.01, blend=blend))
+    # The first update acts at once, so that nothing fades in at first.
+    controller.set_goal('tool', goal, 0.0)
+    velocities = [controller.update(q, 0.0, passive).velocity]
+    for cycle in range(1, 200):
+        if every and cycle % every == 0:
+            controller.settings = replace(controller.settings,
+                                          release_region=0.02 + 1e-12 * (cycle % (2 * every)))
+        q = robot.integrate(q, velocities[-1], 0.01)
+        velocities.append(controller.update(q, 0.01 * cycle).velocity)
+    return velocities
+
+
+@pytest.mark.parametrize('every', [1, 5, 20])
+@pytest.mark.parametrize('blend, gain', [(0.4, 2.0), (0.4, 20.0), (4.0, 2.0)])
+def test_changes_that_change_nothing_leave_no_trace(blend, gain, every):
+    text = f'- tool: {{type: position, frame: panda_hand_tcp, gain: {gain}}}\n'
+    goal = robots.panda().state(START).position('panda_hand_tcp') + [0.02, 0.03, 0.0]
+    run, still = (unchanged(robots.panda(), text, START, each, goal, blend)
+                  for each in (every, 0))
+    assert np.abs(still[0]).max() > 0.1
+    np.testing.assert_allclose(run, still, rtol=0, atol=1e-9)
+
+
+def test_where_the_robot_was_before_a_change_its_passive_joints_were_as_well():
+    robot = Robot.from_file(robots.PLANAR_DH, joints=['joint1', 'joint3'])
+    run, still = (unchanged(
+        robot, '- tool: {type: position, frame: link3, axes: xy, gain: 2.0}\n',
+        np.array([0.2, 0.9]), every, [0.6, 0.4, 0.0], passive=[0.8]) for every in (1, 0))
+    assert np.abs(still[0]).max() > 0.1
+    np.testing.assert_allclose(run, still, rtol=0, atol=1e-9)
+
+
+def test_goal_out_of_reach_is_no_rattling_while_settings_change():
+    # A robot that forgets at each of them how hard it pushes reverses in every cycle.
+    run = Run(Settings(period=0.01), text='- tool: {type: position, frame: panda_hand_tcp, '
+              'gain: 2.0}\n- posture: {type: posture, gain: 0.5}\n', goals=())
+    run.controller.set_goal('tool', [0.5, 0.3, 1.8], 0.0)
+    for cycle in range(1, 1000):
+        if cycle % 50 == 0:
+            set_damping(run, cycle // 50)
+        run.velocities.append(run.controller.update(run.q, 0.01 * cycle).velocity)
+        run.q = run.q + 0.01 * run.velocities[-1]
+    assert np.abs(run.velocities[-300:]).max() < 0.05
+
+
+def test_levels_that_are_rearranged_remember_what_they_pushed_against():
+    run = Run(Settings(period=0.01), text='- tool: {type: position, frame: panda_hand_tcp}\n'
+              '- posture: {type: posture}\n', goals=())
+    run.controller.set_goal('tool', [0.5, 0.3, 1.8], 0.0)
+    for cycle in range(1, 300):
+        run.q = run.q + 0.01 * run.controller.update(run.q, 0.01 * cycle).velocity
+    of_tool, of_posture = run.controller._memory
+    put(run, '- other: {type: position, frame: panda_link4, axes: z}\n'
+        '- posture: {type: posture}\n- tool: {type: position, frame: panda_hand_tcp}\n')
+    assert of_tool > 0.0
+    assert run.controller._memory == (0.0, of_posture, of_tool)
+
+
+@pytest.mark.parametrize('every', [1, 5, 50])
+def test_arm_leaves_a_singularity_while_settings_change(every):
+    robot = robots.planar()
+    controller = Controller(robot, Stack.from_yaml(
+        '- tool: {type: position, frame: link3, axes: xy, gain: 2.0}\n', robot),
+        Settings(period=0.01))
+    q = np.zeros(3)
+    goal = robot.state(q).position('link3') - [0.6, 0.0, 0.0]
+    controller.set_goal('tool', goal, 0.0)
+    for cycle in range(1, 800):
+        if cycle % every == 0:
+            controller.settings = replace(controller.settings, damping=0.1 + 1e-3 * (cycle % 2))
+        q = q + 0.01 * controller.update(q, 0.01 * cycle).velocity
+    np.testing.assert_allclose(robot.state(q).position('link3'), goal, atol=1e-3)
+
+
+def test_offset_that_gets_company_goes_on_fading_as_fast_as_it_did():
+    from tp_controller.control.transition import Transition
+    transition, offset = Transition(0.4), np.array([2.0, -1.0])
+    transition.begin(offset, 0.0, 0)
+
+    def left(now):
+        level, = transition.levels([], np.zeros(2), now)
+        return level.v
+
+    step, now = 1e-6, 0.15
+    rate, there = (left(now) - left(now - step)) / step, left(now)
+    transition.begin(there + [0.5, 0.0], now, 0)
+    np.testing.assert_allclose(left(now), there + [0.5, 0.0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose((left(now + step) - left(now)) / step, rate, atol=1e-3)
+    # It is over as long after the second change as after any.
+    np.testing.assert_allclose(left(now + 0.4 - 1e-6), 0.0, atol=1e-9)
+    assert transition.levels([], np.zeros(2), now + 0.4 + 1e-9) is None
+
+
+def test_offset_with_a_change_in_every_cycle_follows_a_filter_of_second_order():
+    from scipy.linalg import expm
+    from tp_controller.control.transition import Transition
+    transition, T, D, left = Transition(0.4), 1e-4, 0.4, np.array([1.0])
+    for cycle in range(4000):
+        transition.begin(left, T * cycle, 0)
+        left = transition.levels([], np.zeros(1), T * (cycle + 1))[0].v
+    filtered = expm(4000 * T * np.array([[0.0, 1.0], [-6.0 / D ** 2, -4.0 / D]]))[0, 0]
+    assert left[0] == pytest.approx(filtered, abs=1e-3)
+    for cycle in range(4000, 60000):
+        transition.begin(left, T * cycle, 0)
+        levels = transition.levels([], np.zeros(1), T * (cycle + 1))
+        if levels is None:
+            break
+        left = levels[0].v
+    # In the end it has gone, although changes go on.
+    assert levels is None and abs(left[0]) < 1e-6
+
+
+def test_halt_while_a_change_fades_in_leaves_nothing_of_it():
+    robot, settings = robots.panda(), Settings(period=0.01, blend=0.4)
+    controller = Controller(robot, Stack.from_yaml(
+        '- j: {type: joint_velocity, timeout: 9}\n', robot), settings)
+    controller.update(START, 0.0)
+    controller.set_goal('j', np.full(7, 0.2), 0.0)
+    for cycle in range(1, 20):
+        controller.update(START, 0.01 * cycle)
+    controller.halt(0.2)
+    for cycle in range(1, 30):
+        share = cycle * 0.01 / 0.4
+        np.testing.assert_allclose(controller.update(START, 0.2 + 0.01 * cycle).velocity,
+                                   0.2 * share ** 2 * (3.0 - 2.0 * share), rtol=1e-9)
+
+
+def test_robot_that_was_halted_and_moved_by_hand_starts_from_rest():
+    run = Run()
+    run.until(CHANGE)
+    run.controller.halt(run.now)
+    run.q, run.now = run.q + 0.2, run.now + 5.0
+    run.update()
+    assert np.abs(run.velocities[-1]).max() < 0.01
+
+
+def test_first_task_tracks_exactly_while_a_lower_one_changes_all_the_time():
+    run = Run()
+    start = run.goal
+    for cycle in range(1000):
+        run.goal = start + 0.1 * np.array([0.0, run.now, 0.3 * run.now])
+        run.controller.set_goal('tool', run.goal, run.now)
+        run.controller.enable('elbow', cycle % 2 == 0)
+        run.update()
+    # Its own first goal has faded in.
+    assert max(run.errors[420:]) < 1e-10
+    assert run.fastest_change(0.0) < 16.0
