@@ -530,7 +530,7 @@ def test_report_stays_what_it_was_when_the_robot_goes_on():
     assert [task.name for task in report.tasks] == ['tool', 'posture']
 
 
-def test_every_task_is_evaluated_once_unless_something_changes_and_the_report_does_without(monkeypatch):
+def test_task_is_evaluated_once_unless_something_changes_and_the_report_does_without(monkeypatch):
     asked = []
     for kind in (Pose, JointLimits, Joint):
         def counted(self, state, now, evaluate=kind.make_evaluation):
