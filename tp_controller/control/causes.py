@@ -14,18 +14,18 @@
 
 """What limits a task: whatever brings back part of what is missing if it is taken away."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 import math
-from typing import Any
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from tp_controller.control.cycle import Cycle, Outcome
-from tp_controller.control.escape import STILL
-from tp_controller.control.velocity_limits import SAME
+from tp_controller.control.velocity_limits import SAME, VelocityBounds
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level, NEGLIGIBLE
 from tp_controller.solver.min_norm import moves_well
 from tp_controller.solver.null_space import singular_values
@@ -39,12 +39,48 @@ UNNOTICED = 1e-6
 # where it brings back more than this share of that.
 NOTABLE = 0.01
 
+# Of differences between two states [rad or m].
+STEP = 1e-5
+
 # Below this singular value a direction is singular, in the units of J.
 NEAR_SINGULAR = 0.1
 
 RESERVE, TASK, BOUNDS = 'reserve', 'task', 'bounds'
 SINGULARITY, IMPOSSIBLE, DAMPING, TRANSITION = (
     'singularity', 'impossible', 'damping', 'transition')
+
+
+class Place(NamedTuple):
+    """
+    Where the robot was in a cycle.
+
+    Attributes
+    ----------
+    q : ndarray (nq,)
+        Configuration [rad or m].
+    passive : ndarray (p,) or None
+        Positions of the passive joints; see `Robot.state`.
+    now : float
+        [s]
+    spare : RobotState
+        For states nearby; whoever asks for causes may move it.
+
+    """
+
+    q: Array
+    passive: Array | None
+    now: float
+    spare: RobotState
+
+
+class Pushed(NamedTuple):
+    """The limits of a joint that a level pushes against; they say the same."""
+
+    joint: int
+    limits: tuple[str, ...]
+
+
+Removable: TypeAlias = Evaluation | Pushed
 
 
 @dataclass(frozen=True)
@@ -85,18 +121,21 @@ class Causes:
     cycle : Cycle
     outcome : Outcome
         What it came to.
+    place : Place
+        Where the robot was.
 
     """
 
     def __init__(self, robot: Robot, evaluations: Sequence[Sequence[Evaluation]], cycle: Cycle,
-                 outcome: Outcome) -> None:
-        self._robot, self._evaluations = robot, evaluations
+                 outcome: Outcome, place: 'Place') -> None:
+        self._robot, self._evaluations, self._place = robot, evaluations, place
         self._cycle, self._outcome = cycle, outcome
         self._places = {id(evaluation): index for index, group in enumerate(evaluations)
                         for evaluation in group}
         # Another task may need the same.
         self._solved: dict[tuple[object, ...], Array] = {}
         self._limits: dict[tuple[int, bool], list[str]] = {}
+        self._out_of_reach: dict[str, bool] = {}
 
     @property
     def instead(self) -> str:
@@ -110,32 +149,54 @@ class Causes:
         return norm(missing_of(level, self._outcome.velocity)) > max(
             UNNOTICED * evaluation.task.row_scale, NOTABLE * demand)
 
-    def at_rest(self, evaluation: Evaluation) -> bool:
-        """Say whether the robot stands still, and a task gets next to nothing of its demand."""
-        level, x = evaluation.level, self._outcome.velocity
-        return norm(x) <= STILL and norm(level.J.dot(x)) <= NOTABLE * norm(level.v)
+    def is_out_of_reach(self, evaluation: Evaluation) -> bool:
+        """
+        Say whether no small motion of the robot makes the error of a task smaller.
 
-    def pushes_limits(self, evaluation: Evaluation) -> bool:
-        """Say whether the level of a task, or one above it, pushes against limits of joints."""
-        return bool(self._pushed(self._places[id(evaluation)]))
+        Then the task does not move, and its error is at a minimum: nothing else is the reason.
+        """
+        name = evaluation.task.name
+        if name not in self._out_of_reach:
+            level = evaluation.level
+            self._out_of_reach[name] = (
+                level.v is not None and bool(evaluation.error.any()) and not self.instead
+                and norm(level.J.dot(self._outcome.velocity)) <= NOTABLE * norm(level.v)
+                and self._at_minimum(evaluation))
+        return self._out_of_reach[name]
 
     def share_a_level(self, evaluation: Evaluation, name: str) -> bool:
         """Say whether a task is on the same level as another one."""
         group = self._evaluations[self._places[id(evaluation)]]
         return any(other.task.name == name for other in group)
 
-    def together(self, evaluation: Evaluation) -> list[str]:
-        """Return the names of the other tasks that block one together, where they do."""
-        index = self._places[id(evaluation)]
-        if not index:
+    def together(self, evaluation: Evaluation) -> list[tuple[str, str]]:
+        """
+        Return (kind, name) of the tasks and limits that block a task together, where they do.
+
+        None of them can be left in its place without some of what comes back being lost again.
+        """
+        index, level = self._places[id(evaluation)], evaluation.level
+        removed: list[Removable] = [
+            other for group in self._evaluations[:index + 1] for other in group
+            if other is not evaluation]
+        removed += self._pushed(index)
+        missing = norm(missing_of(level, self._outcome.velocity))
+        # Without a task it may well be a limit that stops the joints next.
+        hidden: list[Pushed] | None = None
+        while hidden is None or hidden:
+            velocity = self._without(removed)
+            least = norm(missing_of(level, velocity))
+            hidden = [] if least <= NOTABLE * missing else [
+                each for each in _at_bounds(self._cycle_without(removed).bounds, velocity)
+                if each not in removed]
+            removed += hidden
+        if least > (1.0 - NOTABLE) * missing:
             return []
-        level, key = evaluation.level, (evaluation.task.name, 'alone')
-        if key not in self._solved:
-            self._solved[key] = self._cycle.solve([level]).velocity
-        alone = missing_of(level, self._solved[key])
-        if norm(alone) > (1.0 - NOTABLE) * norm(missing_of(level, self._outcome.velocity)):
-            return []
-        return [other.task.name for group in self._evaluations[:index] for other in group]
+        for candidate in tuple(removed):
+            fewer = [each for each in removed if each is not candidate]
+            if norm(missing_of(level, self._without(fewer))) <= least + NOTABLE * missing:
+                removed = fewer
+        return [self._named(each) for each in removed]
 
     def rows_in_the_way(self, evaluation: Evaluation, name: str) -> list[str]:
         """Return which rows of a task with bounds block another one, by name."""
@@ -169,20 +230,24 @@ class Causes:
                     missing: Array) -> Iterator[tuple[str, str, Array]]:
         """Yield (kind, name, what is still missing without it)."""
         level = evaluation.level
-        for joint, *limits in self._pushed(index):
-            # Limits that say the same are one: the first gives it the name.
-            yield (limits[0], self._robot.velocity_names[joint],
-                   missing_of(level, self._without_limits(joint, limits)))
-        for number, group in enumerate(self._evaluations[:index + 1]):
+        for pushed in self._pushed(index):
+            yield (*self._named(pushed), missing_of(level, self._without([pushed])))
+        for group in self._evaluations[:index + 1]:
             for other in group:
                 if other is not evaluation:
-                    yield (BOUNDS if other.task.bounded else TASK, other.task.name,
-                           missing_of(level, self._without_task(number, other)))
+                    yield (*self._named(other), missing_of(level, self._without([other])))
         if self._outcome.instead == TRANSITION:
             yield TRANSITION, '', missing_of(level, self._cycle.solve().velocity)
         if self._is_damped(index):
             yield DAMPING, '', missing_of(level, self._undamped)
         yield from self._singular(index, evaluation, missing)
+
+    def _named(self, cause: Removable) -> tuple[str, str]:
+        """Return the kind and name of a task or limit as a cause."""
+        if isinstance(cause, Pushed):
+            # Limits that say the same are one: the first gives it the name.
+            return cause.limits[0], self._robot.velocity_names[cause.joint]
+        return BOUNDS if cause.task.bounded else TASK, cause.task.name
 
     def limits_at(self, level: LevelSolution, joint: int) -> list[str]:
         """Return the limits of a joint that a level pushes against; mostly one."""
@@ -200,78 +265,101 @@ class Causes:
             self._limits[joint, up] = bounds.limits(joint, up)
         return self._limits[joint, up]
 
-    def _pushed(self, index: int) -> list[tuple[Any, ...]]:
-        """Return (joint, *limits) for all that a level, or one above it, pushes against."""
+    def _pushed(self, index: int) -> list[Pushed]:
+        """Return all limits that a level, or one above it, pushes against."""
         commanded, bounds = self._outcome.commanded, self._cycle.bounds
         found = {each: True for level in self._pushed_by[:index + 1] for each in level}
         if commanded.slowed < 1.0:
             # Bounds of levels may have led more joints to their limits than the one that decides.
-            velocity = commanded.velocity.tolist()
-            for up, bound in ((True, bounds.upper), (False, bounds.lower)):
-                for joint, (one, other) in enumerate(zip(velocity, bound.tolist())):
-                    if abs(one - other) <= SAME:
-                        found[(joint, *bounds.limits(joint, up))] = True
+            found.update((each, True) for each in _at_bounds(bounds, commanded.velocity))
         return list(found)
 
     @cached_property
-    def _pushed_by(self) -> list[list[tuple[Any, ...]]]:
-        """Return (joint, *limits) for all that a level pushes against, for each level."""
-        return [[(joint, *self.limits_at(level, joint)) for joint in level.limited_by]
+    def _pushed_by(self) -> list[list[Pushed]]:
+        """Return the limits that each level pushes against."""
+        return [[Pushed(joint, tuple(self.limits_at(level, joint))) for joint in level.limited_by]
                 for level in self._outcome.commanded.levels]
 
-    def _without_limits(self, joint: int, limits: Sequence[str]) -> Array:
-        """Return the velocities (n,) without some limits of a joint."""
-        cycle, key = self._cycle, (joint, *limits)
+    def _without(self, removed: Sequence[Removable]) -> Array:
+        """Return the velocities (n,) without some tasks, and limits of joints."""
+        tasks = [each for each in removed if isinstance(each, Evaluation)]
+        key = (*(each.task.name for each in tasks),
+               *(each for each in removed if isinstance(each, Pushed)))
         if key not in self._solved:
-            if RESERVE in limits and cycle.speed_cap is not None:
-                cap = cycle.speed_cap.copy()
-                cap[joint] = np.inf
-                cycle = replace(cycle, speed_cap=cap)
-            else:
-                cycle = replace(cycle, bounds=cycle.bounds.without(joint, limits))
-            self._solved[key] = self._again(cycle, self._outcome.commanded.hierarchy)
+            groups = {}
+            for number in {self._places[id(each)] for each in tasks}:
+                left = [each for each in self._evaluations[number] if each not in tasks]
+                groups[number] = levels_of([left] if left else [])
+            self._solved[key] = self._with(self._cycle_without(removed), groups)
         return self._solved[key]
 
-    def _without_task(self, number: int, evaluation: Evaluation) -> Array:
-        """Return the velocities (n,) without a task of a level."""
-        key = (evaluation.task.name,)
-        if key not in self._solved:
-            others = [each for each in self._evaluations[number] if each is not evaluation]
-            self._solved[key] = self._with(number, levels_of([others] if others else []))
-        return self._solved[key]
+    def _cycle_without(self, removed: Sequence[Removable]) -> Cycle:
+        """Return the cycle without those of them that are limits of joints."""
+        cycle = self._cycle
+        for each in removed:
+            if isinstance(each, Pushed):
+                cycle = _without_limits(cycle, each)
+        return cycle
 
-    def _with(self, number: int, levels: list[Level]) -> Array:
-        """Return the velocities (n,) with other levels, one or none, in place of one."""
-        cycle, hierarchy = self._cycle, self._outcome.commanded.hierarchy
-        if number >= len(hierarchy) or hierarchy[number] is not cycle.levels[number]:
-            # While a change fades in it is not in force yet.
-            return self._outcome.velocity
-        memory = list(cycle.memory)
-        memory[number:number + 1] *= len(levels)
-        other = replace(cycle, memory=tuple(memory), levels=[
-            *cycle.levels[:number], *levels, *cycle.levels[number + 1:]])
-        return self._again(other, [*hierarchy[:number], *levels, *hierarchy[number + 1:]],
-                           number if len(levels) != 1 else None)
+    def _with(self, cycle: Cycle, groups: Mapping[int, list[Level]]) -> Array:
+        """Return the velocities (n,) with other levels, one or none, in place of some."""
+        hierarchy, levels = list(self._outcome.commanded.hierarchy), list(cycle.levels)
+        kept = list(range(len(levels)))
+        for number in sorted(groups, reverse=True):
+            # Levels below a change that fades in are not in force yet.
+            if number < len(hierarchy) and hierarchy[number] is levels[number]:
+                hierarchy[number:number + 1] = levels[number:number + 1] = groups[number]
+                kept[number:number + 1] *= len(groups[number])
+        memory = tuple([cycle.memory[index] for index in kept]) if cycle.memory else ()
+        return self._again(replace(cycle, levels=levels, memory=memory), hierarchy, kept)
 
     @cached_property
     def _pushes(self) -> list[float]:
         """Return h of each level of the stack, from this cycle alone."""
         return _pushes(self._cycle, self._outcome.commanded.hierarchy)
 
-    def _again(self, cycle: Cycle, levels: Sequence[Level], without: int | None = None) -> Array:
+    def _again(self, cycle: Cycle, levels: Sequence[Level], kept: Sequence[int]) -> Array:
         """
-        Return the velocities (n,) of a cycle with one change; a level may be gone.
+        Return the velocities (n,) of a cycle with a change that kept these levels, by index.
 
         What it remembers follows from what pushed before (h of each level), and so is no cause
         of its own: it falls as far as the pushes do.
         """
         if any(cycle.memory):
-            before = [h for index, h in enumerate(self._pushes) if index != without]
+            before = [self._pushes[index] for index in kept]
             after = _pushes(cycle, levels)
             cycle = replace(cycle, memory=tuple(
                 h * new / old if new < old else h
                 for h, old, new in zip(cycle.memory, before, after)))
         return cycle.solve(levels).velocity
+
+    def _at_minimum(self, evaluation: Evaluation) -> bool:
+        """
+        Say whether the error of a task is at a minimum.
+
+        Along all motions of the robot the gradient of ½ eᵀ K e has to vanish and its Jacobian H
+        must not fall. Were H not symmetric, as where a base has to turn before it drives on, two
+        motions in turns would lead to a third one along which the error falls.
+        """
+        task, (q, passive, now, state) = evaluation.task.probe(), self._place
+        state.update(q, passive)
+        n = self._robot.n
+
+        def gradient() -> Array:
+            level = task.evaluate(state, now).level
+            return -level.J.T.dot(level.v)
+
+        here, H = gradient(), np.empty((n, n))
+        for column, motion in enumerate(np.eye(n)):
+            state.update(self._robot.integrate(q, motion, STEP))
+            H[:, column] = (gradient() - here) / STEP
+        # As large as H is where the error is large.
+        least = NOTABLE * norm(evaluation.level.v)
+        values, motions = np.linalg.eigh(0.5 * (H + H.T))
+        along = motions.T.dot(here)
+        to_gain = (along * along / np.maximum(values, least)).sum()
+        return bool(values[0] > -least and np.abs(H - H.T).max() < least
+                    and to_gain <= NOTABLE * norm(evaluation.level.v) * norm(evaluation.error))
 
     def _is_damped(self, index: int) -> bool:
         """Say whether a level, or one above it, is damped or relaxed."""
@@ -304,7 +392,25 @@ class Causes:
             J = (U[:, :rank] * stronger).dot(V[:, :rank].T)
             other = Evaluation(evaluation.task, replace(level, J=J), evaluation.error)
             group = [other if each is evaluation else each for each in self._evaluations[index]]
-            yield SINGULARITY, '', missing_of(other.level, self._with(index, levels_of([group])))
+            yield SINGULARITY, '', missing_of(
+                other.level, self._with(self._cycle, {index: levels_of([group])}))
+
+
+def _at_bounds(bounds: VelocityBounds, x: Array) -> list[Pushed]:
+    """Return the limits that velocities x (n,) are at."""
+    return [Pushed(joint, tuple(bounds.limits(joint, up)))
+            for up, bound in ((True, bounds.upper), (False, bounds.lower))
+            for joint in np.flatnonzero(np.abs(x - bound) <= SAME).tolist()]
+
+
+def _without_limits(cycle: Cycle, pushed: Pushed) -> Cycle:
+    """Return a cycle without some limits of a joint."""
+    joint, limits = pushed
+    if RESERVE not in limits or cycle.speed_cap is None:
+        return replace(cycle, bounds=cycle.bounds.without(joint, limits))
+    cap = cycle.speed_cap.copy()
+    cap[joint] = np.inf
+    return replace(cycle, speed_cap=cap)
 
 
 def _pushes(cycle: Cycle, levels: Sequence[Level]) -> list[float]:

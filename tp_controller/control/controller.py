@@ -20,7 +20,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller.control.causes import TRANSITION
+from tp_controller.control.causes import Place, TRANSITION
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.cycle_time import check_time, CycleTime
 from tp_controller.control.escape import Escape
@@ -94,9 +94,9 @@ class Controller:
         self.stack = stack
         # None before the first update.
         self._state: RobotState | None = None
-        # Of this cycle and of the one before, in turns. To make one takes Pinocchio 8 ms for TIAGo,
-        # 44 ms for TIAGo with two arms: too long for a cycle.
-        self._states = [robot.state(robot.neutral()) for _ in range(2)]
+        # Of this cycle and of the one before, in turns, and one for reports. To make one takes
+        # Pinocchio 8 ms for TIAGo and 44 ms with two arms: too long for a cycle.
+        *self._states, self._spare = [robot.state(robot.neutral()) for _ in range(3)]
         self._passive: ArrayLike | None = None
         self._started = False
         # What was commanded last, and when; at rest before the first command.
@@ -382,7 +382,8 @@ class Controller:
         self._velocity, self._last_update = outcome.velocity, now
         self._memory = outcome.solution.memory
         return Command(outcome.velocity, Report(self.robot, evaluations, self.stack.inactive,
-                                                cycle, outcome, self.stack.faults))
+                                                cycle, outcome, self.stack.faults,
+                                                Place(state.q, self._passive, now, self._spare)))
 
     def _start(self, state: RobotState) -> None:
         """Give tasks without a goal the value they have now, once."""

@@ -123,9 +123,7 @@ def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Caus
 
     Then its error does not shrink any more, and no limit, task or transition is the reason.
     """
-    return not evaluation.task.bounded and bool(evaluation.error.any()) and not causes.instead \
-        and all(cause.kind in ELSEWHERE for cause in found) and causes.at_rest(evaluation) \
-        and not causes.together(evaluation) and not causes.pushes_limits(evaluation)
+    return all(cause.kind in ELSEWHERE for cause in found) and causes.is_out_of_reach(evaluation)
 
 
 def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
@@ -135,8 +133,9 @@ def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
                                                        else '')
 
 
-def _together(names: Sequence[str]) -> str:
+def _together(causes: Sequence[tuple[str, str]]) -> str:
     """Return the sentence for causes that each suffice, so that none of them is one alone."""
+    names = [name if kind in (TASK, BOUNDS) else f'the {kind} of {name}' for kind, name in causes]
     if not names:
         return 'blocked by several causes together'
     if len(names) == 1:

@@ -19,7 +19,7 @@ from functools import cached_property
 import math
 
 import numpy as np
-from tp_controller.control.causes import Cause, Causes, missing_of
+from tp_controller.control.causes import Cause, Causes, missing_of, Place
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.reasons import hint_of, limit_text, reason_of
 from tp_controller.model.robot import Robot
@@ -158,21 +158,23 @@ class Report:
         What was solved, and what it came to.
     faults : mapping
         {name: reason} of the disabled tasks that failed.
+    place : Place
+        Where the robot was.
 
     """
 
     def __init__(self, robot: Robot, evaluations: Sequence[Sequence[Evaluation]],
                  disabled: Sequence[Task], cycle: Cycle, outcome: Outcome,
-                 faults: Mapping[str, str]) -> None:
+                 faults: Mapping[str, str], place: Place) -> None:
         self._robot, self._evaluations, self._disabled = robot, evaluations, disabled
         self._faults = faults
-        self._cycle, self._outcome = cycle, outcome
+        self._cycle, self._outcome, self._place = cycle, outcome, place
         self._solution = outcome.solution.moved_to(outcome.velocity)
 
     @cached_property
     def _causes(self) -> Causes:
         """Return what finds the causes that limit tasks."""
-        return Causes(self._robot, self._evaluations, self._cycle, self._outcome)
+        return Causes(self._robot, self._evaluations, self._cycle, self._outcome, self._place)
 
     @cached_property
     def tasks(self) -> tuple[TaskReport, ...]:

@@ -14,6 +14,7 @@
 
 """The end-effector orientation task (lecture 3.3, slip corrected)."""
 
+from copy import copy
 from typing import Any, TypeVar
 
 import numpy as np
@@ -82,6 +83,12 @@ class TurningTask(Task):
         if self.goal is None and self.is_compatible(other):
             self._rotation_error.inherit(other._rotation_error)
         super().inherit_goal(other)
+
+    def probe(self) -> 'TurningTask':
+        """Return a copy that can be evaluated elsewhere, with a direction of its own."""
+        other = super().probe()
+        other._rotation_error = copy(self._rotation_error)
+        return other
 
 
 class Orientation(TurningTask, FrameTask):

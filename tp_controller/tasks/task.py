@@ -369,6 +369,10 @@ class Task(ABC):
         """Return what `evaluate` does for a type that makes its own level."""
         return Evaluation(self, self.level(state, now), self.error(state), self.row_names)
 
+    def probe(self: SomeTask) -> SomeTask:
+        """Return a copy that can be evaluated elsewhere while this one follows the robot."""
+        return copy(self)
+
     def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
                                                                       ...]:
         """

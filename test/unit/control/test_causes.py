@@ -19,6 +19,7 @@ import importlib
 import numpy as np
 import pytest
 import robots
+from scipy.spatial.transform import Rotation
 from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
 
 NOW = Settings(blend=0.0, reserve=0.0, period=0.01)
@@ -125,6 +126,29 @@ def test_two_tasks_that_each_suffice_hold_back_together_and_none_alone():
     assert task.reason == 'blocked by a and b together'
 
 
+def test_of_those_that_block_together_only_the_ones_that_matter_are_named():
+    task = first_report(cartesian(), """
+- idle: {type: joint, joints: slide_y, target: [0.3]}
+- cell: {type: keep_in, frame: z, shape: {box: [3, 3, 3]}}
+- a: {type: joint, joints: slide_x, target: [0.0]}
+- [still: {type: joint, joints: slide_z, target: [0.1]}, b: {type: position, frame: z, axes: x}]
+- c: {type: joint, joints: slide_x, target: [0.5]}
+""", [0.0, 0.0, 0.0])['c']
+    assert task.causes == ()
+    assert task.reason == 'blocked by a and b together'
+
+
+def test_task_and_limit_that_each_suffice_are_named_together():
+    # The limit is not felt as long as the task above has the direction.
+    task = first_report(cartesian(), """
+- a: {type: joint, joints: slide_x, target: [2.0]}
+- b: {type: joint, joints: slide_y, target: [0.1]}
+- c: {type: position, frame: z, axes: x}
+""", [2.0, 0.0, 0.0], goals={'c': [2.5, 0.0, 0.0]})['c']
+    assert task.causes == ()
+    assert task.reason == 'blocked by a and the upper position limit of slide_x together'
+
+
 def test_limit_acts_through_the_task_above_that_it_limits():
     # Joint x is too slow for the tool, which therefore takes all of the elbow's joint.
     robot = robots.planar()
@@ -224,13 +248,79 @@ def test_goal_beyond_the_reach_of_an_arm_is_out_of_reach_once_the_arm_rests():
     assert 'out of reach' not in said[1]
 
 
+def test_tool_is_out_of_reach_while_the_other_arm_moves():
+    robot = robots.urdf_robot('baxter')
+    q = robot.neutral()
+    controller = Controller(robot, Stack.from_yaml("""
+- left: {type: position, frame: left_gripper, gain: 2.0}
+- right: {type: position, frame: right_gripper, gain: 2.0}
+""", robot), NOW)
+    state = robot.state(q)
+    start = state.position('right_gripper')
+    controller.set_goal('left', [2.0, 1.0, 0.3], 0.0)
+    said = []
+    for cycle in range(1500):
+        controller.set_goal('right', start + [0.0, 0.05 * np.sin(0.01 * cycle), 0.0], 0.01 * cycle)
+        command = controller.update(q, 0.01 * cycle)
+        q = robot.integrate(q, command.velocity, 0.01)
+        if cycle % 100 == 99:
+            left, right = command.report.tasks
+            said.append(left.reason)
+    assert np.abs(command.velocity).max() > 0.02
+    assert said[-1] == f'out of reach by {left.errors[0][0]:.2g} m'
+    assert 'out of reach' not in said[0]
+
+
+@pytest.mark.parametrize('goal, beyond', [(0.4, False), (1.4, True), (0.0, False)])
+def test_goal_within_reach_of_a_straight_arm_is_not_called_out_of_reach(goal, beyond):
+    # No joint moves its tip along the arm, neither outwards nor back.
+    robot = Robot.from_dh([{'name': f'j{number}', 'a': 0.5, 'velocity': 1.0, 'lower': -3.0,
+                            'upper': 3.0} for number in range(2)])
+    task = first_report(robot, '- tip: {type: position, frame: link2, axes: xy}', [0.0, 0.0],
+                        goals={'tip': [goal, 0.0, 0.0]})['tip']
+    assert task.reason == ('out of reach by 0.4 m' if beyond else
+                           'the robot cannot move in this direction here')
+
+
+# A base that may turn meanwhile, and one that has to face forward.
+@pytest.mark.parametrize('task', ['position, frame: base_link', 'base_pose'])
+def test_wheels_that_cannot_go_sideways_do_not_make_a_goal_out_of_reach(task):
+    reasons = {}
+    for base in ('planar', 'differential'):
+        robot = Robot.from_file(robots.CONFIG / 'robots' / 'mobile_arm.urdf', base=base)
+        for y, z in ((0.5, 0.0), (0.0, 0.5)):
+            goal = [0.0, y, z, 0.0, 0.0, 0.0, 1.0] if task == 'base_pose' else [0.0, y, z]
+            found = first_report(robot, f'- base: {{type: {task}}}', robot.neutral(),
+                                 goals={'base': goal})
+            reasons[base, z] = found['base'].reason
+    assert reasons['differential', 0.0] == 'the robot cannot move in this direction here'
+    assert reasons['planar', 0.0] == ''
+    if task != 'base_pose':
+        assert reasons['planar', 0.5] == reasons['differential', 0.5] == 'out of reach by 0.5 m'
+
+
+def test_looking_whether_a_goal_is_out_of_reach_leaves_no_trace_in_the_task():
+    robot = robots.planar()
+    controller = Controller(robot, Stack.from_yaml(
+        '- turn: {type: orientation, frame: link3}', robot), NOW)
+    controller.update(robots.PLANAR_START, 0.0)
+    rolled = Rotation.from_rotvec([1.0, 0.0, 0.0]) * Rotation.from_rotvec([0.0, 0.0, 0.9])
+    controller.set_goal('turn', rolled.as_quat(), 0.0)
+    report = controller.update(robots.PLANAR_START, 0.01).report
+    direction = controller.stack.tasks['turn']._rotation_error
+    before = direction._previous
+    assert report.tasks[0].reason == 'out of reach by 1 rad'
+    assert direction._previous is before
+
+
 def test_goal_behind_two_limits_that_each_suffice_is_not_out_of_reach():
     # Uniform scaling: each of two joints at its limit stops all others, and z is free.
     task = first_report(cartesian(), '- tool: {type: position, frame: z}\n', [2.0, 2.0, 0.0],
                         Settings(blend=0.0, reserve=0.0, period=0.01, scaling='uniform'),
                         {'tool': [3.0, 3.0, 0.1]})['tool']
     assert task.causes == ()
-    assert task.reason == 'blocked by several causes together'
+    assert task.reason == ('blocked by the upper position limit of slide_x and the upper position '
+                           'limit of slide_y together')
 
 
 def test_while_a_change_fades_in_no_empty_name_is_told():
