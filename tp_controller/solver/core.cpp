@@ -50,8 +50,8 @@ constexpr double NOISE = 1e-16;
 constexpr double ORTHOGONAL = 1e-15;
 constexpr int SWEEPS = 60;
 // Squared length of a row, and of what is left of a normal of length 1 beside the active ones,
-// below which DAQP takes them for zero.
-constexpr double DEPENDENT = 1e-11;
+// below which they are zero.
+constexpr double DEPENDENT = 1e-15;
 // What rounding leaves of a bound that is met, as a share of the point.
 constexpr double LAST_DIGIT = 1e-15;
 // Larger matrices are left to the reference.
@@ -506,7 +506,6 @@ class ActiveSet {
     normal_ = arena.take(k);
     rest_ = arena.take(k);
     z = arena.take(k);
-    rounding_ = LAST_DIGIT * (1.0 + norm(point, k));
     for (int i = 0; i < rows_; ++i) set_row(i, program, scale);
   }
 
@@ -515,18 +514,17 @@ class ActiveSet {
     tolerance_ = tolerance;
     count_ = 0;
     std::fill(is_active_, is_active_ + rows_, 0);
-    std::copy(point_, point_ + k_, z);
+    start();
     steps_ = 10 * (rows_ + k_) + 20;
-    int settled = 0;
-    while (steps_-- > 0) {
-      const int row = worst();
+    bool settled = false;
+    for (int row; steps_-- > 0; settled = row < 0) {
+      row = worst();
       if (row >= 0) {
         if (!enter(row)) return false;
-      } else if (count_ == 0 || settled == 2) {
+      } else if (count_ == 0 || settled) {
         return true;
       } else {
         settle();
-        ++settled;
       }
     }
     return false;
@@ -620,13 +618,7 @@ class ActiveSet {
   double split() {
     std::copy(normal_, normal_ + k_, rest_);
     std::fill(d_, d_ + count_, 0.0);
-    // Twice, or rounding would leave a share of Q.
-    for (int twice = 0; twice < 2; ++twice)
-      for (int i = 0; i < count_; ++i) {
-        const double *q = Q_ + size_t(i) * k_, c = dot(q, rest_, k_);
-        d_[i] += c;
-        add(-c, q, rest_, k_);
-      }
+    subtract(rest_, d_);
     back(d_, e_);
     return dot(rest_, rest_, k_);
   }
@@ -676,7 +668,13 @@ class ActiveSet {
     }
   }
 
-  // Once more, from the active set alone: steps add up roundings. Where they hid that a
+  void start() {
+    std::copy(point_, point_ + k_, z);
+    rounding_ = LAST_DIGIT * (1.0 + norm(z, k_));
+  }
+
+  // Once more, from the active set alone: steps add up roundings, those of a point that may be far
+  // off. z = Q y + r, with Rᵀ y = b and r what Q leaves of the point. Where roundings hid that a
   // multiplier is negative, its bound is dropped.
   void settle() {
     while (count_ > 0) {
@@ -685,16 +683,35 @@ class ActiveSet {
         const double *column = R_ + size_t(i) * most_;
         const double b = side_[i] > 0.0 ? upper_[row] : -lower_[row];
         d_[i] = (b - dot(column, d_, i)) / column[i];
-        e_[i] = dot(Q_ + size_t(i) * k_, point_, k_) - d_[i];
+        e_[i] = -d_[i];
       }
       std::copy(point_, point_ + k_, z);
-      for (int i = 0; i < count_; ++i) add(-e_[i], Q_ + size_t(i) * k_, z, k_);
+      if (count_ == k_) {
+        for (int i = 0; i < count_; ++i) e_[i] += dot(Q_ + size_t(i) * k_, z, k_);
+        std::fill(z, z + k_, 0.0);
+      } else {
+        subtract(z, e_);
+      }
+      for (int i = 0; i < count_; ++i) add(d_[i], Q_ + size_t(i) * k_, z, k_);
       back(e_, multiplier_);
       const int least = int(std::min_element(multiplier_, multiplier_ + count_) - multiplier_);
-      if (!(multiplier_[least] < -ROUNDING)) return;
+      if (!(multiplier_[least] < -ROUNDING)) {
+        rounding_ = LAST_DIGIT * (1.0 + norm(z, k_));
+        return;
+      }
       drop(least);
     }
-    std::copy(point_, point_ + k_, z);
+    start();
+  }
+
+  // Subtract from w what lies along Q, and add that to c; twice, or rounding would leave a share.
+  void subtract(double *w, double *c) const {
+    for (int twice = 0; twice < 2; ++twice)
+      for (int i = 0; i < count_; ++i) {
+        const double *q = Q_ + size_t(i) * k_, share = dot(q, w, k_);
+        c[i] += share;
+        add(-share, q, w, k_);
+      }
   }
 
   int rows_, k_, most_, count_ = 0, steps_ = 0;
@@ -702,7 +719,7 @@ class ActiveSet {
   double *A_, *lower_, *upper_, *length_, *slack_, *Q_, *R_, *multiplier_, *side_;
   double *d_, *e_, *normal_, *rest_;
   int *is_active_, *active_;
-  double tolerance_ = 0.0, rounding_, violation_ = 0.0, entering_ = 1.0;
+  double tolerance_ = 0.0, rounding_ = 0.0, violation_ = 0.0, entering_ = 1.0;
 };
 
 bool nearest_point(Arena &arena, const double *point, const Program &program, const double *scale,

@@ -36,7 +36,7 @@ from functools import lru_cache
 
 import daqp
 import numpy as np
-from tp_controller.solver.level import Array, FEASIBLE
+from tp_controller.solver.level import Array, FEASIBLE, within
 
 # Tolerance of DAQP on bounds; the next one where rounding defeats this. Of 1.6 million programs
 # (`closed_loops.py`) six stay unsolved: their levels add nothing in that cycle. With 1e-5 for
@@ -95,7 +95,9 @@ def nearest_point(point: Array, A: Array, lower: Array, upper: Array) -> Answer 
     for tolerance in TOLERANCES:
         z, _, flag, information = daqp.solve(identity, -point, A, upper, lower,
                                              primal_tol=tolerance)
-        if flag == 1:
+        # Towards a target that is far beyond the bounds, 1e7 of what a singular value of 1e-7
+        # demands, digits get lost of which DAQP does not tell.
+        if flag == 1 and within(A.dot(z), lower, upper, 10.0 * tolerance):
             return z, information['lam']
     return None
 

@@ -21,8 +21,9 @@ import shutil
 import sys
 
 import numpy as np
-from problems import OPTIONS, random_cycle
+from problems import OPTIONS, random_cycle, redistribute
 import pytest
+from reference import random_levels
 from tp_controller import Level, solve, SolverError
 from tp_controller.solver import bounded_hierarchy, compiled, damping, level, min_norm, qp
 from tp_controller.solver.damping import Damping
@@ -53,7 +54,8 @@ def test_core_gives_the_velocities_of_the_solver_in_python(settings):
             counted['far off'] += off > 1e-6
             compare_steps(given, expected, found, counted)
     # A polytope that is all but a point is as large as rounding says.
-    assert counted['off'] <= PROBLEMS // 100 and not counted['far off'], counted
+    assert counted['off'] <= PROBLEMS // 100, counted
+    assert counted['far off'] <= PROBLEMS // 5000, counted
     assert counted['left'] <= PROBLEMS // 100, counted
     # Where more bounds meet than are needed, any of them may have the multipliers.
     assert counted['other multipliers'] <= PROBLEMS // 20, counted
@@ -61,7 +63,7 @@ def test_core_gives_the_velocities_of_the_solver_in_python(settings):
 
 def compare_steps(given, expected, found, counted):
     """Compare what is unique in how the levels were carried out."""
-    n = given[3].n
+    n, same = given[3].n, True
     assert len(expected.steps) == len(found.steps) == len(found.memory) == len(given[0])
     for one, other in zip(expected.steps, found.steps):
         assert (one.directions is None) == (other.directions is None)
@@ -77,12 +79,36 @@ def compare_steps(given, expected, found, counted):
         assert other.velocity.shape == (n,)
         for mine, yours in ((one.multipliers, other.multipliers),
                             (one.row_multipliers, other.row_multipliers)):
-            none = mine is None or yours is None
-            counted['other multipliers'] += none and mine is not yours
-            if not none:
-                assert mine.shape == yours.shape
-                size = np.abs(mine).max(initial=1.0)
-                counted['other multipliers'] += not np.allclose(mine, yours, atol=1e-6 * size)
+            same = same and agree(mine, yours)
+        # What follows from multipliers is the same where they are.
+        if same:
+            assert other.bend == pytest.approx(one.bend, rel=1e-5, abs=1e-5)
+            assert np.allclose(other.followed, one.followed, atol=1e-6)
+    counted['other multipliers'] += not same
+    if same:
+        assert found.memory == pytest.approx(expected.memory, rel=1e-5, abs=1e-5)
+
+
+def agree(one, other):
+    """Say whether multipliers are the same, but for digits of the largest."""
+    if one is None or other is None:
+        return one is other
+    assert one.shape == other.shape
+    return np.allclose(one, other, atol=1e-6 * np.abs(one).max(initial=1.0))
+
+
+@pytest.mark.parametrize('seed', [2, 694, 1439])
+def test_core_keeps_priorities_where_a_demand_is_far_beyond_the_bounds(seed):
+    rng = np.random.default_rng(seed)
+    (J, v), _ = random_levels(rng, 6, [2, 2])
+    # What the first level leaves of the second has singular values of 1e-7.
+    near = J + 1e-7 * rng.standard_normal(J.shape), v + rng.standard_normal(2)
+    upper = rng.uniform(0.05, 1.0, 6)
+    before = compiled.left_to_the_reference()
+    alone, both = (redistribute(levels, -upper, upper).steps[-1].velocity
+                   for levels in ([(J, v)], [(J, v), near]))
+    assert compiled.left_to_the_reference() == before
+    np.testing.assert_allclose(J @ both, J @ alone, rtol=0, atol=1e-10)
 
 
 def test_core_has_the_constants_of_the_solver_in_python():
@@ -213,6 +239,17 @@ def test_core_survives_all_shapes_and_numbers(scaling):
                 record = compiled.Record(found[1], n, len(levels))
                 assert len(record.all()) == len(record.bends()) == len(levels)
     assert answered > PROBLEMS
+
+
+@pytest.mark.parametrize('velocity', [np.empty(1), np.empty(3), np.empty(2, dtype=int),
+                                      np.empty((2, 1)), [0.0, 0.0], b'ab', None])
+def test_core_writes_to_nothing_but_an_array_of_the_right_size(velocity):
+    core = compiled.core_for(2, Damping(), None, 'uniform')
+    level = Level(np.eye(2), np.ones(2))
+    assert core.solve([level], None, None, 0.0, None, (), velocity) is None
+    locked = np.empty(2)
+    locked.setflags(write=False)
+    assert core.solve([level], None, None, 0.0, None, (), locked) is None
 
 
 @pytest.mark.parametrize('memory', [None, (BAD,), ('1',), [0.0]])
