@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 import robots
 from tp_controller import GoalError, resources, Robot, RobotError, Stack, StackError
+from tp_controller.errors import suggestion
 from tp_controller.model import collision, urdf
 from tp_controller.model.srdf import srdf_pairs
 from tp_controller.resources import find_file, load_xml, load_yaml, read_source
@@ -117,6 +118,11 @@ def test_what_an_alias_stands_for_counts_as_often_as_it_is_used():
     load_yaml(f'[&a {hundred}' + 98 * ', *a' + ']')
     with pytest.raises(ValueError, match='more than 10000 values'):
         load_yaml(f'[&a {hundred}' + 99 * ', *a' + ']')
+
+
+def test_long_name_is_cut_and_not_compared_with_all_valid_ones():
+    assert suggestion(10 * 'frame', ['frame']) == repr(10 * 'frame')
+    assert suggestion(100_000 * 'frame', ['frame']) == "'" + (40 * 'frame')[:199] + ' …'
 
 
 def test_no_more_tasks_are_read_once_they_took_too_long(monkeypatch):
