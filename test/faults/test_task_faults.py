@@ -332,7 +332,8 @@ def test_budget_follows_the_settings(monkeypatch):
     controller.settings = Settings(task_budget=0.5, period=0.02)
     run(controller, 5)
     other = Stack([[Faulty(robots.planar(), 'faulty')]])
-    controller.replace_stack(other, Settings(task_budget=0.1))
+    controller.settings = Settings(task_budget=0.5)
+    controller.replace_stack(other)
     Clock(monkeypatch).turn(other.tasks['faulty'], 0.006)
     with pytest.raises(EvaluationError):
         run(controller, 3)
@@ -453,6 +454,12 @@ def test_errors_that_cannot_be_reported_are_named(errors, monkeypatch):
     report = report_of(run(controller)[0])
     assert (report.status, report.level) == ('failed', 1)
     assert 'raised TypeError' in report.reason or 'raised ValueError' in report.reason
+
+
+def test_errors_that_are_numbers_in_disguise_are_reported_as_numbers(monkeypatch):
+    controller, task = controller_of()
+    monkeypatch.setattr(task, 'reported_errors', lambda error, residual: [('1.0', 'm', '2.0')])
+    assert report_of(run(controller)[0]).errors == ((1.0, 'm', 2.0),)
 
 
 class Missing(Posture):

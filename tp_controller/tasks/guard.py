@@ -93,10 +93,6 @@ class Guard:
         # {task: in how many cycles it took too long, without a break}
         self._slow: dict[str, int] = {}
 
-    def forget(self, name: str) -> None:
-        """Forget how long a task took."""
-        self._slow.pop(name, None)
-
     def evaluate(self, task: Task, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` of a task; `EvaluationError` where it fails."""
         began = time.perf_counter()

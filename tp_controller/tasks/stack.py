@@ -110,7 +110,6 @@ class Stack:
         """Enable or disable a task."""
         (self.disabled.discard if enabled else self.disabled.add)(name)
         self.faults = {other: reason for other, reason in self.faults.items() if other != name}
-        self._guard.forget(name)
         self._arrange()
 
     def switch_off(self, name: str, reason: str) -> None:
