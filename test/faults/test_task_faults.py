@@ -345,6 +345,7 @@ def test_budget_follows_the_settings(monkeypatch):
 @pytest.mark.parametrize('method, call', [
     ('parse_goal', lambda controller: controller.set_goal('faulty', GOAL, 0.0)),
     ('set_goal', lambda controller: controller.set_goal('faulty', GOAL, 0.0)),
+    ('goal_remarks', lambda controller: controller.set_goal('faulty', GOAL, 0.0)),
     ('parse_feed_forward', lambda controller: controller.set_feed_forward('faulty', GOAL, 0.0)),
     ('set_feed_forward', lambda controller: controller.set_feed_forward('faulty', GOAL, 0.0))])
 def test_goal_that_a_task_fails_to_take_is_refused(method, call):
@@ -356,10 +357,24 @@ def test_goal_that_a_task_fails_to_take_is_refused(method, call):
     assert report_of(run(controller)[0]).status == 'reached'
 
 
+def test_goal_before_stays_in_force_where_a_new_one_fails():
+    controller, task = controller_of()
+    run(controller)
+    controller.set_goal('faulty', GOAL, 0.0)
+    for method in ('parse_goal', 'goal_remarks', 'with_goal'):
+        if method == 'with_goal':
+            controller.settings = Settings(largest_turn=3.0)
+        task.broken = method
+        with pytest.raises(GoalError, match='raised ZeroDivisionError: division by zero'):
+            controller.set_goal('faulty', np.zeros(N), 0.0)
+        task.broken = ''
+        assert np.array_equal(task.goal, GOAL)
+
+
 class FaultyPlace(Task):
     """A task about a frame that fails with goals in other frames, and their markers."""
 
-    frame, reference = 'link3', 'base_link'
+    frame, reference, goal_type = 'link3', 'base_link', 'point'
 
     def __init__(self, robot, name, **common):
         keys = Keys()
@@ -398,6 +413,10 @@ class FaultyPlace(Task):
         """Fail."""
         raise ZeroDivisionError
 
+    def goal_place(self, goal, state):
+        """Fail."""
+        raise ZeroDivisionError
+
 
 def test_frames_of_goals_and_markers_may_fail_too():
     robot = robots.planar()
@@ -410,6 +429,9 @@ def test_frames_of_goals_and_markers_may_fail_too():
     with pytest.raises(GoalError, match='feed_forward_in_reference raised ZeroDivisionError'):
         controller.set_feed_forward('place', 0.1, 0.0, frame='link1')
     assert [name for name, _, _ in controller.goal_poses()] == ['tip']
+    controller.settings = Settings(largest_jump=10.0)
+    with pytest.raises(GoalError, match='raised ZeroDivisionError'):
+        controller.set_goal('place', 0.1, 0.0)
 
 
 def test_task_that_fails_to_reset_cannot_be_enabled_and_stops_no_other(monkeypatch):
@@ -517,8 +539,8 @@ def test_class_that_inherits_the_name_of_a_type_does_not_take_its_place():
 def test_all_that_a_task_can_override_is_covered():
     """A new method of `Task` needs a case here, or has to be none that a cycle calls."""
     covered = {*CALLED, 'parse_goal', 'set_goal', 'parse_feed_forward', 'set_feed_forward',
-               'goal_in_reference', 'feed_forward_in_reference', 'goal_pose', 'reset',
-               'inherit_goal', 'is_compatible', 'is_equivalent', 'reported_errors',
+               'goal_remarks', 'goal_place', 'with_goal', 'goal_in_reference',
+               'feed_forward_in_reference', 'goal_pose', 'reset', 'inherit_goal', 'is_compatible', 'is_equivalent', 'reported_errors',
                'accepted_keys', 'described_keys'}
     # Called by those above, and `level` in place of `make_evaluation`.
     inner = {'level', 'in_rows'}

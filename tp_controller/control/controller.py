@@ -257,11 +257,12 @@ class Controller:
         goal = accept(task, task.parse_goal, goal)
         if frame is not None:
             goal = accept(task, task.goal_in_reference, goal, self._pose_in(task, frame))
-        check_goal(task, goal, self._state, self._settings)
+        accept(task, check_goal, task, goal, self._state, self._settings)
+        own = frame is None or (isinstance(frame, str) and frame == task.reference)
+        remarks = accept(task, task.goal_remarks, goal, not own)
         self._announce_goal(task, now)
         accept(task, task.set_goal, goal, now)
-        own = frame is None or (isinstance(frame, str) and frame == task.reference)
-        return accept(task, task.goal_remarks, goal, not own)
+        return remarks
 
     def set_feed_forward(self, name: str, velocity: Any, now: float,
                          frame: str | Array | None = None) -> None:
