@@ -434,6 +434,22 @@ def test_frames_of_goals_and_markers_may_fail_too():
         controller.set_goal('place', 0.1, 0.0)
 
 
+def test_reason_is_found_without_a_task_that_cannot_be_tried_elsewhere(monkeypatch):
+    robot, tried = robots.planar(), []
+    task = FaultyPlace(robot, 'place', gain=5.0)
+    controller = Controller(robot, Stack([[task]]), Settings(blend=0.0))
+
+    def probe():
+        tried.append(task)
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(task, 'probe', probe)
+    monkeypatch.setattr(task, 'goal_remarks', lambda goal, converted: ())
+    controller.set_goal('place', 100.0, 0.0)
+    command, _ = run(controller, 1500, np.array([0.3, 0.2, -0.4]))
+    assert report_of(command, 'place').status == 'limited' and tried
+
+
 def test_task_that_fails_to_reset_cannot_be_enabled_and_stops_no_other(monkeypatch):
     controller, task = controller_of()
     run(controller)
@@ -540,8 +556,9 @@ def test_all_that_a_task_can_override_is_covered():
     """A new method of `Task` needs a case here, or has to be none that a cycle calls."""
     covered = {*CALLED, 'parse_goal', 'set_goal', 'parse_feed_forward', 'set_feed_forward',
                'goal_remarks', 'goal_place', 'with_goal', 'goal_in_reference',
-               'feed_forward_in_reference', 'goal_pose', 'reset', 'inherit_goal', 'is_compatible', 'is_equivalent', 'reported_errors',
-               'accepted_keys', 'described_keys'}
+               'feed_forward_in_reference', 'goal_pose', 'reset', 'inherit_goal',
+               'is_compatible', 'is_equivalent', 'reported_errors', 'accepted_keys',
+               'described_keys', 'probe'}
     # Called by those above, and `level` in place of `make_evaluation`.
     inner = {'level', 'in_rows'}
     methods = {name for name, member in vars(Task).items()

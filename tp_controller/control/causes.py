@@ -334,6 +334,14 @@ class Causes:
         return cycle.solve(levels).velocity
 
     def _at_minimum(self, evaluation: Evaluation) -> bool:
+        """Say whether the error of a task is at a minimum; where that fails, it is not."""
+        try:
+            return self._is_minimum(evaluation)
+        except Exception:
+            # A type of another package may fail anywhere.
+            return False
+
+    def _is_minimum(self, evaluation: Evaluation) -> bool:
         """
         Say whether the error of a task is at a minimum.
 
