@@ -494,7 +494,8 @@ def test_ros2_commands_are_all_looked_at():
     verbs = {verb if verb[0] in ('topic', 'service', 'param') else verb[:1] for verb in verbs}
     assert verbs <= {('run',), ('launch',), ('topic', 'pub'), ('topic', 'echo'),
                      ('service', 'call'), ('param', 'set'), ('param', 'describe'),
-                     ('param', 'list'), ('control',), ('lifecycle',)}
+                     ('param', 'list'), ('param', 'dump'), ('param', 'load'), ('control',),
+                     ('lifecycle',)}
 
 
 # Links and layout -------------------------------------------------------------------------

@@ -47,6 +47,7 @@ from tp_controller.nodes.parameters import (
     SETTINGS,
     settings_from,
     Spec,
+    take_numbers_as_text,
     undeclare_limits,
     warn_unknown,
 )
@@ -144,6 +145,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         for name, callback in (('stop', self._on_stop), ('start', self._on_start),
                                ('reload', self._on_reload)):
             self.create_service(Trigger, f'~/{name}', callback)
+        take_numbers_as_text(self)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self.create_timer(LOOK_SECONDS, self._look_for_others,
@@ -397,8 +399,10 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._settings = self._settings_of(self._values)
         if self._controller is None:
             return
-        if 'stack' in changed and self._checked_stack is not None:
-            self._use_stack(self._checked_stack)
+        stack = self._checked_stack if 'stack' in changed else None
+        # As it was is what the tasks' goals have been sent for; ~/reload starts afresh.
+        if stack is not None and stack.text != self._controller.stack.text:
+            self._use_stack(stack)
         else:
             with self._controller.lock:
                 self._controller.settings = self._settings

@@ -14,6 +14,7 @@
 
 """Parameters: declared with description, unit and range, refused with the reason."""
 
+from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 import math
@@ -32,6 +33,7 @@ from tp_controller.errors import RobotError, SettingsError
 from tp_controller.model.limits import BASE_LIMIT_KEYS, LIMIT_KEYS
 from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
 from tp_controller.model.robot import Robot
+from tp_controller.resources import load_yaml
 
 # By velocity and key.
 Limits = dict[str, dict[str, float]]
@@ -40,6 +42,8 @@ Limits = dict[str, dict[str, float]]
 FIXED = 'fixed while the node is configured'
 # Weights of robots with any number of joints.
 EQUAL = [1.0]
+# What stands for the empty list.
+EMPTY = {Parameter.Type.DOUBLE_ARRAY: EQUAL, Parameter.Type.STRING_ARRAY: ['']}
 # Start of the names of the joints' limits.
 LIMITS = 'limits.'
 UNIT_ENDINGS = {'velocity': '/s', 'acceleration': '/s²'}
@@ -150,13 +154,49 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     return values
 
 
+def take_numbers_as_text(node: Node) -> None:
+    """
+    Take numbers that are written as text for doubles of a node from now on.
+
+    ``ros2 param load`` sends ``.inf`` and ``1.0e-05`` as text. The empty list, which has no type
+    there, stands for all joints, or equal weights, as the default does: as a start value it would
+    be refused.
+    """
+    def as_declared(parameters: Sequence[Parameter]) -> list[Parameter]:
+        return [_as_declared(node, parameter) for parameter in parameters]
+
+    node.add_pre_set_parameters_callback(as_declared)
+
+
+def _as_declared(node: Node, parameter: Parameter) -> Parameter:
+    """Return a parameter with the type that it was declared with, where that is possible."""
+    kind, value = node.get_parameter_or(parameter.name).type_, parameter.value
+    try:
+        if kind is Parameter.Type.DOUBLE and isinstance(value, str):
+            return Parameter(parameter.name, kind, float(value))
+        if kind in EMPTY and isinstance(value, (list, array)) and not value:
+            return Parameter(parameter.name, kind, EMPTY[kind])
+        if kind is Parameter.Type.DOUBLE_ARRAY and isinstance(value, str):
+            return Parameter(parameter.name, kind, list(map(float, load_yaml(value))))
+    except (ValueError, TypeError):
+        pass  # ROS refuses it for its type
+    return parameter
+
+
 def fixed_faults(node: Node, given: Mapping[str, object]) -> list[str]:
     """Return what is wrong with values that are to be set: fixed ones have to stay."""
     return [f'parameter {name} is {node.get_parameter(name).value!r}, {FIXED}'
             for name, value in given.items()
-            if node.has_parameter(name) and node.get_parameter(name).value != value
+            if node.has_parameter(name) and not _equal(node.get_parameter(name).value, value)
             and (node.describe_parameter(name).additional_constraints == FIXED
                  or name == 'use_sim_time')]
+
+
+def _equal(one: object, other: object) -> bool:
+    """Say whether two values are equal; ``ros2 param load`` changes the white space of text."""
+    if isinstance(one, str) and isinstance(other, str):
+        return one.split() == other.split()
+    return one == other
 
 
 def keep_fixed(node: Node) -> None:

@@ -70,16 +70,19 @@ class Stack:
         {name: reason} of those of them that were switched off because they failed.
     active, active_tasks, inactive : tuple
         Enabled tasks by level, the same in one row, and disabled ones.
+    text : str
+        YAML that it was read from; empty where it was made otherwise.
 
     """
 
-    def __init__(self, groups: Iterable[Iterable[Task]]) -> None:
+    def __init__(self, groups: Iterable[Iterable[Task]], text: str = '') -> None:
         self.groups: Groups = tuple(tuple(group) for group in groups)
         self.tasks = {task.name: task for group in self.groups for task in group}
         self.disabled: set[str] = set()
         self.faults: Mapping[str, str] = {}
         self._guard = Guard()
         self._foreign = any(map(is_foreign, self.tasks.values()))
+        self.text = text
         self._arrange()
 
     @classmethod
@@ -104,7 +107,7 @@ class Stack:
             text = read_source(source, _is_stack)
         except (OSError, ValueError) as error:
             raise StackError([Fault(0, '', str(error))]) from error
-        return cls(_Reader(robot).read(text))
+        return cls(_Reader(robot).read(text), text)
 
     def enable(self, name: str, enabled: bool) -> None:
         """Enable or disable a task."""
