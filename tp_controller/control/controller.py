@@ -24,6 +24,7 @@ from tp_controller.control.causes import Place, TRANSITION
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.cycle_time import check_time, CycleTime
 from tp_controller.control.escape import Escape
+from tp_controller.control.gains import gain_faults, set_gain, set_tolerance
 from tp_controller.control.goal_limits import check_goal
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
@@ -42,13 +43,13 @@ from tp_controller.model.state import RobotState
 from tp_controller.solver.damping import Memory
 from tp_controller.solver.level import Level
 from tp_controller.tasks.guard import accept
+from tp_controller.tasks.keys import Gain, Tolerance
 from tp_controller.tasks.pose import parse_pose
 from tp_controller.tasks.stack import Groups, levels_of, shared_levels, Stack
 from tp_controller.tasks.task import Evaluation, Goal, Task
 
 Given = ParamSpec('Given')
 Returned = TypeVar('Returned')
-ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,12 +214,58 @@ class Controller:
             faults.append(f'weights needs {self.robot.n} numbers, one for each of '
                           f'{", ".join(self.robot.velocity_names)}, got {len(weights)}')
         for task in (self.stack if stack is None else stack).tasks.values():
-            if task.bounded and np.max(task.gain) * settings.period > 1.0 + ROUNDING:
-                faults.append(f'gain {np.max(task.gain):g} of task {task.name} must be at most '
-                              f'1/period = {1.0 / settings.period:g}, or its bounds would be '
-                              'crossed')
+            faults += gain_faults(task, task.gain, settings.period)
         if faults:
             raise SettingsError(faults)
+
+    def set_gain(self, name: str, gain: Gain) -> None:
+        """
+        Give a task another gain from the next cycle on; it is blended in as a setting is.
+
+        Parameters
+        ----------
+        name : str
+            Task.
+        gain : float or array_like (rows,)
+            One number, or one for each row [1/s].
+
+        Raises
+        ------
+        GoalError
+            There is no such task.
+        SettingsError
+            It has no gain, or not this one; the gain before stays in force.
+
+        """
+        task = self._task(name)
+        before = task.gain
+        set_gain(task, gain, self._settings.period)
+        if np.array_equal(task.gain, before):
+            return
+        for index, group in enumerate(self.stack.active):
+            if task in group:
+                self._transition.announce(index)
+
+    def set_tolerance(self, name: str, tolerance: Tolerance) -> None:
+        """
+        Give a task other tolerances, which changes its report only.
+
+        Parameters
+        ----------
+        name : str
+            Task.
+        tolerance : float or dict
+            Error below which the goal counts as reached, or one for each of some units.
+
+        Raises
+        ------
+        GoalError
+            There is no such task.
+        SettingsError
+            It has no tolerance, or not this one; the tolerances before stay in force.
+
+        """
+        set_tolerance(self._task(name), tolerance)
 
     def set_goal(self, name: str, goal: Goal, now: float,
                  frame: str | Array | None = None) -> tuple[str, ...]:

@@ -48,6 +48,7 @@ from tp_controller.nodes.parameters import (
     settings_from,
     Spec,
     take_numbers_as_text,
+    TASKS,
     undeclare_limits,
     warn_unknown,
 )
@@ -55,6 +56,7 @@ from tp_controller.nodes.realtime import prepare
 from tp_controller.nodes.reporter import Reporter
 from tp_controller.nodes.runner import ClosableNode, run, spinning
 from tp_controller.nodes.shared_controller import SharedController
+from tp_controller.nodes.task_parameters import TaskParameters
 from tp_controller.nodes.task_topics import TaskTopics
 from tp_controller.nodes.watchdog import Watchdog
 from tp_controller.tasks.stack import Stack
@@ -135,6 +137,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._loop: ControlLoop | None = None
         self._controller: SharedController | None = None
         self._topics: TaskTopics | None = None
+        self._task_parameters: TaskParameters | None = None
         self._descriptions: Subscription | None = None
         self._checked_stack: Stack | None = None
         self._stack_fault, self._taken = '', ''
@@ -279,11 +282,14 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         """Close everything that depends on the robot."""
         if self._topics is not None:
             self._topics.close()
+        if self._task_parameters is not None:
+            self._task_parameters.close()
         if self._loop is not None:
             self._loop.close()
         if self._descriptions is not None:
             self.destroy_subscription(self._descriptions)
         self._loop = self._controller = self._topics = self._descriptions = None
+        self._task_parameters = None
         undeclare_limits(self)
         self._configured, self._stack_fault = False, ''
         self._reporter.leave(NOT_CONFIGURED)
@@ -335,6 +341,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
                                  self._values, self._log)
         self._controller = controller
         self._topics = TaskTopics(self, controller, boot_time)
+        self._task_parameters = TaskParameters(self, controller, self._log)
         self._load_stack()
         self._reporter.follow(controller, self._loop, self._topics)
         self._log.info(f'controlling {robot.name}, base {robot.base}, '
@@ -353,19 +360,22 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
 
     def _read_stack(self, source: str) -> Stack:
         """Return the stack of a parameter's value."""
-        if self._controller is None:
+        if self._controller is None or self._task_parameters is None:
             raise RobotError(NO_ROBOT if self._configured else NOT_CONFIGURED)
         if not source:
             raise SettingsError(['parameter stack is empty: give it YAML text or a file'])
-        return Stack.from_yaml(source, self._controller.robot)
+        stack = Stack.from_yaml(source, self._controller.robot)
+        self._task_parameters.start_with(stack)
+        return stack
 
     def _use_stack(self, stack: Stack) -> None:
         """Carry out a stack."""
-        if self._controller is None or self._topics is None:
+        if self._controller is None or self._topics is None or self._task_parameters is None:
             return
         self._controller.replace_stack(stack, self._settings)
         self._stack_fault = ''
         self._topics.follow_stack()
+        self._task_parameters.follow_stack()
         self._hold()
         names = ' > '.join(', '.join(task.name for task in group) for group in stack.groups)
         self._log.info(f'stack: {names or "empty"}', 'stack')
@@ -382,11 +392,14 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
             return SetParametersResult(successful=False, reason='; '.join(faults))
         try:
             settings = self._settings_of(values)
-            if self._controller is not None:
+            if self._controller is not None and self._task_parameters is not None:
                 stack = self._controller.stack
                 if 'stack' in given:
                     # Kept, since a file may be another one the next time it is read.
                     self._checked_stack = stack = self._read_stack(values['stack'])
+                    if stack.text != self._controller.stack.text:
+                        _refuse_with_stack(given)
+                self._task_parameters.check(given)
                 self._controller.check_settings(settings, stack)
         except Exception as error:
             return SetParametersResult(successful=False, reason=in_words(error))
@@ -397,7 +410,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         changed = {parameter.name: parameter.value for parameter in parameters}
         self._values.update(changed)
         self._settings = self._settings_of(self._values)
-        if self._controller is None:
+        if self._controller is None or self._task_parameters is None:
             return
         stack = self._checked_stack if 'stack' in changed else None
         # As it was is what the tasks' goals have been sent for; ~/reload starts afresh.
@@ -406,6 +419,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         else:
             with self._controller.lock:
                 self._controller.settings = self._settings
+                self._task_parameters.apply(changed)
 
     # Others, services ---------------------------------------------------------------------
 
@@ -463,6 +477,13 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         except Exception as error:
             response.success, response.message = False, in_words(error)
         return response
+
+
+def _refuse_with_stack(given: Mapping[str, object]) -> None:
+    """Refuse parameters of tasks together with another stack, which may not have the tasks."""
+    names = [name for name in given if name.startswith(TASKS)]
+    if names:
+        raise SettingsError([f'set the stack first, and then {", ".join(names)}'])
 
 
 main = partial(run, ControllerNode, NAME)

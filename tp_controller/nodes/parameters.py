@@ -46,6 +46,8 @@ EQUAL = [1.0]
 EMPTY = {Parameter.Type.DOUBLE_ARRAY: EQUAL, Parameter.Type.STRING_ARRAY: ['']}
 # Start of the names of the joints' limits.
 LIMITS = 'limits.'
+# Start of the names of the tasks' gains and tolerances.
+TASKS = 'tasks.'
 UNIT_ENDINGS = {'velocity': '/s', 'acceleration': '/s²'}
 EXAMPLES = {
     'DOUBLE': 'a double, such as 1.0', 'INTEGER': 'an integer, such as 1',
@@ -142,9 +144,7 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
         except ParameterAlreadyDeclaredException:
             values[spec.name] = node.get_parameter_or(spec.name).value
         except InvalidParameterTypeException:
-            given = node._parameter_overrides[spec.name].value
-            kind = Parameter.Type.from_parameter_value(spec.default)
-            faults.append(f'parameter {spec.name} must be {EXAMPLES[kind.name]}, not {given!r}')
+            faults.append(wrong_type(spec, node._parameter_overrides[spec.name].value))
         except InvalidParameterValueException:
             given = node._parameter_overrides[spec.name].value
             faults.append(f'parameter {spec.name} must be from {spec.lower:g} to {spec.upper:g}, '
@@ -152,6 +152,12 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     if faults:
         raise SettingsError(faults)
     return values
+
+
+def wrong_type(spec: Spec, given: object) -> str:
+    """Return what is wrong with a start value of another type."""
+    kind = Parameter.Type.from_parameter_value(spec.default)
+    return f'parameter {spec.name} must be {EXAMPLES[kind.name]}, not {given!r}'
 
 
 def take_numbers_as_text(node: Node) -> None:
@@ -221,9 +227,9 @@ def names_in(value: Sequence[str]) -> list[str] | None:
 
 def warn_unknown(node: Node) -> None:
     """Say which parameters were given a value but do not exist: ROS ignores them silently."""
-    # Limits are refused where they are unknown, once the robot is there.
+    # Limits and parameters of tasks are looked at once the robot and its stack are there.
     names = [name for name in node._parameter_overrides if not node.has_parameter(name)
-             and not name.startswith((LIMITS, 'qos_overrides.'))]
+             and not name.startswith((LIMITS, TASKS, 'qos_overrides.'))]
     if names:
         node.get_logger().warning(f'unknown parameters, ignored: {", ".join(sorted(names))}')
 

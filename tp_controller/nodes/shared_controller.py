@@ -61,4 +61,6 @@ class SharedController(Controller):
     set_goal = _alone(Controller.set_goal)
     set_feed_forward = _alone(Controller.set_feed_forward)
     enable = _alone(Controller.enable)
+    set_gain = _alone(Controller.set_gain)
+    set_tolerance = _alone(Controller.set_tolerance)
     goal_poses = _alone(Controller.goal_poses)

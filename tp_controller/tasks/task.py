@@ -15,7 +15,7 @@
 """What every task is: an error, a Jacobian, and the law that turns the error into a velocity."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 import inspect
@@ -240,6 +240,23 @@ class Task(ABC):
             self, Level(self.jacobian(state), self.velocity(error, now), self.mode,
                         is_identity=self.every_joint), error,
             self.row_names)
+
+    def set_gain(self, gain: Gain) -> None:
+        """Take another gain, as the key of this name; ValueError where it can be none."""
+        self.gain = parse_gain(gain, self.rows)
+        # As YAML gives it, for `is_equivalent`.
+        self._given_keys = {**self._given_keys, 'gain': np.asarray(self.gain).tolist()}
+
+    def parse_tolerance(self, tolerance: Tolerance) -> tuple[UnitRows, ...]:
+        """Return `groups` with other tolerances, of some units or all; ValueError if wrong."""
+        given = tolerance if isinstance(tolerance, Mapping) else \
+            dict.fromkeys(self.units, tolerance)
+        before = {unit: value for _, unit, value in self.groups}
+        return parse_tolerance(self.units, {**before, **given})
+
+    def set_tolerance(self, tolerance: Tolerance) -> None:
+        """Take other tolerances, as `parse_tolerance` does."""
+        self.groups = self.parse_tolerance(tolerance)
 
     # Goals
 

@@ -691,6 +691,99 @@ def test_settings_that_are_replaced_act_in_the_next_cycle():
 # Found by trying to break it
 
 
+# Gains and tolerances of tasks -------------------------------------------------------------
+
+GAINS = """
+- inside: {type: joint_limits}
+- tip: {type: position, frame: link3, axes: xy, tolerance: 0.1}
+- both: {type: pose, frame: link3, axes: [x, rz]}
+- drift: {type: joint_velocity}
+"""
+
+
+@pytest.mark.parametrize('gain', [3.0, [2.0, 5.0]])
+def test_gain_that_is_set_acts_in_the_next_cycle_as_that_of_another_stack(gain):
+    planar = robots.planar()
+    text = '- swing: {type: joint, joints: [joint1, joint2], target: [1.0, 0.5], gain: %s}'
+    settings = Settings(blend=0.0)
+    first, second = (Controller(planar, Stack.from_yaml(text % value, planar), settings)
+                     for value in (1.0, gain))
+    for controller in (first, second):
+        controller.update(robots.PLANAR_START, 0.0)
+    first.set_gain('swing', gain)
+    velocities = [controller.update(robots.PLANAR_START, 0.01).velocity
+                  for controller in (first, second)]
+    assert np.any(velocities[0])
+    np.testing.assert_allclose(*velocities, atol=1e-12)
+    # The stack that YAML gives has the gain of the other one: nothing is left to be blended.
+    announced = []
+    first._transition.announce = announced.append
+    first.replace_stack(Stack.from_yaml(text % gain, planar))
+    assert not announced
+
+
+def test_gain_that_is_set_again_is_no_change():
+    controller = Controller(robots.planar(), Stack.from_yaml(GAINS, robots.planar()))
+    announced = []
+    controller._transition.announce = announced.append
+    for gain in (2.0, 2.0, [2.0, 3.0], [2.0, 3.0]):
+        controller.set_gain('tip', gain)
+    assert announced == [1, 1]
+    # Whether a goal counts as reached moves nothing; nor does a task that is left out.
+    controller.set_tolerance('tip', 0.5)
+    controller.enable('tip', False)
+    announced.clear()
+    controller.set_gain('tip', 4.0)
+    assert announced == []
+
+
+@pytest.mark.parametrize('name, gain, told', [
+    ('tip', 0.0, 'gain of task tip must be positive, got 0'),
+    ('tip', [1.0, 2.0, 3.0], 'gain of task tip needs one number, or one for each of the 2 rows'),
+    ('tip', float('nan'), 'gain of task tip needs a number of at most'),
+    ('inside', 200.0, 'gain 200 of task inside must be at most 1/period = 100, or its bounds'),
+    ('drift', 1.0, 'task drift of the type joint_velocity has no gain'),
+    ('nobody', 1.0, "unknown task 'nobody'"),
+])
+def test_gain_that_is_refused_leaves_the_one_in_force(name, gain, told):
+    controller = Controller(robots.planar(), Stack.from_yaml(GAINS, robots.planar()))
+    before = [task.gain for task in controller.stack.tasks.values() if hasattr(task, 'gain')]
+    with pytest.raises((SettingsError, GoalError)) as error:
+        controller.set_gain(name, gain)
+    assert told in str(error.value)
+    assert before == [task.gain for task in controller.stack.tasks.values()
+                      if hasattr(task, 'gain')]
+
+
+def tolerances(controller, name):
+    """Return {unit: tolerance} as the report says."""
+    report = controller.update(robots.PLANAR_START, 0.0).report
+    task, = (task for task in report.tasks if task.name == name)
+    return {unit: tolerance for _, unit, tolerance in task.errors}
+
+
+def test_tolerance_can_be_set_for_one_unit_or_all():
+    controller = Controller(robots.planar(), Stack.from_yaml(GAINS, robots.planar()))
+    controller.set_tolerance('both', 0.5)
+    assert tolerances(controller, 'both') == {'m': 0.5, 'rad': 0.5}
+    controller.set_tolerance('both', {'rad': 0.25})
+    assert tolerances(controller, 'both') == {'m': 0.5, 'rad': 0.25}
+    controller.set_tolerance('tip', {'m': 0.25})
+    assert tolerances(controller, 'tip') == {'m': 0.25}
+
+
+@pytest.mark.parametrize('tolerance, told', [
+    (0.0, 'tolerance of task both must be positive, got 0'),
+    ({'km': 1.0}, "tolerance of task both unknown unit 'km'; valid: m, rad, 1"),
+    ('wide', "tolerance of task both needs a number of at most 1e+06, got 'wide'")])
+def test_tolerance_that_is_refused_leaves_the_one_in_force(tolerance, told):
+    controller = Controller(robots.planar(), Stack.from_yaml(GAINS, robots.planar()))
+    before = tolerances(controller, 'both')
+    with pytest.raises(SettingsError) as error:
+        controller.set_tolerance('both', tolerance)
+    assert str(error.value) == told and tolerances(controller, 'both') == before
+
+
 def test_rounding_towards_a_limit_does_not_stop_the_robot():
     robot = robots.panda()
     # The tool lies on the axis of joint 7, which the task therefore moves by rounding only; the
