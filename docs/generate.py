@@ -84,6 +84,8 @@ TOPICS = {
                                     'stopped',
     '~/status': 'for the node and each task: error, speeds, reasons',
     '/diagnostics': 'the same, where ROS tools look for it',
+    '~/<task>/numbers': '[error, tolerance and speeds](docs/ros.md#plots) of a task as numbers; '
+                        'only if there is a subscriber',
     '~/markers': 'goals and the paths to them, for RViz; only if there is a subscriber',
     '~/stop': 'command zeros until `~/start`',
     '~/start': 'move again; tasks without a goal take their current value as the goal',

@@ -15,12 +15,13 @@
 """What the controller publishes: status, diagnostics and markers."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PointStamped
+from geometry_msgs.msg import PointStamped, PoseStamped
 from harness import Arm, Status
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64MultiArray
 from tp_controller.nodes.client import make_message
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -168,6 +169,83 @@ def test_stamps_are_simulated_time_where_it_is_used(harness):
     harness.spin_until(lambda: rig.status.messages
                        and rig.status.messages[-1].header.stamp.sec == 1234,
                        meanwhile=lambda: clock.publish(time))
+
+
+# Numbers --------------------------------------------------------------------------------------
+
+LABEL = 'error [m], tolerance [m], error [rad], tolerance [rad], wanted speed, achieved speed'
+
+
+def named(message):
+    """Return {name: number} of the numbers of a task."""
+    dimension, = message.layout.dim
+    names = dimension.label.split(', ')
+    assert dimension.size == dimension.stride == len(names) == len(message.data)
+    return dict(zip(names, message.data))
+
+
+def test_numbers_of_a_task_are_those_of_its_status(harness):
+    rig = Rig(harness, '- both: {type: pose, frame: link3, axes: [x, rz], gain: 2.0}\n'
+                       '- rest: {type: posture, target: [0.0, 0.0, 0.0]}')
+    numbers = harness.record(Float64MultiArray, '/tp_controller/both/numbers')
+    others = harness.record(Float64MultiArray, '/tp_controller/rest/numbers')
+    publisher = harness.publisher(PoseStamped, '/tp_controller/both/goal')
+    rig.spin_until(lambda: numbers and others and rig.status.head == 'running')
+    assert numbers[-1].layout.dim[0].label == LABEL
+    both = rig.controller._controller.stack.tasks['both']
+    x, y, *rest = both.goal_pose(rig.controller._controller.robot.state(Q))[:2, 3]
+    publisher.publish(make_message('both', PoseStamped, {'xyz': (x + 0.05, y, 0.0),
+                                                         'quat_xyzw': (0.0, 0.0, 0.0, 1.0)}))
+    rig.spin_until(lambda: rig.status.task('both')['goals accepted'] == '1')
+    del numbers[:], others[:]
+    rig.spin_until(lambda: numbers and others)
+    task, values = rig.status.task('both'), named(numbers[-1])
+    assert values['error [m]'] == pytest.approx(0.05) and values['error [rad]'] > 0.1
+    for name, value in values.items():
+        assert value == pytest.approx(float(task[name]), rel=1e-5)
+    for name, value in named(others[-1]).items():
+        assert value == pytest.approx(float(rig.status.task('rest')[name]), rel=1e-5)
+
+
+def test_numbers_that_are_not_known_are_nan_in_the_same_layout(harness):
+    rig = Rig(harness)
+    numbers = harness.record(Float64MultiArray, '/tp_controller/rest/numbers')
+
+    def known():
+        return [name for name, value in named(numbers[-1]).items() if not np.isnan(value)]
+
+    names = ['error [rad]', 'tolerance [rad]', 'wanted speed', 'achieved speed']
+    harness.spin_until(lambda: numbers)
+    assert known() == ['tolerance [rad]'] and list(named(numbers[-1])) == names
+    rig.spin_until(lambda: known() == names)
+    harness.enable('rest', False)
+    rig.spin_until(lambda: known() == ['tolerance [rad]'])
+    harness.enable('rest', True)
+    rig.spin_until(lambda: known() == names)
+    harness.spin_until(lambda: known() == ['tolerance [rad]'])
+    assert {message.layout.dim[0].label for message in numbers} == {', '.join(names)}
+
+
+def test_numbers_follow_the_stack_and_cost_nothing_where_nobody_listens(harness, monkeypatch):
+    monkeypatch.setattr('tp_controller.nodes.task_numbers.numbers',
+                        lambda *_: pytest.fail('made without need'))
+    rig = Rig(harness)
+
+    def topics():
+        return {name for name, _ in harness.node.get_topic_names_and_types()
+                if name.endswith('/numbers')}
+
+    harness.spin_until(lambda: topics() == {f'/tp_controller/{name}/numbers' for name in (
+        'tip', 'turn', 'slow', 'rest')})
+    rig.spin_until(lambda: rig.status.head == 'running')
+    harness.spin_for_more(rig.status.messages, 3, rig.arm.publish)
+    stack = Parameter('stack', value='- rest: {type: posture}\n- new: {type: joint_velocity}')
+    assert rig.controller.set_parameters_atomically([stack]).successful
+    harness.spin_until(lambda: topics() == {f'/tp_controller/{name}/numbers' for name in (
+        'rest', 'new')})
+    rig.controller.trigger_deactivate()
+    rig.controller.trigger_cleanup()
+    harness.spin_until(lambda: topics() == set())
 
 
 # Markers --------------------------------------------------------------------------------------

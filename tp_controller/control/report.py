@@ -83,6 +83,11 @@ class TaskReport:
         self.wanted_speed, self.achieved_speed = norm(achieved + missing), norm(achieved)
         return errors
 
+    @property
+    def carried_out(self) -> bool:
+        """Return whether it is about a cycle: the task is enabled, and the robot not stopped."""
+        return self._evaluation is not None
+
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """Return what limits the task, the largest share first; () where it is reached."""

@@ -342,8 +342,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._controller = controller
         self._topics = TaskTopics(self, controller, boot_time)
         self._task_parameters = TaskParameters(self, controller, self._log)
-        self._load_stack()
         self._reporter.follow(controller, self._loop, self._topics)
+        self._load_stack()
         self._log.info(f'controlling {robot.name}, base {robot.base}, '
                        f'joints {", ".join(robot.joint_names)}')
 
@@ -376,6 +376,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._stack_fault = ''
         self._topics.follow_stack()
         self._task_parameters.follow_stack()
+        self._reporter.follow_stack()
         self._hold()
         names = ' > '.join(', '.join(task.name for task in group) for group in stack.groups)
         self._log.info(f'stack: {names or "empty"}', 'stack')

@@ -14,16 +14,18 @@
 
 """Tells how the tasks and the loop do: status, diagnostics and markers."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import math
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from tp_controller.control.report import TaskReport
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.loop import boot_time, ControlLoop
 from tp_controller.nodes.shared_controller import SharedController
-from tp_controller.nodes.status import diagnostics, markers
+from tp_controller.nodes.status import diagnostics, markers, task_reports
+from tp_controller.nodes.task_numbers import TaskNumbers
 from tp_controller.nodes.task_topics import GoalRecord, TaskTopics
 from visualization_msgs.msg import MarkerArray
 
@@ -64,6 +66,7 @@ class Reporter:
         self._waits_since = math.inf
         self._status = node.create_publisher(DiagnosticArray, '~/status', 10)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._numbers = TaskNumbers(node)
         self._markers = node.create_publisher(MarkerArray, '~/markers', 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in ((1.0 / rate, self._on_status), (FLUSH_SECONDS, self._on_flush),
@@ -75,8 +78,14 @@ class Reporter:
         """Report about a loop from now on."""
         self._controller, self._loop, self._topics = controller, loop, topics
 
+    def follow_stack(self) -> None:
+        """Report about the tasks of another stack from now on."""
+        if self._controller is not None:
+            self._numbers.follow(self._controller.stack.tasks)
+
     def leave(self, reason: str) -> None:
         """Report that there is no loop."""
+        self._numbers.follow(())
         self._controller = self._loop = self._topics = None
         self.reason = reason
 
@@ -84,6 +93,7 @@ class Reporter:
         """Publish the status, and markers where somebody looks at them."""
         self._waits_since = math.inf
         self._status.publish(self._message())
+        self._numbers.publish(self._reports)
         if self._controller is not None and self._markers.get_subscription_count():
             self._markers.publish(markers(self._node.get_clock().now().to_msg(),
                                           self._controller.robot.root, self._controller))
@@ -96,6 +106,12 @@ class Reporter:
             loop.stop_reason if loop else self.reason,
             loop.report if loop else None, self._controller, records,
             loop.figures.told() if loop else {})
+
+    def _reports(self) -> Sequence[TaskReport]:
+        """Return what is known about every task."""
+        loop = self._loop
+        return task_reports(loop.stop_reason if loop else self.reason,
+                            loop.report if loop else None, self._controller)
 
     def _records(self) -> Mapping[str, GoalRecord]:
         """Return what came in for each task."""

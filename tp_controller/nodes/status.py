@@ -14,7 +14,7 @@
 
 """The report of a cycle as messages: diagnostics and markers."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -71,13 +71,18 @@ def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | 
                 *(_value(key, value) for key, value in figures.items())])
     array = DiagnosticArray(status=[head])
     array.header.stamp = stamp
-    if report is not None and running:
-        tasks = report.tasks
-    else:
-        tasks = stopped_reports(controller.stack) if controller else ()
     array.status.extend(_task_status(node_name, task, records[task.name])
-                        for task in tasks if task.name in records)
+                        for task in task_reports(stop_reason, report, controller)
+                        if task.name in records)
     return array
+
+
+def task_reports(stop_reason: str, report: Report | None,
+                 controller: Controller | None) -> Sequence[TaskReport]:
+    """Return what is known about every task; see `diagnostics`."""
+    if report is not None and not stop_reason:
+        return report.tasks
+    return stopped_reports(controller.stack) if controller else ()
 
 
 def _goal_values(record: GoalRecord) -> list[KeyValue]:

@@ -1,0 +1,80 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How each task does, as numbers that can be plotted."""
+
+from collections.abc import Callable, Collection, Iterable
+import math
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from tp_controller.control.report import TaskReport
+
+TOPIC = 'numbers'
+# Between the names of the numbers.
+SEPARATOR = ', '
+
+
+class TaskNumbers:
+    """
+    Publishes ``~/<task>/numbers`` for every task of a stack, where somebody listens.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Node that the topics belong to.
+
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._publishers: dict[str, Publisher] = {}
+
+    def follow(self, names: Collection[str]) -> None:
+        """Have a topic for each of some tasks, and no others."""
+        for name in set(self._publishers) - set(names):
+            self._node.destroy_publisher(self._publishers.pop(name))
+        for name in names:
+            if name not in self._publishers:
+                self._publishers[name] = self._node.create_publisher(
+                    Float64MultiArray, f'~/{name}/{TOPIC}', 10)
+
+    def publish(self, reports: Callable[[], Iterable[TaskReport]]) -> None:
+        """Publish what reports say of the tasks that somebody listens for, if any."""
+        heard = {name: publisher for name, publisher in self._publishers.items()
+                 if publisher.get_subscription_count()}
+        if heard:
+            for report in reports():
+                if report.name in heard:
+                    heard[report.name].publish(numbers(report))
+
+
+def numbers(report: TaskReport) -> Float64MultiArray:
+    """
+    Return what is known about a task, always in the same layout.
+
+    Its one dimension has the names of all numbers as its label. What is not known, because the
+    task is disabled or the robot is stopped, is NaN.
+    """
+    named: dict[str, float] = {}
+    for error, unit, tolerance in report.errors:
+        named[f'error [{unit}]'], named[f'tolerance [{unit}]'] = error, tolerance
+    known = report.carried_out
+    named['wanted speed'] = report.wanted_speed if known else math.nan
+    named['achieved speed'] = report.achieved_speed if known else math.nan
+    message = Float64MultiArray(data=list(named.values()))
+    message.layout.dim = [MultiArrayDimension(label=SEPARATOR.join(named), size=len(named),
+                                              stride=len(named))]
+    return message
