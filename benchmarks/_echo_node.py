@@ -22,7 +22,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tp_controller.nodes.commands import TOPIC
-from tp_controller.nodes.loop import STATE_QOS
+from tp_controller.nodes.deadlines import state_qos
 from tp_controller.nodes.runner import LONG, make_executor
 
 
@@ -33,7 +33,7 @@ def main():
     answer = Float64MultiArray(data=array('d', bytes(8 * 7)))
     publisher = node.create_publisher(Float64MultiArray, TOPIC, 10)
     node.create_subscription(JointState, 'joint_states', lambda _: publisher.publish(answer),
-                             STATE_QOS)
+                             state_qos(0.0))
     executor = make_executor(node.context)
     executor.add_node(node)
     executor.spin_until_future_complete(Future(executor=executor), LONG)

@@ -118,6 +118,7 @@ STATUS = {
     'state to command max [ms]': 'the longest',
     'overruns': 'cycles that began more than a period late, or took longer than a period',
     'stalls': 'how often the loop as a whole stood still for longer than `state_timeout`',
+    'missed deadlines': 'how often joint states came later than `state_deadline`',
     'type': 'type of the task',
     'level': 'level in the stack, 1 is the highest; `disabled` for a disabled task',
     'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `failed`, `disabled` or '

@@ -182,9 +182,9 @@ def parts(node):
 class Arm:
     """Joint states of an arm at rest, published when the test says so."""
 
-    def __init__(self, harness, q=(0.0, 0.6, 0.3), names=JOINTS):
+    def __init__(self, harness, q=(0.0, 0.6, 0.3), names=JOINTS, qos=10, connected=True):
         self.names, self.q = list(names), list(q)
-        self._publisher = harness.publisher(JointState, '/joint_states')
+        self._publisher = harness.publisher(JointState, '/joint_states', qos, connected)
 
     def publish(self, stamp=0.0):
         """Publish where the joints are."""

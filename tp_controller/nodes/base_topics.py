@@ -139,14 +139,17 @@ class MovingBase:
         Returns the full name of a topic.
     robot : Robot
         Whose base it is.
+    qos : rclpy.qos.QoSProfile
+        What is promised to receivers.
 
     """
 
-    def __init__(self, node: Node, topic: Callable[[str], str], robot: Robot) -> None:
+    def __init__(self, node: Node, topic: Callable[[str], str], robot: Robot,
+                 qos: QoSProfile) -> None:
         self._node, self._topic = node, topic
         self._buffer = OdometryBuffer(robot)
         self._message = Twist()
-        self._commands = node.create_publisher(Twist, topic('cmd_vel'), 10)
+        self._commands = node.create_publisher(Twist, topic('cmd_vel'), qos)
         self._odometry: Subscription | None = None
 
     def open(self, arrived: Callable[[Odometry], None]) -> None:

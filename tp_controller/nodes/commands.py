@@ -21,6 +21,7 @@ from threading import Lock
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 from tp_controller.model.robot import Robot
@@ -48,6 +49,8 @@ class Commands:
     names : sequence of str
         The driven joints in the order of the commands.
     base : MovingBase or FixedBase
+    qos : rclpy.qos.QoSProfile
+        What is promised to receivers.
 
     Attributes
     ----------
@@ -59,7 +62,7 @@ class Commands:
     """
 
     def __init__(self, node: Node, topic: Callable[[str], str], robot: Robot,
-                 names: list[str], base: MovingBase | FixedBase) -> None:
+                 names: list[str], base: MovingBase | FixedBase, qos: QoSProfile) -> None:
         self._node, self._base = node, base
         self._order = np.array([robot.joint_index(name) for name in names], dtype=int)
         # Serialized once: the velocities are its end.
@@ -70,8 +73,7 @@ class Commands:
                                    offset=len(self._message) - size)
         self._zeros = np.zeros(robot.n)
         self.topic = topic(TOPIC)
-        self._publisher = node.create_publisher(
-            Float64MultiArray, self.topic, 10)
+        self._publisher = node.create_publisher(Float64MultiArray, self.topic, qos)
         self._gate = Lock()
         self.interruptions = 0
 

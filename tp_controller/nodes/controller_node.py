@@ -89,6 +89,12 @@ PARAMETERS = (
          'the same commands, when this one starts; later ones are only reported', fixed=True),
     Spec('watchdog_timeout', 0.2, 'time without a completed cycle after which zeros are commanded '
          'from outside the loop', 's', 0.01, 10.0, True),
+    Spec('command_deadline', 0.0, 'longest time between two commands that is promised to those '
+         'who request a deadline (QoS); it costs time in every cycle (0: none is promised)', 's',
+         0.0, 60.0, True),
+    Spec('state_deadline', 0.0, 'longest time between two joint states that is requested of their '
+         'publishers (QoS): those that do not promise it are not heard, and what comes later is '
+         'counted and logged (0: none)', 's', 0.0, 60.0, True),
     Spec('autostart', True, 'configure and activate the node at once; else its lifecycle services '
          'do', fixed=True),
     Spec('realtime_priority', 0, 'priority of the thread of the loop, from 1 to 99 (SCHED_FIFO); '

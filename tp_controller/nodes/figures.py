@@ -37,12 +37,14 @@ class Figures:
         Cycles that began more than a period late, or took longer than a period.
     stalls : int
         How often the whole loop stood still.
+    missed_deadlines : int
+        How often joint states came later than `state_deadline`.
 
     """
 
     def __init__(self, period: float) -> None:
         self._period = period
-        self.cycles = self.overruns = self.stalls = 0
+        self.cycles = self.overruns = self.stalls = self.missed_deadlines = 0
         # Start, duration, and time from a joint state to its command, of the last cycles.
         self._times = np.full((CYCLES, 3), np.nan)
         self._last_start = np.inf
@@ -63,7 +65,8 @@ class Figures:
         return {'cycles': str(self.cycles),
                 'rate [Hz]': f'{(len(starts) - 1) / span if span > 0.0 else np.nan:.4g}',
                 **_milliseconds('cycle', took), **_milliseconds('state to command', latency),
-                'overruns': str(self.overruns), 'stalls': str(self.stalls)}
+                'overruns': str(self.overruns), 'stalls': str(self.stalls),
+                'missed deadlines': str(self.missed_deadlines)}
 
 
 def _milliseconds(what: str, times: Array) -> dict[str, str]:

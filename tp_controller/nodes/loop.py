@@ -25,7 +25,6 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from tp_controller.control.report import Report
@@ -34,6 +33,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.nodes.base_topics import FixedBase, MovingBase, waiting
 from tp_controller.nodes.commands import Commands, LAST_ZEROS
+from tp_controller.nodes.deadlines import command_qos, state_events, state_qos
 from tp_controller.nodes.figures import Figures
 from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.nodes.log import Log
@@ -43,8 +43,6 @@ from tp_controller.nodes.state_checks import Following, MotionCheck
 from tp_controller.nodes.stops import Stops
 from tp_controller.nodes.wire import JointStateReader
 
-# Joint states need no repetition, and there may be several publishers in one cycle.
-STATE_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 # A shorter silence of the loop is not told from the jitter of a busy machine [s].
 SHORTEST_STALL = 0.05
 INACTIVE = 'inactive; activate the node to go on'
@@ -104,8 +102,9 @@ class ControlLoop:
         robot = controller.robot
         names = _ordered(robot, names_in(values['command_joints']))
         self._watch_over(robot, values)
-        self._base = MovingBase(node, topic, robot) if robot.moves else FixedBase()
-        self.commands = Commands(node, topic, robot, names, self._base)
+        qos, deadline = command_qos(values['command_deadline']), values['state_deadline']
+        self._base = MovingBase(node, topic, robot, qos) if robot.moves else FixedBase()
+        self.commands = Commands(node, topic, robot, names, self._base, qos)
         self.stops = Stops(values['settle_time'])
         self.hold, self.active = INACTIVE, False
         self.stop_reason = INACTIVE
@@ -119,8 +118,9 @@ class ControlLoop:
         self._stall = max(self._timeout, SHORTEST_STALL)
         # Everything else has to be there: the thread of the node may call at once. Before
         # `activate` it is told to wait.
-        self._states = node.create_subscription(JointState, topic('joint_states'),
-                                                self._on_joint_state, STATE_QOS, raw=True)
+        self._states = node.create_subscription(
+            JointState, topic('joint_states'), self._on_joint_state, state_qos(deadline),
+            event_callbacks=state_events(deadline, self.figures, log), raw=True)
         self._base.open(self._on_odometry)
         self._timers = self._start_timers(values['watchdog_timeout'])
 
