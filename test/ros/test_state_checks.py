@@ -19,6 +19,7 @@ import re
 
 import numpy as np
 import pytest
+from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.nodes.state_checks import Following, MotionCheck, StampAge
 from tp_controller.nodes.stops import Stops
 
@@ -205,3 +206,38 @@ def test_what_latches_stops_until_it_is_taken_back():
     assert stops.reason('', 1e6)
     stops.latched = ''
     assert stops.reason('', 2e6) == ''
+
+
+def test_an_interruption_is_told_and_not_what_it_brings_with_it():
+    stops = Stops(0.3)
+    assert stops.reason('', 0.0) == ''
+    stops.interrupt('stood still', 1.0)
+    assert stops.reason('nothing heard', 1.0) == 'stood still'
+    assert stops.reason('', 1.1) == 'stood still, until a moment ago'
+    assert stops.reason('nothing heard', 1.2) == 'stood still'
+    assert stops.reason('nothing heard', 1.3) == 'nothing heard'
+    assert stops.reason('', 1.4) == 'nothing heard, until a moment ago'
+    assert stops.reason('', 1.6) == ''
+
+
+def test_before_the_first_motion_what_is_missing_stops_after_an_interruption_too():
+    stops = Stops(0.3)
+    stops.interrupt('stood still', 1.0)
+    assert stops.reason('', 1.05) == ''
+    assert stops.reason('nothing heard', 1.1) == 'nothing heard'
+
+
+def test_the_age_of_a_message_is_that_of_its_stamp_and_zero_where_nobody_asks():
+    age, never = StampAge(0.1), StampAge(math.inf)
+    for stamp, received in ((0.0, 0.0), (1.0, 11.0), (1.1, 11.15), (1.05, 11.13)):
+        assert age.fault(stamp, received) == never.fault(stamp, received) == ''
+        assert never.age == 0.0
+    assert age.age == pytest.approx(0.08)
+
+
+def test_a_message_counts_as_heard_when_it_was_true():
+    buffer = JointStateBuffer(['a'], [], [], late=0.1)
+    assert buffer.put(['a'], [0.0], 11.0, 1.0) == ''
+    assert buffer.put(['a'], [0.0], 11.09, 1.0) == ''
+    assert buffer.missing(11.1, 0.1) == []
+    assert buffer.missing(11.12, 0.1) == ['a']

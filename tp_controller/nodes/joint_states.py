@@ -105,6 +105,8 @@ class JointStateBuffer:
         # When a position was received, on the clock of timeouts and on that of the robot.
         self._received = np.full(len(self._names), -math.inf)
         self._measured = self._received.copy()
+        # When it was true, on the clock of timeouts, as far as stamps tell.
+        self._true = self._received.copy()
         self.q = self._positions[:self._n]
         self.passive = self._positions[self._n:]
         # When the oldest positions had been received that were taken last.
@@ -124,7 +126,8 @@ class JointStateBuffer:
 
     def discard(self) -> None:
         """Take what was heard of driven joints for too old; where they are next is no jump."""
-        self._received[:self._n] = self._measured[:self._n] = -math.inf
+        for times in (self._received, self._measured, self._true):
+            times[:self._n] = -math.inf
 
     def lasting(self, now: float) -> str:
         """Return the contradiction that was noticed within the last second, if any."""
@@ -196,14 +199,15 @@ class JointStateBuffer:
         self._positions[rows] = values
         self._received[rows] = now
         self._measured[rows] = clock
+        self._true[rows] = now - plan.age.age
         return ''
 
     def missing(self, now: float, timeout: float) -> list[str]:
-        """Return the driven joints that nothing was heard of for `timeout` seconds."""
+        """Return the driven joints whose positions are older than `timeout` seconds."""
         oldest = now - timeout
-        if not self._n or self._received[:self._n].min() >= oldest:
+        if not self._n or self._true[:self._n].min() >= oldest:
             return []
-        return [self._names[row] for row in np.flatnonzero(self._received[:self._n] < oldest)]
+        return [self._names[row] for row in np.flatnonzero(self._true[:self._n] < oldest)]
 
     def unheard(self) -> list[str]:
         """Return the passive joints that nothing was ever heard of."""

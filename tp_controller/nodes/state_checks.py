@@ -51,10 +51,15 @@ class StampAge:
     limit : float
         Age from which a message is too old [s].
 
+    Attributes
+    ----------
+    age : float
+        Of the last message that was not too old [s].
+
     """
 
     def __init__(self, limit: float) -> None:
-        self._limit = limit
+        self._limit, self.age = limit, 0.0
         # Smallest differences of two halves of the time that is remembered.
         self._older = self._newer = math.inf
         self._turned = -math.inf
@@ -73,7 +78,8 @@ class StampAge:
             When it was received [s].
 
         """
-        if stamp == 0.0:
+        if stamp == 0.0 or math.isinf(self._limit):
+            self.age = 0.0
             return ''
         difference = received - stamp
         offset = min(self._older, self._newer)
@@ -83,7 +89,8 @@ class StampAge:
                 else f'stamped {-age:.2g} s ahead of the ones before'
         if abs(age) > self._limit:
             self._older = self._newer = difference
-        self._off = None
+            age = 0.0
+        self._off, self.age = None, max(age, 0.0)
         self._remember(difference, received)
         return ''
 

@@ -42,7 +42,7 @@ class Stops:
     def __init__(self, settle: float) -> None:
         self._settle = settle
         self.latched = self._passing = ''
-        self._ended = -math.inf
+        self._ended = self._interrupted = -math.inf
         # Before that there is nothing to settle.
         self.moved = False
 
@@ -59,19 +59,22 @@ class Stops:
 
         """
         if passing:
-            self._passing, self._ended = passing, now
+            self._ended = now
+            # What an interruption brings with it is not the cause.
+            if not self._passing or now - self._interrupted >= self._settle:
+                self._passing = passing
         elif not self.moved or now - self._ended >= self._settle:
             self._passing = ''
         if self.latched:
             return f'{self.latched}; call ~/start to go on'
         if self._passing:
-            return passing or f'{self._passing}, until a moment ago'
+            return self._passing if passing else f'{self._passing}, until a moment ago'
         self.moved = True
         return ''
 
     def interrupt(self, passing: str, now: float) -> None:
         """Stop for what is over already, for `settle` seconds from now on."""
-        self._passing, self._ended = passing, now
+        self._passing, self._ended, self._interrupted = passing, now, now
 
     def latch(self, fault: str) -> None:
         """Stop until the next start; the first fault is the one that is told."""

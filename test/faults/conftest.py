@@ -1,0 +1,33 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Fixtures of the tests with faults; without ROS none of this folder is collected."""
+
+from importlib.util import find_spec
+from pathlib import Path
+import sys
+import warnings
+
+# The harnesses of nodes and processes are shared with their tests.
+sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in ('ros', 'system')]
+
+if find_spec('rclpy') is None:
+    collect_ignore_glob = ['test_*.py']
+else:
+    with warnings.catch_warnings():
+        # The generator of the messages' Python code, loaded with the first of them, has a
+        # dependency that uses a deprecated module of the standard library.
+        warnings.filterwarnings('ignore', "module 'sre_", DeprecationWarning)
+        import rosidl_generator_py  # noqa: F401

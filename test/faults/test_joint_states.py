@@ -1,0 +1,490 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""
+Joint states and robots at fault, in computed time, each with twenty seeds.
+
+The robot goes on as it was told last, as behind a `forward_command_controller`; a monitor hears
+every command and knows where the robot truly is.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+
+from monitor import promise_of
+import numpy as np
+import pytest
+from robots import PANDA_DH, PANDA_READY, PANDA_TOOL
+from tp_controller import Robot
+from world import STATE_PERIOD, World
+
+SEEDS = range(20)
+JOINTS = tuple(f'panda_joint{number}' for number in range(1, 8))
+ACCELERATIONS = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
+ROBOT = Robot.from_file(PANDA_DH, limits={
+    name: {'acceleration': limit} for name, limit in zip(JOINTS, ACCELERATIONS)})
+STACKS = {'joint': f'- reach: {{type: joint, joints: [{", ".join(JOINTS)}], gain: 2.0}}\n',
+          'pose': f'- reach: {{type: pose, frame: {PANDA_TOOL}, gain: 2.0}}\n'
+                  '- posture: {type: posture, gain: 0.5}\n'}
+# What a computed clock and its steps may add to a timeout [s].
+STEPS = 0.02
+
+
+def make_world(patch, random, kind='joint', **values):
+    """Return a world whose robot is on its way to a goal, far from where it began."""
+    q = np.clip(PANDA_READY + random.uniform(-0.3, 0.3, 7), ROBOT.lower + 0.1, ROBOT.upper - 0.1)
+    world = World(patch, ROBOT, STACKS[kind], q, **values)
+    send_goal(world, random, kind)
+    assert world.run(1.0, until=world.moving), world.stopped()
+    return world
+
+
+def send_goal(world, random, kind='joint'):
+    """Send a goal to the task: any the robot can be at, limits included."""
+    while True:
+        q = np.clip(random.uniform(ROBOT.lower - 0.3, ROBOT.upper + 0.3), ROBOT.lower,
+                    ROBOT.upper)
+        if np.abs(q - world.q).max() > 1.0:
+            break
+    T = ROBOT.state(q).pose(PANDA_TOOL)
+    world.controller.set_goal('reach', q if kind == 'joint' else T, world.now)
+
+
+def check(world, beyond=1e-3):
+    """Check what is promised about every command."""
+    promise = promise_of(world.robot, world.period, world.values['state_timeout'], beyond)
+    assert world.monitor.faults(promise, late=STEPS) == []
+
+
+# Faults of joint states -----------------------------------------------------------------------
+
+Messages = list
+Report = Callable[[World], Messages]
+
+
+def silence(world, random):
+    """Send nothing."""
+    return lambda world: []
+
+
+def one_joint_missing(world, random):
+    """Say nothing about one joint."""
+    gone = random.integers(7)
+    rest = [row for row in range(7) if row != gone]
+    return lambda world: [world.state(world.q[rest], names=[JOINTS[row] for row in rest])]
+
+
+def frozen(world, random):
+    """Send the same message again and again."""
+    q, stamp = world.q.copy(), world.now
+    return lambda world: [world.state(q, stamp)]
+
+
+def frozen_with_stamps(world, random):
+    """Send the same positions with stamps that go on."""
+    q = world.q.copy()
+
+    def report(world):
+        # Nobody can tell yet.
+        world.monitor.heard.append(world.now)
+        return [world.state(q)]
+    return report
+
+
+def replayed(world, random):
+    """Send what was recorded before, with its stamps."""
+    times, positions = zip(*world.monitor.positions)
+    shift = random.uniform(0.2, 0.5) + world.now - times[0]
+
+    def report(world):
+        row = min(np.searchsorted(times, world.now - shift), len(times) - 1)
+        return [world.state(positions[row], world.now - shift)]
+    return report
+
+
+def old(world, random):
+    """Stamp everything as if it were old."""
+    shift = 10.0 ** random.uniform(-0.6, 4.0)
+    return lambda world: [world.state(stamp=world.now - shift)]
+
+
+def ahead(world, random):
+    """Stamp everything as if it came from the future."""
+    shift = 10.0 ** random.uniform(-0.6, 4.0)
+    return lambda world: [world.state(stamp=world.now + shift)]
+
+
+def late(world, random):
+    """Let every message wait longer than the one before."""
+    waiting, begin, rate = [], world.now, random.uniform(0.3, 0.9)
+
+    def report(world):
+        waiting.append(world.state())
+        due = len(waiting) - math.ceil(rate * (world.now - begin) / STATE_PERIOD)
+        ready, waiting[:] = waiting[:max(due, 0)], waiting[max(due, 0):]
+        return ready
+    return report
+
+
+def not_a_number(world, random):
+    """Send positions of which one is no number."""
+    joint, bad = random.integers(7), random.choice([math.nan, math.inf, -math.inf, 1e300])
+
+    def report(world):
+        q = world.q.copy()
+        q[joint] = bad
+        return [world.state(q)]
+    return report
+
+
+def named_twice(world, random):
+    """Name a joint twice, with two positions."""
+    joint = random.integers(7)
+    names = [*JOINTS, JOINTS[joint]]
+    return lambda world: [world.state([*world.q, 0.0], names=names)]
+
+
+def too_few(world, random):
+    """Send fewer positions than names."""
+    count = random.integers(7)
+    return lambda world: [world.state(world.q[:count], names=JOINTS)]
+
+
+def one_jump(world, random):
+    """Send one position that is far off, once."""
+    joint, pending = random.integers(7), [random.choice([-1.0, 1.0]) * random.uniform(0.8, 3.0)]
+
+    def report(world):
+        q = world.q.copy()
+        q[joint] += pending.pop() if pending else 0.0
+        return [world.state(q)]
+    return report
+
+
+def two_publishers(world, random):
+    """Let another publisher say something else."""
+    other = world.q + random.uniform(0.8, 1.5, 7)
+    return lambda world: [world.state(), world.state(other)]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """
+    What is wrong, and what has to come of it.
+
+    Attributes
+    ----------
+    report : callable
+        Makes the joint states.
+    told : str
+        Part of the reason.
+    latches : bool
+        It lasts until the next start.
+    within : float
+        Time in which it is noticed [s].
+    beyond : float
+        By how much a joint may pass its limit meanwhile [rad].
+
+    """
+
+    report: Callable[[World, np.random.Generator], Report]
+    told: str = 'no joint states of'
+    latches: bool = False
+    within: float = 0.1
+    # A robot that nobody sees goes on until the timeout.
+    beyond: float = 0.03
+
+
+FAULTS = [
+    Fault(silence), Fault(one_joint_missing), Fault(frozen, 'old by its stamp'),
+    Fault(replayed, 'old by its stamp'), Fault(old, 'old by its stamp'),
+    Fault(ahead, 'ahead of the ones before'), Fault(late, 'no joint states of', within=1.0),
+    Fault(not_a_number, 'not finite, or beyond'), Fault(named_twice, 'is named twice'),
+    Fault(too_few, 'positions)'), Fault(one_jump, 'jumped by', True, 0.01),
+    Fault(two_publishers, 'jumped by', True, 0.01),
+    Fault(frozen_with_stamps, 'does not follow', True, 1.4, math.inf)]
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('fault', FAULTS, ids=lambda fault: fault.report.__name__)
+def test_joint_states_that_cannot_be_believed_stop_the_robot(monkeypatch, fault, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, ('joint', 'pose')[seed % 2],
+                       rate=(100.0, 0.0)[seed // 2 % 2])
+    world.report = fault.report(world, random)
+    assert world.run(fault.within + STEPS + world.period,
+                     until=lambda: fault.told in world.stopped()), world.stopped()
+    assert not world.velocity.any()
+    stopped_at = world.q.copy()
+    world.run(0.3)
+    assert (world.q == stopped_at).all()
+    world.report = lambda world: [world.state()]
+    if fault.latches:
+        world.run(1.1)
+        assert (world.q == stopped_at).all()
+        assert 'call ~/start to go on' in world.stopped()
+        assert world.loop.lasting() == ''
+        world.loop.restart()
+    assert world.run(world.values['settle_time'] + 0.3, until=world.moving), world.stopped()
+    world.run(0.3)
+    check(world, fault.beyond)
+
+
+def test_after_a_clock_that_was_set_the_robot_goes_on(monkeypatch):
+    random = np.random.default_rng(0)
+    world = make_world(monkeypatch, random)
+    world.report = lambda world: [world.state(world.q, world.now - 3600.0)]
+    assert world.run(0.2, until=world.stopped)
+    assert world.run(3.0, until=world.moving)
+
+
+# Robots at fault ------------------------------------------------------------------------------
+
+def blocked(random):
+    """Return what stands still, with one joint or all."""
+    share = np.where(np.arange(7) == random.integers(7), 0.0, float(random.integers(2)))
+    return lambda velocity: share * velocity
+
+
+def reversed_(random):
+    """Return what moves the other way."""
+    return lambda velocity: -velocity
+
+
+def feeble(random):
+    """Return what moves by a tenth of what is commanded."""
+    return lambda velocity: 0.1 * velocity
+
+
+def adrift(random):
+    """Return what slides to one side, whatever is commanded."""
+    return lambda velocity: np.full(7, random.choice([-0.8, 0.8]))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('plant', [blocked, reversed_, feeble, adrift])
+def test_a_robot_that_does_not_do_as_it_is_told_is_stopped_until_a_start(monkeypatch, plant, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed // 2 % 2])
+    world.plant = plant(random)
+    told = 'does not follow', 'has passed its position limit'
+    # A joint that stands still has to be one that is commanded to move.
+    world.controller.set_goal('reach', np.where(world.q > (ROBOT.lower + ROBOT.upper) / 2.0,
+                                                ROBOT.lower, ROBOT.upper), world.now)
+    assert world.run(3.0, until=lambda: any(text in world.stopped() for text in told))
+    assert 'call ~/start to go on' in world.stopped() and not world.velocity.any()
+    world.run(0.5)
+    assert not world.velocity.any()
+    check(world, math.inf)
+    world.plant = lambda velocity: velocity
+    world.loop.restart()
+    assert world.run(1.0, until=world.moving)
+
+
+# No false alarms ------------------------------------------------------------------------------
+
+class Drives:
+    """Drives that are late and follow with a lag."""
+
+    def __init__(self, delay, lag):
+        self._waiting, self._share = [np.zeros(7)] * round(delay / 1e-3), min(1e-3 / lag, 1.0)
+        self._velocity = np.zeros(7)
+
+    def __call__(self, velocity):
+        """Return the velocities of a robot that is commanded to move."""
+        self._waiting.append(velocity)
+        self._velocity = self._velocity + self._share * (self._waiting.pop(0) - self._velocity)
+        return self._velocity
+
+
+def noisy(random):
+    """Return joint states with noise."""
+    return lambda world: [world.state(world.q + random.normal(0.0, 1e-3, 7))]
+
+
+def quantised(random):
+    """Return joint states of encoders with few steps."""
+    step = 2.0 * math.pi / 2048.0
+    return lambda world: [world.state(step * np.round(world.q / step))]
+
+
+def lossy(random):
+    """Return joint states of which one in ten is lost."""
+    return lambda world: [world.state(world.q)] if random.random() > 0.1 else []
+
+
+def out_of_order(random):
+    """Return joint states that overtake each other."""
+    waiting = []
+
+    def report(world):
+        waiting.append(world.state(world.q))
+        if len(waiting) < 4:
+            return []
+        ready = [waiting.pop(index) for index in (2, 0)]
+        return ready
+    return report
+
+
+def irregular(random):
+    """Return joint states that are up to 30 ms late."""
+    waiting = []
+
+    def report(world):
+        waiting.append(world.state(world.q))
+        if len(waiting) < random.integers(1, 7):
+            return []
+        ready, waiting[:] = list(waiting), []
+        return ready
+    return report
+
+
+def without_stamps(random):
+    """Return joint states without stamps."""
+    def report(world):
+        message = world.state(world.q)
+        message.header.stamp.sec = message.header.stamp.nanosec = 0
+        return [message]
+    return report
+
+
+def in_turns(random):
+    """Return the joint states of two publishers, each for some of the joints."""
+    def report(world):
+        part = slice(0, 3) if random.integers(2) else slice(3, 7)
+        return [world.state(world.q[part], names=JOINTS[part])]
+    return report
+
+
+def everything(random):
+    """Return joint states with noise, of few steps, irregular and with losses."""
+    step, gaps = 2.0 * math.pi / 4096.0, irregular(random)
+
+    def report(world):
+        exact, world.q = world.q, step * np.round(
+            (world.q + random.normal(0.0, 5e-4, 7)) / step)
+        ready = gaps(world)
+        world.q = exact
+        return [message for message in ready if random.random() > 0.1]
+    return report
+
+
+DRIVES = {noisy: (0.0, 0.05), everything: (0.02, 0.05)}
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('report', [noisy, quantised, lossy, out_of_order, irregular,
+                                    without_stamps, in_turns, everything])
+def test_a_robot_that_is_only_measured_badly_is_never_stopped(monkeypatch, report, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, rate=(100.0, 0.0, 500.0)[seed % 3])
+    world.report = report(random)
+    world.plant = Drives(*DRIVES.get(report, (0.0, 1e-3)))
+    world.told.clear()
+    world.run(1.5)
+    send_goal(world, random)
+    world.run(1.5)
+    # And at rest.
+    world.controller.set_goal('reach', np.clip(world.q, ROBOT.lower, ROBOT.upper), world.now)
+    world.run(1.5)
+    assert world.told == []
+    # What is late, or wrong by a little, is not known better.
+    assert world.monitor.faults(promise_of(ROBOT, world.period, math.inf, 0.05)) == []
+
+
+# Stalls ---------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('rate', [100.0, 1000.0, 0.0])
+def test_after_a_stall_of_its_own_the_motion_begins_from_rest(monkeypatch, rate, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, rate=rate)
+    world.receiver_timeout = 0.1
+    world.run(random.uniform(0.0, 0.05))
+    world.frozen = True
+    world.run(random.uniform(0.2, 4.0))
+    resumed, count = world.q.copy(), len(world.monitor.commands)
+    world.frozen = False
+    assert world.run(0.02 + world.period, until=world.stopped) and not world.velocity.any()
+    assert 'the node stood still for' in world.stopped() and world.loop.figures.stalls == 1
+    world.run(0.9 * world.values['settle_time'])
+    assert (world.q == resumed).all()
+    assert world.run(0.3, until=lambda: bool(world.velocity.any()))
+    assert not any(velocity.any() for _, velocity, _ in world.monitor.commands[count:-1])
+    # Between two joint states, where these set the pace.
+    passed = 1.0 / rate if rate else 2.0 * STATE_PERIOD
+    assert (np.abs(world.velocity) <= ACCELERATIONS * np.array(passed) + 1e-9).all()
+    world.run(0.5)
+    check(world)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_of_joint_states_that_waited_only_the_newest_is_answered(monkeypatch, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, rate=0.0)
+    world.frozen = True
+    # Too short to count as a stall.
+    world.run(random.uniform(0.01, 0.045))
+    world.frozen, count = False, len(world.monitor.commands)
+    world.run(0.001)
+    assert len(world.monitor.commands) == count + 1 and world.velocity.any()
+    assert (world.loop._buffer.q == world.sent).all()
+    check(world)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_burst_of_joint_states_that_were_held_up_moves_nothing_before_it_is_over(monkeypatch,
+                                                                                   seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2])
+    waiting = []
+
+    def hold_up(world):
+        waiting.append(world.state())
+        return []
+
+    world.report = hold_up
+    world.run(random.uniform(0.3, 2.0))
+    assert not world.velocity.any() and 'no joint states' in world.stopped()
+    world.report = lambda world: [*(waiting.pop(0) for _ in tuple(waiting)), world.state()]
+    count = len(world.monitor.commands)
+    world.run(0.8 * world.values['settle_time'])
+    assert not any(velocity.any() for _, velocity, _ in world.monitor.commands[count:])
+    assert world.run(0.5, until=world.moving)
+    check(world, FAULTS[0].beyond)
+
+
+# Load -----------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_joint_states_that_are_late_now_and_then_do_not_make_the_robot_flip(monkeypatch, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random)
+    due = [0.0]
+
+    def report(world):
+        if world.now < due[0]:
+            return []
+        due[0] = world.now + random.uniform(0.02, 0.14)
+        return [world.state()]
+
+    world.report, runs, before = report, 0, world.stopped()
+    for _ in range(500):
+        world.run(0.01)
+        runs += bool(before) and not world.stopped()
+        before = world.stopped()
+    assert runs <= 5.0 / (world.values['settle_time'] + world.values['state_timeout'])
+    check(world, FAULTS[0].beyond)

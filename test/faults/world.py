@@ -1,0 +1,210 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""A world in which time is computed: the loop of the node, a robot, and who reports about it."""
+
+from collections import deque
+import itertools
+from types import SimpleNamespace
+
+from monitor import Monitor
+import numpy as np
+from rclpy.time import Time
+from sensor_msgs.msg import JointState
+from tp_controller import Stack
+from tp_controller.control.settings import Settings
+from tp_controller.nodes import loop as loop_module
+from tp_controller.nodes.controller_node import PARAMETERS
+from tp_controller.nodes.log import Log
+from tp_controller.nodes.loop import ControlLoop
+from tp_controller.nodes.shared_controller import SharedController
+
+# Step of the world, and between two joint states [s].
+STEP, STATE_PERIOD = 0.001, 0.005
+# The clock of the robot's computer is another one.
+CLOCK_OFFSET = 1.7e9
+DEFAULTS = {spec.name: spec.default for spec in PARAMETERS}
+
+
+class Queue:
+    """The queue of a subscription: what came last, as many messages as its depth."""
+
+    msg_type, raw = JointState, False
+
+    def __init__(self, callback, depth):
+        self.callback, self._messages = callback, deque(maxlen=depth)
+        self.handle = self
+
+    def put(self, message):
+        """Take a message that arrives."""
+        self._messages.append(message)
+
+    def take_message(self, kind, raw):
+        """Return the oldest message, as the handle of a real one does."""
+        return (self._messages.popleft(), None) if self._messages else None
+
+    def run(self):
+        """Call back with the oldest message, if there is one."""
+        if self._messages:
+            self.callback(self._messages.popleft())
+
+    def __enter__(self):
+        """Return the queue, as a handle does."""
+        return self
+
+    def __exit__(self, *_):
+        """Leave it."""
+
+
+class WorldNode:
+    """What the loop needs of a node."""
+
+    def __init__(self, world):
+        self._world, self.queues, self.timers = world, [], []
+
+    def create_subscription(self, kind, topic, callback, qos):
+        """Return a queue."""
+        self.queues.append(Queue(callback, qos.depth))
+        return self.queues[-1]
+
+    def create_timer(self, period, callback, clock=None):
+        """Return a timer: when it is due, how long it takes, and what it calls."""
+        self.timers.append(SimpleNamespace(due=self._world.now + period, period=period,
+                                           callback=callback))
+        return self.timers[-1]
+
+    def create_publisher(self, kind, topic, depth):
+        """Return what hands commands to the world."""
+        return SimpleNamespace(publish=lambda message: self._world.hear(message.data))
+
+    def get_parameter(self, name):
+        """Return that time is not simulated for those who ask."""
+        return SimpleNamespace(value=False)
+
+    def get_clock(self):
+        """Return a clock that nobody simulates."""
+        return SimpleNamespace(ros_time_is_active=False)
+
+
+class World:
+    """
+    A robot that goes on as it was told last, its joint states, and the loop that controls it.
+
+    Parameters
+    ----------
+    patch : pytest.MonkeyPatch
+        Replaces the clock of the loop.
+    robot : Robot
+    stack : str
+        YAML.
+    q : array_like (n,)
+        Where the robot is.
+    values : dict
+        Parameters of the node that differ from their defaults.
+
+    Attributes
+    ----------
+    report : callable
+        Called every `STATE_PERIOD` with the world; returns the joint states that arrive then.
+    frozen : bool
+        The process of the controller is stopped.
+    plant : callable
+        Called with the command; returns the velocities that the robot has.
+    monitor : Monitor
+    told : list of str
+        Why the robot was stopped, one after another.
+    sent : sequence of float
+        Positions of the last joint state.
+
+    """
+
+    def __init__(self, patch, robot, stack, q, **values):
+        self.now, self.robot = 100.0, robot
+        patch.setattr(loop_module, 'boot_time', lambda: self.now)
+        values = {**DEFAULTS, **values}
+        self.values = values
+        self.period = 1.0 / values['rate'] if values['rate'] else values['state_timeout']
+        self.q, self.velocity = np.array(q, dtype=float), np.zeros(robot.n)
+        self.heard_at = self.now
+        self.monitor, self.told = Monitor(), []
+        self.report, self.plant = (lambda world: [world.state()]), (lambda velocity: velocity)
+        self.frozen, self.receiver_timeout = False, np.inf
+        self.controller = SharedController(robot, Stack.from_yaml(stack, robot),
+                                           Settings(period=self.period))
+        self.node = WorldNode(self)
+        self.loop = ControlLoop(self.node, str, self.controller, values,
+                                Log(SimpleNamespace(warning=None, info=None, error=None)))
+        self.loop.hold = ''
+        self.loop.activate()
+        self._steps = itertools.count()
+
+    def state(self, q=None, stamp=None, names=None):
+        """Return a joint state: true by default."""
+        if q is None and stamp is None:
+            self.monitor.heard.append(self.now)
+        stamp = self.now if stamp is None else stamp
+        message = JointState(name=list(names or self.robot.joint_names),
+                             position=list(self.q if q is None else q))
+        message.header.stamp = Time(nanoseconds=round(1e9 * (CLOCK_OFFSET + stamp))).to_msg()
+        return message
+
+    def hear(self, velocity):
+        """Take a command."""
+        self.velocity, self.heard_at = np.array(velocity), self.now
+        self.monitor.command(self.now, velocity)
+
+    def run(self, seconds, until=None):
+        """Let time go by, or until something has happened; return whether it has."""
+        for _ in range(round(seconds / STEP)):
+            self._step()
+            if until is not None and until():
+                return True
+        return until is None
+
+    def stopped(self):
+        """Return why the robot is stopped."""
+        return self.loop.stop_reason
+
+    def moving(self):
+        """Return whether the robot is commanded to move, by more than a little."""
+        return bool(np.abs(self.velocity).max() > 0.2)
+
+    def _step(self):
+        """Make one step of the robot, of its joint states and of the loop."""
+        self.now += STEP
+        if self.now - self.heard_at > self.receiver_timeout:
+            self.velocity = np.zeros(self.robot.n)
+        self.q = self.q + STEP * self.plant(self.velocity)
+        self.monitor.position(self.now, self.q)
+        if next(self._steps) % round(STATE_PERIOD / STEP) == 0:
+            for message in self.report(self):
+                self.node.queues[0].put(message)
+                self.sent = message.position
+        if not self.frozen:
+            self._run_loop()
+
+    def _run_loop(self):
+        """Do what an executor does."""
+        self.node.queues[0].run()
+        for timer in self.node.timers:
+            if self.now >= timer.due - 1e-9:
+                timer.callback()
+                # Calls that were missed are not made up for.
+                missed = np.floor((self.now - timer.due + 1e-9) / timer.period)
+                timer.due += (missed + 1.0) * timer.period
+        if not self.loop.stop_reason:
+            return
+        if not self.told or self.told[-1] != self.loop.stop_reason:
+            self.told.append(self.loop.stop_reason)
