@@ -21,8 +21,10 @@ from types import SimpleNamespace
 
 from monitor import Monitor
 import numpy as np
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 from tp_controller import Stack
 from tp_controller.control.settings import Settings
 from tp_controller.nodes import loop as loop_module
@@ -41,7 +43,7 @@ DEFAULTS = {spec.name: spec.default for spec in PARAMETERS}
 class Queue:
     """The queue of a subscription: what came last, as many messages as its depth."""
 
-    msg_type, raw = JointState, False
+    msg_type, raw = JointState, True
 
     def __init__(self, callback, depth):
         self.callback, self._messages = callback, deque(maxlen=depth)
@@ -74,7 +76,7 @@ class WorldNode:
     def __init__(self, world):
         self._world, self.queues, self.timers = world, [], []
 
-    def create_subscription(self, kind, topic, callback, qos):
+    def create_subscription(self, kind, topic, callback, qos, raw):
         """Return a queue."""
         self.queues.append(Queue(callback, qos.depth))
         return self.queues[-1]
@@ -87,7 +89,7 @@ class WorldNode:
 
     def create_publisher(self, kind, topic, depth):
         """Return what hands commands to the world."""
-        return SimpleNamespace(publish=lambda message: self._world.hear(message.data))
+        return SimpleNamespace(publish=self._world.hear)
 
     def get_parameter(self, name):
         """Return that time is not simulated for those who ask."""
@@ -160,8 +162,9 @@ class World:
         message.header.stamp = Time(nanoseconds=round(1e9 * (CLOCK_OFFSET + stamp))).to_msg()
         return message
 
-    def hear(self, velocity):
+    def hear(self, raw):
         """Take a command."""
+        velocity = deserialize_message(raw, Float64MultiArray).data
         self.velocity, self.heard_at = np.array(velocity), self.now
         self.monitor.command(self.now, velocity)
 
@@ -190,7 +193,7 @@ class World:
         self.monitor.position(self.now, self.q)
         if next(self._steps) % round(STATE_PERIOD / STEP) == 0:
             for message in self.report(self):
-                self.node.queues[0].put(message)
+                self.node.queues[0].put(serialize_message(message))
                 self.sent = message.position
         if not self.frozen:
             self._run_loop()

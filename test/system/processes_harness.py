@@ -14,13 +14,33 @@
 
 """Nodes as processes in a ROS domain of their own, and somebody who listens to them."""
 
+from importlib.util import find_spec
+import os
 import subprocess
 import sys
+import time
+import warnings
 
+from monitor import Monitor, promise_of
 import numpy as np
 import pytest
+from robots import planar, PLANAR_DH, REPOSITORY
 
 DEADLINE = 15.0
+# How late messages may be on a machine that has too much to do: a stall that is none yet, and
+# the time until another process runs [s].
+LATE = 0.4
+STACK = '[{swing: {type: joint, joints: [joint1, joint2, joint3], target: [1, 1, 1]}}]'
+# By default a participant that was missed at first is heard of again after 3 s only.
+DISCOVERY = """<?xml version="1.0" encoding="UTF-8"?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <participant profile_name="often" is_default_profile="true">
+    <rtps><builtin><discovery_config>
+      <leaseAnnouncement><sec>0</sec><nanosec>100000000</nanosec></leaseAnnouncement>
+    </discovery_config></builtin></rtps>
+  </participant>
+</profiles>
+"""
 
 
 class Listener:
@@ -31,6 +51,10 @@ class Listener:
     ----------
     commands, states : list
         Velocities of all commands, and (position, velocity) of all joint states, so far.
+    monitor : Monitor
+        The same with the times at which they were sent.
+    promise : Promise
+        What every command has to keep to; by default that of the planar arm at 100 Hz.
 
     """
 
@@ -41,12 +65,33 @@ class Listener:
         from tp_controller.nodes.client import Client
         self.client = Client()
         self.commands, self.states = [], []
+        self.monitor, self._sent = Monitor(), 0
+        self.promise = promise_of(planar(), 0.01, 0.1)
         node = self.client.node
+        # Nobody takes messages while the test does something else.
         node.create_subscription(Float64MultiArray, '/velocity_controller/commands',
-                                 lambda message: self.commands.append(np.array(message.data)),
-                                 QoSProfile(depth=100))
-        node.create_subscription(JointState, '/joint_states', lambda message: self.states.append(
-            (np.array(message.position), np.array(message.velocity))), QoSProfile(depth=100))
+                                 self._on_command, QoSProfile(depth=5000))
+        node.create_subscription(JointState, '/joint_states', self._on_state,
+                                 QoSProfile(depth=5000))
+
+    def _on_command(self, message, info):
+        """Take a command."""
+        self.commands.append(np.array(message.data))
+        number = info['publication_sequence_number']
+        self.monitor.command(1e-9 * info['source_timestamp'], message.data,
+                             max(number - self._sent, 1))
+        self._sent = number
+
+    def _on_state(self, message, info):
+        """Take a joint state."""
+        sent = 1e-9 * info['source_timestamp']
+        self.states.append((np.array(message.position), np.array(message.velocity)))
+        self.monitor.position(sent, message.position)
+        self.monitor.heard.append(sent)
+
+    def check(self):
+        """Check what is promised about every command so far."""
+        assert self.monitor.faults(self.promise, LATE) == []
 
     def wait(self, condition, what, nodes=()):
         """Listen until a condition holds."""
@@ -64,11 +109,82 @@ class Listener:
         """Return whether the latest command moves the robot."""
         return bool(self.commands) and bool(self.commands[-1].any())
 
+    def catch_up(self):
+        """Listen until nothing waits any more that was sent before."""
+        now = time.time()
+        self.wait(lambda: self.monitor.heard and self.monitor.heard[-1] > now, 'a joint state')
+
     def wait_for_more(self, messages, count=3):
         """Listen until a list has grown."""
         before = len(messages)
         self.wait(lambda: len(messages) >= before + count, f'{count} more messages')
 
+
+# Fixtures ---------------------------------------------------------------------------------------
+
+@pytest.fixture(scope='session')
+def environment():
+    """Return the environment of a user's shell in which the package can be imported."""
+    paths = [str(REPOSITORY), *filter(None, [os.environ.get('PYTHONPATH')])]
+    return {**os.environ, 'PYTHONPATH': os.pathsep.join(paths)}
+
+
+@pytest.fixture(scope='module')
+def domain(environment, tmp_path_factory):
+    """Return the environment of processes that hear each other, soon, and nobody else."""
+    if find_spec('rclpy') is None:
+        pytest.skip('needs ROS 2')
+    with warnings.catch_warnings():
+        # The generator of the messages' Python code has a dependency that is behind the times.
+        warnings.filterwarnings('ignore', "module 'sre_", DeprecationWarning)
+        import rosidl_generator_py  # noqa: F401
+    from tp_controller.demos.processes import own_domain
+    profiles = tmp_path_factory.mktemp('discovery') / 'profiles.xml'
+    profiles.write_text(DISCOVERY)
+    with own_domain() as given, pytest.MonkeyPatch.context() as patch:
+        own = {name: given[name] for name in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')}
+        own['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profiles)
+        for name, value in own.items():
+            patch.setenv(name, value)
+        yield {**environment, **own}
+
+
+@pytest.fixture
+def listener(domain):
+    """Return a listener in the domain."""
+    listener = Listener()
+    yield listener
+    listener.client.close()
+    listener.check()
+
+
+@pytest.fixture
+def start(domain, tmp_path):
+    """Return what starts a node with the planar arm, or another; all are ended at last."""
+    from tp_controller.demos.processes import NodeProcess
+    nodes = []
+
+    def start(executable, *arguments, robot=PLANAR_DH):
+        if robot is not None:
+            arguments = ('-p', f'robot:={robot}', *arguments)
+        nodes.append(NodeProcess(executable, list(arguments), domain,
+                                 tmp_path / f'{executable}{len(nodes)}.log'))
+        return nodes[-1]
+
+    yield start
+    for node in nodes:
+        node.stop()
+
+
+@pytest.fixture
+def cell(start, listener):
+    """Return controller and simulator of the planar arm, on its way."""
+    nodes = (start('controller_node', '-p', f"stack:='{STACK}'"), start('simulator_node'))
+    listener.wait(listener.moving, 'motion', nodes)
+    return nodes
+
+
+# Commands ---------------------------------------------------------------------------------------
 
 def command_line(environment, *arguments, module='tp_controller.cli.main', seconds=DEADLINE):
     """Run a command to its end; return its exit status, its output and its complaints."""

@@ -31,6 +31,7 @@ import sys
 import termios
 from typing import NamedTuple
 
+from monitor import promise_of
 import numpy as np
 from PIL import Image
 from processes_harness import command_line, DEADLINE, Listener
@@ -70,8 +71,10 @@ def robot(domain, tmp_path_factory):
         listener.wait(
             lambda: listener.client.status and not listener.client.stop_reason(), 'motion',
             [simulator, controller])
+        listener.promise = promise_of(panda(), 0.1, 0.1)
         yield listener
         listener.client.close()
+        listener.check()
 
 
 @pytest.fixture
@@ -90,7 +93,7 @@ class Heard(NamedTuple):
 
 def tool(listener):
     """Return where the tool is by now."""
-    listener.wait_for_more(listener.states, 100)
+    listener.catch_up()
     return panda().state(listener.states[-1][0]).position(PANDA_TOOL)
 
 

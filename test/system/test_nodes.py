@@ -18,8 +18,9 @@ import signal
 import subprocess
 import sys
 
+from monitor import promise_of
 import pytest
-from robots import PANDA_DH, REPOSITORY
+from robots import panda, PANDA_DH, REPOSITORY
 
 ALL_MISSING = 'no joint states of joint1, joint2, joint3'
 
@@ -140,6 +141,7 @@ def test_a_faulty_stack_leaves_the_node_alive_with_zeros_and_every_fault_said(
 
 def test_the_description_can_come_from_the_simulator(start, listener):
     stack = '"[{rest: {type: posture}}]"'
+    listener.promise = promise_of(panda(), 0.01, 0.1)
     nodes = (start('controller_node', '-p', f'stack:={stack}', robot=None),
              start('simulator_node', robot=PANDA_DH))
     listener.wait(lambda: listener.client.task_status('rest').get('status') == 'reached',
