@@ -31,3 +31,5 @@ else:
         # dependency that uses a deprecated module of the standard library.
         warnings.filterwarnings('ignore', "module 'sre_", DeprecationWarning)
         import rosidl_generator_py  # noqa: F401
+    from processes_harness import domain, environment, listener, start
+    __all__ = ['domain', 'environment', 'listener', 'start']

@@ -91,7 +91,8 @@ class Listener:
 
     def check(self):
         """Check what is promised about every command so far."""
-        assert self.monitor.faults(self.promise, LATE) == []
+        faults = self.monitor.faults(self.promise, LATE)
+        assert not faults, '\n'.join(faults)
 
     def wait(self, condition, what, nodes=()):
         """Listen until a condition holds."""

@@ -208,7 +208,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
     def _bark(self, silence: float) -> None:
         """Command zeros in place of the loop."""
         if self._loop is not None:
-            self._loop.bark(silence)
+            self._loop.bark()
 
     # Lifecycle ----------------------------------------------------------------------------
 

@@ -45,6 +45,7 @@ from tp_controller.nodes.wire import JointStateReader
 
 # A shorter silence of the loop is not told from the jitter of a busy machine [s].
 SHORTEST_STALL = 0.05
+LATE_CYCLE = 'no cycle was completed within watchdog_timeout'
 INACTIVE = 'inactive; activate the node to go on'
 
 
@@ -164,10 +165,11 @@ class ControlLoop:
         """Return for how long nothing has been completed [s]."""
         return boot_time() - self.completed if self.active else 0.0
 
-    def bark(self, silence: float) -> None:
+    def bark(self) -> None:
         """Command zeros in place of the loop, which does not answer."""
-        self.stops.interrupt(f'no cycle was completed for {silence:.2g} s', boot_time())
+        self.stops.interrupt(LATE_CYCLE, boot_time())
         self.commands.interrupt()
+        self._tell(LATE_CYCLE)
 
     def activate(self) -> None:
         """Command something from now on."""

@@ -1,0 +1,245 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""
+Nodes as processes that are stopped, killed, fail, or run tasks that do not return.
+
+A monitor hears every command. Tests that take seconds run with one seed; with
+``TP_CONTROLLER_SEEDS=20`` in the environment they run with twenty.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from monitor import promise_of
+import numpy as np
+import pytest
+from robots import PLANAR_DH
+from std_srvs.srv import Trigger
+from tp_controller import Robot
+from tp_controller.demos.processes import NodeProcess
+
+SEEDS = range(int(os.environ.get('TP_CONTROLLER_SEEDS', '1')))
+ACCELERATION = 2.0
+JOINTS = ('joint1', 'joint2', 'joint3')
+# Motion that goes on for as long as any test takes.
+STACK = '[{swing: {type: joint, joints: [joint1, joint2, joint3], target: [30, 20, 10]}}]'
+LIMITED = [each for name in JOINTS
+           for each in ('-p', f'limits.{name}.acceleration:={ACCELERATION}')]
+# What replaces a part of the program, and then runs the node; the file `switch` turns it on.
+SCRIPT = """
+import sys, time
+from pathlib import Path
+from tp_controller.nodes.controller_node import main
+{imports}
+switch = Path({switch!r})
+{patch}
+sys.exit(main())
+"""
+TASK = ('from tp_controller.tasks.joint import JointTask', """
+evaluate = JointTask.evaluate
+def at_fault(self, *arguments):
+    if switch.exists():
+        {act}
+    return evaluate(self, *arguments)
+JointTask.evaluate = at_fault
+""")
+CYCLE = ('from tp_controller.nodes.loop import ControlLoop', """
+cycle = ControlLoop._cycle
+def at_fault(self):
+    if switch.exists():
+        {act}
+    return cycle(self)
+ControlLoop._cycle = at_fault
+""")
+READING = ('from tp_controller.tasks.stack import Stack', """
+read = Stack.from_yaml.__func__
+def at_fault(cls, source, robot):
+    if switch.exists():
+        {act}
+    return read(cls, source, robot)
+Stack.from_yaml = classmethod(at_fault)
+""")
+
+
+class ScriptProcess(NodeProcess):
+    """A controller of which a part was replaced, as a process."""
+
+    def __init__(self, script, arguments, environment, log):
+        self.log = log
+        with open(log, 'w') as output:
+            self.process = subprocess.Popen(
+                [sys.executable, '-c', script, '--ros-args', *arguments], env=environment,
+                stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT)
+
+
+@pytest.fixture
+def heads(listener):
+    """Return a list that grows by what the controller says about itself."""
+    heads = []
+    listener.client.node.create_subscription(
+        DiagnosticArray, '/tp_controller/status',
+        lambda message: heads.append(message.status[0].message), 1000)
+    return heads
+
+
+@pytest.fixture
+def limited(listener, start):
+    """Return what starts a moving planar arm with limited accelerations at a rate."""
+    def make(rate=100.0):
+        robot = Robot.from_file(PLANAR_DH, limits={
+            name: {'acceleration': ACCELERATION} for name in JOINTS})
+        listener.promise = promise_of(robot, 1.0 / rate if rate else 0.1, 0.1)
+        nodes = (start('controller_node', '-p', f"stack:='{STACK}'", '-p', f'rate:={rate}',
+                       *LIMITED), start('simulator_node'))
+        listener.wait(listener.moving, 'motion', nodes)
+        return nodes
+    return make
+
+
+@pytest.fixture
+def replaced(listener, start, domain, tmp_path):
+    """Return what starts a moving planar arm whose controller has a part replaced."""
+    controllers = []
+
+    def make(part, act, *arguments):
+        imports, patch = part
+        script = SCRIPT.format(imports=imports, switch=str(tmp_path / 'switch'),
+                               patch=patch.format(act=act))
+        controllers.append(ScriptProcess(
+            script, ['-p', f'robot:={PLANAR_DH}', '-p', f"stack:='{STACK}'", *arguments], domain,
+            tmp_path / 'replaced.log'))
+        simulator = start('simulator_node')
+        listener.wait(listener.moving, 'motion', [controllers[-1], simulator])
+        return controllers[-1]
+
+    yield make
+    for controller in controllers:
+        controller.stop(5.0)
+
+
+def since(listener, begin):
+    """Return (time, velocity) of all commands that were sent after a time."""
+    return [(sent, velocity) for sent, velocity, _ in listener.monitor.commands if sent > begin]
+
+
+def wait_until(listener, end, nodes=()):
+    """Listen until a time."""
+    listener.wait(lambda: time.time() > end, 'the end', nodes)
+
+
+# Stopped processes ----------------------------------------------------------------------------
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('rate', [100.0, 0.0])
+def test_a_process_that_was_stopped_begins_from_rest(limited, listener, heads, rate, seed):
+    controller, simulator = limited(rate)
+    wait_until(listener, time.time() + np.random.default_rng(seed).uniform(0.1, 0.5))
+    controller.process.send_signal(signal.SIGSTOP)
+    wait_until(listener, time.time() + 2.0, [simulator])
+    begin = time.time()
+    assert since(listener, begin - 1.5) == []
+    controller.process.send_signal(signal.SIGCONT)
+    listener.wait(lambda: any(velocity.any() for _, velocity in since(listener, begin)),
+                  'motion', [controller])
+    resumed = since(listener, begin)
+    first = next(index for index, (_, velocity) in enumerate(resumed) if velocity.any())
+    # Until everything has been in order for a while, and then slowly.
+    assert first > 0 and resumed[first][0] - resumed[0][0] > 0.2
+    passed = 1.0 / rate if rate else 0.1
+    assert np.abs(resumed[first][1]).max() <= ACCELERATION * passed + 1e-9
+    listener.wait(lambda: any('the node stood still for' in head for head in heads),
+                  'the reason', [controller])
+
+
+# Ends -----------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+def test_a_signal_is_answered_with_several_zeros_and_told(limited, listener, heads, number):
+    controller, _ = limited()
+    controller.process.send_signal(number)
+    assert controller.process.wait(15.0) == 0
+    listener.wait(lambda: heads and heads[-1] == f'ended by {number.name}', 'the last status')
+    listener.catch_up()
+    assert not any(velocity.any() for velocity in listener.commands[-3:])
+
+
+def test_a_fault_of_the_loop_ends_the_node_with_several_zeros_and_is_told(
+        replaced, listener, heads, tmp_path):
+    controller = replaced(CYCLE, "raise RuntimeError('broken')")
+    (tmp_path / 'switch').touch()
+    assert controller.process.wait(15.0) != 0
+    listener.wait(lambda: heads and heads[-1] == 'ended: RuntimeError: broken', 'the last status')
+    listener.catch_up()
+    assert not any(velocity.any() for velocity in listener.commands[-3:])
+    assert 'RuntimeError: broken' in controller.output()
+
+
+# Tasks that do not return ---------------------------------------------------------------------
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_watchdog_commands_zeros_while_a_task_takes_a_second(replaced, listener, heads,
+                                                                 tmp_path, seed):
+    controller = replaced(TASK, 'switch.unlink(); time.sleep(1.0)', '-p', 'status_rate:=50.0')
+    wait_until(listener, time.time() + np.random.default_rng(seed).uniform(0.0, 0.3))
+    (tmp_path / 'switch').touch()
+    listener.wait(lambda: not listener.moving(), 'zeros', [controller])
+    zeros_at = listener.monitor.commands[-1][0]
+    listener.wait(listener.moving, 'motion', [controller])
+    moves_at = listener.monitor.commands[-1][0]
+    # Not what was computed a second too late, but what is computed afterwards.
+    assert moves_at - zeros_at > 0.7
+    told = 'no cycle was completed within watchdog_timeout', 'the node stood still for'
+    listener.wait(lambda: all(any(text in head for head in heads) for text in told),
+                  'the reasons', [controller])
+
+
+@pytest.mark.parametrize('act', ['time.sleep(3600.0)', 'while True: pass'])
+def test_zeros_go_on_while_a_task_never_returns_and_ctrl_c_ends_the_node(replaced, listener,
+                                                                         heads, tmp_path, act):
+    controller = replaced(TASK, act)
+    (tmp_path / 'switch').touch()
+    listener.wait(lambda: not listener.moving(), 'zeros', [controller])
+    listener.wait_for_more(listener.commands, 10)
+    assert not any(velocity.any() for velocity in listener.commands[-10:])
+    listener.wait(lambda: heads[-1] == 'no cycle was completed within watchdog_timeout',
+                  'the reason', [controller])
+    controller.process.send_signal(signal.SIGINT)
+    controller.process.wait(15.0)
+    listener.wait(lambda: heads and heads[-1] == 'ended by SIGINT', 'the last status')
+    listener.catch_up()
+    assert not any(velocity.any() for velocity in listener.commands[-10:])
+
+
+# What is slow beside the loop -----------------------------------------------------------------
+
+def test_commands_go_on_while_a_stack_is_read(replaced, listener, tmp_path):
+    controller = replaced(READING, 'switch.unlink(); time.sleep(1.5); Path(f"{switch}ed").touch()')
+    reload = listener.client.node.create_client(Trigger, '/tp_controller/reload')
+    listener.wait(reload.service_is_ready, 'the service', [controller])
+    (tmp_path / 'switch').touch()
+    answer = reload.call_async(Trigger.Request())
+    listener.wait(lambda: not (tmp_path / 'switch').exists(), 'the beginning', [controller])
+    begin = time.time()
+    listener.wait((tmp_path / 'switched').exists, 'the end', [controller])
+    listener.wait(answer.done, 'the answer', [controller])
+    meanwhile = [velocity for sent, velocity in since(listener, begin) if sent < begin + 1.4]
+    # 140 on a quiet machine.
+    assert len(meanwhile) > 40 and all(velocity.any() for velocity in meanwhile)
+    assert answer.result().success
