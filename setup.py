@@ -24,6 +24,7 @@ executables = {
     'tp_controller': 'tp_controller.cli.main:main',
     'controller_node': 'tp_controller.cli.main:controller_node',
     'simulator_node': 'tp_controller.cli.main:simulator_node',
+    'watchdog_node': 'tp_controller.cli.main:watchdog_node',
 }
 plots = ['matplotlib', 'Pillow']
 docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']

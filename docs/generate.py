@@ -105,6 +105,11 @@ SIMULATOR_TOPICS = {
     'velocity_controller/commands': 'joint velocities; the robot stops if none was received '
                                     'for `command_timeout`',
 }
+WATCHDOG_TOPICS = {
+    'velocity_controller/commands': 'joint velocities; zeros if none came for `timeout` after '
+                                    'one that moves the robot',
+    'cmd_vel': 'the same for velocities of a base; only with `base`',
+}
 STATUS = {
     'scale': 'smallest share of its velocity that limits leave a task; 1 if no limit is active',
     'limiting': 'joint and limit that cost the uppermost limited task most',
@@ -289,7 +294,8 @@ def goals():
 
 def topics(node):
     """Return the table of topics and services, read off a running node."""
-    described = TOPICS if node == 'controller' else SIMULATOR_TOPICS
+    described = {'controller': TOPICS, 'simulator': SIMULATOR_TOPICS,
+                 'watchdog': WATCHDOG_TOPICS}[node]
     rows = {}
     for direction, name, kind in interfaces(node):
         kind = '[by task](docs/ros.md#goals)' if name == '~/<task>/goal' else f'`{kind}`'
@@ -309,6 +315,9 @@ def interfaces(node):
         stack = '\n'.join(f'- {name}: {{type: {name}{_example_keys(kind)}}}'
                           for name, kind in task_types().items() if name not in OTHER_ROBOTS)
         starts = ({**robot, 'stack': stack + '\n'}, {})
+    elif node == 'watchdog':
+        from tp_controller.nodes.watchdog_node import WatchdogNode as Node
+        starts = ({'base': True},)
     else:
         from tp_controller.nodes.simulator_node import SimulatorNode as Node
         starts = ({**robot, 'publish_clock': True},)
@@ -403,7 +412,7 @@ REGIONS = {
 ROS_REGIONS = {
     'goals': goals, 'status': status,
     **{f'{what.__name__} {node}': lambda what=what, node=node: what(node)
-       for what in (topics, parameters) for node in ('controller', 'simulator')},
+       for what in (topics, parameters) for node in ('controller', 'simulator', 'watchdog')},
 }
 
 

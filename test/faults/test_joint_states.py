@@ -21,14 +21,14 @@ every command and knows where the robot truly is.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 from monitor import promise_of
 import numpy as np
 import pytest
 from robots import PANDA_DH, PANDA_READY, PANDA_TOOL
-from tp_controller import Robot
+from tp_controller import Robot, Stack
 from world import STATE_PERIOD, World
 
 SEEDS = range(20)
@@ -488,3 +488,46 @@ def test_joint_states_that_are_late_now_and_then_do_not_make_the_robot_flip(monk
         before = world.stopped()
     assert runs <= 5.0 / (world.values['settle_time'] + world.values['state_timeout'])
     check(world, FAULTS[0].beyond)
+
+
+# Changes --------------------------------------------------------------------------------------
+
+def toggled(world, random):
+    """Switch the second task on and off."""
+    world.controller.enable('posture', bool(random.integers(2)))
+
+
+def damped(world, random):
+    """Set the damping anew."""
+    world.controller.settings = replace(world.controller.settings,
+                                        damping=random.uniform(0.05, 0.15))
+
+
+def replaced(world, random):
+    """Replace the stack by one that only differs in a gain."""
+    gain = random.uniform(0.4, 0.6)
+    world.controller.replace_stack(
+        Stack.from_yaml(STACKS['pose'].replace('0.5', f'{gain:.3f}'), world.robot))
+
+
+def repeated(world, random):
+    """Send the goal again."""
+    world.controller.set_goal('reach', world.goal, world.now)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('change', [toggled, damped, replaced, repeated])
+def test_changes_that_repeat_do_not_keep_the_robot_from_its_goal(monkeypatch, change, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, 'pose')
+    # A goal that is reached for certain: nearby, within the limits.
+    q = np.clip(world.q + random.uniform(-0.3, 0.3, 7), ROBOT.lower + 0.3, ROBOT.upper - 0.3)
+    world.goal = ROBOT.state(q).pose(PANDA_TOOL)
+    world.controller.set_goal('reach', world.goal, world.now)
+    for _ in range(400):
+        world.run(0.01)
+        change(world, random)
+    reached = world.robot.state(world.q).pose(PANDA_TOOL)
+    assert np.abs(reached - world.goal).max() < 5e-3
+    assert not world.stopped()
+    check(world)

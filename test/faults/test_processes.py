@@ -34,6 +34,7 @@ from robots import PLANAR_DH
 from std_srvs.srv import Trigger
 from tp_controller import Robot
 from tp_controller.demos.processes import NodeProcess
+from tp_controller.nodes.watchdog_node import Guard
 
 SEEDS = range(int(os.environ.get('TP_CONTROLLER_SEEDS', '1')))
 ACCELERATION = 2.0
@@ -243,3 +244,61 @@ def test_commands_go_on_while_a_stack_is_read(replaced, listener, tmp_path):
     # 140 on a quiet machine.
     assert len(meanwhile) > 40 and all(velocity.any() for velocity in meanwhile)
     assert answer.result().success
+
+
+# Watched by another process -------------------------------------------------------------------
+
+@pytest.fixture
+def tireless(start, listener):
+    """Return a controller, and a simulator that goes on as it was told last for ten seconds."""
+    nodes = (start('controller_node', '-p', f"stack:='{STACK}'"),
+             start('simulator_node', '-p', 'command_timeout:=10.0'))
+    listener.wait(listener.moving, 'motion', nodes)
+    return nodes
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_killed_controller_is_replaced_by_zeros_of_the_watchdog(start, tireless, listener, heads,
+                                                                  seed):
+    controller, simulator = tireless
+    watchdog = start('watchdog_node', '-p', 'timeout:=0.5', robot=None)
+    node = listener.client.node
+    listener.wait(lambda: len(node.get_publishers_info_by_topic(
+        '/velocity_controller/commands')) == 2, 'the watchdog', [*tireless, watchdog])
+    # Nothing is taken over from a controller that is there.
+    begin = time.time()
+    wait_until(listener, begin + np.random.default_rng(seed).uniform(0.6, 1.5),
+               [*tireless, watchdog])
+    assert all(velocity.any() for _, velocity in since(listener, begin))
+    controller.process.kill()
+    listener.wait(lambda: not listener.states[-1][1].any(), 'standstill', [simulator, watchdog])
+    killed, stopped = [sent for sent, velocity in since(listener, begin) if velocity.any()][-1], \
+        listener.monitor.positions[-1][0]
+    assert stopped - killed < 5.0
+    listener.wait(lambda: 'no command on /velocity_controller/commands any more'
+                  in watchdog.output(), 'the warning', [simulator, watchdog])
+    # A new one does not take it for somebody who commands the robot.
+    again = start('controller_node', '-p', f"stack:='{STACK}'")
+    begin = time.time()
+    listener.wait(lambda: any(velocity.any() for _, velocity in since(listener, begin)), 'motion',
+                  [again, simulator, watchdog])
+    wait_until(listener, time.time() + 2.0, [again, simulator, watchdog])
+    assert heads[-1] == 'running'
+
+
+def test_a_guard_is_due_once_for_each_time_that_motion_stops():
+    guard = Guard(0.2)
+    assert not guard.is_due(0.0)
+    guard.hear(True, 1.0)
+    assert [guard.is_due(1.0 + 0.05 * step) for step in range(8)] == [False] * 5 + [True] + [
+        False] * 2
+    guard.hear(True, 2.0)
+    guard.hear(False, 2.1)
+    assert not any(guard.is_due(2.0 + 0.05 * step) for step in range(20))
+
+
+def test_a_guard_that_stood_still_itself_listens_first():
+    guard = Guard(0.2)
+    guard.hear(True, 1.0)
+    assert not guard.is_due(1.05) and not guard.is_due(5.0)
+    assert not guard.is_due(5.15) and guard.is_due(5.25)

@@ -48,6 +48,7 @@ from tp_controller.cli.main import (
     make_parser,
     simulator_node,
     STATUS_EXAMPLES,
+    watchdog_node,
 )
 from tp_controller.cli.status import table
 import yaml
@@ -350,7 +351,7 @@ def test_negative_numbers_are_numbers_however_they_are_written(monkeypatch, numb
     assert taken == [[float(number) for number in numbers]]
 
 
-@pytest.mark.parametrize('node', [controller_node, simulator_node])
+@pytest.mark.parametrize('node', [controller_node, simulator_node, watchdog_node])
 def test_the_help_of_a_node_lists_its_parameters_and_starts_nothing(monkeypatch, capsys, node):
     module = importlib.import_module(f'tp_controller.nodes.{node.__name__}')
     monkeypatch.setattr(sys, 'argv', [node.__name__, '--help'])

@@ -39,7 +39,7 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'tp_controller'
-EXECUTABLES = {'tp_controller', 'controller_node', 'simulator_node'}
+EXECUTABLES = {'tp_controller', 'controller_node', 'simulator_node', 'watchdog_node'}
 SHIPPED = ('LICENSE', 'README.md', 'bin', 'config', 'launch', 'package.xml', 'pyproject.toml',
            'resource', 'scripts', 'setup.cfg', 'setup.py', PACKAGE)
 

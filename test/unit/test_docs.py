@@ -62,7 +62,7 @@ LINK = re.compile(r'\[[^\]]*\]\(([^)\s]+)\)')
 FOREIGN = {'cd', 'colcon', 'export', 'git', 'mkdir', 'pip', 'rosdep', 'source', '.'}
 # Parameters that every node has.
 EVERY_NODE = {'use_sim_time': False}
-EXECUTABLES = ('controller_node', 'simulator_node', 'tp_controller')
+EXECUTABLES = ('controller_node', 'simulator_node', 'tp_controller', 'watchdog_node')
 
 
 @dataclass(frozen=True)
@@ -495,7 +495,7 @@ def test_ros2_commands_are_all_looked_at():
     assert verbs <= {('run',), ('launch',), ('topic', 'pub'), ('topic', 'echo'),
                      ('service', 'call'), ('param', 'set'), ('param', 'describe'),
                      ('param', 'list'), ('param', 'dump'), ('param', 'load'), ('control',),
-                     ('lifecycle',)}
+                     ('lifecycle',), ('security',)}
 
 
 # Links and layout -------------------------------------------------------------------------
@@ -522,6 +522,15 @@ def test_links_and_images_lead_somewhere(page):
         assert target.exists() and ROOT in (target, *target.parents), link
         if anchor:
             assert anchor in anchors(target), link
+
+
+def test_every_test_that_safety_names_is_there():
+    text = (DOCS / 'safety.md').read_text(encoding='utf-8')
+    named = set(re.findall(r'`(test_\w+)`', text))
+    defined = {name for path in (ROOT / 'test').rglob('test_*.py')
+               for name in re.findall(r'^def (test_\w+)', path.read_text(encoding='utf-8'),
+                                      re.MULTILINE)}
+    assert named and named <= defined, named - defined
 
 
 def test_every_page_can_be_found_from_the_first():

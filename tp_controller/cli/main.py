@@ -162,6 +162,11 @@ def simulator_node() -> int:
     return _node('simulator_node')
 
 
+def watchdog_node() -> int:
+    """Run the watchdog node; see `tp_controller.nodes.watchdog_node`."""
+    return _node('watchdog_node')
+
+
 def _node(name: str) -> int:
     """Run a node, whose module needs ROS already to be imported."""
     try:

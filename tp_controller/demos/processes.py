@@ -30,7 +30,7 @@ from tp_controller.errors import TpControllerError
 # Ids that are safe on every platform (ROS 2 documentation, "The ROS_DOMAIN_ID"), from the last
 # one down: people number their robots from 0 up.
 DOMAINS = range(101, 49, -1)
-NODES = {'controller_node', 'simulator_node'}
+NODES = {'controller_node', 'simulator_node', 'watchdog_node'}
 # Descriptor of the lock of each domain that this process has reserved, by its id.
 _LOCKS: dict[str, int] = {}
 
@@ -113,7 +113,7 @@ class NodeProcess:
     Parameters
     ----------
     executable : str
-        ``controller_node`` or ``simulator_node``.
+        ``controller_node``, ``simulator_node`` or ``watchdog_node``.
     arguments : list of str
         ROS arguments, after ``--ros-args``.
     environment : dict

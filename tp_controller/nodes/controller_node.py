@@ -59,6 +59,7 @@ from tp_controller.nodes.shared_controller import SharedController
 from tp_controller.nodes.task_parameters import TaskParameters
 from tp_controller.nodes.task_topics import TaskTopics
 from tp_controller.nodes.watchdog import Watchdog
+from tp_controller.nodes.watchdog_node import ENDING
 from tp_controller.tasks.stack import Stack
 
 NAME = 'tp_controller'
@@ -108,6 +109,8 @@ PARAMETERS = (
 )
 # How often other publishers are looked for, and until when this node counts as the newcomer [s].
 LOOK_SECONDS, NEW_SECONDS = 0.5, 2.0
+# Of ROS, for nodes without a name.
+UNKNOWN = '_NODE_NAME_UNKNOWN_'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STOPPED = 'stopped; call ~/start to go on'
 NO_ROBOT = 'no robot description yet'
@@ -435,7 +438,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         if self._loop is None or not self._active:
             return
         topic, own = self._loop.commands.topic, (self.get_name(), self.get_namespace())
-        others = {f'another node publishes on {topic}': self.count_publishers(topic) - 1,
+        others = {f'another node publishes on {topic}': self._competitors(topic),
                   f'another node has the name {self.get_fully_qualified_name()}':
                   self.get_node_names_and_namespaces().count(own) - 1}
         for what, count in others.items():
@@ -444,6 +447,12 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
                 if self._values['exclusive'] and boot_time() - self._since < NEW_SECONDS:
                     self._loop.stops.latch(what)
         self._others = others
+
+    def _competitors(self, topic: str) -> int:
+        """Return how many other nodes publish on a topic; those that only watch do not count."""
+        # A node that has just been found may have no name yet.
+        return sum(not info.node_name.endswith((ENDING, UNKNOWN))
+                   for info in self.get_publishers_info_by_topic(topic)) - 1
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Stop, until ~/start."""
