@@ -446,17 +446,16 @@ def test_of_joint_states_that_waited_only_the_newest_is_answered(monkeypatch, se
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_a_burst_of_joint_states_that_were_held_up_moves_nothing_before_it_is_over(monkeypatch,
-                                                                                   seed):
+def test_a_burst_of_old_joint_states_moves_nothing_before_it_is_over(monkeypatch, seed):
     random = np.random.default_rng(seed)
     world = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2])
     waiting = []
 
-    def hold_up(world):
+    def keep(world):
         waiting.append(world.state())
         return []
 
-    world.report = hold_up
+    world.report = keep
     world.run(random.uniform(0.3, 2.0))
     assert not world.velocity.any() and 'no joint states' in world.stopped()
     world.report = lambda world: [*(waiting.pop(0) for _ in tuple(waiting)), world.state()]

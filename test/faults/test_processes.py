@@ -265,7 +265,7 @@ def test_a_killed_controller_is_replaced_by_zeros_of_the_watchdog(start, tireles
     node = listener.client.node
     listener.wait(lambda: len(node.get_publishers_info_by_topic(
         '/velocity_controller/commands')) == 2, 'the watchdog', [*tireless, watchdog])
-    # Nothing is taken over from a controller that is there.
+    # It leaves a controller alone that is there.
     begin = time.time()
     wait_until(listener, begin + np.random.default_rng(seed).uniform(0.6, 1.5),
                [*tireless, watchdog])
