@@ -1,0 +1,224 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Many robots in one domain, and two machines whose cable is pulled and put back."""
+
+from contextlib import ExitStack
+import os
+import shutil
+import subprocess
+import sys
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+import pytest
+from robots import PLANAR_DH
+from sensor_msgs.msg import JointState
+from tp_controller.demos.processes import NodeProcess
+
+ROBOTS = 10
+# All nodes of the robots in one process each: ten interpreters would only measure the machine.
+CELLS = """
+import sys
+from rclpy import init
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from tp_controller.nodes.controller_node import ControllerNode
+from tp_controller.nodes.simulator_node import SimulatorNode
+init(args=[])
+kind, robot, count = sys.argv[1], sys.argv[2], int(sys.argv[3])
+executor = SingleThreadedExecutor()
+for number in range(count):
+    values = {'robot': robot, 'rate': 20.0}
+    if kind == 'controllers':
+        goal = '[%.1f, 0, 0]' % (0.1 * number)
+        values.update(state_timeout=2.0, watchdog_timeout=2.0, stack='- swing: {type: joint, '
+                      'joints: [joint1, joint2, joint3], gain: 2, target: ' + goal + '}')
+    else:
+        values.update(command_timeout=2.0)
+    node = (ControllerNode if kind == 'controllers' else SimulatorNode)(
+        namespace=f'robot{number}',
+        parameter_overrides=[Parameter(*pair) for pair in
+                             ((name, None, value) for name, value in values.items())])
+    executor.add_node(node)
+    if kind == 'controllers':
+        executor.add_node(node.loop_node)
+executor.spin()
+"""
+
+
+class Cells(NodeProcess):
+    """The controllers, or the simulators, of all robots in one process."""
+
+    def __init__(self, kind, environment, log):
+        self.log = log
+        with open(log, 'w') as output:
+            self.process = subprocess.Popen(
+                [sys.executable, '-c', CELLS, kind, str(PLANAR_DH), str(ROBOTS)],
+                env=environment, stdin=subprocess.DEVNULL, stdout=output,
+                stderr=subprocess.STDOUT)
+
+
+def test_ten_robots_in_one_domain_do_not_meddle_with_each_other(domain, listener, tmp_path):
+    positions, heads = {}, {}
+
+    def listen(number):
+        listener.client.node.create_subscription(
+            JointState, f'/robot{number}/joint_states',
+            lambda message: positions.update({number: message.position}), 10)
+        listener.client.node.create_subscription(
+            DiagnosticArray, f'/robot{number}/tp_controller/status',
+            lambda message: heads.update({number: message.status[0].message}), 10)
+
+    for number in range(ROBOTS):
+        listen(number)
+    with ExitStack() as stack:
+        nodes = [stack.enter_context(Cells(kind, domain, tmp_path / f'{kind}.log'))
+                 for kind in ('simulators', 'controllers')]
+        for number in range(ROBOTS):
+            listener.wait(lambda number=number: number in positions and np.allclose(
+                positions[number], (0.1 * number, 0.0, 0.0), atol=1e-3),
+                f'robot {number} at its own goal', nodes)
+        listener.wait(lambda: len(heads) == ROBOTS and set(heads.values()) == {'running'},
+                      'all to run', nodes)
+
+
+# Two machines ---------------------------------------------------------------------------------
+
+LEFT, RIGHT = '10.213.77.1', '10.213.77.2'
+
+
+class Cable:
+    """Two network namespaces with a cable between them; skips the test without permission."""
+
+    def __init__(self):
+        self.names = [f'tp{os.getpid()}{side}' for side in 'ab']
+
+    def __enter__(self):
+        """Lay the cable."""
+        if shutil.which('ip') is None:
+            pytest.skip('needs ip (iproute2)')
+        left, right = self.names
+        try:
+            for name in self.names:
+                ip('netns', 'add', name)
+            ip('link', 'add', 'veth0', 'netns', left, 'type', 'veth', 'peer', 'name', 'veth0',
+               'netns', right)
+        except subprocess.CalledProcessError as error:
+            self.__exit__()
+            pytest.skip(f'network namespaces are not permitted here: {error.stderr.strip()}')
+        for name, address in zip(self.names, (LEFT, RIGHT)):
+            ip('-n', name, 'address', 'add', f'{address}/24', 'dev', 'veth0')
+            ip('-n', name, 'link', 'set', 'lo', 'up')
+            ip('-n', name, 'link', 'set', 'veth0', 'up')
+        return self
+
+    def __exit__(self, *_):
+        """Take everything away."""
+        for name in self.names:
+            subprocess.run(['ip', 'netns', 'delete', name], capture_output=True, check=False)
+
+    def put(self, plugged):
+        """Pull the cable, or put it back."""
+        ip('-n', self.names[0], 'link', 'set', 'veth0', 'up' if plugged else 'down')
+
+
+def ip(*arguments):
+    """Run ip."""
+    subprocess.run(['ip', *arguments], check=True, capture_output=True, text=True)
+
+
+class Remote(NodeProcess):
+    """A node on one of the two machines."""
+
+    def __init__(self, namespace, module, arguments, environment, log):
+        self.log = log
+        environment = {**environment, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+                       # Both are one machine to it, and memory would be shared.
+                       'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
+        with open(log, 'w') as output:
+            self.process = subprocess.Popen(
+                ['ip', 'netns', 'exec', namespace, sys.executable, *module, *arguments],
+                env=environment, stdin=subprocess.DEVNULL, stdout=output,
+                stderr=subprocess.STDOUT)
+
+
+# Prints what the robot is told, on the robot's side: when, and whether it shall move.
+WITNESS = """
+import time
+from rclpy import init, spin
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+init(args=[])
+node = Node('witness')
+node.create_subscription(Float64MultiArray, '/velocity_controller/commands', lambda message: print(
+    'command', time.time(), int(any(message.data)), flush=True), 10)
+node.create_subscription(JointState, '/joint_states', lambda message: print(
+    'state', time.time(), int(any(message.velocity)), flush=True), 10)
+spin(node)
+"""
+STACK = '[{swing: {type: joint, joints: [joint1, joint2, joint3], target: [60, 40, 20]}}]'
+
+
+def rows(process, kind):
+    """Return (time, whether it moves) of what a witness has heard."""
+    return [(float(line.split()[1]), line.split()[2] == '1')
+            for line in process.output().splitlines(keepends=True)
+            if line.startswith(kind) and line.endswith('\n')]
+
+
+def wait_for(condition, what, processes, seconds=30.0):
+    """Wait until a condition holds."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, what + '\n' + '\n'.join(
+            process.output()[-2000:] for process in processes)
+        assert all(process.running() for process in processes)
+        time.sleep(0.02)
+
+
+def test_a_cable_that_is_pulled_stops_the_robot_and_put_back_lets_it_go_on(domain, tmp_path):
+    with Cable() as cable, ExitStack() as stack:
+        left, right = cable.names
+        ros = ('--ros-args', '-p', f'robot:={PLANAR_DH}')
+        module = ('-m', 'tp_controller.nodes.controller_node')
+        controller = stack.enter_context(Remote(
+            left, module, (*ros, '-p', f"stack:='{STACK}'", '-p', 'status_rate:=50.0'), domain,
+            tmp_path / 'controller.log'))
+        simulator = stack.enter_context(Remote(
+            right, ('-m', 'tp_controller.nodes.simulator_node'), ros, domain,
+            tmp_path / 'simulator.log'))
+        witness = stack.enter_context(Remote(
+            right, ('-c', WITNESS), (), domain, tmp_path / 'witness.log'))
+        processes = controller, simulator, witness
+
+        def moving(since=0.0):
+            return any(moves for sent, moves in rows(witness, 'state') if sent > since)
+
+        wait_for(moving, 'no motion', processes)
+        cable.put(False)
+        pulled = time.time()
+        wait_for(lambda: (found := rows(witness, 'state')) and found[-1][0] > pulled
+                 and not found[-1][1], 'no standstill', processes)
+        # The controller has noticed, too, and nothing arrives any more.
+        wait_for(lambda: 'commanding zeros: no joint states' in
+                 controller.output().split('running')[-1], 'not noticed', processes)
+        assert not [sent for sent, _ in rows(witness, 'command') if sent > pulled + 1.0]
+        cable.put(True)
+        back = time.time()
+        wait_for(lambda: moving(back), 'no motion afterwards', processes)
+        assert 'Traceback' not in controller.output()
