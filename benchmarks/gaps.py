@@ -17,8 +17,8 @@
 Gaps between the commands of the controller node while much else is asked of it.
 
 Run as ``python benchmarks/gaps.py`` (or ``make bench``). For each load a controller and a simulator
-of the Panda run as processes; a third process makes the load, and this one hears the commands. The
-gap is the time between the sending of two commands, by the clock of the sender. With a full disk
+of the Panda run as processes; a third process makes the load, and this one hears the commands.
+The gap is the time between the sending of two commands, by the clock of the sender. With a full disk
 the log directory is a file system of 16 KiB, where mounting is permitted.
 """
 
@@ -124,7 +124,8 @@ class Ear(Node):
         super().__init__('ear')
         self.sent: list[float] = []
         self.moving = False
-        self.create_subscription(Float64MultiArray, TOPIC, self._on_command, QoSProfile(depth=5000))
+        self.create_subscription(Float64MultiArray, TOPIC, self._on_command,
+                                 QoSProfile(depth=5000))
 
     def _on_command(self, message, info):
         self.sent.append(1e-9 * info['source_timestamp'])

@@ -63,7 +63,7 @@ class Place(NamedTuple):
     now : float
         [s]
     spare : RobotState
-        For states nearby; whoever asks for causes may move it.
+        For states nearby; finding causes moves it.
 
     """
 
