@@ -17,9 +17,9 @@
 Gaps between the commands of the controller node while much else is asked of it.
 
 Run as ``python benchmarks/gaps.py`` (or ``make bench``). For each load a controller and a
-simulator of the Panda run as processes; a third process makes the load, and this one hears the commands.
-The gap is the time between the sending of two commands, by the clock of the sender. With a full
-disk the log directory is a file system of 16 KiB, where mounting is permitted.
+simulator of the Panda run as processes; a third process makes the load, and this one hears the
+commands. The gap is the time between the sending of two commands, by the clock of the sender. With
+a full disk the log directory is a file system of 16 KiB, where mounting is permitted.
 """
 
 import argparse
