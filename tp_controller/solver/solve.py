@@ -21,7 +21,7 @@ cycle has to remember for the next is a value that goes in and comes out.
 """
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 import math
 from typing import Any
@@ -154,6 +154,10 @@ class Options:
             raise SolverError(unknown('scaling', self.scaling, SCALINGS))
         if self.weights is not None:
             object.__setattr__(self, 'weights', _check_weights(self.weights, self.n))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs; a core cannot be copied."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
 
     @cached_property
     def core(self) -> Core | None:

@@ -15,8 +15,10 @@
 """The compiled core gives the answers of the solver in Python, and says so when it cannot."""
 
 from collections import Counter
+import copy
 import math
 import os
+import pickle
 import shutil
 import sys
 
@@ -277,6 +279,15 @@ def test_what_the_core_cannot_solve_is_solved_all_the_same_and_counted():
     found = solve_cycle([Level(np.eye(2, dtype=int), np.ones(2))], None, None, Options(2), 0.0)
     assert found.velocity.tolist() == [1.0, 1.0]
     assert compiled.left_to_the_reference() == before + 2
+
+
+def test_options_can_be_copied_and_stored_whatever_they_have_solved():
+    options = Options(2, Damping(0.1, 0.1), np.array([1.0, 2.0]), 'redistribute')
+    levels = check_levels([([[1.0, 1.0]], [1.0])])
+    expected = solve_cycle(levels, None, None, options, 0.0).velocity.tolist()
+    for other in (copy.copy(options), copy.deepcopy(options), pickle.loads(pickle.dumps(options))):
+        assert other.core is not options.core
+        assert solve_cycle(levels, None, None, other, 0.0).velocity.tolist() == expected
 
 
 class Nested:
