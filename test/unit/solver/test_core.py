@@ -156,6 +156,21 @@ def test_core_remembers_nothing_but_what_it_is_given():
             assert first.memory == again.memory
 
 
+def test_core_takes_no_more_memory_from_cycle_to_cycle():
+    resource = pytest.importorskip('resource')
+    rng = np.random.default_rng(1)
+    levels = check_levels([(rng.standard_normal((6, 20)), 9.0 * np.ones(6)),
+                           (np.eye(20), np.ones(20))])
+    core, bounds = compiled.core_for(20, Damping(), None, 'redistribute'), np.full(20, 0.1)
+    for _ in range(10):
+        raw(core, levels, -bounds, bounds)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(2000):
+        assert raw(core, levels, -bounds, bounds)[1] is not None
+    # [kB]; a cycle takes 60.
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 20_000
+
+
 BAD = math.nan
 UNUSABLE = [
     ([Level(np.array([[1.0, BAD]]), np.ones(1))], None, None),
