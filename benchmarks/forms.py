@@ -59,7 +59,7 @@ def exact(levels, n):
 
 
 def velocities(levels, n):
-    """Return the joint velocities (n,) of each of the `FORMS`."""
+    """Return what each of the `FORMS` commands the joints (n,)."""
     levels = [Level(J, v) for J, v in levels]
     return [form(levels, n) for form in FORMS.values()]
 

@@ -40,8 +40,8 @@ APPROACH = 1500
 TOOL = 'panda_hand_tcp'
 CAPSULES = CONFIG / 'panda_capsules.yaml'
 OBSTACLES = ('{table: {shape: half_space, at: [0, 0, -0.05]}, '
-          'post: {shape: {cylinder: [0.08, 1.2]}, at: [0.45, 0.35, 0.6]}, '
-          'box: {shape: {box: [0.2, 0.2, 0.2]}, at: [0.5, -0.4, 0.5]}}')
+             'post: {shape: {cylinder: [0.08, 1.2]}, at: [0.45, 0.35, 0.6]}, '
+             'box: {shape: {box: [0.2, 0.2, 0.2]}, at: [0.5, -0.4, 0.5]}}')
 # What stands above tool and posture, and a goal for the tool beyond it [m].
 BOUNDS = {
     'nothing above': ('', [0.45, 0.35, 0.6]),

@@ -271,6 +271,7 @@ class FakeTf2:
         vector, turn = dict(zip('xyz', xyz)), dict(zip('xyzw', quat_xyzw))
 
         class Buffer:
+
             def __init__(self, node=None):
                 assert node is not None
 

@@ -443,8 +443,7 @@ def test_the_lab_demo_runs_from_the_command_line(environment, tmp_path):
     ('panda', ['tool', 'tool', 'elbow', 'elbow', 'tool']), ('mobile', ['tray', 'tray', 'lift']),
     ('underwater', ['tool', 'station', 'tool', 'heading']),
     ('two_arms', ['carry', 'carry', 'elbow'])])
-def test_the_demo_of_a_robot_reaches_its_goals_within_the_limits(environment, tmp_path, name,
-                                                                  asked):
+def test_the_demo_of_a_robot_reaches_its_goals_within_limits(environment, tmp_path, name, asked):
     status, said, complaint = command_line(environment, 'demo', name, '--output', str(tmp_path),
                                            seconds=60.0)
     assert status == 0, said + complaint

@@ -20,7 +20,7 @@ import sys
 import time
 from typing import Any, TYPE_CHECKING
 
-from tp_controller.cli.numbers import finite_number, positive_number
+from tp_controller.cli.values import finite_number, positive_number
 from tp_controller.model.rpy import quaternion_from_rpy
 from tp_controller.nodes.discovery import announce_often
 

@@ -188,8 +188,9 @@ def _node_help(name: str, module: ModuleType) -> str:
         default = '' if isinstance(spec.default, Enum) or spec.default == '' \
             else f' (default: {spec.default})'
         unit = f' [{spec.unit}]' if spec.unit else ''
+        indent = ' ' * 6
         lines += [f'  {spec.name}', *wrap(spec.description + unit + default, HELP_WIDTH,
-                                         initial_indent=' ' * 6, subsequent_indent=' ' * 6)]
+                                          initial_indent=indent, subsequent_indent=indent)]
     return '\n'.join(lines)
 
 

@@ -21,7 +21,7 @@ import shutil
 import sys
 from typing import TYPE_CHECKING
 
-from tp_controller.cli.numbers import positive_number
+from tp_controller.cli.values import positive_number
 from tp_controller.errors import TpControllerError
 from tp_controller.nodes.discovery import announce_often
 

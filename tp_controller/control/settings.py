@@ -34,8 +34,7 @@ ANYWHERE = (-math.inf, math.inf) * 3
 
 def _is_box(value: object) -> bool:
     """Say whether a value is a lower and an upper end for each of x, y and z."""
-    return isinstance(value, (list, tuple)) and len(value) == 6 and all(
-        isinstance(number, (int, float)) and not isinstance(number, bool) for number in value) \
+    return isinstance(value, (list, tuple)) and len(value) == 6 and all(map(_is_number, value)) \
         and all(lower <= upper for lower, upper in zip(value[::2], value[1::2]))
 
 

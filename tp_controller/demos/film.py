@@ -79,7 +79,7 @@ class _Motion:
     carried: Array
 
     def points(self, around: Sequence[Array]) -> Array:
-        """Return all points (k, 3) that the scene has to have a place for."""
+        """Return all (k, 3) that the scene has to have a place for."""
         points = np.concatenate([each.reshape(-1, 3) for each in (
             self.segments, self.tools, self.goals, self.bases, *around)])
         return points[np.isfinite(points).all(axis=1)]
@@ -162,7 +162,7 @@ class _ArmScene:
         self._arm = self._line(color=ARM_COLOUR, linewidth=4, solid_capstyle='round',
                                label='robot')
         self._carried = self._line(color=CARRIED_COLOUR, linewidth=5, solid_capstyle='round',
-                                label='object' if motion.carried.size else None)
+                                   label='object' if motion.carried.size else None)
         self._joints = self._line('o', color='white', markersize=6.5, markeredgewidth=2,
                                   markeredgecolor=ARM_COLOUR, label='joints')
         self._ends = self._line('o', color=ARM_COLOUR, markersize=7)

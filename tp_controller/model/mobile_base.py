@@ -73,7 +73,7 @@ class Base:
         return []
 
     def placement(self, q: Array) -> Array:
-        """Return the placement (7,) of the base at q."""
+        """Return where the base is at q (7,)."""
         return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
     def moved(self, q: Array, placement: Array, displacement: Array) -> Sequence[float] | Array:
@@ -91,7 +91,7 @@ class FlatBase(Base):
         return [p[0], p[1], math.atan2(R[1, 0], R[0, 0])]
 
     def placement(self, q: Array) -> Array:
-        """Return the placement (7,), level and at height zero."""
+        """Return where the base is (7,), level and at height zero."""
         half = 0.5 * q[2]
         return np.array([q[0], q[1], 0.0, 0.0, 0.0, math.sin(half), math.cos(half)])
 
@@ -120,7 +120,7 @@ class FreeBase(Base):
         return [*p, *quaternion_from_rotation(R)]
 
     def placement(self, q: Array) -> Array:
-        """Return the placement (7,), its quaternion normalised."""
+        """Return where the base is (7,), its quaternion normalised."""
         return self.check(q[:7])
 
     def moved(self, q: Array, placement: Array, displacement: Array) -> Sequence[float] | Array:

@@ -133,7 +133,7 @@ class Robot:
         self._name_joints(model.names, elements, mimics, joints)
         self._read_limits(elements, mimics, limits or {})
         self.kinematics = Kinematics(model, frame_ids, self._base, self.joint_names,
-                                      self.passive_names, mimics)
+                                     self.passive_names, mimics)
         self.mass = self.kinematics.mass
 
     @classmethod

@@ -100,7 +100,7 @@ class OdometryBuffer:
         return now - self._received > timeout
 
     def configuration(self, joints: Array) -> Array:
-        """Return the configuration (nq,) of the base and driven positions."""
+        """Return where base and driven joints are (nq,)."""
         return self._robot.configuration(joints, self._T_root_base)
 
     def twist(self, velocity: Array) -> Array:
@@ -158,7 +158,7 @@ class MovingBase:
                                                         ODOMETRY_QOS)
 
     def configuration(self, joints: Array) -> Array:
-        """Return the configuration (nq,) with the driven positions."""
+        """Return where base and driven joints are (nq,)."""
         return self._buffer.configuration(joints)
 
     def stop_reason(self, now: float, timeout: float) -> str:

@@ -59,8 +59,8 @@ FIELDS: dict[type, tuple[str, ...]] = {
     JointState: ('joints', 'velocities'),
     TwistStamped: ('linear', 'angular'),
 }
-TYPES: dict[str, type] = {f'geometry_msgs/msg/{kind.__name__}' if kind is not JointState
-         else 'sensor_msgs/msg/JointState': kind for kind in FIELDS}
+TYPES: dict[str, type] = {
+    f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}': kind for kind in FIELDS}
 
 
 class Client:

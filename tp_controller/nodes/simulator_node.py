@@ -94,7 +94,7 @@ class SimulatorNode(ClosableNode):
             # whatever the speed of the simulation.
             values['command_timeout'] * self._speed,
             SimulatorNoise(values['noise'], values['delay'], values['lag'], values['drop'],
-                          values['seed']))
+                           values['seed']))
         names = self._check_names(names_in(values['command_joints']) or self._robot.joint_names)
         self._commanded = np.array([self._robot.joint_index(name) for name in names],
                                    dtype=int)

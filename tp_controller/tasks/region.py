@@ -79,7 +79,7 @@ class RegionTask(PoseTask, MovingGoalTask, BoundedTask):
 
     @abstractmethod
     def bounds(self) -> tuple[Array, Array]:
-        """Return lower and upper bounds (m,) of what `measure` returns, or raise ValueError."""
+        """Return lower and upper ends (m,) of what `measure` returns, or raise ValueError."""
 
     @abstractmethod
     def measure(self, point: Array) -> tuple[Array, Array]:
@@ -127,7 +127,7 @@ class KeepIn(RegionTask):
     type_name = 'keep_in'
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return lower and upper bounds (m,) of what `measure` returns, or raise ValueError."""
+        """Return lower and upper ends (m,) of what `measure` returns, or raise ValueError."""
         if self.radius >= self.shape.inner_radius:
             raise ValueError(f'must fit into the shape, so be less than '
                              f'{self.shape.inner_radius:g}, got {self.radius:g}')
@@ -149,7 +149,7 @@ class KeepOut(RegionTask):
     type_name = 'keep_out'
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return lower and upper bounds (1,) of the distance [m]."""
+        """Return lower and upper ends (1,) of the distance [m]."""
         return np.array([self.radius]), np.array([np.inf])
 
     def measure(self, point: Array) -> tuple[Array, Array]:

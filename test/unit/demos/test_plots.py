@@ -142,8 +142,8 @@ def test_tool_path_and_goals_are_drawn_flat_and_in_space(tmp_path, height):
     without = plots.plot_tool_path(tmp_path / 'path.png', points)
     for path in (with_goals, without):
         assert_shows_something(path)
-    assert count(pixels(with_goals), drawing.GOAL_COLOUR) > count(pixels(without),
-                                                                drawing.GOAL_COLOUR) + 50
+    shown, hidden = (count(pixels(path), drawing.GOAL_COLOUR) for path in (with_goals, without))
+    assert shown > hidden + 50
 
 
 def test_animation_of_a_planar_arm_shows_arm_path_and_goal(tmp_path):

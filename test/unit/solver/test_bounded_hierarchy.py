@@ -527,8 +527,8 @@ def test_mode_scale_worked_out_by_hand():
 
 
 @given(SEEDS, st.floats(-3.0, 0.0), st.sampled_from([0.0, 20.0]))
-def test_damped_level_of_mode_scale_is_slowed_along_the_way_it_has_without_bounds(seed, exponent,
-                                                                                   h):
+def test_damped_level_of_mode_scale_is_slowed_along_the_way_it_has_without_bounds(
+        seed, exponent, h):
     # As many rows as joints, one of them weak: no joint can make up for another.
     rng = np.random.default_rng(seed)
     U, V = (np.linalg.qr(rng.standard_normal((3, 3)))[0] for _ in range(2))
