@@ -173,7 +173,8 @@ class Causes:
         """
         Return (kind, name) of the tasks and limits that block a task together, where they do.
 
-        None of them can be left in its place without some of what comes back being lost again.
+        None of them can be left in its place without some of what comes back being lost again. A
+        change that fades in is taken for complete.
         """
         index, level = self._places[id(evaluation)], evaluation.level
         removed: list[Removable] = [
@@ -184,7 +185,7 @@ class Causes:
         # Without a task it may well be a limit that stops the joints next.
         hidden: list[Pushed] | None = None
         while hidden is None or hidden:
-            velocity = self._without(removed)
+            velocity = self._without(removed, complete=True)
             least = norm(missing_of(level, velocity))
             hidden = [] if least <= NOTABLE * missing else [
                 each for each in _at_bounds(self._cycle_without(removed).bounds, velocity)
@@ -194,7 +195,8 @@ class Causes:
             return []
         for candidate in tuple(removed):
             fewer = [each for each in removed if each is not candidate]
-            if norm(missing_of(level, self._without(fewer))) <= least + NOTABLE * missing:
+            left = norm(missing_of(level, self._without(fewer, complete=True)))
+            if left <= least + NOTABLE * missing:
                 removed = fewer
         return [self._named(each) for each in removed]
 
@@ -280,17 +282,19 @@ class Causes:
         return [[Pushed(joint, tuple(self.limits_at(level, joint))) for joint in level.limited_by]
                 for level in self._outcome.commanded.levels]
 
-    def _without(self, removed: Sequence[Removable]) -> Array:
-        """Return the velocities (n,) without some tasks, and limits of joints."""
+    def _without(self, removed: Sequence[Removable], complete: bool = False) -> Array:
+        """Return the velocities (n,) without some tasks and limits, if `complete` unblended."""
         tasks = [each for each in removed if isinstance(each, Evaluation)]
-        key = (*(each.task.name for each in tasks),
+        hierarchy = self._cycle.levels if complete and self.instead == TRANSITION \
+            else self._outcome.commanded.hierarchy
+        key = (hierarchy is self._cycle.levels, *(each.task.name for each in tasks),
                *(each for each in removed if isinstance(each, Pushed)))
         if key not in self._solved:
             groups = {}
             for number in {self._places[id(each)] for each in tasks}:
                 left = [each for each in self._evaluations[number] if each not in tasks]
                 groups[number] = levels_of([left] if left else [])
-            self._solved[key] = self._with(self._cycle_without(removed), groups)
+            self._solved[key] = self._with(self._cycle_without(removed), groups, hierarchy)
         return self._solved[key]
 
     def _cycle_without(self, removed: Sequence[Removable]) -> Cycle:
@@ -301,9 +305,10 @@ class Causes:
                 cycle = _without_limits(cycle, each)
         return cycle
 
-    def _with(self, cycle: Cycle, groups: Mapping[int, list[Level]]) -> Array:
+    def _with(self, cycle: Cycle, groups: Mapping[int, list[Level]],
+              hierarchy: Sequence[Level]) -> Array:
         """Return the velocities (n,) with other levels, one or none, in place of some."""
-        hierarchy, levels = list(self._outcome.commanded.hierarchy), list(cycle.levels)
+        hierarchy, levels = list(hierarchy), list(cycle.levels)
         kept = list(range(len(levels)))
         for number in sorted(groups, reverse=True):
             # Levels below a change that fades in are not in force yet.
@@ -400,8 +405,8 @@ class Causes:
             J = (U[:, :rank] * stronger).dot(V[:, :rank].T)
             other = Evaluation(evaluation.task, replace(level, J=J), evaluation.error)
             group = [other if each is evaluation else each for each in self._evaluations[index]]
-            yield SINGULARITY, '', missing_of(
-                other.level, self._with(self._cycle, {index: levels_of([group])}))
+            yield SINGULARITY, '', missing_of(other.level, self._with(
+                self._cycle, {index: levels_of([group])}, self._outcome.commanded.hierarchy))
 
 
 def _at_bounds(bounds: VelocityBounds, x: Array) -> list[Pushed]:

@@ -82,10 +82,11 @@ class BoundedTask(Task):
 
         γ (lower − σ) ≤ J q_dot ≤ γ (upper − σ)
 
-    A value outside comes back at the same rate, but never faster than `return_speed`, nor so fast
-    that joints would race: it may be far outside when the task begins. Relax a row whose bound is
-    out of reach: ‖J‖ < ``STILL``, distance/‖J‖ > ``FAR``; otherwise the sign of a tiny number
-    would decide where a joint may go. Where bounds move, their velocity is added to both sides.
+    A value outside comes back at the same rate; no more than `return_speed` is demanded, nor so
+    much that joints would race: it may be far outside when the task begins. Relax a row whose
+    bound is out of reach: ‖J‖ < ``STILL``, distance/‖J‖ > ``FAR``; otherwise the sign of a tiny
+    number would decide where a joint may go. Where bounds move, their velocity is added to both
+    sides.
 
     During a zero-order hold of a period T the Jacobian changes: the value would cross the bound by
     ½ T² q_dotᵀ ∂²σ/∂q² q_dot. Per period that is ½ ΔJ q_dot, with the change ΔJ of J since the

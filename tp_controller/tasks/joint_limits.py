@@ -30,7 +30,7 @@ class JointLimits(JointTask, BoundedTask):
     """
     Keep joints a margin away from their position limits (lecture 3.1, inequality tasks).
 
-    The position limits themselves always hold, whatever is in the stack. This task adds a margin,
+    The position limits themselves hold whatever is in the stack. This task adds a margin,
     which the tasks above it may violate.
     """
 

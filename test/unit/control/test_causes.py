@@ -339,6 +339,20 @@ def test_while_a_change_fades_in_no_empty_name_is_told():
             assert 'by  ' not in task.reason and 'together' not in task.reason, task.reason
 
 
+def test_while_a_change_fades_in_only_those_that_block_are_named():
+    robot = cartesian()
+    controller = Controller(robot, Stack.from_yaml("""
+- idle: {type: joint, joints: slide_y}
+- high: {type: joint, joints: slide_x}
+- low: {type: joint, joints: slide_x, target: [-0.5]}
+""", robot), Settings(period=0.01, blend=0.4))
+    controller.update([0.0, 0.0, 0.0], 0.0)
+    controller.set_goal('idle', [0.5], 0.0)
+    tasks = controller.update([0.0, 0.0, 0.0], 0.01).report.tasks
+    assert [task.reason for task in tasks] == [
+        'a change is still being blended in', '', 'blocked by high']
+
+
 def test_change_that_fades_in_is_a_cause():
     robot = cartesian()
     controller = Controller(robot, Stack.from_yaml(
