@@ -134,17 +134,77 @@ def keys(message):
     return {status.name: [value.key for value in status.values] for status in message.status}
 
 
-def test_the_keys_are_the_same_whether_tasks_run_or_not(harness):
-    rig = Rig(harness)
-    told = []
-    rig.spin_until(lambda: rig.status.head == 'running')
-    told.append(keys(rig.status.messages[-1]))
-    harness.enable('rest', False)
-    rig.spin_until(lambda: rig.status.task('rest')['status'] == 'disabled')
-    told.append(keys(rig.status.messages[-1]))
-    harness.spin_until(lambda: rig.status.head == 'no joint states of joint1, joint2, joint3')
-    told.append(keys(rig.status.messages[-1]))
-    assert told == [keys(rig.status.messages[0])] * 3
+class Conditions:
+    """Whatever a controller can be in, one after the other at random."""
+
+    def __init__(self, harness, seed):
+        self._harness, self._random = harness, np.random.default_rng(seed)
+        self.rig = Rig(harness, blend=0.4, state_timeout=0.2)
+        self._known = True
+
+    def change(self):
+        """Do one of these at random."""
+        kinds = (self._move, self._wait, self._switch, self._stop, self._send, self._configure)
+        kinds[self._random.integers(len(kinds))]()
+
+    def _move(self):
+        count = len(self.rig.status.messages) + 2
+        self.rig.spin_until(lambda: len(self.rig.status.messages) >= count)
+
+    def _wait(self):
+        self._harness.spin_for_more(self.rig.status.messages, 15)
+
+    def _switch(self):
+        if self._known:
+            name = ('tip', 'turn', 'slow', 'rest')[self._random.integers(4)]
+            self._harness.enable(name, bool(self._random.integers(2)))
+
+    def _stop(self):
+        self._harness.trigger(('stop', 'start', 'reload')[self._random.integers(3)])
+
+    def _send(self):
+        if self._known:
+            goal = self._random.choice([0.5, np.nan])
+            publisher = self._harness.publisher(PointStamped, '/tp_controller/tip/goal')
+            publisher.publish(make_message('tip', PointStamped, {'xyz': (goal, 0.5, 0.0)}))
+            self._harness.node.destroy_publisher(publisher)
+
+    def _configure(self):
+        state = self.rig.controller
+        if self._known:
+            state.trigger_deactivate()
+            state.trigger_cleanup()
+        else:
+            state.trigger_configure()
+            state.trigger_activate()
+        self._known = not self._known
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_the_keys_are_the_same_in_every_condition(harness, seed):
+    """Tasks are told of as long as there is a stack; the node always says all it can."""
+    conditions = Conditions(harness, seed)
+    diagnostics = harness.record(DiagnosticArray, '/diagnostics')
+    conditions.rig.spin_until(lambda: conditions.rig.status.head == 'running')
+    for _ in range(12):
+        conditions.change()
+    messages = conditions.rig.status.messages + diagnostics
+    told = {}
+    for message in messages:
+        for name, entry in keys(message).items():
+            told.setdefault(name, set()).add(tuple(entry))
+    assert len(told) == 5 and {name: len(kinds) for name, kinds in told.items()} == \
+        dict.fromkeys(told, 1)
+
+
+def test_the_keys_of_the_node_are_the_same_without_a_robot_or_a_stack(harness):
+    expected = set()
+    for parameters in ({}, {'stack': ''}, {'robot': ''}, {'autostart': False}):
+        controller, status = harness.controller(**parameters), Status(harness)
+        harness.spin_until(lambda status=status: len(status.messages) > 2)
+        expected |= {tuple(keys(message)['tp_controller']) for message in status.messages}
+        harness.remove(controller)
+    assert len(expected) == 1
 
 
 def test_every_node_speaks_under_its_own_full_name(harness):

@@ -21,6 +21,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from tp_controller.control.report import TaskReport
+from tp_controller.nodes.figures import Figures
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.loop import boot_time, ControlLoop
 from tp_controller.nodes.shared_controller import SharedController
@@ -105,7 +106,7 @@ class Reporter:
             self._node.get_clock().now().to_msg(), self._name,
             loop.stop_reason if loop else self.reason,
             loop.report if loop else None, self._controller, records,
-            loop.figures.told() if loop else {})
+            loop.figures.told() if loop else Figures(math.inf).told())
 
     def _reports(self) -> Sequence[TaskReport]:
         """Return what is known about every task."""
