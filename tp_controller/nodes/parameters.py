@@ -43,7 +43,9 @@ FIXED = 'fixed while the node is configured'
 # Weights of robots with any number of joints.
 EQUAL = [1.0]
 # What stands for the empty list.
-EMPTY = {Parameter.Type.DOUBLE_ARRAY: EQUAL, Parameter.Type.STRING_ARRAY: ['']}
+EMPTY: Mapping[str, list[float] | list[str]] = {
+    'weights': EQUAL, 'joints': [''], 'command_joints': ['']}
+TEXTS = (Parameter.Type.STRING, Parameter.Type.STRING_ARRAY)
 # Start of the names of the joints' limits.
 LIMITS = 'limits.'
 # Start of the names of the tasks' gains and tolerances.
@@ -176,14 +178,17 @@ def take_numbers_as_text(node: Node) -> None:
 
 def _as_declared(node: Node, parameter: Parameter) -> Parameter:
     """Return a parameter with the type that it was declared with, where that is possible."""
-    kind, value = node.get_parameter_or(parameter.name).type_, parameter.value
+    name, value = parameter.name, parameter.value
+    kind = node.get_parameter_or(name).type_
     try:
+        if name in EMPTY and isinstance(value, (list, array)) and not value:
+            return Parameter(name, kind, EMPTY[name])
         if kind is Parameter.Type.DOUBLE and isinstance(value, str):
-            return Parameter(parameter.name, kind, float(value))
-        if kind in EMPTY and isinstance(value, (list, array)) and not value:
-            return Parameter(parameter.name, kind, EMPTY[kind])
-        if kind is Parameter.Type.DOUBLE_ARRAY and isinstance(value, str):
-            return Parameter(parameter.name, kind, list(map(float, load_yaml(value))))
+            return Parameter(name, kind, float(value))
+        if kind is Parameter.Type.DOUBLE_ARRAY and parameter.type_ in TEXTS:
+            # Infinite ones make it a list of text, 1e-05 among others makes it a text.
+            numbers = load_yaml(value) if isinstance(value, str) else value
+            return Parameter(name, kind, list(map(float, numbers)))
     except (ValueError, TypeError):
         pass  # ROS refuses it for its type
     return parameter
