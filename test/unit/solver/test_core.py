@@ -55,6 +55,7 @@ def test_core_gives_the_velocities_of_the_solver_in_python(settings):
             counted['off'] += off > 1e-9
             counted['far off'] += off > 1e-6
             compare_steps(given, expected, found, counted)
+            check_bounds_are_met_exactly(given, found)
     # A polytope that is all but a point is as large as rounding says.
     assert counted['off'] <= PROBLEMS // 100, counted
     assert counted['far off'] <= PROBLEMS // 5000, counted
@@ -89,6 +90,17 @@ def compare_steps(given, expected, found, counted):
     counted['other multipliers'] += not same
     if same:
         assert found.memory == pytest.approx(expected.memory, rel=1e-5, abs=1e-5)
+
+
+def check_bounds_are_met_exactly(given, found):
+    """Check that joints that push against their bounds are at them, to the last digit."""
+    _, lower, upper, options, _, cap, _ = given
+    if lower is None or cap is not None or options.scaling == 'uniform':
+        return
+    for step in found.steps:
+        if step.multipliers is not None:
+            assert (step.velocity == upper)[step.multipliers > 1e-6].all()
+            assert (step.velocity == lower)[step.multipliers < -1e-6].all()
 
 
 def agree(one, other):
