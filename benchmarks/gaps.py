@@ -18,8 +18,8 @@ Gaps between the commands of the controller node while much else is asked of it.
 
 Run as ``python benchmarks/gaps.py`` (or ``make bench``). For each load a controller and a
 simulator of the Panda run as processes; a third process makes the load, and this one hears the
-commands. The gap is the time between the sending of two commands, by the clock of the sender. With
-a full disk the log directory is a file system of 16 KiB, where mounting is permitted.
+commands. The gap is the time between the sending of two commands, by the clock of the sender.
+With a full disk the log directory is a file system of 16 KiB, where mounting is permitted.
 """
 
 import argparse
@@ -123,7 +123,6 @@ class Ear(Node):
     def __init__(self) -> None:
         super().__init__('ear')
         self.sent: list[float] = []
-        self.moving = False
         self.create_subscription(Float64MultiArray, TOPIC, self._on_command,
                                  QoSProfile(depth=5000))
 

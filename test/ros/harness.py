@@ -126,6 +126,17 @@ class Harness:
                 # As the runner of the nodes does.
                 continue
 
+    def spin_until_logged(self, log, text, meanwhile=None):
+        """Spin until a text was logged, which nobody waits for in the node; return the log."""
+        lines = [log()]
+
+        def logged():
+            lines.append(log())
+            return text in ''.join(lines)
+
+        self.spin_until(logged, f'{text!r} in the log', meanwhile)
+        return ''.join(lines)
+
     def spin_for_more(self, messages, count=1, meanwhile=None):
         """Spin until a list has grown by so many messages; return the new ones."""
         before = len(messages)

@@ -98,13 +98,7 @@ def test_a_transition_that_is_none_from_here_is_refused_and_ends_nothing(any_har
 def test_what_cannot_be_configured_is_refused_and_can_be_repaired(harness, log, tmp_path):
     controller, commands, status = start(harness, robot=str(tmp_path / 'arm.urdf'))
     assert not change(harness, 'configure') and state(harness) == 'unconfigured'
-    text = ['']
-
-    def told():
-        text[0] += log()
-        return 'no file' in text[0]
-
-    harness.spin_until(told, 'the reason')
+    harness.spin_until_logged(log, 'no file')
     result, = controller.set_parameters([Parameter('robot', value=str(PLANAR_DH))])
     assert result.successful
     assert change(harness, 'configure') and change(harness, 'activate')
@@ -157,13 +151,7 @@ def test_another_description_is_named_and_taken_after_a_cleanup(harness, log):
     harness.spin_until(lambda: commands and commands[-1] == [1.0], 'motion',
                        meanwhile=arm.publish)
     descriptions.publish(String(data=urdf.format(0.25)))
-    text = ['']
-
-    def told():
-        text[0] += log()
-        return 'another description has arrived' in text[0]
-
-    harness.spin_until(told, meanwhile=arm.publish)
+    harness.spin_until_logged(log, 'another description has arrived', arm.publish)
     assert commands[-1] == [1.0]
     for name in ('deactivate', 'cleanup', 'configure', 'activate'):
         assert change(harness, name)

@@ -173,6 +173,25 @@ def test_two_domains_of_their_own_are_never_the_same(domain):
 
 # Watched from within --------------------------------------------------------------------------
 
+def test_benchmark_of_the_gaps_prints_a_table():
+    done = subprocess.run([sys.executable, str(REPOSITORY / 'benchmarks' / 'gaps.py'),
+                           '--seconds', '0.5', '--only', 'none', 'refused goals'],
+                          capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    rows = [line.split('|') for line in done.stdout.splitlines()]
+    assert [row[1].strip() for row in rows[2:]] == ['none', 'refused goals, 5000/s']
+    assert all(float(cell) > 0.0 for row in rows[2:] for cell in row[2:6])
+
+
+def test_a_few_seconds_of_the_endurance_run_break_no_promise():
+    done = subprocess.run([sys.executable, str(REPOSITORY / 'benchmarks' / 'endurance.py'),
+                           '--hours', '0.003', '--rate', '100'],
+                          capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    minutes, *_, crashes, broken = done.stdout.splitlines()[2].split('|')[1:-1]
+    assert float(minutes) > 0.0 and (int(crashes), int(broken)) == (0, 0)
+
+
 def test_benchmark_of_the_node_prints_a_table():
     done = subprocess.run([sys.executable, str(REPOSITORY / 'benchmarks' / 'node.py'),
                            '--seconds', '0.5'], capture_output=True, text=True, timeout=120)

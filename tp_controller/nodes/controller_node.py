@@ -349,7 +349,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._loop = ControlLoop(self.loop_node, self.resolve_topic_name, controller,
                                  self._values, self._log)
         self._controller = controller
-        self._topics = TaskTopics(self, controller, boot_time)
+        self._topics = TaskTopics(self, controller, boot_time, self._log)
         self._task_parameters = TaskParameters(self, controller, self._log)
         self._reporter.follow(controller, self._loop, self._topics)
         self._load_stack()

@@ -29,6 +29,7 @@ from tp_controller.control.controller import Controller
 from tp_controller.errors import GoalError, in_words
 from tp_controller.nodes import Message
 from tp_controller.nodes.goal_messages import GoalMessage, messages_of, Parts
+from tp_controller.nodes.log import Log
 from tp_controller.nodes.tf_frames import TfFrames
 from tp_controller.tasks.collision import ALL
 
@@ -71,6 +72,7 @@ class TaskTopics:
         Gets the goals.
     clock : callable
         Returns the time of receipt [s].
+    log : Log
 
     Attributes
     ----------
@@ -82,8 +84,9 @@ class TaskTopics:
     """
 
     def __init__(self, node: Node, controller: Controller,
-                 clock: Callable[[], float]) -> None:
+                 clock: Callable[[], float], log: Log) -> None:
         self._node, self._controller, self._clock = node, controller, clock
+        self._log = log
         self._frames = TfFrames(node, controller.robot.root)
         # By task and topic: the type, and what closes it.
         self._open: dict[tuple[str, str], tuple[type, Callable[[], object]]] = {}
@@ -129,7 +132,7 @@ class TaskTopics:
                 except RCLError as error:
                     self._refusals += 1
                     if self._refusals == WORRYING:
-                        self._node.get_logger().error(f'cannot open ~/{"/".join(key)}: {error}')
+                        self._log.error(f'cannot open ~/{"/".join(key)}: {error}')
         if len(self._open) < len(self._needed):
             self._again.reset()
         else:
@@ -174,14 +177,13 @@ class TaskTopics:
         except Exception as error:
             record.refused += 1
             record.refusal = in_words(error)
-            self._node.get_logger().error(f'goal for task {name} refused: {record.refusal}')
+            self._log.error(f'goal for task {name} refused: {record.refusal}', f'refused {name}')
 
     def _warn(self, name: str, remarks: Collection[str]) -> None:
         """Note what is probably a mistake in a goal; of a stream, say it once."""
         record, warning = self.records[name], '; '.join(remarks)
         if warning and warning != record.warning:
-            self._node.get_logger().warning(f'goal for task {name}: {warning}',
-                                            throttle_duration_sec=1.0)
+            self._log.warning(f'goal for task {name}: {warning}', f'warned {name}')
         record.warning = warning
 
     def _take(self, name: str, entry: GoalMessage, message: Message) -> Collection[str]:
