@@ -28,8 +28,8 @@ from robots import planar, PLANAR_DH, REPOSITORY
 
 DEADLINE = 15.0
 # How late messages may be on a machine that has too much to do: a stall that is none yet, and
-# the time until another process runs [s].
-LATE = 0.4
+# the time until this process runs, which does not hear all joint states meanwhile [s].
+LATE = 1.0
 STACK = '[{swing: {type: joint, joints: [joint1, joint2, joint3], target: [1, 1, 1]}}]'
 # By default a participant that was missed at first is heard of again after 3 s only.
 DISCOVERY = """<?xml version="1.0" encoding="UTF-8"?>
