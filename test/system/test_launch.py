@@ -20,6 +20,7 @@ There is no wheel of launch, so that nothing but the lint runs without a ROS ins
 
 import ast
 import json
+import math
 import os
 from pathlib import Path
 import signal
@@ -27,6 +28,7 @@ import stat
 import subprocess
 import sys
 
+from monitor import promise_of
 import pytest
 from robots import REPOSITORY
 from tp_controller.demos.scenarios import DEMOS
@@ -229,6 +231,7 @@ class Launched:
 
 
 def test_the_demo_reaches_its_goals_and_ends_with_ctrl_c(start, listener):
+    listener.promise = promise_of(DEMOS['panda'].robot, 0.1, math.inf)
     launched = start('demo.launch.py', 'rviz:=false')
     for number, (goal,) in enumerate(DEMOS['panda'].steps):
         # Two nodes have started before.
