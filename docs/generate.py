@@ -286,7 +286,7 @@ def goals():
                   if kind in (task.feed_forward_type,) * (entry.topic == 'twist')
                   or (entry.topic != 'twist' and kind in goal_types(task))]
         rows.append((', '.join(takers), f'`~/<task>/{entry.topic}`',
-                     f'`{message_name(entry.type)}`', GOALS[kind][1],
+                     f'`{message_name(entry.kind)}`', GOALS[kind][1],
                      'yes' if entry.framed else 'no'))
     return table(('tasks', 'topic', 'type', 'fields that count', '`header.frame_id` counts'),
                  rows)

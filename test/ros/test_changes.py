@@ -53,7 +53,7 @@ class Rig:
         self.spin_until(lambda: self.commands and np.allclose(self.commands[-1], velocity,
                                                               atol=1e-9))
 
-    def set(self, **values):
+    def change(self, **values):
         """Set parameters, all or none; return why they were refused."""
         parameters = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
                       for name, value in values.items()]
@@ -179,7 +179,7 @@ def test_topics_and_services_follow_the_stack(any_harness):
     rig = Rig(any_harness)
     node = any_harness.node
     any_harness.spin_until(lambda: node.count_subscribers('/tp_controller/swing/goal') == 1)
-    assert rig.set(stack='- other: {type: joint_velocity}') == ''
+    assert rig.change(stack='- other: {type: joint_velocity}') == ''
     any_harness.spin_until(lambda: node.count_subscribers('/tp_controller/other/goal') == 1
                            and node.count_subscribers('/tp_controller/swing/goal') == 0)
     services = dict(node.get_service_names_and_types())
@@ -210,7 +210,7 @@ def test_messages_and_calls_on_their_way_survive_the_end_of_their_task(any_harne
     send_more()
     rig.spin_until(answer.done)
     rig.spin_until(lambda: rig.status.task('other')['status'] == 'reached')
-    assert rig.set(stack=MOVING_STACK) == ''
+    assert rig.change(stack=MOVING_STACK) == ''
     rig.spin_until_command(VELOCITY)
     send_more()
     assert rig.controller.set_parameters_atomically([parameter]).successful
@@ -236,7 +236,7 @@ def test_a_topic_whose_type_changes_is_opened_anew(any_harness):
     kinds = {'pose': PoseStamped, 'position': PointStamped, 'orientation': QuaternionStamped}
 
     def change_to(kind):
-        assert rig.set(stack=f'- tip: {{type: {kind}, frame: link3}}') == ''
+        assert rig.change(stack=f'- tip: {{type: {kind}, frame: link3}}') == ''
 
     # Faster than the old topic goes.
     for kind in [*kinds] * 5:
@@ -274,11 +274,11 @@ def test_parameters_change_while_the_robot_moves(any_harness):
     rig = Rig(any_harness)
     rig.spin_until_command(VELOCITY)
     # Where every direction is damped, J = I gives v / (1 + λ²).
-    assert rig.set(damping=0.5, singular_region=float('inf')) == ''
+    assert rig.change(damping=0.5, singular_region=float('inf')) == ''
     rig.spin_until_command(np.array(VELOCITY) / 1.25)
-    assert rig.set(damping=0.0) == ''
+    assert rig.change(damping=0.0) == ''
     rig.spin_until_command(VELOCITY)
-    assert rig.set(stack=SLOW) == ''
+    assert rig.change(stack=SLOW) == ''
     rig.spin_until_command(0.5 * np.array(VELOCITY))
 
 
@@ -306,7 +306,7 @@ def test_a_refused_value_carries_the_reason_and_changes_nothing(rig, values, tol
     rig.spin_until_command(VELOCITY)
     before = {name: rig.controller.get_parameter_or(name.replace('__', '.')).value
               for name in values}
-    assert told in rig.set(**values)
+    assert told in rig.change(**values)
     assert before == {name: rig.controller.get_parameter_or(name.replace('__', '.')).value
                       for name in values}
     del rig.commands[:]
@@ -317,7 +317,7 @@ def test_a_refused_value_carries_the_reason_and_changes_nothing(rig, values, tol
 def test_weights_can_be_set_and_are_used(harness):
     rig = Rig(harness, stack='- sum: {type: position, frame: %s, axes: x}' % 'link3')
     rig.spin_until(lambda: rig.status.head == 'running')
-    assert rig.set(weights=[1.0, 2.0, 4.0]) == ''
+    assert rig.change(weights=[1.0, 2.0, 4.0]) == ''
     assert rig.controller._controller.settings.weights == (1.0, 2.0, 4.0)
     assert list(rig.controller.get_parameter('weights').value) == [1.0, 2.0, 4.0]
 
@@ -328,19 +328,19 @@ def test_setting_the_same_stack_reads_its_file_again_and_refuses_faults(harness,
     rig = Rig(harness, stack=str(path))
     rig.spin_until_command(VELOCITY)
     path.write_text('- swing: {}')
-    assert 'needs a type' in rig.set(stack=str(path))
+    assert 'needs a type' in rig.change(stack=str(path))
     harness.spin_for_more(rig.commands, 3, rig.arm.publish)
     np.testing.assert_allclose(rig.commands[-1], VELOCITY, atol=1e-9)
     path.write_text(SLOW)
-    assert rig.set(stack=str(path)) == ''
+    assert rig.change(stack=str(path)) == ''
     rig.spin_until_command(0.5 * np.array(VELOCITY))
 
 
 def test_parameters_can_be_set_before_the_robot_is_known(harness):
     rig = Rig.__new__(Rig)
     rig.harness, rig.controller = harness, harness.controller(robot='')
-    assert rig.set(damping=0.5, stack=SLOW) == ''
-    assert 'weights must be' in rig.set(weights=[-1.0])
+    assert rig.change(damping=0.5, stack=SLOW) == ''
+    assert 'weights must be' in rig.change(weights=[-1.0])
     assert rig.controller._settings.damping == 0.5
 
 

@@ -42,8 +42,8 @@ LINEAR, ANGULAR = (0.1, 0.2, 0.3), (0.4, 0.5, 0.6)
     (FEED_FORWARD['twist'], {'angular': ANGULAR}, None, (0.0, 0.0, 0.0, *ANGULAR)),
 ])
 def test_the_controller_reads_what_the_client_writes(entry, fields, goal, feed_forward):
-    message = make_message('task', entry.type, fields)
-    assert type(message) is entry.type
+    message = make_message('task', entry.kind, fields)
+    assert type(message) is entry.kind
     assert entry.goal(message) == goal
     assert entry.feed_forward(message) == feed_forward
 
@@ -90,4 +90,4 @@ def test_every_type_of_task_can_be_told_what_to_do():
         # Only inequality tasks, and those that maximize a function, take no goal.
         assert entries or issubclass(task_type, (BoundedTask, GradientTask)), name
         assert len({entry.topic for entry in entries}) == len(entries), name
-        assert all(entry.type in FIELDS for entry in entries if entry.topic != 'obstacles'), name
+        assert all(entry.kind in FIELDS for entry in entries if entry.topic != 'obstacles'), name

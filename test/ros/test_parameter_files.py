@@ -66,7 +66,7 @@ class Client:
         assert len(answer.values) == len(names)
         return dict(zip(names, map(parameter_value_to_python, answer.values)))
 
-    def set(self, name, value, kind=None):
+    def change(self, name, value, kind=None):
         """Set a parameter; return why it was refused."""
         parameter = Parameter(name, kind, value)
         result, = self._answer(self._client.set_parameters([parameter])).results
@@ -178,7 +178,7 @@ def test_a_description_may_lose_its_line_breaks(harness, tmp_path):
     values = client.values()
     assert values['robot_description'] != text
     assert values['robot_description'].split() == text.split()
-    told = client.set('robot_description', text.replace('torso', 'trunk'))
+    told = client.change('robot_description', text.replace('torso', 'trunk'))
     assert told.endswith('fixed while the node is configured')
 
 
@@ -187,14 +187,14 @@ def test_a_number_may_be_written_as_the_tools_of_ros_write_it(harness):
     harness.controller(singular_region=0.5)
     client = Client(harness, '/tp_controller')
     for text, value in (('inf', float('inf')), ('1e-05', 1e-5), ('0.1', 0.1)):
-        assert client.set('singular_region', text) == ''
+        assert client.change('singular_region', text) == ''
         assert client.values()['singular_region'] == value
-    assert client.set('weights', '[1e-05, 1.0, 1]') == ''
+    assert client.change('weights', '[1e-05, 1.0, 1]') == ''
     assert client.values()['weights'] == [1e-5, 1.0, 1.0]
-    assert client.set('weights', [], Parameter.Type.BOOL_ARRAY) == ''
+    assert client.change('weights', [], Parameter.Type.BOOL_ARRAY) == ''
     assert client.values()['weights'] == [1.0]
     for text in ('much', 'nan', '', 'true', '[1.0]', '-inf'):
-        assert client.set('singular_region', text) != ''
+        assert client.change('singular_region', text) != ''
     assert client.values()['singular_region'] == 0.1
 
 

@@ -54,7 +54,7 @@ class Rig:
             lambda: self.commands and np.allclose(self.commands[-1], velocity, atol=1e-9),
             f'the command {velocity}', self.arm.publish)
 
-    def set(self, values):
+    def change(self, values):
         """Set parameters, all or none; return why they were refused."""
         parameters = [Parameter(name, value=value).to_parameter_msg()
                       for name, value in values.items()]
@@ -85,9 +85,9 @@ def rig(harness):
 def test_every_task_of_the_stack_has_its_parameters_and_no_other(any_harness):
     rig = Rig(any_harness)
     assert rig.values() == VALUES
-    assert rig.set({'stack': '- swing: {type: joint, joints: joint2, gain: 0.5}'}) == ''
+    assert rig.change({'stack': '- swing: {type: joint, joints: joint2, gain: 0.5}'}) == ''
     assert rig.values() == {'tasks.swing.gain': 0.5, 'tasks.swing.tolerance': 0.005}
-    assert rig.set({'stack': STACK}) == ''
+    assert rig.change({'stack': STACK}) == ''
     assert rig.values() == VALUES
     rig.controller.trigger_deactivate()
     rig.controller.trigger_cleanup()
@@ -114,17 +114,17 @@ def test_they_are_described_with_unit_and_range(rig):
 def test_a_gain_that_is_set_acts(any_harness):
     rig = Rig(any_harness)
     rig.spin_until_command(VELOCITY)
-    assert rig.set({'tasks.swing.gain': 0.5}) == ''
+    assert rig.change({'tasks.swing.gain': 0.5}) == ''
     rig.spin_until_command(0.5 * VELOCITY)
     # With others, and again.
-    assert rig.set({'tasks.swing.gain': 0.25, 'damping': 0.0}) == ''
+    assert rig.change({'tasks.swing.gain': 0.25, 'damping': 0.0}) == ''
     rig.spin_until_command(0.25 * VELOCITY)
 
 
 def test_a_gain_that_is_set_is_blended_in(harness):
     rig = Rig(harness, blend=60.0)
     rig.spin_until_command(VELOCITY)
-    assert rig.set({'tasks.swing.gain': 0.5}) == ''
+    assert rig.change({'tasks.swing.gain': 0.5}) == ''
     for command in harness.spin_for_more(rig.commands, 5, rig.arm.publish):
         np.testing.assert_allclose(command, VELOCITY, atol=0.02)
     harness.spin_until(lambda: 'blended' in rig.status.task('swing')['reason'],
@@ -133,7 +133,7 @@ def test_a_gain_that_is_set_is_blended_in(harness):
 
 def test_a_tolerance_that_is_set_is_that_of_the_status(rig):
     rig.spin_until_command(VELOCITY)
-    assert rig.set({'tasks.swing.tolerance': 5.0, 'tasks.both.tolerance.rad': 0.25}) == ''
+    assert rig.change({'tasks.swing.tolerance': 5.0, 'tasks.both.tolerance.rad': 0.25}) == ''
     rig.harness.spin_until(lambda: rig.status.task('swing')['status'] == 'reached'
                            and rig.status.task('both')['tolerance [rad]'] == '0.25',
                            meanwhile=rig.arm.publish)
@@ -159,7 +159,7 @@ def test_a_tolerance_that_is_set_is_that_of_the_status(rig):
 ])
 def test_a_refused_value_carries_the_reason_and_changes_nothing(rig, values, told):
     rig.spin_until_command(VELOCITY)
-    assert told in rig.set(values)
+    assert told in rig.change(values)
     assert rig.values() == VALUES
     del rig.commands[:]
     rig.harness.spin_for_more(rig.commands, 3, rig.arm.publish)
@@ -170,10 +170,10 @@ def test_what_was_set_lasts_until_the_stack_is_read_again(harness, tmp_path):
     path = tmp_path / 'stack.yaml'
     path.write_text(STACK)
     rig = Rig(harness, stack=str(path))
-    assert rig.set({'tasks.swing.gain': 0.5, 'tasks.both.tolerance.m': 0.5}) == ''
+    assert rig.change({'tasks.swing.gain': 0.5, 'tasks.both.tolerance.m': 0.5}) == ''
     rig.spin_until_command(0.5 * VELOCITY)
     # The same stack again is no other one.
-    assert rig.set({'stack': str(path)}) == ''
+    assert rig.change({'stack': str(path)}) == ''
     assert rig.values() == {**VALUES, 'tasks.swing.gain': 0.5, 'tasks.both.tolerance.m': 0.5}
     harness.enable('swing', False)
     harness.enable('swing', True)
@@ -199,12 +199,12 @@ def test_what_the_node_was_started_with_goes_before_every_stack(harness, tmp_pat
     assert rig.values() == started
     rig.spin_until_command(0.5 * VELOCITY)
     assert 'of what no task of the stack has: tasks.both.tolerance.km, tasks.later.gain' in log()
-    assert rig.set({'tasks.swing.gain': 0.75}) == ''
+    assert rig.change({'tasks.swing.gain': 0.75}) == ''
     rig.spin_until_command(0.75 * VELOCITY)
     assert harness.trigger('reload').success
     assert rig.values() == started
     rig.spin_until_command(0.5 * VELOCITY)
-    assert rig.set({'stack': '- later: {type: posture}\n'}) == ''
+    assert rig.change({'stack': '- later: {type: posture}\n'}) == ''
     assert rig.values() == {'tasks.later.gain': 3.0, 'tasks.later.tolerance': 0.005}
 
 

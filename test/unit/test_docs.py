@@ -446,8 +446,8 @@ def test_ros2_topic_pub_sends_goals_that_tasks_take(words, panda):
     name, last = re.fullmatch('/tp_controller/([a-z]+)/(goal|twist|obstacles)', topic).groups()
     task = documented_tasks(panda)[name]
     entry, = (entry for entry in messages_of(task) if entry.topic == last)
-    assert message_type(kind) is entry.type
-    message = fill(entry.type(), yaml.safe_load(values))
+    assert message_type(kind) is entry.kind
+    message = fill(entry.kind(), yaml.safe_load(values))
     if entry.parts is not None:
         for frame, goal in entry.parts(message):
             assert frame in ('', *panda.frame_names) and task.parse_goal(goal)

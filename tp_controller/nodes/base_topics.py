@@ -152,7 +152,7 @@ class MovingBase:
         self._commands = node.create_publisher(Twist, topic('cmd_vel'), qos)
         self._odometry: Subscription | None = None
 
-    def open(self, arrived: Callable[[Odometry], None]) -> None:
+    def listen(self, arrived: Callable[[Odometry], None]) -> None:
         """Listen; `arrived` hands odometry to `put` where it is to be taken."""
         self._odometry = self._node.create_subscription(Odometry, self._topic('odom'), arrived,
                                                         ODOMETRY_QOS)
@@ -196,7 +196,7 @@ class MovingBase:
 class FixedBase:
     """What `MovingBase` is for a base that stands still: nothing to hear and to say."""
 
-    def open(self, arrived: Callable[[Odometry], None]) -> None:
+    def listen(self, arrived: Callable[[Odometry], None]) -> None:
         """Do nothing."""
 
     def configuration(self, joints: Array) -> Array:

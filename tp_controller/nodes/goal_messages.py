@@ -48,7 +48,7 @@ class GoalMessage:
 
     Attributes
     ----------
-    type : type
+    kind : type
         Message type.
     topic : str
         Last part of the topic, after the name of the task.
@@ -62,7 +62,7 @@ class GoalMessage:
 
     """
 
-    type: type
+    kind: type
     topic: str
     goal: Callable[[Message], Any]
     feed_forward: Callable[[Message], Any]

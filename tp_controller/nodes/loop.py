@@ -122,7 +122,7 @@ class ControlLoop:
         self._states = node.create_subscription(
             JointState, topic('joint_states'), self._on_joint_state, state_qos(deadline),
             event_callbacks=state_events(deadline, self.figures, log), raw=True)
-        self._base.open(self._on_odometry)
+        self._base.listen(self._on_odometry)
         self._timers = self._start_timers(values['watchdog_timeout'])
 
     def _watch_over(self, robot: Robot, values: dict[str, Any]) -> None:

@@ -105,7 +105,7 @@ class TaskTopics:
         for name, task in self._controller.stack.tasks.items():
             self._needed[name, 'enable'] = SetBool
             for entry in messages_of(task):
-                self._needed[name, entry.topic] = entry.type
+                self._needed[name, entry.topic] = entry.kind
         closed = [key for key, (kind, _) in self._open.items()
                   if self._needed.get(key) is not kind]
         for key in closed:

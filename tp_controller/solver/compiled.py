@@ -144,7 +144,7 @@ class Record:
         found: list[float] = np.frombuffer(self._record, float, self._count, 8 * self._n).tolist()
         return found
 
-    def all(self) -> list[LevelStep]:
+    def steps(self) -> list[LevelStep]:
         """Return the steps of all levels."""
         self._numbers, self._at = np.frombuffer(self._record), self._n + self._count
         return [self._step() for _ in range(self._count)]

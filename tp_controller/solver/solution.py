@@ -185,7 +185,7 @@ class LevelSolution:
 class Steps(Protocol):
     """How each level was carried out, written down by the compiled core."""
 
-    def all(self) -> list[LevelStep]:
+    def steps(self) -> list[LevelStep]:
         """Return the steps."""
 
     def bends(self) -> list[float]:
@@ -225,7 +225,7 @@ class Solution:
     def steps(self) -> list[LevelStep]:
         """Return how each level was carried out."""
         if self._steps is not None:
-            return self._steps if isinstance(self._steps, list) else self._steps.all()
+            return self._steps if isinstance(self._steps, list) else self._steps.steps()
         # Nothing was damped and no bound active.
         infinite = np.full(len(self.velocity), np.inf)
         recursion = BoundedHierarchy(Polytope(-infinite, infinite), Damping())

@@ -266,7 +266,7 @@ def test_core_survives_all_shapes_and_numbers(scaling):
             assert np.isfinite(x).all() and (lower <= x).all() and (x <= upper).all()
             if found[1] is not None:
                 record = compiled.Record(found[1], n, len(levels))
-                assert len(record.all()) == len(record.bends()) == len(levels)
+                assert len(record.steps()) == len(record.bends()) == len(levels)
     assert answered > PROBLEMS
 
 
