@@ -122,6 +122,8 @@ STATUS = {
     'state to command p99 [ms]': '99 of 100 take less',
     'state to command max [ms]': 'the longest',
     'overruns': 'cycles that began more than a period late, or took longer than a period',
+    'solver': '[which one](docs/core.md) runs: `compiled` or `python`',
+    'cycles left to Python': 'cycles that the compiled solver could not solve',
     'stalls': 'how often the loop as a whole stood still for longer than `state_timeout`',
     'missed deadlines': 'how often joint states came later than `state_deadline`',
     'type': 'type of the task',

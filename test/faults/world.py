@@ -76,7 +76,7 @@ class WorldNode:
     def __init__(self, world):
         self._world, self.queues, self.timers = world, [], []
 
-    def create_subscription(self, kind, topic, callback, qos, raw):
+    def create_subscription(self, kind, topic, callback, qos, raw, event_callbacks):
         """Return a queue."""
         self.queues.append(Queue(callback, qos.depth))
         return self.queues[-1]

@@ -51,6 +51,7 @@ from tp_controller.cli.main import (
     watchdog_node,
 )
 from tp_controller.cli.status import table
+from tp_controller.solver.compiled import running
 import yaml
 
 DOWN = ('--rpy', '3.1416', '0', '0')
@@ -366,7 +367,8 @@ def test_the_help_of_a_node_lists_its_parameters_and_starts_nothing(monkeypatch,
 def test_the_package_is_the_command(tmp_path):
     found = subprocess.run([sys.executable, '-m', 'tp_controller', '--version'], cwd=tmp_path,
                            capture_output=True, text=True, timeout=DEADLINE)
-    assert (found.returncode, found.stdout.strip()) == (0, version('tp_controller'))
+    assert (found.returncode, found.stdout.strip()) == (
+        0, f'{version("tp_controller")}, solver: {running()}')
 
 
 @pytest.mark.parametrize(('line', 'completed'), [

@@ -235,7 +235,7 @@ def test_colcon_builds_a_workspace_in_which_the_command_is_found(tmp_path):
                '--install-base', tmp_path / 'install', '--event-handlers', 'console_direct+')
     assert 'Finished <<< tp_controller' in said
     setup = tmp_path / 'install' / 'setup.bash'
-    assert re.fullmatch(r'\d+\.\d+\.\d+\n', run(
+    assert re.fullmatch(r'\d+\.\d+\.\d+, solver: \w+\n', run(
         'bash', '-c', f'source {setup} && tp_controller --version'))
     share = tmp_path / 'install' / PACKAGE / 'share' / PACKAGE
     assert {path.name for path in (share / 'launch').iterdir()} \

@@ -237,9 +237,10 @@ class _Version(argparse.Action):
                          help="show program's version number and exit")
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        """Print it and end."""
+        """Print it, and which solver runs, and end."""
+        from tp_controller.solver.compiled import running
         try:
-            print(version('tp_controller'))
+            print(f'{version("tp_controller")}, solver: {running()}')
         except PackageNotFoundError:
             print('not installed')
         parser.exit()

@@ -60,6 +60,7 @@ from tp_controller.nodes.task_parameters import TaskParameters
 from tp_controller.nodes.task_topics import TaskTopics
 from tp_controller.nodes.watchdog import Watchdog
 from tp_controller.nodes.watchdog_node import ENDING
+from tp_controller.solver.compiled import running
 from tp_controller.tasks.stack import Stack
 
 NAME = 'tp_controller'
@@ -354,7 +355,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._reporter.follow(controller, self._loop, self._topics)
         self._load_stack()
         self._log.info(f'controlling {robot.name}, base {robot.base}, '
-                       f'joints {", ".join(robot.joint_names)}')
+                       f'joints {", ".join(robot.joint_names)}, solver: {running()}')
 
     # Stack and parameters -----------------------------------------------------------------
 

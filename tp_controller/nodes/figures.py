@@ -16,6 +16,7 @@
 
 import numpy as np
 from tp_controller.model.spatial import Array
+from tp_controller.solver.compiled import left_to_the_reference, running
 
 # What percentiles are of: the last so many cycles.
 CYCLES = 1000
@@ -58,7 +59,7 @@ class Figures:
         self.cycles += 1
 
     def told(self) -> dict[str, str]:
-        """Return {key: number as text}, of the last cycles; always the same keys."""
+        """Return {key: value as text}, of the last cycles; always the same keys."""
         times: Array = self._times[:min(self.cycles, CYCLES)].copy()
         starts, took, latency = times.T
         span = np.ptp(starts) if len(starts) > 1 else np.nan
@@ -66,7 +67,8 @@ class Figures:
                 'rate [Hz]': f'{(len(starts) - 1) / span if span > 0.0 else np.nan:.4g}',
                 **_milliseconds('cycle', took), **_milliseconds('state to command', latency),
                 'overruns': str(self.overruns), 'stalls': str(self.stalls),
-                'missed deadlines': str(self.missed_deadlines)}
+                'missed deadlines': str(self.missed_deadlines),
+                'solver': running(), 'cycles left to Python': str(left_to_the_reference())}
 
 
 def _milliseconds(what: str, times: Array) -> dict[str, str]:
