@@ -18,8 +18,8 @@ Run the controller node for hours, with a fault every second.
 
 Run as ``python benchmarks/endurance.py --hours 1``; by default it is a minute. A controller and a
 simulator of the Panda run as processes at 1 kHz. Every second one of them is stopped for a
-while, killed, or something is sent that is wrong or unusual; in between the
-controller is started again where it has stopped for good. A monitor hears every command.
+while, or killed, or something wrong is sent, or an unusual service is called; afterwards the
+controller is started again if it has stopped. A monitor hears every command.
 """
 
 import argparse

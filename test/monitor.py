@@ -130,8 +130,10 @@ class Monitor:
 
     def _blind(self, promise, late):
         """Yield commands that move the robot although its joint states are too old."""
-        heard = np.array([-math.inf, *self.heard])
+        # Before the first one nobody knows what others have heard.
+        heard = np.array([math.inf, *self.heard])
+        heard[0] = heard[1:].min(initial=math.inf)
         for time, velocity, _ in self.commands:
-            age = time - heard[np.searchsorted(heard, time, side='right') - 1]
+            age = time - heard[max(np.searchsorted(heard, time, side='right') - 1, 0)]
             if velocity.any() and age > promise.timeout + late:
                 yield f'{time:.3f} s: motion {age:.3f} s after the last joint state'

@@ -76,7 +76,7 @@ class WorldNode:
     def __init__(self, world):
         self._world, self.queues, self.timers = world, [], []
 
-    def create_subscription(self, kind, topic, callback, qos, raw, event_callbacks):
+    def create_subscription(self, kind, topic, callback, qos, **_):
         """Return a queue."""
         self.queues.append(Queue(callback, qos.depth))
         return self.queues[-1]
@@ -87,7 +87,7 @@ class WorldNode:
                                            callback=callback))
         return self.timers[-1]
 
-    def create_publisher(self, kind, topic, depth):
+    def create_publisher(self, kind, topic, qos, **_):
         """Return what hands commands to the world."""
         return SimpleNamespace(publish=self._world.hear)
 

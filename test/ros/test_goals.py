@@ -376,7 +376,7 @@ def test_a_bad_goal_is_refused_and_the_old_one_kept(harness, log, task, kind, fi
     topic = 'twist' if kind is TwistStamped else 'goal'
     refusal = rig.send(make_message(task, kind, fields), topic=topic)
     assert told in refusal
-    harness.spin_until_logged(log, f'goal for task {task} refused: ')
+    harness.spin_until_logged(log, f'goal for task {task} refused: ', rig.arm.publish)
     np.testing.assert_array_equal(rig.controller._controller.stack.tasks[task].goal, goal)
     rig.harness.spin_for_more(rig.commands, 3, rig.arm.publish)
     np.testing.assert_allclose(rig.commands[-1], 0.0, atol=1e-12)
