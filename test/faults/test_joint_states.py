@@ -466,6 +466,31 @@ def test_a_burst_of_old_joint_states_moves_nothing_before_it_is_over(monkeypatch
     check(world, FAULTS[0].beyond)
 
 
+def stopped(world):
+    """Command zeros from another thread, as ~/stop does."""
+    world.loop.commands.interrupt()
+
+
+def deactivated(world):
+    """Deactivate the loop and activate it at once."""
+    world.loop.deactivate('inactive')
+    world.loop.activate()
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('act', [stopped, deactivated])
+def test_after_zeros_from_elsewhere_the_motion_begins_from_rest(monkeypatch, act, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2])
+    world.run(random.uniform(0.0, 0.1))
+    act(world)
+    assert not world.velocity.any()
+    assert world.run(0.5, until=lambda: bool(world.velocity.any()))
+    passed = 1.0 / (world.values['rate'] or 1.0 / (2.0 * STATE_PERIOD))
+    assert (np.abs(world.velocity) <= ACCELERATIONS * np.array(passed) + 1e-9).all()
+    check(world)
+
+
 # Load -----------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('seed', SEEDS)

@@ -112,7 +112,7 @@ class ControlLoop:
         self.report: Report | None = None
         self.reported = -math.inf
         self.figures = Figures(1.0 / self._rate if self._rate > 0.0 else math.inf)
-        self._resting = False
+        self._resting, self._noted = False, 0
         self._heard = self.completed = self._received = self._last_cycle = boot_time()
         self._simulated = node.get_parameter('use_sim_time').value
         self._last_robot_time = self._robot_time()
@@ -270,6 +270,10 @@ class ControlLoop:
         elapsed = robot_time - self._last_robot_time
         self._last_cycle, self._last_robot_time = now, robot_time
         noted = self.commands.interruptions
+        if noted != self._noted:
+            # Others have commanded zeros since: the motion begins from rest.
+            self._noted = noted
+            self._rest()
         reason = self._find_stop_reason(now) or self._command(now, robot_time, elapsed, noted)
         if reason:
             self._zeros()
@@ -309,12 +313,16 @@ class ControlLoop:
 
     def _zeros(self) -> None:
         """Command no motion."""
+        self._rest()
+        self.commands.zeros()
+
+    def _rest(self) -> None:
+        """Let the next motion begin from rest."""
         if not self._resting:
             # Nothing is to be followed meanwhile.
             self._motion.forget()
             self._resting = True
         self._controller.halt(boot_time())
-        self.commands.zeros()
 
     def _tell(self, reason: str) -> None:
         """Log why the robot is stopped, or that it moves again, where that has changed."""
