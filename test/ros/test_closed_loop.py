@@ -80,8 +80,9 @@ def test_the_error_of_the_tool_decays_with_its_gain(harness):
     loop.send(xyz=(0.35, 0.02, 0.55), quat_xyzw=GOAL['quat_xyzw'])
     del loop.status.messages[:]
     loop.spin_until_reached()
+    # On a busy machine the robot may be stopped for a moment.
     entries = [{value.key: value.value for value in message.status[1].values}
-               for message in loop.status.messages]
+               for message in loop.status.messages if message.status[0].message == 'running']
     errors = np.array([float(entry['error [m]']) for entry in entries])
     assert errors[-1] < 1e-3 < errors[0]
     assert (np.diff(errors) <= 1e-4).all()

@@ -252,7 +252,10 @@ class Task(ABC):
         given = tolerance if isinstance(tolerance, Mapping) else \
             dict.fromkeys(self.units, tolerance)
         before = {unit: value for _, unit, value in self.groups}
-        return parse_tolerance(self.units, {**before, **given})
+        found = {unit: value for _, unit, value in parse_tolerance(
+            self.units, {**before, **given})}
+        # Tasks may have other rows there than their units say, as those of obstacles have.
+        return tuple(group._replace(tolerance=found[group.unit]) for group in self.groups)
 
     def set_tolerance(self, tolerance: Tolerance) -> None:
         """Take other tolerances, as `parse_tolerance` does."""
