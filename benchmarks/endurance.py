@@ -116,7 +116,7 @@ class Tester(Node):
 
     def transition(self, number):
         """Ask for a transition."""
-        self.change.call_async(ChangeState.Request(transition=Transition(id=number)))
+        return self.change.call_async(ChangeState.Request(transition=Transition(id=number)))
 
 
 class Endurance:
@@ -241,9 +241,12 @@ class Endurance:
 
     def cycle(self):
         """Deactivate and activate."""
-        self.tester.transition(Transition.TRANSITION_DEACTIVATE)
-        self.listen(0.2)
-        self.tester.transition(Transition.TRANSITION_ACTIVATE)
+        for number in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
+            answer = self.tester.transition(number)
+            for _ in range(50):
+                self.listen(0.1)
+                if answer.done():
+                    break
 
     FAULTS = (pause_controller, pause_simulator, kill_simulator, not_a_number, jump, old, twice,
               bad_goals, good_goals, reload, set_parameters, toggle, stop, cycle)

@@ -332,9 +332,9 @@ def interfaces(node):
             try:
                 made = Node(context=context, namespace=NAMESPACE, parameter_overrides=[
                     Parameter(name, value=value) for name, value in values.items()])
-                found += _opened(made)
+                found += _opened(made, made.get_name())
                 if node == 'controller':
-                    found += _opened(made.loop_node)
+                    found += _opened(made.loop_node, made.get_name())
                 made.destroy_node()
             finally:
                 rclpy.try_shutdown(context=context)
@@ -351,12 +351,12 @@ def _example_keys(kind):
                    if default is inspect.Parameter.empty or key in ('capsules', 'linear'))
 
 
-def _opened(node):
-    """Yield (direction, name, type) of a node's own topics and services."""
+def _opened(node, owner):
+    """Yield (direction, name, type) of a node's own topics and services, as of `owner`."""
     opened = [('in', entry.topic_name, entry.msg_type) for entry in node.subscriptions]
     opened += [('out', entry.topic_name, entry.msg_type) for entry in node.publishers]
     opened += [('service', entry.srv_name, entry.srv_type) for entry in node.services]
-    own = f'{NAMESPACE}/{node.get_name()}/'
+    own = f'{NAMESPACE}/{owner}/'
     for direction, name, kind in opened:
         if kind.__module__.partition('.')[0] in EVERY_NODE:
             continue

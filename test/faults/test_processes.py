@@ -246,6 +246,21 @@ def test_commands_go_on_while_a_stack_is_read(replaced, listener, tmp_path):
     assert answer.result().success
 
 
+def test_a_stop_does_not_wait_until_a_stack_has_been_read(replaced, listener, tmp_path):
+    controller = replaced(READING, 'switch.unlink(); time.sleep(3.0); Path(f"{switch}ed").touch()')
+    buttons = {name: listener.client.node.create_client(Trigger, f'/tp_controller/{name}')
+               for name in ('reload', 'stop')}
+    for button in buttons.values():
+        listener.wait(button.service_is_ready, 'the service', [controller])
+    (tmp_path / 'switch').touch()
+    buttons['reload'].call_async(Trigger.Request())
+    listener.wait(lambda: not (tmp_path / 'switch').exists(), 'the beginning', [controller])
+    answer = buttons['stop'].call_async(Trigger.Request())
+    listener.wait(answer.done, 'the answer', [controller])
+    listener.wait(lambda: not listener.moving(), 'zeros', [controller])
+    assert answer.result().success and not (tmp_path / 'switched').exists()
+
+
 # Watched by another process -------------------------------------------------------------------
 
 @pytest.fixture

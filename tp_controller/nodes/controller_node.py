@@ -155,8 +155,9 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._fault: Exception | None = None
         self._others: dict[str, int] = {}
         self._reporter = Reporter(self, self._values['status_rate'], self._log)
-        for name, callback in (('stop', self._on_stop), ('start', self._on_start),
-                               ('reload', self._on_reload)):
+        # A stop must not wait until a stack has been read.
+        self.loop_node.create_service(Trigger, self.resolve_service_name('~/stop'), self._on_stop)
+        for name, callback in (('start', self._on_start), ('reload', self._on_reload)):
             self.create_service(Trigger, f'~/{name}', callback)
         take_numbers_as_text(self)
         self.add_on_set_parameters_callback(self._check_parameters)
