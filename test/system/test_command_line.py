@@ -230,14 +230,19 @@ def test_the_status_is_drawn_in_place_on_a_terminal(robot, domain):
     assert told == 0 and ''.join(shown).endswith('\x1b[?25h')
 
 
+def hear_ctrl_c():
+    """Let a process end by SIGINT, also where these tests run in the background."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def read_terminal(environment, *arguments):
     """Run a command on a terminal of 40 × 4, until Ctrl-C; return what it showed, its status."""
     controller, terminal = pty.openpty()
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack('HHHH', 4, 40, 0, 0))
     process = subprocess.Popen(
         [sys.executable, '-m', 'tp_controller', *arguments], stdin=terminal, stdout=terminal,
-        stderr=terminal, env={key: value for key, value in environment.items()
-                              if key not in ('COLUMNS', 'LINES')})
+        stderr=terminal, preexec_fn=hear_ctrl_c,
+        env={key: value for key, value in environment.items() if key not in ('COLUMNS', 'LINES')})
     os.close(terminal)
     shown = []
     try:
@@ -246,6 +251,7 @@ def read_terminal(environment, *arguments):
             shown.append(os.read(controller, 4096).decode())
         process.send_signal(signal.SIGINT)
         while True:
+            assert select.select([controller], [], [], DEADLINE)[0], ''.join(shown)
             try:
                 shown.append(os.read(controller, 4096).decode())
             except OSError:  # the other end is closed
@@ -259,7 +265,8 @@ def read_terminal(environment, *arguments):
 
 def test_the_status_is_printed_line_by_line_into_a_pipe(robot, domain):
     with subprocess.Popen([sys.executable, '-m', 'tp_controller', 'status', '--period', '0.1'],
-                          env=domain, stdout=subprocess.PIPE, text=True) as process:
+                          env=domain, stdout=subprocess.PIPE, text=True,
+                          preexec_fn=hear_ctrl_c) as process:
         tables = [process.stdout.readline() for _ in range(14)]
         process.send_signal(signal.SIGINT)
         assert process.wait(DEADLINE) == 130
