@@ -85,7 +85,7 @@ class TaskReport:
 
     @property
     def carried_out(self) -> bool:
-        """Return whether it is about a cycle: the task is enabled, and the robot not stopped."""
+        """Return whether it is about a cycle, with the task enabled and the robot not stopped."""
         return self._evaluation is not None
 
     @cached_property

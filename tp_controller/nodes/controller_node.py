@@ -87,8 +87,8 @@ PARAMETERS = (
          'the robot, until ~/start (0: never)', 's', 0.0, 60.0, True),
     Spec('settle_time', 0.3, 'for how long everything has to be in order after joint states or '
          'odometry were late, before the robot moves again', 's', 0.0, 60.0, True),
-    Spec('exclusive', True, 'stop, until ~/start, if another node has the same name, or publishes '
-         'the same commands, when this one starts; later ones are only reported', fixed=True),
+    Spec('exclusive', True, 'stop, until ~/start, if another node publishes the same commands '
+         'when this one starts; later ones are only reported', fixed=True),
     Spec('watchdog_timeout', 0.2, 'time without a completed cycle after which zeros are commanded '
          'from outside the loop', 's', 0.01, 10.0, True),
     Spec('command_deadline', 0.0, 'longest time between two commands that is promised to those '
@@ -446,7 +446,9 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         for what, count in others.items():
             if count > self._others.get(what, 0):
                 self._log.warning(what)
-                if self._values['exclusive'] and boot_time() - self._since < NEW_SECONDS:
+                # A name alone may be that of a node that was killed: it is heard of for 20 s.
+                if self._values['exclusive'] and topic in what \
+                        and boot_time() - self._since < NEW_SECONDS:
                     self._loop.stops.latch(what)
         self._others = others
 
