@@ -20,6 +20,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
+from rcl_interfaces.srv import SetParametersAtomically
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
@@ -179,6 +180,16 @@ class Harness:
     def trigger(self, name):
         """Call a service without arguments of the controller."""
         return self.call(Trigger, f'/tp_controller/{name}')
+
+    def set_parameters(self, values):
+        """Set parameters of the controller, all or none; return why they were refused."""
+        parameters = [Parameter(name, value=value).to_parameter_msg()
+                      for name, value in values.items()]
+        result = self.call(SetParametersAtomically,
+                           '/tp_controller/set_parameters_atomically',
+                           parameters=parameters).result
+        assert result.successful == (not result.reason)
+        return result.reason
 
     def enable(self, task, enabled):
         """Enable or disable a task."""

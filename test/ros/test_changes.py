@@ -55,13 +55,8 @@ class Rig:
 
     def change(self, **values):
         """Set parameters, all or none; return why they were refused."""
-        parameters = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
-                      for name, value in values.items()]
-        result = self.harness.call(SetParametersAtomically,
-                                   '/tp_controller/set_parameters_atomically',
-                                   parameters=parameters).result
-        assert result.successful == (not result.reason)
-        return result.reason
+        return self.harness.set_parameters({name.replace('__', '.'): value
+                                            for name, value in values.items()})
 
 
 @pytest.fixture

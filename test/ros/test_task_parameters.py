@@ -17,8 +17,7 @@
 from harness import Arm, Status
 import numpy as np
 import pytest
-from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParametersAtomically
-from rclpy.parameter import Parameter
+from rcl_interfaces.srv import DescribeParameters, ListParameters
 from robots import PLANAR_DH
 from tp_controller.nodes.controller_node import ControllerNode
 
@@ -56,13 +55,7 @@ class Rig:
 
     def change(self, values):
         """Set parameters, all or none; return why they were refused."""
-        parameters = [Parameter(name, value=value).to_parameter_msg()
-                      for name, value in values.items()]
-        result = self.harness.call(SetParametersAtomically,
-                                   '/tp_controller/set_parameters_atomically',
-                                   parameters=parameters).result
-        assert result.successful == (not result.reason)
-        return result.reason
+        return self.harness.set_parameters(values)
 
     def values(self):
         """Return {parameter: value} of all tasks, as ROS lists them."""

@@ -127,7 +127,7 @@ class Causes:
     """
 
     def __init__(self, robot: Robot, evaluations: Sequence[Sequence[Evaluation]], cycle: Cycle,
-                 outcome: Outcome, place: 'Place') -> None:
+                 outcome: Outcome, place: Place) -> None:
         self._robot, self._evaluations, self._place = robot, evaluations, place
         self._cycle, self._outcome = cycle, outcome
         self._places = {id(evaluation): index for index, group in enumerate(evaluations)

@@ -440,14 +440,15 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         if self._loop is None or not self._active:
             return
         topic, own = self._loop.commands.topic, (self.get_name(), self.get_namespace())
-        others = {f'another node publishes on {topic}': self._competitors(topic),
+        publishing = f'another node publishes on {topic}'
+        others = {publishing: self._competitors(topic),
                   f'another node has the name {self.get_fully_qualified_name()}':
                   self.get_node_names_and_namespaces().count(own) - 1}
         for what, count in others.items():
             if count > self._others.get(what, 0):
                 self._log.warning(what)
                 # A name alone may be that of a node that was killed: it is heard of for 20 s.
-                if self._values['exclusive'] and topic in what \
+                if self._values['exclusive'] and what == publishing \
                         and boot_time() - self._since < NEW_SECONDS:
                     self._loop.stops.latch(what)
         self._others = others

@@ -110,6 +110,27 @@ def random_box(rng, n, kind):
     return lower, upper
 
 
+def structured(rng, kind, J, above, pick):
+    """
+    Return the J of a level of some kind; J (m, n) itself where it is of none of these.
+
+    It may repeat those above; `pick` chooses one of so many.
+    """
+    m, n = J.shape
+    if kind == 'rank deficient' and m > 1:
+        return rng.standard_normal((m, m // 2)) @ rng.standard_normal((m // 2, n))
+    if kind == 'duplicate' and above:
+        return above[pick(len(above))].copy()
+    if kind == 'mixture' and above:
+        rows = np.concatenate(above)
+        return rng.standard_normal((m, len(rows))) @ rows / math.sqrt(max(1, len(rows)))
+    if kind == 'selection':
+        return np.eye(n)[rng.permutation(n)[:m]]
+    if kind == 'tall':
+        return rng.standard_normal((n + 1, n))
+    return np.eye(n) if kind == 'posture' else J
+
+
 @st.composite
 def hierarchies(draw, max_joints=10, max_levels=5, rows=True, kinds=('symmetric', 'mixed')):
     """Return (n, hierarchy, lower, upper): levels of all structures, most of them in conflict."""
@@ -121,19 +142,8 @@ def hierarchies(draw, max_joints=10, max_levels=5, rows=True, kinds=('symmetric'
         J = rng.standard_normal((m, n))
         kind = draw(st.sampled_from(['full', 'full', 'full', 'rank deficient', 'duplicate',
                                      'mixture', 'selection', 'tall', 'posture']))
-        if kind == 'rank deficient' and m > 1:
-            J = rng.standard_normal((m, m // 2)) @ rng.standard_normal((m // 2, n))
-        elif kind == 'duplicate' and hierarchy:
-            J = hierarchy[draw(st.integers(0, len(hierarchy) - 1))][0].copy()
-        elif kind == 'mixture' and hierarchy:
-            above = np.concatenate([J for J, *_ in hierarchy])
-            J = rng.standard_normal((m, len(above))) @ above / math.sqrt(len(above))
-        elif kind == 'selection':
-            J = np.eye(n)[rng.permutation(n)[:m]]
-        elif kind == 'tall':
-            J = rng.standard_normal((n + 1, n))
-        elif kind == 'posture':
-            J = np.eye(n)
+        J = structured(rng, kind, J, [each[0] for each in hierarchy],
+                       lambda count: draw(st.integers(0, count - 1)))
         if rows and draw(st.sampled_from([True, False, False])):
             hierarchy.append((J, *random_rows(rng, len(J))))
         else:
@@ -176,20 +186,8 @@ def structured_level(rng, n, above):
     J = rng.standard_normal((m, n))
     kind = rng.choice(['full', 'full', 'full', 'rank deficient', 'duplicate', 'mixture',
                        'selection', 'tall', 'posture', 'weak', 'zero'])
-    if kind == 'rank deficient' and m > 1:
-        J = rng.standard_normal((m, m // 2)) @ rng.standard_normal((m // 2, n))
-    elif kind == 'duplicate' and above:
-        J = above[rng.integers(len(above))].J.copy()
-    elif kind == 'mixture' and above:
-        rows = np.concatenate([each.J for each in above])
-        J = rng.standard_normal((m, len(rows))) @ rows / math.sqrt(max(1, len(rows)))
-    elif kind == 'selection':
-        J = np.eye(n)[rng.permutation(n)[:m]]
-    elif kind == 'tall':
-        J = rng.standard_normal((n + 1, n))
-    elif kind == 'posture':
-        J = np.eye(n)
-    elif kind == 'weak' and m:
+    J = structured(rng, kind, J, [each.J for each in above], rng.integers)
+    if kind == 'weak' and m:
         U, s, V_T = np.linalg.svd(J, full_matrices=False)
         s[-1] = 10.0 ** rng.uniform(-4.0, -0.5)
         J = U * s @ V_T
