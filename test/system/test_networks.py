@@ -124,6 +124,12 @@ class Cable:
             ip('-n', name, 'address', 'add', f'{address}/24', 'dev', 'veth0')
             ip('-n', name, 'link', 'set', 'lo', 'up')
             ip('-n', name, 'link', 'set', 'veth0', 'up')
+        # The kernel tells a change of the link up to a second later, and a node joins only the
+        # networks that are up when it starts.
+        end = time.monotonic() + 10.0
+        while not all(map(is_up, self.names)):
+            assert time.monotonic() < end, 'the cable does not come up'
+            time.sleep(0.02)
         return self
 
     def __exit__(self, *_):
@@ -137,8 +143,13 @@ class Cable:
 
 
 def ip(*arguments):
-    """Run ip."""
-    subprocess.run(['ip', *arguments], check=True, capture_output=True, text=True)
+    """Run ip; return what it prints."""
+    return subprocess.run(['ip', *arguments], check=True, capture_output=True, text=True).stdout
+
+
+def is_up(name):
+    """Return whether the cable works on one side, as nodes there are told."""
+    return 'state UP' in ip('-n', name, 'link', 'show', 'veth0')
 
 
 class Remote(NodeProcess):
