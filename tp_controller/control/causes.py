@@ -28,7 +28,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level, NEGLIGIBLE
 from tp_controller.solver.min_norm import moves_well
-from tp_controller.solver.null_space import singular_values
+from tp_controller.solver.null_space import decompose, Directions
 from tp_controller.solver.solution import LevelSolution
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation, norm
@@ -135,6 +135,7 @@ class Causes:
         # Another task may need the same.
         self._solved: dict[tuple[object, ...], Array] = {}
         self._limits: dict[tuple[int, bool], list[str]] = {}
+        self._pushed_at: dict[int, list[Pushed]] = {}
         self._out_of_reach: dict[str, bool] = {}
 
     @property
@@ -270,17 +271,23 @@ class Causes:
     def _pushed(self, index: int) -> list[Pushed]:
         """Return all limits that a level, or one above it, pushes against."""
         commanded, bounds = self._outcome.commanded, self._cycle.bounds
-        found = {each: True for level in self._pushed_by[:index + 1] for each in level}
+        found = {each: True for number in self._down_to(index) for each in self._pushed_by(number)}
         if commanded.slowed < 1.0:
             # Bounds of levels may have led more joints to their limits than the one that decides.
             found.update((each, True) for each in _at_bounds(bounds, commanded.velocity))
         return list(found)
 
-    @cached_property
-    def _pushed_by(self) -> list[list[Pushed]]:
-        """Return the limits that each level pushes against."""
-        return [[Pushed(joint, tuple(self.limits_at(level, joint))) for joint in level.limited_by]
-                for level in self._outcome.commanded.levels]
+    def _down_to(self, index: int) -> range:
+        """Return the indices of a level and those above it, as far as they are commanded."""
+        return range(min(index + 1, len(self._outcome.commanded.hierarchy)))
+
+    def _pushed_by(self, index: int) -> list[Pushed]:
+        """Return the limits that a level pushes against."""
+        if index not in self._pushed_at:
+            level = self._outcome.commanded.levels[index]
+            self._pushed_at[index] = [Pushed(joint, tuple(self.limits_at(level, joint)))
+                                      for joint in level.limited_by]
+        return self._pushed_at[index]
 
     def _without(self, removed: Sequence[Removable], complete: bool = False) -> Array:
         """Return the velocities (n,) without some tasks and limits, if `complete` unblended."""
@@ -316,7 +323,7 @@ class Causes:
                 hierarchy[number:number + 1] = levels[number:number + 1] = groups[number]
                 kept[number:number + 1] *= len(groups[number])
         memory = tuple([cycle.memory[index] for index in kept]) if cycle.memory else ()
-        return self._again(replace(cycle, levels=levels, memory=memory), hierarchy, kept)
+        return self._again(cycle._replace(levels=levels, memory=memory), hierarchy, kept)
 
     @cached_property
     def _pushes(self) -> list[float]:
@@ -333,9 +340,9 @@ class Causes:
         if any(cycle.memory):
             before = [self._pushes[index] for index in kept]
             after = _pushes(cycle, levels)
-            cycle = replace(cycle, memory=tuple(
+            cycle = cycle._replace(memory=tuple([
                 h * new / old if new < old else h
-                for h, old, new in zip(cycle.memory, before, after)))
+                for h, old, new in zip(cycle.memory, before, after)]))
         return cycle.solve(levels).velocity
 
     def _at_minimum(self, evaluation: Evaluation) -> bool:
@@ -379,34 +386,42 @@ class Causes:
         # Bounds of levels that cannot be met are damped, too.
         return any(step.relaxed is not None or step.directions is None and step.multipliers is
                    not None or min(step.followed.tolist(), default=1.0) < 1.0 - NEGLIGIBLE
-                   for step in self._outcome.commanded.steps[:index + 1])
+                   for step in map(self._outcome.commanded.step, self._down_to(index)))
 
     @cached_property
     def _undamped(self) -> Array:
         """Return the velocities (n,) without damping or relaxed directions."""
         cycle = self._cycle
-        return replace(cycle, options=cycle.options.undamped, period=0.0, memory=()).solve(
+        return cycle._replace(options=cycle.options.undamped, period=0.0, memory=()).solve(
             self._outcome.commanded.hierarchy).velocity
 
     def _singular(self, index: int, evaluation: Evaluation,
                   missing: Array) -> Iterator[tuple[str, str, Array]]:
         """Yield what is missing because the robot can hardly move, or not at all, there."""
         level = evaluation.level
-        if not level.J.size or level.is_identity or moves_well(level.J, NEAR_SINGULAR):
+        its = self._directions(index, level)
+        if its is None:
             return
-        U, s, V = singular_values(level.J)
-        least, sizes = NEGLIGIBLE * norm(s), s.tolist()
-        rank = sum(each > least for each in sizes)
-        if rank < len(U):
-            nowhere = U[:, rank:]
-            yield IMPOSSIBLE, '', missing - nowhere.dot(nowhere.T.dot(missing))
-        if rank and sizes[rank - 1] < NEAR_SINGULAR:
-            stronger = np.maximum(s[:rank], NEAR_SINGULAR)
-            J = (U[:, :rank] * stronger).dot(V[:, :rank].T)
+        if its.rank < len(level.J):
+            yield IMPOSSIBLE, '', its.U.dot(its.U.T.dot(missing))
+        if its.rank and its.s[-1] < NEAR_SINGULAR:
+            J = (its.U * np.maximum(its.s, NEAR_SINGULAR)).dot(its.moving.T)
             other = Evaluation(evaluation.task, replace(level, J=J), evaluation.error)
             group = [other if each is evaluation else each for each in self._evaluations[index]]
             yield SINGULARITY, '', missing_of(other.level, self._with(
                 self._cycle, {index: levels_of([group])}, self._outcome.commanded.hierarchy))
+
+    def _directions(self, index: int, level: Level) -> Directions | None:
+        """Return the directions of a level by itself; None where it moves well in all of them."""
+        if not level.J.size or level.is_identity:
+            return None
+        commanded = self._outcome.commanded
+        if index == 0 and commanded.hierarchy[0] is level:
+            # The solver has them: nothing is above the first level.
+            its = commanded.step(0).directions
+            if its is not None:
+                return its
+        return None if moves_well(level.J, NEAR_SINGULAR) else decompose(level)
 
 
 def _at_bounds(bounds: VelocityBounds, x: Array) -> list[Pushed]:
@@ -420,15 +435,15 @@ def _without_limits(cycle: Cycle, pushed: Pushed) -> Cycle:
     """Return a cycle without some limits of a joint."""
     joint, limits = pushed
     if RESERVE not in limits or cycle.speed_cap is None:
-        return replace(cycle, bounds=cycle.bounds.without(joint, limits))
+        return cycle._replace(bounds=cycle.bounds.without(joint, limits))
     cap = cycle.speed_cap.copy()
     cap[joint] = np.inf
-    return replace(cycle, speed_cap=cap)
+    return cycle._replace(speed_cap=cap)
 
 
 def _pushes(cycle: Cycle, levels: Sequence[Level]) -> list[float]:
     """Return h of each level of a stack, from one cycle alone, in which levels are carried out."""
-    found = replace(cycle, memory=()).solve(levels)
+    found = cycle._replace(memory=()).solve(levels)
     pushes = {id(level): h for level, h in zip(levels, found.bends)}
     return [pushes.get(id(level), 0.0) for level in cycle.levels]
 

@@ -15,7 +15,7 @@
 """What one cycle solves, stored so that it can be solved again with one change."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from tp_controller.control.velocity_limits import VelocityBounds
 from tp_controller.model.spatial import Array
@@ -25,8 +25,7 @@ from tp_controller.solver.solution import Solution
 from tp_controller.solver.solve import Options, solve_cycle
 
 
-@dataclass(frozen=True, eq=False)
-class Cycle:
+class Cycle(NamedTuple):
     """
     What one cycle solves.
 
@@ -72,8 +71,7 @@ class Cycle:
                            self.speed_cap, memory)
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
+class Outcome(NamedTuple):
     """
     What a cycle came to.
 

@@ -130,7 +130,8 @@ class Record:
     Parameters
     ----------
     record : bytes
-        Doubles: the velocities before uniform scaling, h of each level, then the steps.
+        Doubles: the velocities before uniform scaling, h of each level, where the step of each
+        level begins, then the steps.
     n, count : int
         Number of joints, and of levels.
 
@@ -138,22 +139,25 @@ class Record:
 
     def __init__(self, record: bytes, n: int, count: int) -> None:
         self._record, self._n, self._count = record, n, count
+        self._numbers = np.frombuffer(record)
+        self._found: dict[int, LevelStep] = {}
 
     def bends(self) -> list[float]:
         """Return `LevelStep.bend` of each level."""
-        found: list[float] = np.frombuffer(self._record, float, self._count, 8 * self._n).tolist()
+        found: list[float] = self._numbers[self._n:self._n + self._count].tolist()
         return found
 
-    def steps(self) -> list[LevelStep]:
-        """Return the steps of all levels."""
-        self._numbers, self._at = np.frombuffer(self._record), self._n + self._count
-        return [self._step() for _ in range(self._count)]
+    def step(self, index: int) -> LevelStep:
+        """Return the step of a level."""
+        if index not in self._found:
+            self._found[index] = self._read(int(self._numbers[self._n + self._count + index]))
+        return self._found[index]
 
-    def _step(self) -> LevelStep:
-        """Return the step that is next."""
-        *counts, size, bend = HEAD.unpack_from(self._record, 8 * self._at)
+    def _read(self, begin: int) -> LevelStep:
+        """Return the step that begins at a number."""
+        *counts, size, bend = HEAD.unpack_from(self._record, 8 * begin)
         m, rank, k, left, has_multipliers, rows = map(int, counts)
-        self._at += 8
+        self._at = begin + len(counts) + 2
         n, take = self._n, self._take
         velocity, directions = take(n), None
         if m >= 0:

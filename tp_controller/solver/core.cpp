@@ -1688,13 +1688,19 @@ Level read_level(Arena &arena, PyObject *object, int n) {
 class Record {
  public:
   explicit Record(const Solver &solver) : n_(solver.n()) {
-    size_t size = n_ + solver.steps.size();
+    const size_t head = n_ + 2 * solver.steps.size();
+    size_t size = head;
     for (const Step &step : solver.steps) size += count(step);
     bytes_ = PyBytes_FromStringAndSize(nullptr, Py_ssize_t(size * sizeof(double)));
     if (!bytes_) return;
     at_ = PyBytes_AsString(bytes_);
     put(solver.whole, n_);
     for (const Step &step : solver.steps) put(&step.bend, 1);
+    double begin = double(head);
+    for (const Step &step : solver.steps) {
+      put(&begin, 1);
+      begin += double(count(step));
+    }
     for (const Step &step : solver.steps) put(step);
   }
 

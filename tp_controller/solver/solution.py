@@ -33,8 +33,12 @@ class LevelSolution:
     """
 
     def __init__(self, index: int, solution: 'Solution') -> None:
-        self._index, self._solution = index, solution
-        self._step, self._level = solution.steps[index], solution.hierarchy[index]
+        self._index, self._solution, self._level = index, solution, solution.hierarchy[index]
+
+    @cached_property
+    def _step(self) -> LevelStep:
+        """Return how it was carried out."""
+        return self._solution.step(self._index)
 
     @cached_property
     def achieved(self) -> Array:
@@ -83,7 +87,7 @@ class LevelSolution:
             return np.zeros(len(self.wanted))
         missing = self.wanted
         if any(level.v is not None for level in self._solution.hierarchy[:self._index]):
-            missing = missing - self._level.J.dot(self._solution.steps[self._index - 1].velocity)
+            missing = missing - self._level.J.dot(self._solution.step(self._index - 1).velocity)
         U = self._step.directions.U
         return missing - U.dot(self._step.followed * U.T.dot(missing))
 
@@ -185,8 +189,8 @@ class LevelSolution:
 class Steps(Protocol):
     """How each level was carried out, written down by the compiled core."""
 
-    def steps(self) -> list[LevelStep]:
-        """Return the steps."""
+    def step(self, index: int) -> LevelStep:
+        """Return the step of a level."""
 
     def bends(self) -> list[float]:
         """Return `LevelStep.bend` of each."""
@@ -221,11 +225,19 @@ class Solution:
         return Solution(velocity, self.hierarchy, self.memory, self._steps, self.whole,
                         self.slowed)
 
+    def step(self, index: int) -> LevelStep:
+        """Return how a level was carried out."""
+        if self._steps is None or isinstance(self._steps, list):
+            return self.steps[index]
+        return self._steps.step(index)
+
     @cached_property
     def steps(self) -> list[LevelStep]:
         """Return how each level was carried out."""
+        if isinstance(self._steps, list):
+            return self._steps
         if self._steps is not None:
-            return self._steps if isinstance(self._steps, list) else self._steps.steps()
+            return [self._steps.step(index) for index in range(len(self.hierarchy))]
         # Nothing was damped and no bound active.
         infinite = np.full(len(self.velocity), np.inf)
         recursion = BoundedHierarchy(Polytope(-infinite, infinite), Damping())
