@@ -324,6 +324,9 @@ def main():
           'promises broken |')
     print('| --- | --- | --- | --- | --- | --- | --- | --- |')
     with own_domain() as environment, tempfile.TemporaryDirectory() as folder:
+        # Fast DDS always uses shared memory with LOCALHOST, and processes are stopped here; see
+        # docs/safety.md.
+        environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
         os.environ.update(environment)
         init(args=[])
         run = Endurance(options.rate, options.seed, environment, Path(folder))

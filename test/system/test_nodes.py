@@ -14,13 +14,18 @@
 
 """The nodes as processes: how they start, how they end, and what happens when one is gone."""
 
+from pathlib import Path
 import signal
 import subprocess
 import sys
+import time
 
 from monitor import promise_of
+from processes_harness import DEADLINE
 import pytest
-from robots import panda, PANDA_DH, REPOSITORY
+import rclpy
+from robots import panda, PANDA_DH, PLANAR_DH, REPOSITORY
+from tp_controller.demos.processes import NodeProcess
 
 ALL_MISSING = 'no joint states of joint1, joint2, joint3'
 
@@ -122,6 +127,24 @@ def test_a_fault_at_the_start_ends_a_node_with_one_plain_line(start, tmp_path, e
     line, = lines_of(node, 'FATAL')
     assert told in line
     assert not lines_of(node, 'Traceback')
+
+
+@pytest.mark.skipif(rclpy.get_rmw_implementation_identifier() != 'rmw_fastrtps_cpp',
+                    reason='is about Fast DDS')
+@pytest.mark.parametrize('asked, shared', [({}, False),
+                                           ({'FASTDDS_BUILTIN_TRANSPORTS': 'DEFAULT'}, True)])
+def test_nodes_share_no_memory_that_a_suspended_process_may_lock(domain, tmp_path, asked, shared):
+    environment = {**domain, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', **asked}
+    with NodeProcess('simulator_node', ['-p', f'robot:={PLANAR_DH}'], environment,
+                     tmp_path / 'simulator.log') as node:
+        end = time.monotonic() + DEADLINE
+        while not lines_of(node, 'simulating'):
+            assert node.running() and time.monotonic() < end, node.output()
+            time.sleep(0.02)
+        threads = [path.read_text() for path in Path('/proc').glob(
+            f'{node.process.pid}/task/*/comm')]
+    assert any(name.startswith('dds.udp') for name in threads)
+    assert any(name.startswith('dds.shm') for name in threads) == shared
 
 
 def test_a_faulty_stack_leaves_the_node_alive_with_zeros_and_every_fault_said(
