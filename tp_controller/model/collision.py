@@ -19,7 +19,7 @@ Distances come from Pinocchio and its collision library Coal; nothing else here 
 All shapes are convex: a mesh counts as its convex hull.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 import math
@@ -275,11 +275,14 @@ class Clearance:
         Of their indices, the first below the second; only the second may be a half-space.
     within : float
         Pairs that are farther apart are left out [m].
+    before : Clearance, optional
+        Of the same robot and `within`, that this one replaces. What is the same in both is taken
+        from it, and moved: with 6,400 pairs one obstacle more takes a tenth of the time.
 
     Attributes
     ----------
-    pairs : list of (int, int)
-        Sorted.
+    names : list of str
+        Of the pairs.
     frames : list of str
         That the solids are fixed to.
     first, second : ndarray (p,) of int
@@ -288,42 +291,21 @@ class Clearance:
     """
 
     def __init__(self, kinematics: Kinematics, solids: Sequence[Solid],
-                 pairs: Sequence[tuple[int, int]], within: float) -> None:
-        self._solids, self.pairs = solids, sorted(pairs)
+                 pairs: Sequence[tuple[int, int]], within: float,
+                 before: 'Clearance | None' = None) -> None:
+        there = [] if before is None else before._batches
+        self._batches: list[_Batch] = []
+        for number, start in enumerate(range(0, len(pairs), BATCH)):
+            some = list(pairs[start:start + BATCH])
+            if number < len(there) and there[number].take(solids, some):
+                self._batches.append(there[number])
+            else:
+                self._batches.append(_Batch(kinematics, solids, some, start, within))
+        self.names = [name for batch in self._batches for name in batch.names]
         self.frames = list(dict.fromkeys(solid.frame for solid in solids))
         frame = np.array([self.frames.index(solid.frame) for solid in solids], dtype=int)
-        one, other = np.array(self.pairs, dtype=int).reshape(-1, 2).T
-        self.first, self.second = frame[one], frame[other]
-        self._batches = [
-            _Batch(kinematics, solids, self.pairs[start:start + BATCH], start, within)
-            for start in range(0, len(self.pairs), BATCH)]
-
-    def move(self, solids: Sequence[Solid]) -> bool:
-        """
-        Put the solids elsewhere on their frames, in a tenth of the time to begin anew.
-
-        Parameters
-        ----------
-        solids : sequence of Solid
-            The same solids, but for their poses.
-
-        Returns
-        -------
-        bool
-            False where they are others, and nothing was done.
-
-        """
-        changed = {index: after for index, (before, after) in enumerate(zip(
-            self._solids, solids)) if after is not before}
-        if len(solids) != len(self._solids) or any(
-                (each.name, each.frame) != (self._solids[index].name, self._solids[index].frame)
-                or each.geometry != self._solids[index].geometry
-                for index, each in changed.items()):
-            return False
-        for batch in self._batches:
-            batch.move(changed)
-        self._solids = solids
-        return True
+        self.first, self.second = (frame[indices] for indices in np.concatenate(
+            [np.zeros((2, 0), dtype=int), *(batch.indices for batch in self._batches)], axis=1))
 
     def near(self, state: RobotState) -> list[int]:
         """Return which pairs are nearer than `within`."""
@@ -383,7 +365,9 @@ class _Batch:
 
     def __init__(self, kinematics: Kinematics, solids: Sequence[Solid],
                  pairs: Sequence[tuple[int, int]], start: int, within: float) -> None:
-        self._kinematics, self._start = kinematics, start
+        self._kinematics, self._given, self._start = kinematics, pairs, start
+        self.names = [f'{solids[one].name} – {solids[other].name}' for one, other in pairs]
+        self.indices = np.array(pairs, dtype=int).T
         # {index of a solid: that of its object in the model}
         self._objects = {solid: index for index, solid in enumerate(sorted(
             {solid for pair in pairs for solid in pair}))}
@@ -415,11 +399,22 @@ class _Batch:
         joint, placement = self._kinematics.attachment(each.frame)
         return joint, placement * pinocchio.SE3(each.pose)
 
-    def move(self, changed: Mapping[int, Solid]) -> None:
-        """Put those solids elsewhere that are of this batch."""
-        objects = self._model.geometryObjects
-        for solid in self._objects.keys() & changed.keys():
-            objects[self._objects[solid]].placement = self._placed(changed[solid])[1]
+    def take(self, solids: Sequence[Solid], pairs: list[tuple[int, int]]) -> bool:
+        """
+        Take the solids of another clearance, which may be elsewhere on their frames.
+
+        Returns False, and does nothing, where they or their pairs are others.
+        """
+        if pairs != self._given:
+            return False
+        after = [solids[index] for index in self._objects]
+        if not all(map(_same, self._solids, after)):
+            return False
+        for number, (old, new) in enumerate(zip(self._solids, after)):
+            if new is not old:
+                self._model.geometryObjects[number].placement = self._placed(new)[1]
+        self._solids = after
+        return True
 
     def near(self, state: RobotState) -> list[int]:
         """Return which pairs are near."""
@@ -456,3 +451,9 @@ class _Batch:
         plane = isinstance(self._solids[second].geometry, coal.Halfspace)
         away = other.rotation[:, 2] if plane else one.translation - other.translation
         return away / (math.sqrt(away.dot(away)) or 1.0), one.translation
+
+
+def _same(one: Solid, other: Solid) -> bool:
+    """Say whether two solids are the same but for their poses."""
+    return one is other or bool((one.name, one.frame) == (other.name, other.frame)
+                                and one.geometry == other.geometry)

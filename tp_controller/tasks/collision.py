@@ -107,6 +107,7 @@ class CollisionTask(BoundedTask):
         self.groups = tuple(UnitRows(slice(None), unit, limit)
                             for _, unit, limit in self.groups or ())
         self._solids = self._solids_of(keys, links, capsules)
+        self._clearance = Clearance(robot.kinematics, [], [], self.within)
 
     def _solids_of(self, keys: Keys, links: str | Sequence[str] | None,
                    capsules: Any) -> list[Solid]:
@@ -131,8 +132,8 @@ class CollisionTask(BoundedTask):
 
     def _arrange(self, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]) -> None:
         """Look at these pairs of solids from now on."""
-        self._clearance = Clearance(self.robot.kinematics, solids, pairs, self.within)
-        self._names = [_pair_name(solids, pair) for pair in self._clearance.pairs]
+        self._clearance = Clearance(self.robot.kinematics, solids, pairs, self.within,
+                                    self._clearance)
 
     def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return the distances of the near pairs (m,) [m], and their Jacobian (m, n)."""
@@ -143,7 +144,7 @@ class CollisionTask(BoundedTask):
         """Return what `observe` does, and which pair each row is about."""
         clearance = self._clearance
         near = clearance.nearest(state, self.distance + CLOSE)
-        names = [self._names[pair] for pair in near.pairs]
+        names = [clearance.names[pair] for pair in near.pairs]
         keys = list(zip(names, near.corners))
         if not near.pairs:
             return Observation(near.distances, np.zeros((0, self.robot.n)), names, keys)
@@ -204,10 +205,10 @@ class SelfCollision(CollisionTask):
                                          ': name fewer links, or pairs that may touch'))
             keys.raise_faults(name)
         near = self._mostly_near(pairs)
-        self.left_out = [_pair_name(self._solids, pairs[index]) for index in sorted(near)]
+        self.left_out = list(near.values())
         self._arrange(self._solids, [pair for index, pair in enumerate(pairs)
                                      if index not in near])
-        self.pairs = list(self._names)
+        self.pairs = list(self._clearance.names)
         if not self.pairs:
             keys.faults.append(('links', self._nothing_left()))
         keys.raise_faults(name)
@@ -238,8 +239,8 @@ class SelfCollision(CollisionTask):
         return [(one, other) for one, other in np.argwhere(
             np.triu(checked[row][:, row], 1)).tolist()]
 
-    def _mostly_near(self, pairs: Sequence[tuple[int, int]]) -> set[int]:
-        """Return the indices of the pairs that are too near in most postures."""
+    def _mostly_near(self, pairs: Sequence[tuple[int, int]]) -> dict[int, str]:
+        """Return {index: name} of the pairs that are too near in most postures."""
         robot = self.robot
         state = robot.state(robot.neutral())
         clearance = Clearance(robot.kinematics, self._solids, pairs, self.distance)
@@ -252,7 +253,8 @@ class SelfCollision(CollisionTask):
         for _ in range(POSTURES):
             state.update(robot.configuration(chance.uniform(lower, np.maximum(lower, upper))))
             times[clearance.near(state)] += 1
-        return set(np.flatnonzero(times > 0.5 * POSTURES).tolist())
+        return {pair: clearance.names[pair]
+                for pair in np.flatnonzero(times > 0.5 * POSTURES).tolist()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,7 +326,8 @@ class Obstacles(CollisionTask):
         if not keys.faults and len(self._fixed) > self._most():
             keys.faults.append(('obstacles', self._too_many(len(self._fixed))))
         keys.raise_faults(name)
-        self._arrange(self._solids, [])
+        # In the order in which they are looked at.
+        self._order: list[str] = []
         self._place()
 
     @property
@@ -343,12 +346,19 @@ class Obstacles(CollisionTask):
 
     def _place(self) -> None:
         """Look at what stands around from now on."""
-        there = [solid(name, self.reference, obstacle.shape, obstacle.pose)
-                 for name, obstacle in self.obstacles.items()]
-        links, solids = len(self._solids), self._solids + there
-        if not self._clearance.move(solids):
-            self._arrange(solids, [(link, links + other) for link in range(links)
-                                   for other in range(len(there))])
+        around = self.obstacles
+        order = list(self._order)
+        for name in [name for name in order if name not in around]:
+            # The last one takes its place. All others keep theirs, and nothing is made anew.
+            last = order.pop()
+            if last != name:
+                order[order.index(name)] = last
+        self._order = order + [name for name in around if name not in order]
+        there = [solid(name, self.reference, around[name].shape, around[name].pose)
+                 for name in self._order]
+        links = len(self._solids)
+        self._arrange(self._solids + there, [(link, links + other) for other in range(len(there))
+                                             for link in range(links)])
 
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
@@ -398,12 +408,6 @@ class Obstacles(CollisionTask):
             self.goal = {name: obstacle for name, obstacle in other.goal.items()
                          if obstacle is not None}
             self._place()
-
-
-def _pair_name(solids: Sequence[Solid], pair: tuple[int, int]) -> str:
-    """Return what messages call a pair of solids."""
-    one, other = pair
-    return f'{solids[one].name} – {solids[other].name}'
 
 
 def _links(robot: Robot, links: str | Sequence[str] | None) -> list[str] | None:

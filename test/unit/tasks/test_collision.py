@@ -452,6 +452,36 @@ def test_distances_do_not_depend_on_how_many_pairs_are_checked_at_once(size, mon
         assert np.allclose(one.J, other.J, atol=1e-9)
 
 
+def test_obstacles_that_change_give_what_new_ones_do_and_leave_the_others_alone(monkeypatch):
+    monkeypatch.setattr(geometry, 'BATCH', 4)
+    task, rng = make('obstacles', arm(), distance=0.1), np.random.default_rng(5)
+    there, kept = {}, 0
+    for step in range(60):
+        name, before = f'o{rng.integers(12)}', list(task._clearance._batches)
+        # A new one, one that moves, that changes its shape, or goes.
+        kind = rng.choice(['sphere', 'same', 'none'])
+        at = rng.uniform(-0.6, 0.6, 3).tolist()
+        if kind == 'none':
+            there.pop(name, None)
+        else:
+            shape = there[name]['shape'] if kind == 'same' and name in there else {
+                'sphere': float(rng.uniform(0.05, 0.2))}
+            there[name] = {'shape': shape, 'at': at}
+        task.set_goal(task.parse_goal({name: there.get(name)}), 0.1 * step)
+        after = task._clearance._batches
+        kept += sum(one is other for one, other in zip(before, after))
+        assert sum(one is not other for one, other in zip(before, after)) <= 4
+        new = make('obstacles', arm(), distance=0.1, obstacles=there)
+        for _ in range(3):
+            state = task.robot.state(inside(task.robot, rng))
+            one, other = (each.observe_rows(state) for each in (task, new))
+            assert sorted(one.keys) == sorted(other.keys)
+            rows = [other.keys.index(key) for key in one.keys]
+            assert np.allclose(one.value, other.value[rows], atol=1e-12)
+            assert np.allclose(one.J, other.J[rows], atol=1e-9)
+    assert kept > 200
+
+
 # Capsules are parallel by chance only.
 @pytest.mark.parametrize('case', ['panda', 'ur5', 'mimic fingers'])
 def test_row_of_a_corner_is_how_fast_both_links_part_there(case):
@@ -465,8 +495,9 @@ def test_row_of_a_corner_is_how_fast_both_links_part_there(case):
         _, J = task.observe(now)
         for row in np.flatnonzero(near.corners):
             speeds = []
-            for index in task._clearance.pairs[near.pairs[row]]:
-                link = task._solids[index].frame
+            pair = near.pairs[row]
+            for index in (task._clearance.first[pair], task._clearance.second[pair]):
+                link = task._clearance.frames[index]
                 local = np.linalg.solve(now.pose(link), [*near.points[row], 1.0])
                 speeds.append((after.pose(link) - before.pose(link)) @ local / (2 * h))
             compared += 1
@@ -951,7 +982,7 @@ def test_obstacles_that_came_as_goals_outlive_a_new_stack():
     controller.replace_stack(Stack.from_yaml(text, robot))
     task = controller.stack.tasks['clear']
     assert around(task) == ['ball', 'pole', 'table']
-    assert len(task._clearance.pairs) == 6
+    assert len(task._clearance.names) == 6
 
 
 # Whole motions
