@@ -241,3 +241,24 @@ def test_a_message_counts_as_heard_when_it_was_true():
     assert buffer.put(['a'], [0.0], 11.09, 1.0) == ''
     assert buffer.missing(11.1, 0.1) == []
     assert buffer.missing(11.12, 0.1) == ['a']
+
+
+def test_a_message_that_was_overtaken_does_not_take_the_place_of_the_newer_one():
+    buffer = JointStateBuffer(['a'], [], [], np.array([2.0]), late=0.1)
+    for stamp, received, position in ((1.0, 11.0, 0.0), (1.02, 11.02, 0.04), (1.01, 11.03, 0.02)):
+        assert buffer.put(['a'], [position], received, stamp) == ''
+    assert buffer.q == [0.04] and not buffer.contradiction
+    # The robot is where the newest message says, and that is how old what is known is.
+    assert buffer.missing(11.11, 0.1) == [] and buffer.missing(11.13, 0.1) == ['a']
+    # Of another publisher, which is a little behind, it is still seen that it disagrees.
+    buffer.put(['a'], [1.0], 11.04, 1.015)
+    assert 'jumped' in buffer.contradiction
+
+
+def test_after_a_clock_was_set_back_its_messages_count_again():
+    buffer = JointStateBuffer(['a'], [], [], late=0.1)
+    times = np.arange(0.0, 3.0, 0.02)
+    for shift, later in ((0.0, 0.0), (-30.0, 5.0)):
+        for time in times:
+            buffer.put(['a'], [time + later], 11.0 + time + later, 100.0 + shift + time + later)
+    assert buffer.q == [times[-1] + 5.0]

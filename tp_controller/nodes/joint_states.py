@@ -193,6 +193,8 @@ class JointStateBuffer:
             bad = ', '.join(self._names[row] for row in self._numbers[rows][~known])
             return f'position not finite, or beyond {LARGEST:g}: {bad}'
         self._check_motion(plan, values, now, clock)
+        if plan.age.overtaken:
+            return ''
         if len(self.passive) and not known.all():
             # Some drivers know no position of joints that are not theirs to drive.
             rows, values = self._numbers[rows][known], values[known]

@@ -55,11 +55,14 @@ class StampAge:
     ----------
     age : float
         Of the last message that was not too old [s].
+    overtaken : bool
+        A newer one had come before that.
 
     """
 
     def __init__(self, limit: float) -> None:
-        self._limit, self.age = limit, 0.0
+        self._limit, self.age, self.overtaken = limit, 0.0, False
+        self._newest = -math.inf
         # Smallest differences of two halves of the time that is remembered.
         self._older = self._newer = math.inf
         self._turned = -math.inf
@@ -79,7 +82,7 @@ class StampAge:
 
         """
         if stamp == 0.0 or math.isinf(self._limit):
-            self.age = 0.0
+            self.age, self.overtaken = 0.0, False
             return ''
         difference = received - stamp
         offset = min(self._older, self._newer)
@@ -89,8 +92,10 @@ class StampAge:
                 else f'stamped {-age:.2g} s ahead of the ones before'
         if abs(age) > self._limit:
             self._older = self._newer = difference
-            age = 0.0
+            self._newest, age = -math.inf, 0.0
         self._off, self.age = None, max(age, 0.0)
+        self.overtaken = stamp < self._newest
+        self._newest = max(self._newest, stamp)
         self._remember(difference, received)
         return ''
 
