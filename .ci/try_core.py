@@ -1,0 +1,59 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Solve one small problem with a compiled core, and nothing but the standard library.
+
+Run as ``python .ci/try_core.py core.abi3.so``: three joints, the first of two levels at the limit
+of a joint. Another joint has to do what that one cannot.
+"""
+
+from array import array
+from importlib.util import module_from_spec, spec_from_file_location
+import math
+import sys
+from types import SimpleNamespace
+
+
+def doubles(*numbers):
+    """Return numbers as the core reads them."""
+    return memoryview(array('d', numbers))
+
+
+def level(rows, v):
+    """Return a level that demands v of J."""
+    flat = doubles(*(number for row in rows for number in row))
+    J = flat.cast('B').cast('d', (len(rows), len(rows[0])))
+    return SimpleNamespace(J=J, v=doubles(*v), mode='least_squares', lower=None, upper=None,
+                           is_identity=False)
+
+
+def main():
+    """Solve it."""
+    spec = spec_from_file_location('tp_controller.solver.core', sys.argv[1])
+    core = module_from_spec(spec)
+    spec.loader.exec_module(core)
+    solver = core.Solver(3, 0.0, math.inf, 0.0, 0.0, None, False, True)
+    velocity = doubles(0.0, 0.0, 0.0)
+    found = solver.solve(
+        [level([[1.0, 1.0, 0.0]], [3.0]), level([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.5])],
+        doubles(-5.0, -2.0, -5.0), doubles(5.0, 2.0, 5.0), 0.0, None, (), velocity)
+    assert found is not None and len(found[0]) == 2
+    assert all(math.isclose(*pair, abs_tol=1e-12) for pair in zip(velocity, (1.0, 2.0, 0.5))), \
+        list(velocity)
+    print(f'the core runs on Python {sys.version.split()[0]}')
+
+
+if __name__ == '__main__':
+    main()
