@@ -20,12 +20,13 @@ whatever is given, it is read or refused within about a second.
 """
 
 from collections.abc import Callable
+import math
 import os
 from pathlib import Path
 import re
 import stat
 import time
-from typing import Any
+from typing import Any, TypeGuard
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -234,6 +235,16 @@ def load_xml(text: str) -> Element:
         return parser.close()
     except (ElementTree.ParseError, UnicodeEncodeError) as error:
         raise ValueError(f'not valid XML: {error}') from error
+
+
+def is_number(value: object) -> TypeGuard[int | float]:
+    """Say whether a value is a number, not NaN, that a float can hold."""
+    try:
+        return isinstance(value, (int, float)) and not isinstance(value, bool) \
+            and not math.isnan(float(value))
+    except OverflowError:
+        # YAML has whole numbers of any size.
+        return False
 
 
 def find_file(name: str | Path) -> Path:

@@ -21,11 +21,23 @@ import time
 import numpy as np
 import pytest
 import robots
-from tp_controller import GoalError, resources, Robot, RobotError, Stack, StackError
+from tp_controller import (
+    GoalError,
+    resources,
+    Robot,
+    RobotError,
+    Settings,
+    SettingsError,
+    Stack,
+    StackError,
+)
 from tp_controller.errors import suggestion
 from tp_controller.model import collision, urdf
+from tp_controller.model.simulator import initial_positions, SimulatorNoise
 from tp_controller.model.srdf import srdf_pairs
 from tp_controller.resources import find_file, load_xml, load_yaml, read_source
+from tp_controller.solver.errors import SolverError
+from tp_controller.solver.solve import solve
 from tp_controller.tasks import stack
 from tp_controller.tasks.collision import MOST_PAIRS
 
@@ -392,3 +404,39 @@ def test_large_mesh_is_refused(tmp_path):
         file.truncate(20_000_001)
     with pytest.raises(RobotError, match='20000001 bytes; at most 20000000 are read'):
         collision.urdf_solids(with_mesh(path), ['a'])
+
+
+# YAML has whole numbers of any size, and Python adds up what no float can hold.
+HUGE = 10 ** 400
+
+
+@pytest.mark.parametrize('value', [HUGE, -HUGE])
+@pytest.mark.parametrize('key', ['lower', 'upper', 'velocity', 'acceleration'])
+def test_a_limit_that_no_float_can_hold_is_refused(key, value):
+    with pytest.raises(RobotError, match=f'joint1: {key} limit must be a number'):
+        Robot.from_file(robots.PLANAR_DH, limits={'joint1': {key: value}})
+
+
+@pytest.mark.parametrize('value', [HUGE, -HUGE])
+def test_a_number_that_no_float_can_hold_is_refused_wherever_numbers_are_read(value):
+    robot = Robot.from_file(robots.PLANAR_DH)
+    with pytest.raises(RobotError, match='initial positions: joint1 must be a finite number'):
+        initial_positions(f'joint1: {value}', robot)
+    for key in ('noise', 'delay', 'lag', 'drop'):
+        with pytest.raises(SettingsError, match=f'{key} must be'):
+            SimulatorNoise(**{key: value})
+    for key in ('period', 'damping', 'weights'):
+        with pytest.raises(SettingsError, match=f'{key} must be'):
+            Settings(**{key: (value,) * 3 if key == 'weights' else value})
+    with pytest.raises(RobotError, match='a must be a number'):
+        Robot.from_dh(f'joints: [{{name: one, a: {value}}}]')
+    with pytest.raises(StackError, match='gain'):
+        Stack.from_yaml(f'- tip: {{type: posture, gain: {value}}}', robot)
+    for key in ('damping', 'singular_region', 'regularisation', 'period'):
+        with pytest.raises(SolverError, match=f'{key} must be'):
+            solve([([[1.0]], [1.0])], **{key: value})
+    for key in ('weights', 'lower', 'upper'):
+        with pytest.raises(SolverError, match='number|int too large'):
+            solve([([[1.0]], [1.0])], **{key: [value]})
+    with pytest.raises(SolverError, match='int too large'):
+        solve([([[value]], [1.0])])

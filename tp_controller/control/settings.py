@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from tp_controller.errors import SettingsError
 from tp_controller.model.robot import Robot
+from tp_controller.resources import is_number
 from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import Array
 from tp_controller.solver.solve import Options, SCALINGS
@@ -34,7 +35,7 @@ ANYWHERE = (-math.inf, math.inf) * 3
 
 def _is_box(value: object) -> bool:
     """Say whether a value is a lower and an upper end for each of x, y and z."""
-    return isinstance(value, (list, tuple)) and len(value) == 6 and all(map(_is_number, value)) \
+    return isinstance(value, (list, tuple)) and len(value) == 6 and all(map(is_number, value)) \
         and all(lower <= upper for lower, upper in zip(value[::2], value[1::2]))
 
 
@@ -156,7 +157,7 @@ class Settings:
                        f'not {value!r}')
         elif 'lower' in item.metadata:
             lower, upper = item.metadata['lower'], item.metadata['upper']
-            if not _is_number(value) or not lower <= value <= upper:
+            if not is_number(value) or not lower <= value <= upper:
                 yield f'{item.name} must be a number from {lower:g} to {upper:g}, not {value!r}'
         elif 'count' in item.metadata:
             if not _is_box(value):
@@ -164,14 +165,5 @@ class Settings:
                        f'not {value!r}')
         elif value is not None and not (
                 isinstance(value, (list, tuple)) and
-                all(_is_number(weight) and 0.0 < weight < math.inf for weight in value)):
+                all(is_number(weight) and 0.0 < weight < math.inf for weight in value)):
             yield f'{item.name} must be positive numbers, one for each joint, not {value!r}'
-
-
-def _is_number(value: object) -> bool:
-    """Say whether a value is a number that a float can hold."""
-    try:
-        return isinstance(value, (int, float)) and not isinstance(value, bool) \
-            and not math.isnan(float(value))
-    except OverflowError:
-        return False

@@ -27,7 +27,7 @@ from xml.sax.saxutils import quoteattr
 
 from tp_controller.errors import RobotError, unknown
 from tp_controller.model.urdf import UNLIMITED
-from tp_controller.resources import load_yaml, read_source
+from tp_controller.resources import is_number, load_yaml, read_source
 
 CONVENTIONS = ('standard', 'modified')
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
@@ -186,12 +186,9 @@ def _check_word(value: object, what: str) -> None:
 
 def _number(value: object, what: str) -> float:
     """Return `value` as a float that is not NaN."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
+    if not is_number(value):
         raise RobotError(f'{what} must be a number, not {value!r}')
-    try:
-        return float(value)
-    except OverflowError as error:
-        raise RobotError(f'{what} is too large') from error
+    return float(value)
 
 
 def _transforms(joint: Row, convention: str) -> tuple[Transform, Transform | None]:

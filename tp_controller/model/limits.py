@@ -22,6 +22,7 @@ from xml.etree.ElementTree import Element
 from tp_controller.errors import RobotError, unknown
 from tp_controller.model.mobile_base import Base, DEFAULT_VELOCITY
 from tp_controller.model.urdf import MimicRules, resolve_mimic, UNLIMITED
+from tp_controller.resources import is_number
 
 LIMIT_KEYS = ('lower', 'upper', 'velocity', 'acceleration')
 # A base has no position limits.
@@ -115,7 +116,7 @@ def _check_override(name: object, limits: object, base: Base, driven: Sequence[s
     for key, value in limits.items():
         if key not in LIMIT_KEYS:
             raise RobotError(f'{what}: {unknown("limit", key, LIMIT_KEYS)}')
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
+        if not is_number(value):
             raise RobotError(f'{what}: {key} limit must be a number, not {value!r}')
         if name in base.names and key not in BASE_LIMIT_KEYS:
             raise RobotError(f'{what}: a base has no position limits; valid: '

@@ -25,7 +25,7 @@ from tp_controller.errors import RobotError, SettingsError, unknown
 from tp_controller.model.mobile_base import NAMES
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, pose, rotation_from_rpy
-from tp_controller.resources import load_yaml, read_source
+from tp_controller.resources import is_number, load_yaml, read_source
 
 # A joint whose limits are nearer to zero than this does not start there, as a share of its range.
 START_MARGIN = 0.05
@@ -68,8 +68,7 @@ class SimulatorNoise:
         faults = [f'{name} must be a finite number that is not negative, not {value!r}'
                   for name, value in (('noise', self.noise), ('delay', self.delay),
                                       ('lag', self.lag), ('drop', self.drop))
-                  if isinstance(value, bool) or not isinstance(value, (int, float))
-                  or not 0.0 <= value < math.inf]
+                  if not (is_number(value) and 0.0 <= value < math.inf)]
         if not faults and self.drop >= 1.0:
             faults.append(f'drop must be below 1, not {self.drop!r}')
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
@@ -281,8 +280,7 @@ def initial_positions(source: str | Path, robot: Robot) -> Array:
     base = np.zeros(6)
     axes = {NAMES[row]: row for row in robot.base_reach}
     for name, position in positions.items():
-        if isinstance(position, bool) or not isinstance(position, (int, float)) \
-                or not math.isfinite(position):
+        if not (is_number(position) and math.isfinite(position)):
             raise RobotError(f'initial positions: {name} must be a finite number, '
                              f'not {position!r}')
         if name in axes:

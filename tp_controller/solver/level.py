@@ -204,7 +204,7 @@ def _array(values: Any, dimensions: int, what: str) -> Array:
         if np.iscomplexobj(array):
             raise TypeError('complex numbers are not velocities')
         array = array.astype(float, copy=False)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise SolverError(f'{what}: {error}') from error
     if array.ndim != dimensions:
         raise SolverError(f'{what}, got an array of shape {array.shape}')

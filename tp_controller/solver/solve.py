@@ -31,7 +31,7 @@ from tp_controller.solver.bounded_hierarchy import BoundedHierarchy, LevelStep
 from tp_controller.solver.compiled import Core, core_for, solve_by_core
 from tp_controller.solver.damping import Damping, Memory
 from tp_controller.solver.errors import SolverError, unknown
-from tp_controller.solver.level import Array, check_bounds, check_levels, Level
+from tp_controller.solver.level import Array, check_bounds, check_levels, LARGEST, Level
 from tp_controller.solver.min_norm import min_norm
 from tp_controller.solver.polytope import Polytope
 from tp_controller.solver.scaling import enlarged, scale_uniformly
@@ -287,16 +287,25 @@ def _remembered(steps: list[LevelStep], memory: Memory, damping: Damping,
 def _check_numbers(**numbers: object) -> None:
     """Raise `SolverError` unless all are finite and not negative; one region may be infinite."""
     for name, value in numbers.items():
+        most = math.inf if name == 'singular_region' else LARGEST
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) \
-                or not value >= 0.0 or (name != 'singular_region' and math.isinf(value)):
+                or not 0.0 <= _as_float(value) <= most:
             raise SolverError(f'{name} must be a number that is not negative, not {value!r}')
+
+
+def _as_float(value: Any) -> float:
+    """Return a number as a float, NaN where that cannot hold it."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan
 
 
 def _check_weights(weights: Any, n: int) -> Array:
     """Return weights as an array (n,) of positive numbers, the smallest of them 1."""
     try:
         checked = np.asarray(weights, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise SolverError(f'weights must be {n} positive numbers: {error}') from error
     if checked.shape != (n,) or not (checked > 0.0).all() or not np.isfinite(checked).all():
         raise SolverError(f'weights must be {n} positive numbers, got {checked.tolist()}')

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tp_controller.errors import GoalError, RobotError, TaskError, unknown
 from tp_controller.model.spatial import Array
+from tp_controller.resources import is_number
 from tp_controller.solver.level import MODES
 
 # '1' is the unit of ratios.
@@ -82,7 +83,7 @@ def with_unit(value: str, unit: str) -> str:
 
 def number(value: object) -> float:
     """Return a finite float, or raise ValueError."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
+    if not (is_number(value) and abs(value) <= LARGEST):
         raise ValueError(f'needs a number of at most {LARGEST:g}, got {value!r}')
     return float(value)
 

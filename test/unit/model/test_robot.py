@@ -368,9 +368,9 @@ def test_neutral_is_as_near_to_zero_as_the_limits_allow():
     ({'joint1': {'lower': 'a'}}, 'joint joint1: lower limit must be a number'),
     ({'joint1': 5}, 'joint joint1: limits need a mapping'),
     ({'joint1': {'lower': 1, 'upper': 1}}, 'joint joint1: lower limit 1'),
-    ({'joint1': {'lower': math.nan}}, 'joint joint1: lower limit nan'),
+    ({'joint1': {'lower': math.nan}}, 'joint joint1: lower limit must be a number, not nan'),
     ({'joint1': {'velocity': -1}}, 'joint joint1: velocity limit -1'),
-    ({'joint1': {'velocity': math.nan}}, 'joint joint1: velocity limit nan'),
+    ({'joint1': {'velocity': math.nan}}, 'joint joint1: velocity limit must be a number, not nan'),
 ])
 def test_limits_that_make_no_sense_are_refused(limits, message):
     with pytest.raises(RobotError, match=message):
