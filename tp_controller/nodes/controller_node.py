@@ -210,7 +210,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         """Return for how long the loop has not completed anything [s]."""
         return self._loop.silence() if self._loop is not None else 0.0
 
-    def _bark(self, silence: float) -> None:
+    def _bark(self) -> None:
         """Command zeros in place of the loop."""
         if self._loop is not None:
             self._loop.bark()

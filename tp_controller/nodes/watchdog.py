@@ -30,19 +30,18 @@ class Watchdog:
     silence : callable
         Returns for how long nothing has been completed [s].
     bark : callable
-        Called with the silence [s].
+        Called without arguments.
 
     """
 
     def __init__(self, timeout: float, silence: Callable[[], float],
-                 bark: Callable[[float], None]) -> None:
+                 bark: Callable[[], None]) -> None:
         self._timeout, self._silence, self._bark = timeout, silence, bark
 
     def check(self) -> None:
         """Look once."""
-        silence = self._silence()
-        if silence > self._timeout:
-            self._bark(silence)
+        if self._silence() > self._timeout:
+            self._bark()
 
     @contextmanager
     def watching(self) -> Iterator[None]:
