@@ -220,6 +220,9 @@ def main():
           '| longest |')
     print('| --- | --- | --- | --- | --- | --- | --- |')
     with own_domain() as environment, tempfile.TemporaryDirectory() as folder:
+        # As the nodes have it by default; with LOCALHOST, Fast DDS uses shared memory.
+        environment.update(ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET',
+                           FASTDDS_BUILTIN_TRANSPORTS='UDPv4')
         os.environ.update(environment)
         echo = np.nan
         for case in CASES:
