@@ -148,7 +148,8 @@ def test_limits_of_the_topics_robot_are_no_unknown_parameters(harness, log):
     ({'limits__joint1__speed': 1.0}, 'unknown parameter limits.joint1.speed; valid: '),
     ({'limits__joint1__velocity': 1}, 'limits.joint1.velocity must be a double'),
     ({'limits__joint1__velocity': -1.0}, 'joint joint1: velocity limit -1.0'),
-    ({'limits__joint1__lower': float('nan')}, 'joint joint1: lower limit must be a number, not nan'),
+    ({'limits__joint1__lower': float('nan')}, 'joint joint1: lower limit must be a number, '
+     'not nan'),
     ({'command_joints': ['joint1', 'joint2', 'joint9']}, 'parameter command_joints'),
     ({'command_joints': ['joint1', 'joint2', 'joint2']}, 'parameter command_joints'),
     ({'robot': '/nowhere/arm.urdf'}, 'no file /nowhere/arm.urdf'),
