@@ -166,7 +166,8 @@ def near(originals):
 @contextmanager
 def only(*errors):
     """Let nothing pass but these errors, with a message that can be shown, soon."""
-    # Hypothesis remembers every example: to go through that takes seconds.
+    # Hypothesis remembers every example: to go through that takes seconds. This may be nested.
+    collects = gc.isenabled()
     gc.disable()
     began = time.thread_time()
     try:
@@ -180,7 +181,8 @@ def only(*errors):
         json.dumps(message)
     finally:
         taken = time.thread_time() - began
-        gc.enable()
+        if collects:
+            gc.enable()
     assert taken < SOON
 
 
