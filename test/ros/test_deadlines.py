@@ -21,6 +21,7 @@ from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import LivelinessPolicy, QoSProfile
 from robots import PANDA_DH
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 Q = (0.0, 0.6, 0.3)
@@ -108,3 +109,13 @@ def test_a_publisher_that_promises_no_deadline_is_named_and_not_heard(any_harnes
     any_harness.spin_until(told, meanwhile=arm.publish)
     any_harness.spin_for_more(status.messages, 3, arm.publish)
     assert status.head == 'no joint states of joint1, joint2, joint3'
+
+
+def test_the_simulator_promises_the_deadline_that_a_controller_requests(any_harness):
+    """What promises none is not heard; see above."""
+    any_harness.simulator(state_deadline=0.5)
+    any_harness.controller(state_deadline=0.5)
+    status, too_much = Status(any_harness), Receiver(any_harness, profile(0.1), JointState,
+                                                     '/joint_states')
+    any_harness.spin_until(lambda: status.head == 'running' and too_much.refused)
+    assert not too_much.messages

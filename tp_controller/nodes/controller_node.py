@@ -103,8 +103,8 @@ PARAMETERS = (
          '0: as other threads', fixed=True),
     Spec('processor', -1, 'the only processor that this thread runs on; -1: any', fixed=True),
     Spec('lock_memory', False, 'lock the memory of the process', fixed=True),
-    # Collecting all that the imports leave takes 50 ms, in which nothing is commanded: once in 10 s
-    # while a stack is read 50 times a second.
+    # A collection of all that the imports leave takes 50 ms, in which nothing is commanded: once
+    # in 10 s while a stack is read 50 times a second.
     Spec('freeze_garbage', True, 'let the garbage collector leave alone what is there at the '
          'start', fixed=True),
     Spec('status_rate', 10.0, 'status and marker messages per second', 'Hz', 0.1, 1000.0, True),

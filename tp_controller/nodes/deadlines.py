@@ -28,16 +28,16 @@ from tp_controller.nodes.log import Log
 LEASE_SECONDS = 0.5
 
 
-def command_qos(deadline: float) -> QoSProfile:
+def promise(deadline: float) -> QoSProfile:
     """
-    Return what is promised to the receivers of commands.
+    Return what is promised to the receivers of commands, or of joint states.
 
-    One that requests nothing gets the commands as from any publisher.
+    One that requests nothing gets the messages as from any publisher.
 
     Parameters
     ----------
     deadline : float
-        Longest time between two commands [s]; 0: none is promised.
+        Longest time between two messages [s]; 0: none is promised.
 
     """
     qos = QoSProfile(depth=10, liveliness=LivelinessPolicy.AUTOMATIC,

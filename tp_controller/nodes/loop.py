@@ -33,7 +33,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.nodes.base_topics import FixedBase, MovingBase, waiting
 from tp_controller.nodes.commands import Commands, LAST_ZEROS
-from tp_controller.nodes.deadlines import command_qos, state_events, state_qos
+from tp_controller.nodes.deadlines import promise, state_events, state_qos
 from tp_controller.nodes.figures import Figures
 from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.nodes.log import Log
@@ -103,7 +103,7 @@ class ControlLoop:
         robot = controller.robot
         names = _ordered(robot, names_in(values['command_joints']))
         self._watch_over(robot, values)
-        qos, deadline = command_qos(values['command_deadline']), values['state_deadline']
+        qos, deadline = promise(values['command_deadline']), values['state_deadline']
         self._base = MovingBase(node, topic, robot, qos) if robot.moves else FixedBase()
         self.commands = Commands(node, topic, robot, names, self._base, qos)
         self.stops = Stops(values['settle_time'])

@@ -35,6 +35,7 @@ from std_srvs.srv import Trigger
 from tp_controller.errors import RobotError
 from tp_controller.model.simulator import initial_positions, KinematicSimulator, SimulatorNoise
 from tp_controller.nodes.base_topics import fill_odometry, twist_of
+from tp_controller.nodes.deadlines import promise
 from tp_controller.nodes.parameters import (
     declare,
     keep_fixed,
@@ -61,6 +62,9 @@ PARAMETERS = (
          'needs tf2_ros', fixed=True),
     Spec('command_timeout', 0.1, 'time without a command after which the joints, or the base, '
          'stop, of the wall clock', 's', 1e-3, 10.0, True),
+    Spec('state_deadline', 0.0, 'longest time between two joint states that is promised to those '
+         'who request a deadline (QoS), of the wall clock (0: none is promised)', 's', 0.0, 60.0,
+         True),
     Spec('initial_positions', '', 'positions at the start, as YAML {joint: position} or a file '
          'of it, with base_x, base_y … base_yaw for a base that moves; a joint that is left out '
          'starts at zero, or in the middle of its range where zero is outside or near a limit',
@@ -100,6 +104,7 @@ class SimulatorNode(ClosableNode):
                                    dtype=int)
         self._velocity = np.zeros(self._robot.n)
         self._publish_clock = values['publish_clock']
+        self._state_qos = promise(values['state_deadline'])
         self._tf = TfBroadcast(self) if values['publish_tf'] and robot.moves else None
         self._connect()
         keep_fixed(self)
@@ -125,7 +130,7 @@ class SimulatorNode(ClosableNode):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._description = self.create_publisher(String, 'robot_description', latched)
         self._description.publish(String(data=self._robot.urdf))
-        self._states = self.create_publisher(JointState, 'joint_states', 10)
+        self._states = self.create_publisher(JointState, 'joint_states', self._state_qos)
         self._message = JointState(name=list(self._robot.joint_names))
         self._message.position = array('d', bytes(8 * len(self._message.name)))
         self._message.velocity = array('d', bytes(8 * len(self._message.name)))
