@@ -26,7 +26,7 @@ import re
 
 PACKAGE = Path(__file__).resolve().parents[1] / 'tp_controller'
 # Modules that draw: their texts are labels.
-DRAWING = ('demos/drawing.py', 'demos/film.py', 'demos/outlines.py', 'demos/plots.py')
+DRAWING = ('demos/film.py', 'demos/outlines.py', 'plots/curves.py', 'plots/drawing.py')
 # Calls and arguments whose texts describe something, and names that do.
 DESCRIBING = {'Spec', '_number', '_choice', 'NewType', 'Demo', 'title', 'help', 'description',
               'epilog', 'keys', 'KEYS', 'EXAMPLES', 'DEMO_EXAMPLES', 'GOAL_EXAMPLES',

@@ -28,9 +28,10 @@ import tp_controller
 
 PACKAGE = robots.REPOSITORY / 'tp_controller'
 # The layers, lowest first: each imports only itself and those before it.
-LAYERS = ['solver', 'errors', 'resources', 'model', 'tasks', 'control', '', 'nodes', 'demos',
-          'cli', '__main__']
-WITH_ROS = ('nodes', 'demos', 'cli', '__main__')
+LAYERS = ['solver', 'errors', 'resources', 'files', 'model', 'tasks', 'control', '', 'plots',
+          'nodes', 'demos', 'cli', '__main__']
+# What is no part of the method, and has libraries of its own.
+BESIDE = ('plots', 'nodes', 'demos', 'cli', '__main__')
 # What the method may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'daqp', 'tp_controller'}
 OPTIONAL = {('resources', 'ament_index_python')}
@@ -50,7 +51,7 @@ def layer(module):
     return module.partition('.')[0]
 
 
-METHOD = [name for name in MODULES if layer(name) not in WITH_ROS]
+METHOD = [name for name in MODULES if layer(name) not in BESIDE]
 
 
 def imported(path):

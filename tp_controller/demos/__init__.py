@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The demonstrations, and the pictures and films of what robots did."""
+"""The demonstrations, and films of what robots did."""

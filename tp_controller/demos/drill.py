@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 from tp_controller import Controller, KinematicSimulator, Robot, RobotState, Settings, Stack
 from tp_controller.demos.film import animate_arm
 from tp_controller.demos.outcome import Measurement, Outcome, tell
-from tp_controller.demos.plots import plot_bounds
 from tp_controller.model.spatial import Array
+from tp_controller.plots.curves import plot_bounds
 from tp_controller.resources import package_share
 from tp_controller.tasks.field_of_view import FieldOfView
 from tp_controller.tasks.joint_limits import JointLimits

@@ -28,7 +28,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
 from tp_controller import Robot, RobotState
-from tp_controller.demos.drawing import (
+from tp_controller.demos.outlines import base_outline
+from tp_controller.demos.outlines import joined as joined_lines
+from tp_controller.files import new_file
+from tp_controller.model.urdf import parse
+from tp_controller.plots.drawing import (
     ARM_COLOUR,
     Array,
     FLAT,
@@ -37,10 +41,6 @@ from tp_controller.demos.drawing import (
     PATH_COLOUR,
     SHADOW_COLOUR,
 )
-from tp_controller.demos.files import new_file
-from tp_controller.demos.outlines import base_outline
-from tp_controller.demos.outlines import joined as joined_lines
-from tp_controller.model.urdf import parse
 
 # Line2D or Line3D, which has no types.
 Line = Any

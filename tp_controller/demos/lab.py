@@ -30,8 +30,8 @@ from numpy.typing import ArrayLike
 from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
 from tp_controller.demos.film import animate_arm
 from tp_controller.demos.outcome import Measurement, Outcome, tell
-from tp_controller.demos.plots import plot_errors, plot_positions, plot_velocities
 from tp_controller.model.spatial import Array
+from tp_controller.plots.curves import plot_errors, plot_positions, plot_velocities
 from tp_controller.resources import package_share
 
 Point = Sequence[float] | Array

@@ -24,8 +24,8 @@ import subprocess
 import sys
 from typing import BinaryIO
 
-from tp_controller.demos.files import new_file, open_lock, private_folder
 from tp_controller.errors import TpControllerError
+from tp_controller.files import new_file, open_lock, private_folder
 
 # Ids that are safe on every platform (ROS 2 documentation, "The ROS_DOMAIN_ID"), from the last
 # one down: people number their robots from 0 up.

@@ -26,12 +26,12 @@ from typing import cast, TYPE_CHECKING
 import numpy as np
 from tp_controller.demos.film import animate_arm
 from tp_controller.demos.outlines import outline
-from tp_controller.demos.plots import plot_errors, plot_tool_path, plot_velocities
 from tp_controller.demos.processes import ended_by_sigterm, NodeProcess, own_domain
 from tp_controller.demos.scenarios import Demo, Goal, goal_fields
 from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.plots.curves import plot_errors, plot_tool_path, plot_velocities
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.stack import Stack
 

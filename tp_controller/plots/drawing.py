@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller.demos.files import new_file
+from tp_controller.files import new_file
 from tp_controller.model.spatial import Array
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tp_controller.demos.drawing import (
+from tp_controller.plots.drawing import (
     ARM_COLOUR,
     Array,
     COLOURS,

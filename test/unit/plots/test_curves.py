@@ -25,10 +25,12 @@ from PIL import Image
 import pytest
 from robots import CONFIG, panda, planar, urdf_robot
 from tp_controller import Robot
-from tp_controller.demos import drawing, film, plots
+from tp_controller.demos import film
 from tp_controller.demos.outlines import base_outline, outline
 from tp_controller.model.shapes import Box, Cylinder, HalfSpace, Sphere
 from tp_controller.model.spatial import pose, rotation_from_rpy
+from tp_controller.plots import curves as plots
+from tp_controller.plots import drawing
 
 TIMES = np.linspace(0.0, 10.0, 300)
 ERRORS = [('tool', 'm', np.exp(-TIMES)), ('tool', 'rad', 2.0 * np.exp(-TIMES)),
@@ -241,7 +243,7 @@ def test_neither_pyplot_nor_the_global_settings_are_touched(tmp_path):
 import sys
 import matplotlib
 before = matplotlib.rcParams.copy()
-from tp_controller.demos import plots
+from tp_controller.plots import curves as plots
 plots.plot_errors(sys.argv[1], [0.0, 1.0], [('tool', 'm', [1.0, 0.5])])
 assert 'matplotlib.pyplot' not in sys.modules
 raw = dict.__getitem__  # rcParams['backend'] would choose one
