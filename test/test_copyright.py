@@ -18,7 +18,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 HEADER = (ROOT / 'setup.py').read_text(encoding='utf-8').partition('\n\n')[0]
-FOLDERS = ('tp_controller', 'launch', 'test', 'benchmarks', 'docs')
+FOLDERS = ('tp_controller', 'launch', 'test', 'benchmarks', 'docs', 'examples')
 
 
 @pytest.mark.linter

@@ -1,0 +1,54 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A task type of your own: the cable between two frames never becomes taut."""
+
+import numpy as np
+from tp_controller import Controller, KinematicSimulator, Robot, Stack
+from tp_controller.tasks import BoundedTask, Keys
+
+
+class Cable(BoundedTask):
+    """Keep two frames within the length of a cable between them [m]."""
+
+    type_name = 'cable'
+    keys = {'frame': 'frame at one end', 'to': 'frame at the other end', 'length': '[m]'}
+
+    def __init__(self, robot, name, *, frame, to, length, **common):
+        keys = Keys()
+        self.frame = keys.check('frame', robot.check_frame, frame)
+        self.to = keys.check('to', robot.check_frame, to)
+        super().__init__(robot, name, ['m'], keys, -np.inf, length, **common)
+        keys.raise_faults(name)
+
+    def observe(self, state):
+        line = state.position(self.frame) - state.position(self.to)
+        J = state.jacobian(self.frame)[:3] - state.jacobian(self.to)[:3]
+        return np.linalg.norm(line, keepdims=True), (line @ J / np.linalg.norm(line))[np.newaxis]
+
+
+robot = Robot.from_file('package://tp_controller/config/robots/panda.yaml')
+controller = Controller(robot, Stack.from_yaml("""
+- cable: {type: cable, frame: panda_hand, to: panda_link2, length: 0.6}
+- tool: {type: position, frame: panda_hand, gain: 2.0}
+""", robot))
+simulator = KinematicSimulator(robot, [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+controller.set_goal('tool', [0.5, 0.5, 0.6], now=0.0)
+for now in 0.01 * np.arange(500):
+    command = controller.update(simulator.q, now)
+    simulator.command(command.velocity)
+    simulator.step(0.01)
+ends = [robot.state(simulator.q).position(frame) for frame in ('panda_hand', 'panda_link2')]
+print(f'{1e3 * np.linalg.norm(ends[0] - ends[1]):.1f} mm of cable used, tool '
+      f'{command.report.tasks[1].status}: {command.report.tasks[1].reason}')
