@@ -27,6 +27,8 @@ executables = {
     'watchdog_node': 'tp_controller.cli.main:watchdog_node',
 }
 plots = ['matplotlib', 'Pillow']
+# The page in the browser; pycollada reads meshes in COLLADA (.dae).
+view = ['viser>=1,<2', 'pycollada']
 docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
 # What benchmarks/peers.py compares with; not placo, which needs pinocchio 3.
 peers = ['pin-pink', 'mink', 'embodik; python_version < "3.13"', 'example-robot-data']
@@ -79,8 +81,9 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'peers': peers,
         'plots': plots,
+        'view': view,
         'docs': docs,
-        'test': [*plots, *docs, 'pytest', 'hypothesis', 'example-robot-data', 'ruff<0.18',
+        'test': [*plots, *view, *docs, 'pytest', 'hypothesis', 'example-robot-data', 'ruff<0.18',
                  'mypy<2.5', 'types-PyYAML', 'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',

@@ -1,0 +1,237 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A robot in a scene of the browser is where its kinematics say, and looks as it is described."""
+
+from xml.etree import ElementTree
+
+import coal
+import numpy as np
+import pytest
+import robots
+from tp_controller import Robot
+from tp_controller.model.urdf import parse
+
+viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
+
+from tp_controller.view import looks, meshes, parts, scene  # noqa: E402
+
+BOX = '<geometry><box size="0.1 0.2 0.3"/></geometry>'
+BALL = '<geometry><sphere radius="0.2"/></geometry>'
+MISSING = '<geometry><mesh filename="package://no_such_package/a.stl"/></geometry>'
+
+
+@pytest.fixture(scope='module')
+def server():
+    """Return a server whose page nobody opens."""
+    found = viser.ViserServer('127.0.0.1', 8480, verbose=False)
+    yield found
+    found.stop()
+
+
+@pytest.fixture
+def stage(server):
+    """Return an empty scene."""
+    server.scene.reset()
+    return server.scene
+
+
+def two_links(first='', second=''):
+    """Return a robot of two links, half a metre apart, with some content."""
+    return Robot.from_urdf(
+        f'<robot name="r"><link name="a">{first}</link><link name="b">{second}</link>'
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/>'
+        '<origin xyz="0 0 0.5"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>')
+
+
+def shown_pose(handle):
+    """Return the pose that a node of the scene has, from what viser would send."""
+    w, x, y, z = handle.wxyz
+    R = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                  [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                  [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, handle.position
+    return T
+
+
+def configuration(robot, seed):
+    """Return a configuration within the limits, with the base anywhere."""
+    random = np.random.default_rng(seed)
+    lower, upper = np.maximum(robot.lower, -2.0), np.minimum(robot.upper, 2.0)
+    T = np.eye(4)
+    angle = random.uniform(-2.0, 2.0)
+    T[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    T[:2, 3] = random.uniform(-1.0, 1.0, 2)
+    return robot.configuration(random.uniform(lower, upper)[robot.joint_columns], T)
+
+
+@pytest.mark.parametrize('base', ['fixed', 'planar', 'underwater'])
+def test_links_are_shown_where_the_kinematics_have_them(stage, base):
+    robot = robots.moving_panda(base) if base != 'fixed' else robots.panda()
+    shown = scene.RobotScene(stage, robot)
+    assert {'panda_link2', 'panda_link4', 'panda_link7'} <= set(shown.frames)
+    for seed in range(3):
+        q = configuration(robot, seed)
+        shown.show(q)
+        state = robot.state(q)
+        for link, handle in shown.frames.items():
+            np.testing.assert_allclose(shown_pose(handle), state.pose(link), atol=1e-6)
+
+
+def test_passive_joints_move_their_links_too(stage):
+    robot = robots.urdf_robot('panda', joints=tuple(f'panda_joint{n}' for n in range(1, 8)))
+    shown = scene.RobotScene(stage, robot)
+    shown.show(robots.PANDA_READY, [0.03] * len(robot.passive_names))
+    expected = robot.state(robots.PANDA_READY, [0.03] * len(robot.passive_names))
+    for finger in ('panda_leftfinger', 'panda_rightfinger'):
+        np.testing.assert_allclose(shown_pose(shown.frames[finger]), expected.pose(finger),
+                                   atol=1e-6)
+
+
+def test_only_links_that_moved_are_sent_again(stage):
+    robot = robots.panda()
+    shown = scene.RobotScene(stage, robot)
+    shown.show(robots.PANDA_READY)
+    # What was set by hand stays, unless the link is moved.
+    for handle in shown.frames.values():
+        handle.position = (9.0, 9.0, 9.0)
+    q = np.array(robots.PANDA_READY)
+    q[6] += 0.1
+    shown.show(q)
+    moved = [link for link, handle in shown.frames.items() if handle.position[0] != 9.0]
+    assert moved and set(moved) <= {'panda_link7', 'panda_link8', 'panda_hand', 'panda_hand_tcp'}
+
+
+def test_a_robot_that_is_removed_leaves_nothing_behind(stage):
+    before = set(stage._handle_from_node_name)
+    scene.RobotScene(stage, robots.panda()).remove()
+    assert set(stage._handle_from_node_name) == before
+
+
+def test_visual_shapes_are_shown_before_those_that_collide():
+    found = looks.looks_of(two_links(f'<visual>{BOX}</visual><collision>{BALL}</collision>',
+                                     f'<collision>{BALL}</collision>'))
+    assert [part.kind for part in found.parts['a']] == ['box']
+    assert [part.kind for part in found.parts['b']] == ['sphere']
+    assert found.remarks == ()
+
+
+def test_where_a_mesh_is_missing_the_collision_shape_is_shown_and_it_is_said():
+    found = looks.looks_of(two_links(f'<visual>{MISSING}</visual><collision>{BALL}</collision>'))
+    assert [part.kind for part in found.parts['a']] == ['sphere']
+    assert len(found.remarks) == 1 and 'no_such_package' in found.remarks[0]
+
+
+def test_where_nothing_can_be_read_links_are_rods_that_reach_the_next_joint():
+    found = looks.looks_of(two_links(f'<visual>{MISSING}</visual>'))
+    rod = next(part for part in found.parts['a'] if part.kind == 'cylinder')
+    ends = [rod.T @ [0.0, 0.0, side * rod.size[1] / 2.0, 1.0] for side in (-1.0, 1.0)]
+    np.testing.assert_allclose(np.array(ends)[:, :3], [[0, 0, 0], [0, 0, 0.5]], atol=1e-9)
+
+
+def test_a_link_without_shapes_beside_others_stays_invisible():
+    found = looks.looks_of(two_links(f'<visual>{BOX}</visual>'))
+    assert 'b' not in found.parts
+
+
+def test_joints_of_bare_robots_are_drums_about_their_axes():
+    found = looks.looks_of(two_links())
+    drum = next(part for part in found.parts['b'] if part.kind == 'cylinder')
+    np.testing.assert_allclose(np.abs(drum.T[:3, 2]), [0, 1, 0], atol=1e-9)
+
+
+def test_robot_of_a_dh_table_is_drawn_solid():
+    found = looks.looks_of(robots.panda())
+    kinds = {part.kind for each in found.parts.values() for part in each}
+    assert kinds == {'cylinder', 'sphere'}
+    # Each of the seven joints is there.
+    drums = [link for link, each in found.parts.items()
+             if any(part.colour == looks.JOINT_COLOUR for part in each)]
+    assert len(drums) == 7
+
+
+def test_colours_come_from_the_description():
+    red = '<material name="m"><color rgba="1 0 0 0.5"/></material>'
+    part, = looks.looks_of(two_links(f'<visual>{BOX}{red}</visual>')).parts['a']
+    assert part.colour == (255, 0, 0) and part.opacity == 0.5
+
+
+@pytest.mark.parametrize('name', ['panda', 'ur5', 'xarm7', 'tiago', 'baxter', 'talos_arm'])
+def test_meshes_of_example_robots_are_all_found(name):
+    pytest.importorskip('collada', reason='needs pip install pycollada')
+    found = looks.looks_of(robots.urdf_robot(name))
+    assert found.remarks == ()
+    assert any(part.kind == 'mesh' for each in found.parts.values() for part in each)
+
+
+@pytest.mark.parametrize('name', ['panda', 'ur5'])
+def test_meshes_are_as_large_as_the_collision_library_reads_them(name):
+    trimesh = pytest.importorskip('trimesh')
+    pytest.importorskip('collada', reason='needs pip install pycollada')
+    tree = parse(robots.urdf_path(name).read_text())
+    files = {mesh.get('filename') for mesh in tree.iterfind('link/visual/geometry/mesh')}
+    assert files
+    for file in sorted(files):
+        path = meshes.mesh_path(file)
+        mesh = meshes.load_mesh(path)
+        bounds = mesh.unit * trimesh.load_scene(path).bounds
+        reference = coal.MeshLoader().load(str(path))
+        reference.computeLocalAABB()
+        box = reference.aabb_local
+        np.testing.assert_allclose(bounds, [box.min_, box.max_], atol=1e-3)
+
+
+def test_mesh_that_leads_out_of_its_package_is_not_read(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        meshes.mesh_path('package://example-robot-data/../../../../setup.py')
+
+
+@pytest.mark.parametrize('content', [b'', b'solid nothing\nendsolid nothing\n', b'\0' * 200])
+def test_file_that_is_no_mesh_is_refused_with_its_name(tmp_path, content):
+    path = tmp_path / 'broken.stl'
+    path.write_bytes(content)
+    with pytest.raises((ValueError, OSError), match='broken.stl'):
+        meshes.load_mesh(path)
+
+
+def test_camera_looks_at_the_robot_from_outside():
+    robot = robots.panda()
+    state = robot.state(robots.PANDA_READY)
+    frames = robot.frame_names
+    position, target = scene.camera_pose(state, frames)
+    points = np.array([state.position(frame) for frame in frames])
+    assert (points.min(axis=0) <= target).all() and (target <= points.max(axis=0)).all()
+    farthest = np.linalg.norm(points - target, axis=1).max()
+    assert np.linalg.norm(position - target) > 1.5 * farthest
+
+
+def test_trail_ends_where_the_frame_is_and_has_a_longest_length(stage):
+    trail = scene.Trail(stage, '/trail')
+    for number in range(scene.MOST_POINTS + 50):
+        trail.add(np.array([0.01 * number, 0.0, 0.0]))
+    points = stage.get_handle_by_name('/trail').points
+    assert len(points) == scene.MOST_POINTS - 1
+    np.testing.assert_allclose(points[-1, 1], [0.01 * (scene.MOST_POINTS + 49), 0.0, 0.0],
+                               rtol=1e-6)
+    np.testing.assert_allclose(points[1:, 0], points[:-1, 1])
+
+
+def test_urdf_of_a_dh_table_is_bare_and_that_of_a_real_robot_is_not():
+    assert looks._is_bare(parse(robots.panda().urdf))
+    assert not looks._is_bare(parse(robots.urdf_path('panda').read_text()))
+    assert not looks._is_bare(ElementTree.fromstring(
+        f'<robot name="r"><link name="a"><visual>{BOX}</visual></link></robot>'))
+    assert parts.LINK_COLOUR != looks.JOINT_COLOUR

@@ -1,0 +1,193 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the controller draws of its tasks (`~/markers`), in a scene of the browser."""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from tp_controller.model.spatial import Array, pose, rotation_from_quaternion
+from tp_controller.view.parts import add_part, Colour, Part, place
+import viser
+from visualization_msgs.msg import Marker
+
+TASKS = '/tasks'
+# A marker by its namespace and number.
+Key = tuple[str, int]
+# A pose or point that differs by less is the same [m].
+SAME = 1e-6
+PART_KINDS = {Marker.CUBE: 'box', Marker.SPHERE: 'sphere', Marker.CYLINDER: 'cylinder'}
+LINES = (Marker.LINE_LIST, Marker.LINE_STRIP)
+
+
+class MarkerScene:
+    """
+    Markers in a scene; of what stays as it is nothing is sent again.
+
+    Parameters
+    ----------
+    scene : viser.SceneApi
+    name : str
+        Of the node that all are below.
+    shown : callable
+        Says of a namespace whether its markers are shown.
+
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str = TASKS,
+                 shown: Callable[[str], bool] = lambda ns: True) -> None:
+        self._scene, self._name, self._shown = scene, name, shown
+        self._drawn: dict[Key, _Drawn] = {}
+        scene.add_frame(name, show_axes=False)
+
+    def draw(self, markers: Iterable[Marker]) -> None:
+        """
+        Show markers in place of those that were shown before.
+
+        Parameters
+        ----------
+        markers : iterable of visualization_msgs.msg.Marker
+            All in the root frame. Types that are not known are left out.
+
+        """
+        wanted = {(marker.ns, marker.id): marker for marker in markers
+                  if marker.action == Marker.ADD and marker.type in ADD
+                  and self._shown(marker.ns)}
+        for key in self._drawn.keys() - wanted.keys():
+            self._drawn.pop(key).handle.remove()
+        for key, marker in wanted.items():
+            self._draw(key, marker)
+
+    def _draw(self, key: Key, marker: Marker) -> None:
+        """Show a marker."""
+        before = self._drawn.get(key)
+        points = np.array([(point.x, point.y, point.z) for point in marker.points])
+        looks = _looks(marker)
+        if before is not None and (before.looks != looks or before.points.shape != points.shape):
+            before.handle.remove()
+            before = None
+        if before is None:
+            ns, number = key
+            handle = ADD[marker.type](self._scene, f'{self._name}/{ns}/{number}', marker, points)
+            before = self._drawn[key] = _Drawn(handle, looks, points)
+        elif np.abs(points - before.points).max(initial=0.0) > SAME:
+            before.points = points
+            _move_points(before.handle, marker, points)
+        T = pose_of(marker)
+        if before.T is None or np.abs(T - before.T).max() > SAME:
+            before.T = T
+            place(before.handle, T)
+
+
+class _Drawn:
+    """A marker as it is shown."""
+
+    def __init__(self, handle: viser.SceneNodeHandle, looks: object, points: Array) -> None:
+        self.handle, self.looks, self.points = handle, looks, points
+        self.T: Array | None = None
+
+
+def pose_of(marker: Marker) -> Array:
+    """Return the pose (4, 4) of a marker."""
+    point, turn = marker.pose.position, marker.pose.orientation
+    return pose(rotation_from_quaternion((turn.x, turn.y, turn.z, turn.w)),
+                (point.x, point.y, point.z))
+
+
+def _looks(marker: Marker) -> object:
+    """Return all of a marker that does not change as it moves."""
+    scale, colour = marker.scale, marker.color
+    return (marker.type, scale.x, scale.y, scale.z, colour.r, colour.g, colour.b, colour.a,
+            marker.text, tuple((each.r, each.g, each.b) for each in marker.colors))
+
+
+def _colour(marker: Marker) -> Colour:
+    """Return the colour of a marker."""
+    return (round(255 * marker.color.r), round(255 * marker.color.g), round(255 * marker.color.b))
+
+
+def _add_part(scene: viser.SceneApi, name: str, marker: Marker,
+              points: Array) -> viser.SceneNodeHandle:
+    """Add a box, an ellipsoid or a cylinder."""
+    x, y, z = marker.scale.x, marker.scale.y, marker.scale.z
+    size: dict[int, tuple[float, ...]] = {
+        Marker.CUBE: (x, y, z), Marker.SPHERE: (0.5 * x, 0.5 * y, 0.5 * z),
+        Marker.CYLINDER: (0.5 * x, z)}
+    return add_part(scene, name, Part(PART_KINDS[marker.type], size[marker.type], np.eye(4),
+                                      _colour(marker), marker.color.a))
+
+
+def _add_lines(scene: viser.SceneApi, name: str, marker: Marker,
+               points: Array) -> viser.SceneNodeHandle:
+    """Add lines, with a colour for each end where there are some."""
+    ends = _segments(marker, points)
+    colours: Colour | NDArray[np.uint8] = _colour(marker)
+    if marker.colors and len(marker.colors) == len(points):
+        shades = np.array([(each.r, each.g, each.b) for each in marker.colors])
+        colours = np.round(255 * _segments(marker, shades)).astype(np.uint8)
+    return scene.add_line_segments(name, ends, colours, thickness=marker.scale.x)
+
+
+def _add_arrow(scene: viser.SceneApi, name: str, marker: Marker,
+               points: Array) -> viser.SceneNodeHandle:
+    """Add an arrow between two points, or along x where there are none."""
+    scale = marker.scale
+    if len(points) == 2:
+        shaft, head, length = scale.x, scale.y, scale.z
+    else:
+        points = np.array([(0.0, 0.0, 0.0), (scale.x, 0.0, 0.0)])
+        shaft, head, length = scale.y, 2.0 * scale.y, 0.25 * scale.x
+    return scene.add_arrows(name, points[np.newaxis], _colour(marker), shaft_radius=0.5 * shaft,
+                            head_radius=0.5 * head, head_length=length)
+
+
+def _add_triangles(scene: viser.SceneApi, name: str, marker: Marker,
+                   points: Array) -> viser.SceneNodeHandle:
+    """Add triangles, seen from both sides."""
+    return scene.add_mesh_simple(
+        name, points, np.arange(len(points) // 3 * 3).reshape(-1, 3), color=_colour(marker),
+        side='double', opacity=marker.color.a if marker.color.a < 1.0 else None,
+        cast_shadow=False, receive_shadow=False)
+
+
+def _add_text(scene: viser.SceneApi, name: str, marker: Marker,
+              points: Array) -> viser.SceneNodeHandle:
+    """Add a text."""
+    return scene.add_label(name, marker.text, font_size_mode='scene', anchor='center-center',
+                           font_scene_height=marker.scale.z)
+
+
+def _segments(marker: Marker, points: Array) -> Array:
+    """Return the ends (k, 2, 3) of the lines of a marker."""
+    if marker.type == Marker.LINE_LIST:
+        return points[:len(points) // 2 * 2].reshape(-1, 2, 3)
+    return np.stack((points[:-1], points[1:]), axis=1)
+
+
+def _move_points(handle: viser.SceneNodeHandle, marker: Marker, points: Array) -> None:
+    """Give a marker other points, as many as it had."""
+    if isinstance(handle, viser.LineSegmentsHandle):
+        handle.points = _segments(marker, points).astype(np.float32)
+    elif isinstance(handle, viser.ArrowsHandle):
+        handle.points = points[np.newaxis].astype(np.float32)
+    elif isinstance(handle, viser.MeshHandle):
+        handle.vertices = points.astype(np.float32)
+
+
+Adder = Callable[[viser.SceneApi, str, Marker, Array], viser.SceneNodeHandle]
+ADD: dict[int, Adder] = {
+    **dict.fromkeys(PART_KINDS, _add_part), **dict.fromkeys(LINES, _add_lines),
+    Marker.ARROW: _add_arrow, Marker.TRIANGLE_LIST: _add_triangles,
+    Marker.TEXT_VIEW_FACING: _add_text}
