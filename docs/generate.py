@@ -86,7 +86,8 @@ TOPICS = {
     '/diagnostics': 'the same, where ROS tools look for it',
     '~/<task>/numbers': '[error, tolerance and speeds](docs/ros.md#plots) of a task as numbers; '
                         'only if there is a subscriber',
-    '~/markers': 'goals and the paths to them, for RViz; only if there is a subscriber',
+    '~/markers': '[goals, frames, errors, cones, regions, distances](docs/ros.md#markers), for '
+                 'RViz and the browser; only if there is a subscriber',
     '~/stop': 'command zeros until `~/start`',
     '~/start': 'move again; tasks without a goal take their current value as the goal',
     '~/reload': 'read the stack file again; one with faults changes nothing',

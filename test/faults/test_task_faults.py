@@ -15,12 +15,14 @@
 """A task of another package that fails is named, and the robot stops or the rest goes on."""
 
 import inspect
+from itertools import repeat
 import math
 
 import numpy as np
 import pytest
 import robots
 from tp_controller import Controller, EvaluationError, GoalError, Settings, Stack, StackError
+from tp_controller.control.sketcher import Sketcher
 from tp_controller.solver.level import Level
 from tp_controller.tasks import BoundedTask, Evaluation, guard, Keys, Posture, Task
 
@@ -434,6 +436,32 @@ def test_frames_of_goals_and_markers_may_fail_too():
         controller.set_goal('place', 0.1, 0.0)
 
 
+@pytest.mark.parametrize('method', ['sketch', 'goal_pose', 'goal_place', 'probe'])
+def test_task_that_cannot_be_drawn_is_left_out_and_named(method, monkeypatch):
+    robot, refused = robots.planar(), []
+    sketcher = Sketcher(robot, lambda *told: refused.append(told))
+    stack = Stack.from_yaml('- [tip: {type: position, frame: link3}, two: {type: position, frame: '
+                            'link2}]', robot)
+    controller = Controller(robot, stack)
+    assert sketcher.sketch(controller) == {}
+    before, _ = run(controller)
+    monkeypatch.setattr(stack.tasks['tip'], method, lambda *arguments: 1 / 0)
+    drawn = sketcher.sketch(controller)
+    assert drawn['tip'] == [] and [each.part for each in drawn['two']] == ['frame', 'goal']
+    assert refused == [('tip', 'sketch raised ZeroDivisionError: division by zero')]
+    after, _ = run(controller)
+    assert np.array_equal(before.velocity, after.velocity)
+    assert report_of(after, 'tip').status == 'reached'
+
+
+def test_task_that_draws_without_end_is_drawn_in_part(monkeypatch):
+    robot = robots.planar()
+    controller, task = controller_of()
+    run(controller)
+    monkeypatch.setattr(task, 'sketch', lambda state: repeat(None))
+    assert 0 < len(Sketcher(robot, pytest.fail).sketch(controller)['faulty']) < 1000
+
+
 def test_reason_is_found_without_a_task_that_cannot_be_tried_elsewhere(monkeypatch):
     robot, tried = robots.planar(), []
     task = FaultyPlace(robot, 'place', gain=5.0)
@@ -555,7 +583,7 @@ def test_class_that_inherits_the_name_of_a_type_does_not_take_its_place():
 def test_all_that_a_task_can_override_is_covered():
     """A new method of `Task` needs a case here, or has to be none that a cycle calls."""
     covered = {*CALLED, 'parse_goal', 'set_goal', 'parse_feed_forward', 'set_feed_forward',
-               'goal_remarks', 'goal_place', 'with_goal', 'goal_in_reference',
+               'goal_remarks', 'goal_place', 'sketch', 'with_goal', 'goal_in_reference',
                'feed_forward_in_reference', 'goal_pose', 'reset', 'inherit_goal',
                'is_compatible', 'is_equivalent', 'reported_errors', 'accepted_keys',
                'described_keys', 'probe'}

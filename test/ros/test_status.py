@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the controller publishes: status, diagnostics and markers."""
+"""What the controller publishes: status, diagnostics and numbers."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PointStamped, PoseStamped
@@ -23,7 +23,6 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from tp_controller.nodes.client import make_message
-from visualization_msgs.msg import Marker, MarkerArray
 
 STACK = """
 - tip: {type: position, frame: link3, axes: xy, gain: 2.0}
@@ -307,56 +306,3 @@ def test_numbers_follow_the_stack_and_cost_nothing_where_nobody_listens(harness,
     rig.controller.trigger_deactivate()
     rig.controller.trigger_cleanup()
     harness.spin_until(lambda: topics() == set())
-
-
-# Markers --------------------------------------------------------------------------------------
-
-def test_markers_show_the_goals_of_the_tasks_that_have_a_place(harness):
-    rig = Rig(harness)
-    markers = harness.record(MarkerArray, '/tp_controller/markers')
-    rig.spin_until(lambda: markers and markers[-1].markers)
-    array = markers[-1].markers
-    assert {marker.ns for marker in array} == {'tip', 'turn'}
-    assert len({(marker.ns, marker.id) for marker in array}) == len(array) == 8
-    for marker in array:
-        assert marker.header.frame_id == 'base_link' and marker.action == Marker.ADD
-        assert marker.lifetime.sec == 1 and marker.color.a == 1.0
-        assert marker.pose.orientation.w == 1.0
-
-
-def test_the_line_of_a_marker_leads_from_the_frame_to_the_goal(harness):
-    rig = Rig(harness)
-    markers = harness.record(MarkerArray, '/tp_controller/markers')
-    publisher = harness.publisher(PointStamped, '/tp_controller/tip/goal')
-    goal = (0.5, 1.0, 0.25)
-    publisher.publish(make_message('tip', PointStamped, {'xyz': goal}))
-    rig.spin_until(lambda: rig.status.task('tip')['goals accepted'] == '1')
-    rig.spin_until(lambda: rig.status.head == 'running')
-    del markers[:]
-    rig.spin_until(lambda: markers and markers[-1].markers)
-    line, = (marker for marker in markers[-1].markers if (marker.ns, marker.id) == ('tip', 0))
-    start, end = ((point.x, point.y, point.z) for point in line.points)
-    state = rig.controller._controller.robot.state(Q)
-    np.testing.assert_allclose(start, state.position('link3'), atol=1e-12)
-    np.testing.assert_allclose(end, goal, atol=1e-12)
-
-
-def test_markers_cost_nothing_where_nobody_looks(harness, monkeypatch):
-    rig = Rig(harness)
-    monkeypatch.setattr('tp_controller.nodes.reporter.markers',
-                        lambda *_: pytest.fail('made without need'))
-    rig.spin_until(lambda: rig.status.head == 'running')
-    harness.spin_for_more(rig.status.messages, 3, rig.arm.publish)
-
-
-def test_markers_of_a_stack_that_has_not_run_yet_are_no_garbage(harness):
-    rig = Rig(harness)
-    rig.spin_until(lambda: rig.status.head == 'running')
-    harness.trigger('stop')
-    stack = STACK.replace('tip', 'end').replace('turn', 'twist')
-    assert rig.controller.set_parameters_atomically([Parameter('stack', value=stack)]).successful
-    markers = harness.record(MarkerArray, '/tp_controller/markers')
-    harness.spin_for_more(markers, 3)
-    points = [(point.x, point.y, point.z) for array in markers for marker in array.markers
-              for point in marker.points]
-    assert np.isfinite(points).all()

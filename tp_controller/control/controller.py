@@ -526,6 +526,20 @@ class Controller:
             raise GoalError(unknown('task', name, self.stack.tasks))
         return self.stack.tasks[name]
 
+    def configuration(self) -> tuple[Array, ArrayLike | None] | None:
+        """
+        Return where the robot was in the last update; None before the first one.
+
+        Returns
+        -------
+        q : ndarray (nq,)
+            Configuration [rad or m].
+        passive : ndarray (p,) or None
+            Positions of the passive joints; None where none were given [rad or m].
+
+        """
+        return None if self._state is None else (self._state.q, self._passive)
+
     def goal_poses(self) -> list[tuple[str, Array, Array]]:
         """
         Return the goals of the tasks about a frame.

@@ -21,11 +21,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from tp_controller.control.report import TaskReport
+from tp_controller.control.sketcher import Sketcher
 from tp_controller.nodes.figures import Figures
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.loop import boot_time, ControlLoop
+from tp_controller.nodes.markers import Markers
 from tp_controller.nodes.shared_controller import SharedController
-from tp_controller.nodes.status import diagnostics, markers, task_reports
+from tp_controller.nodes.status import diagnostics, task_reports
 from tp_controller.nodes.task_numbers import TaskNumbers
 from tp_controller.nodes.task_topics import GoalRecord, TaskTopics
 from visualization_msgs.msg import MarkerArray
@@ -68,7 +70,9 @@ class Reporter:
         self._status = node.create_publisher(DiagnosticArray, '~/status', 10)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._numbers = TaskNumbers(node)
-        self._markers = node.create_publisher(MarkerArray, '~/markers', 10)
+        self._drawn = node.create_publisher(MarkerArray, '~/markers', 10)
+        self._markers = Markers(1.0 / rate, self._undrawn)
+        self._sketcher: Sketcher | None = None
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in ((1.0 / rate, self._on_status), (FLUSH_SECONDS, self._on_flush),
                                  (DIAGNOSTICS_SECONDS, self._on_diagnostics)):
@@ -78,6 +82,8 @@ class Reporter:
                topics: TaskTopics) -> None:
         """Report about a loop from now on."""
         self._controller, self._loop, self._topics = controller, loop, topics
+        # Made now: that may take as long as many cycles.
+        self._sketcher = Sketcher(controller.robot, self._undrawn)
 
     def follow_stack(self) -> None:
         """Report about the tasks of another stack from now on."""
@@ -87,7 +93,7 @@ class Reporter:
     def leave(self, reason: str) -> None:
         """Report that there is no loop."""
         self._numbers.follow(())
-        self._controller = self._loop = self._topics = None
+        self._controller = self._loop = self._topics = self._sketcher = None
         self.reason = reason
 
     def publish(self) -> None:
@@ -95,9 +101,19 @@ class Reporter:
         self._waits_since = math.inf
         self._status.publish(self._message())
         self._numbers.publish(self._reports)
-        if self._controller is not None and self._markers.get_subscription_count():
-            self._markers.publish(markers(self._node.get_clock().now().to_msg(),
-                                          self._controller.robot.root, self._controller))
+        if self._drawn.get_subscription_count():
+            self._draw()
+
+    def _draw(self) -> None:
+        """Publish markers of what there is, and delete those of what there was."""
+        controller, sketcher = self._controller, self._sketcher
+        self._drawn.publish(self._markers.message(
+            self._node.get_clock().now().to_msg(), controller.robot.root if controller else '',
+            sketcher.sketch(controller) if sketcher and controller else {}))
+
+    def _undrawn(self, task: str, reason: str) -> None:
+        """Say why a task cannot be drawn."""
+        self._log.warning(f'task {task} is not drawn: {reason}', f'undrawn {task} {reason}')
 
     def _message(self) -> DiagnosticArray:
         """Return the status."""

@@ -63,4 +63,5 @@ class SharedController(Controller):
     enable = _alone(Controller.enable)
     set_gain = _alone(Controller.set_gain)
     set_tolerance = _alone(Controller.set_tolerance)
+    configuration = _alone(Controller.configuration)
     goal_poses = _alone(Controller.goal_poses)

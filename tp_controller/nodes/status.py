@@ -12,25 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The report of a cycle as messages: diagnostics and markers."""
+"""The report of a cycle as messages."""
 
 from collections.abc import Mapping, Sequence
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point
-import numpy as np
-from numpy.typing import ArrayLike
 from tp_controller.control.controller import Controller
 from tp_controller.control.report import Report, stopped_reports, TaskReport
 from tp_controller.nodes.task_topics import GoalRecord
-from visualization_msgs.msg import Marker, MarkerArray
 
-ARROW = (0.08, 0.008)
 LEVELS = {**dict.fromkeys(('reached', 'satisfied', 'moving', 'disabled'), DiagnosticStatus.OK),
           'limited': DiagnosticStatus.WARN, 'stopped': DiagnosticStatus.WARN,
           'failed': DiagnosticStatus.ERROR}
-COLOURS = ((0.9, 0.1, 0.1), (0.1, 0.7, 0.1), (0.2, 0.3, 0.95))
 
 
 def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | None,
@@ -111,56 +105,3 @@ def _task_status(node_name: str, task: TaskReport, record: GoalRecord) -> Diagno
 def _value(key: str, value: object) -> KeyValue:
     """Return one entry of a diagnostic status."""
     return KeyValue(key=key, value=str(value))
-
-
-def markers(stamp: Time, root: str, controller: Controller) -> MarkerArray:
-    """
-    Return the goals of the tasks that are about a frame, and lines to them.
-
-    Parameters
-    ----------
-    stamp : builtin_interfaces.msg.Time
-        Time of the message.
-    root : str
-        Root frame of the robot.
-    controller : Controller
-        Whose goals are shown.
-
-    Returns
-    -------
-    visualization_msgs.msg.MarkerArray
-        Positions as a line to the goal, orientations as three axes (x red, y green, z blue).
-
-    """
-    array = MarkerArray()
-    for name, T_goal, T_frame in controller.goal_poses():
-        line = _marker(stamp, root, name, 0, Marker.LINE_LIST)
-        line.scale.x = ARROW[1] / 2.0
-        line.color.a = line.color.r = line.color.g = 1.0
-        line.points = [_to_point(T_frame[:3, 3]), _to_point(T_goal[:3, 3])]
-        array.markers.append(line)
-        for axis, colour in enumerate(COLOURS):
-            arrow = _marker(stamp, root, name, axis + 1, Marker.LINE_LIST)
-            arrow.scale.x = ARROW[1]
-            arrow.color.a = 1.0
-            arrow.color.r, arrow.color.g, arrow.color.b = colour
-            tip = T_goal[:3, 3] + ARROW[0] * T_goal[:3, axis]
-            arrow.points = [_to_point(T_goal[:3, 3]), _to_point(tip)]
-            array.markers.append(arrow)
-    return array
-
-
-def _marker(stamp: Time, root: str, name: str, number: int, kind: int) -> Marker:
-    """Return a marker in the root frame that disappears when it is not renewed."""
-    marker = Marker(ns=name, id=number, type=kind, action=Marker.ADD)
-    marker.header.frame_id = root
-    marker.header.stamp = stamp
-    marker.pose.orientation.w = 1.0
-    marker.lifetime.sec = 1
-    return marker
-
-
-def _to_point(vector: ArrayLike) -> Point:
-    """Return a point message."""
-    x, y, z = np.asarray(vector, float).tolist()
-    return Point(x=x, y=y, z=z)

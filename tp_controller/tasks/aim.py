@@ -26,7 +26,8 @@ from tp_controller.model.spatial import Array, pose, rotation_from_vector, skew
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.frame import MovingGoalTask, parse_reference
 from tp_controller.tasks.keys import finite_vector, Keys
-from tp_controller.tasks.task import Task
+from tp_controller.tasks.sketch import Arrow, arrow, Cone, RAY_LENGTH, Sketch, Triad
+from tp_controller.tasks.task import norm, Task
 
 Axis: TypeAlias = str | Sequence[float] | Array
 SomeTask = TypeVar('SomeTask', bound='AimedTask')
@@ -35,6 +36,10 @@ SomeTask = TypeVar('SomeTask', bound='AimedTask')
 DEFAULT_DISTANCE = 1.0
 # A point nearer than this turns as if it were so far away [m].
 NEAREST = 0.01
+# How long cones are drawn at most [m].
+LONGEST_CONE = 1.0
+# Of cones [rad].
+WIDEST = math.pi - 1e-3
 LETTERS = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
 SHORTEST = 1e-6
 
@@ -66,6 +71,11 @@ def across(axis: Array) -> Array:
     first = np.cross(axis, other)
     first /= math.sqrt(first.dot(first))
     return np.array([first, np.cross(axis, first)])
+
+
+def pose_along(axis: Array, p: Array) -> Array:
+    """Return the pose (4, 4) of a frame at p (3,) whose z axis is a unit vector (3,)."""
+    return pose(np.column_stack([*across(axis), axis]), p)
 
 
 def turn_between(start: Array, end: Array) -> Array:
@@ -281,6 +291,31 @@ class AimedTask(MovingGoalTask):
         direction, _ = self.aim.sight(state, self.goal)
         return self.aim.place(state, self.goal,
                               turn_between(self.axis_in_root(state), direction))
+
+    def sketch(self, state: RobotState) -> Sequence[Sketch]:
+        """Return what can be drawn: frame, goal, the axis, the line of sight and a cone."""
+        p, axis = state.position(self.frame), self.axis_in_root(state)
+        drawn: list[Sketch] = [Triad('frame', state.pose(self.frame)),
+                               Arrow('axis', p, p + RAY_LENGTH * axis)]
+        if self.goal is None:
+            return drawn
+        T_root_goal = state.pose(self.reference).dot(self.goal_pose(state))
+        direction, _ = self.aim.sight(state, self.goal)
+        end = T_root_goal[:3, 3] if self.goal_type == 'point' else p + RAY_LENGTH * direction
+        length = min(max(norm(end - p), RAY_LENGTH), LONGEST_CONE)
+        return [*drawn, Triad('goal', T_root_goal), *arrow('sight', p, end),
+                self.cone(state, direction, length)]
+
+    def cone(self, state: RobotState, direction: Array, length: float) -> Sketch:
+        """
+        Return the cone about the direction to the goal (3,) that the axis is on.
+
+        It is no narrower than the tolerance.
+        """
+        turn = turn_between(self.axis_in_root(state), direction)
+        angle = max(norm(turn), self.groups[0].tolerance)
+        return Cone('cone', pose_along(direction, state.position(self.frame)),
+                    min(angle, WIDEST), length)
 
     def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
         """Say whether a goal of `other` is one of this task, too."""

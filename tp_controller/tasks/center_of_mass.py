@@ -14,15 +14,18 @@
 
 """The centre of mass of the whole robot (lecture 3.1, equality tasks)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from tp_controller.errors import RobotError
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import Array
+from tp_controller.model.spatial import Array, pose
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
 from tp_controller.tasks.frame import Axes, parse_axes
 from tp_controller.tasks.keys import Gain, Keys, Tolerance
 from tp_controller.tasks.position import PointTask
+from tp_controller.tasks.sketch import arrow, Dot, Sketch, Triad
 from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Evaluation
 
 AXES = ('x', 'y', 'z')
@@ -74,6 +77,16 @@ class CenterOfMass(PointTask):
         level = Level(self.row_scale * self.jacobian(state),
                       self.row_scale * self.velocity(error, now), self.mode)
         return Evaluation(self, level, error)
+
+    def sketch(self, state: RobotState) -> Sequence[Sketch]:
+        """Return the centre of mass, the goal, and an arrow along the axes that count."""
+        place = self.value(state)
+        if self.goal is None:
+            return [Dot('frame', place)]
+        end = place.copy()
+        end[self._rows] = self.goal[self._rows]
+        return [Dot('frame', place), Triad('goal', pose(np.eye(3), self.goal)),
+                *arrow('error', place, end)]
 
     def in_rows(self, feed_forward: Array) -> Array:
         """Return the rows of a twist (6,) that count."""

@@ -21,9 +21,10 @@ from numpy.typing import ArrayLike
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.aim import AimedTask, Axis, turn_between
+from tp_controller.tasks.aim import AimedTask, Axis, pose_along, turn_between
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
 from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
+from tp_controller.tasks.sketch import Cone, Sketch
 from tp_controller.tasks.task import DEFAULT_TIMEOUT
 
 # Nearer to the middle of the view than this no direction leads out of it [rad].
@@ -83,6 +84,11 @@ class FieldOfView(AimedTask, BoundedTask):
             return 0.0
         _, normal, _ = self._seen(state)
         return normal.dot(self.aim.turning(state, self.goal, twist))
+
+    def cone(self, state: RobotState, direction: Array, length: float) -> Sketch:
+        """Return what is in view."""
+        return Cone('cone', pose_along(self.axis_in_root(state), state.position(self.frame)),
+                    float(self.upper), length)
 
     def _seen(self, state: RobotState) -> tuple[float, Array, Array]:
         """Return the angle, the axis (3,) in the root that it turns about, and J (3, n) of d."""

@@ -14,6 +14,7 @@
 
 """The end-effector orientation task (lecture 3.3, slip corrected)."""
 
+from collections.abc import Sequence
 from copy import copy
 from typing import Any, TypeVar
 
@@ -31,6 +32,7 @@ from tp_controller.model.spatial import (
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.keys import finite_vector
+from tp_controller.tasks.sketch import arc, AXES_LENGTH, Sketch
 from tp_controller.tasks.task import Goal, Task
 
 SomeTurningTask = TypeVar('SomeTurningTask', bound='TurningTask')
@@ -125,6 +127,21 @@ class Orientation(TurningTask, FrameTask):
     def goal_pose(self, state: RobotState) -> Array:
         """Return the goal at the place of the frame (4, 4)."""
         return pose(self.goal, self.position(state))
+
+    def sketch(self, state: RobotState) -> Sequence[Sketch]:
+        """Return what can be drawn, with an arc for the turn that is left."""
+        drawn = super().sketch(state)
+        if self.goal is None:
+            return drawn
+        turn = self._rotation_error.error(self.goal, self.rotation(state))
+        return [*drawn, *turn_left(self, state, turn)]
+
+
+def turn_left(task: FrameTask, state: RobotState, turn: Array) -> list[Sketch]:
+    """Return an arc for the part of a turn (3,) that counts, in the reference frame [rad]."""
+    counts = np.array([axis in task.axes for axis in task.axis_names()[-3:]])
+    return arc('turn', state.position(task.frame), AXES_LENGTH * state.rotation(task.frame).T,
+               state.rotation(task.reference).dot(counts * turn))
 
 
 def parse_rotation(goal: ArrayLike, what: str) -> Array:

@@ -28,6 +28,7 @@ from tp_controller.solver.level import Level
 from tp_controller.tasks.aim import across, AimedTask, AIMS, Axis, parse_axis, turn_between
 from tp_controller.tasks.keys import Gain, Keys, Tolerance
 from tp_controller.tasks.orientation import TurningTask
+from tp_controller.tasks.sketch import arc, RAY_LENGTH, Sketch
 from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Evaluation
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -70,6 +71,15 @@ class AxisTask(TurningTask, AimedTask):
         if twist is not None:
             desired = desired + about.dot(self.aim.turning(state, self.goal, twist))
         return Evaluation(self, Level(J, desired, self.mode), error)
+
+    def sketch(self, state: RobotState) -> Sequence[Sketch]:
+        """Return what can be drawn, with an arc for the turn that is left."""
+        drawn = super().sketch(state)
+        if self.goal is None:
+            return drawn
+        axis, (direction, _) = self.axis_in_root(state), self.aim.sight(state, self.goal)
+        return [*drawn, *arc('turn', state.position(self.frame), RAY_LENGTH * axis[np.newaxis],
+                             self._rotation_error.follow(turn_between(axis, direction)))]
 
     def observe(self, state: RobotState) -> tuple[Array, Array, Array]:
         """

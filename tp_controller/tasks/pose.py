@@ -14,6 +14,8 @@
 
 """The end-effector configuration task (lecture 3.4)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
@@ -22,7 +24,8 @@ from tp_controller.model.state import RobotState
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.goal_remarks import masked_place, masked_turn, out_of_reach
 from tp_controller.tasks.keys import finite_vector, has_shape
-from tp_controller.tasks.orientation import parse_rotation, TurningTask
+from tp_controller.tasks.orientation import parse_rotation, turn_left, TurningTask
+from tp_controller.tasks.sketch import Sketch
 from tp_controller.tasks.task import Task
 
 
@@ -78,6 +81,14 @@ class Pose(PoseTask, TurningTask, FrameTask):
         place, counting = self.position(state).copy(), self._counting()
         place[counting] = goal[counting, 3]
         return place
+
+    def sketch(self, state: RobotState) -> Sequence[Sketch]:
+        """Return what can be drawn, with an arc for the turn that is left."""
+        drawn = super().sketch(state)
+        if self.goal is None:
+            return drawn
+        turn = self._rotation_error.error(self.goal[:3, :3], self.rotation(state))
+        return [*drawn, *turn_left(self, state, turn)]
 
     def _counting(self) -> list[int]:
         """Return the coordinates of a place that count."""

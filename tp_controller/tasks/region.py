@@ -15,19 +15,21 @@
 """Frames that stay inside or outside of a region (lecture 3.1, inequality tasks)."""
 
 from abc import abstractmethod
-from typing import Any, TypeGuard, TypeVar
+from collections.abc import Sequence
+from typing import Any, ClassVar, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
 from tp_controller.model.robot import Robot
-from tp_controller.model.shapes import parse_shape
+from tp_controller.model.shapes import parse_shape, Sphere
 from tp_controller.model.spatial import Array, pose
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
 from tp_controller.tasks.frame import MovingGoalTask, parse_reference, RelativeFrame
 from tp_controller.tasks.keys import finite_vector, Gain, has_shape, Keys, non_negative, Tolerance
 from tp_controller.tasks.pose import parse_pose, PoseTask
+from tp_controller.tasks.sketch import arrow, Body, Sketch
 from tp_controller.tasks.task import DEFAULT_TIMEOUT, Task
 
 SomeTask = TypeVar('SomeTask', bound='RegionTask')
@@ -56,6 +58,8 @@ class RegionTask(PoseTask, MovingGoalTask, BoundedTask):
 
     frame: str
     reference: str
+    # The frame stays inside the shape.
+    inside: ClassVar[bool]
 
     def __init__(self, robot: Robot, name: str, *, frame: str, shape: Any,
                  at: ArrayLike | None = None, radius: float = 0.0, reference: str | None = None,
@@ -98,6 +102,19 @@ class RegionTask(PoseTask, MovingGoalTask, BoundedTask):
         _, normals, offset = self._seen(state)
         return -normals.dot(twist[:3] + np.cross(twist[3:], offset))
 
+    def sketch(self, state: RobotState) -> Sequence[Sketch]:
+        """Return the region, what is to stay inside or outside, and an arrow back."""
+        drawn, T_root_region = self._frame_and_goal(state)
+        place = state.position(self.frame)
+        if self.radius:
+            drawn.append(Body('sphere', pose(np.eye(3), place), Sphere(self.radius), True))
+        if T_root_region is None:
+            return drawn
+        values, normals, _ = self._seen(state)
+        back = state.rotation(self.reference).dot(self._distance_back(values).dot(normals))
+        return [*drawn, Body('region', T_root_region, self.shape, self.inside),
+                *arrow('error', place, place + back)]
+
     def _seen(self, state: RobotState) -> tuple[Array, Array, Array]:
         """Return values (m,), normals (m, 3) and the offset from the shape, in the reference."""
         R = self.goal[:3, :3]
@@ -125,6 +142,7 @@ class KeepIn(RegionTask):
     """
 
     type_name = 'keep_in'
+    inside = True
 
     def bounds(self) -> tuple[Array, Array]:
         """Return lower and upper ends (m,) of what `measure` returns, or raise ValueError."""
@@ -147,6 +165,7 @@ class KeepOut(RegionTask):
     """
 
     type_name = 'keep_out'
+    inside = False
 
     def bounds(self) -> tuple[Array, Array]:
         """Return lower and upper ends (1,) of the distance [m]."""

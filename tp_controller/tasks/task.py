@@ -40,6 +40,7 @@ from tp_controller.tasks.keys import (
     Tolerance,
     UnitRows,
 )
+from tp_controller.tasks.sketch import arrow, Path, Sketch, Triad
 
 # Types of other packages may well find `Keys` and the like here.
 __all__ = [
@@ -310,6 +311,64 @@ class Task(ABC):
         """Forget a default goal, so that the next start takes a new one."""
         if self.has_default_goal:
             self.goal = None
+
+    # Pictures
+
+    def sketch(self, state: RobotState) -> Sequence[Sketch]:
+        """
+        Return what can be drawn of the task; nothing where it is about no frame.
+
+        Called on a `probe`, beside the cycles.
+
+        Parameters
+        ----------
+        state : RobotState
+            Where the robot is; no cycle uses it.
+
+        Returns
+        -------
+        sequence of Sketch
+            See `tp_controller.tasks.sketch`: by default the axes of the frame, and those of the
+            goal where `goal_pose` returns one, with an arrow from one to the other.
+
+        """
+        drawn, T_root_goal = self._frame_and_goal(state)
+        if T_root_goal is None or self.frame is None or self.reference is None:
+            return drawn
+        end, place = T_root_goal[:3, 3], self.goal_place(self.goal, state)
+        if place is not None:
+            T_root_reference = state.pose(self.reference)
+            end = T_root_reference[:3, :3].dot(place) + T_root_reference[:3, 3]
+        return [*drawn, *arrow('error', state.position(self.frame), end)]
+
+    def _frame_and_goal(self, state: RobotState) -> tuple[list[Sketch], Array | None]:
+        """
+        Return the part of a sketch that all tasks about a frame have.
+
+        Returns
+        -------
+        list of Sketch
+            Axes of the frame and the goal, and a line from a reference that is not the root.
+        ndarray (4, 4) or None
+            T_root_goal; None where the goal is no place.
+
+        """
+        if self.frame is None:
+            return [], None
+        drawn: list[Sketch] = [Triad('frame', state.pose(self.frame))]
+        # A task that has not started yet may have no goal.
+        if self.goal is None or self.reference is None:
+            return drawn, None
+        T_reference_goal = self.goal_pose(state)
+        if T_reference_goal is None:
+            return drawn, None
+        T_root_reference = state.pose(self.reference)
+        T_root_goal = T_root_reference.dot(T_reference_goal)
+        drawn.append(Triad('goal', T_root_goal))
+        if self.reference not in (self.frame, self.robot.root):
+            drawn.append(Path('reference', np.array([T_root_reference[:3, 3],
+                                                     T_root_goal[:3, 3]])))
+        return drawn, T_root_goal
 
     # Feed-forward
 

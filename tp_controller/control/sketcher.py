@@ -1,0 +1,76 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pictures of the tasks of a controller, made beside its cycles."""
+
+from collections.abc import Callable, Mapping
+from itertools import islice
+
+from tp_controller.control.controller import Controller
+from tp_controller.model.robot import Robot
+from tp_controller.tasks.guard import raised
+from tp_controller.tasks.sketch import Sketch
+from tp_controller.tasks.task import Task
+
+# How many parts of a task are drawn.
+MOST_PARTS = 200
+
+
+class Sketcher:
+    """
+    Sketches what a controller does, while it goes on.
+
+    It has a state of its own, and sketches copies of the tasks: no cycle can notice.
+
+    Parameters
+    ----------
+    robot : Robot
+        Of the controllers.
+    refused : callable
+        Told the name of a task that cannot be drawn, and why.
+
+    """
+
+    def __init__(self, robot: Robot, refused: Callable[[str, str], object]) -> None:
+        self._state, self._refused = robot.state(robot.neutral()), refused
+
+    def sketch(self, controller: Controller) -> Mapping[str, list[Sketch]]:
+        """
+        Return what can be drawn of the enabled tasks, where the robot was in the last cycle.
+
+        Parameters
+        ----------
+        controller : Controller
+            Another thread may use it meanwhile if it is a `SharedController`.
+
+        Returns
+        -------
+        dict
+            {task: list of Sketch}, in order of priority; empty before the first cycle.
+
+        """
+        place = controller.configuration()
+        if place is None:
+            return {}
+        self._state.update(*place)
+        return {task.name: self._parts(task) for task in controller.stack.active_tasks}
+
+    def _parts(self, task: Task) -> list[Sketch]:
+        """Return what can be drawn of a task; nothing where it fails."""
+        try:
+            return list(islice(task.probe().sketch(self._state), MOST_PARTS))
+        except Exception as error:
+            # Of a type of another package; it is carried out all the same.
+            self._refused(task.name, raised(Task.sketch, error))
+            return []

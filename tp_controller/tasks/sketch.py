@@ -1,0 +1,208 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What can be drawn of a task: plain values in the root frame, without ROS.
+
+Each has a `part`, which says what it is of the task: ``goal``, ``frame``, ``error`` … Parts of
+the same kind of several objects have a name after a slash, as ``obstacle/box``.
+"""
+
+from dataclasses import dataclass
+import math
+from typing import TypeAlias
+
+import numpy as np
+from tp_controller.model.shapes import Shape
+from tp_controller.model.spatial import Array, rotation_from_vector
+
+# Length of the axes of a frame, and of an axis that points in a direction [m].
+AXES_LENGTH, RAY_LENGTH = 0.08, 0.3
+# Nothing that is shorter or turns less can be seen [m, rad].
+SHORTEST, LEAST_TURN = 1e-3, 5e-3
+# How many straight pieces an arc has.
+PIECES = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Triad:
+    """
+    The three axes of a frame.
+
+    Attributes
+    ----------
+    part : str
+    T : ndarray (4, 4)
+        T_root_frame.
+
+    """
+
+    part: str
+    T: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dot:
+    """
+    A point that is no frame.
+
+    Attributes
+    ----------
+    part : str
+    p : ndarray (3,)
+        [m]
+
+    """
+
+    part: str
+    p: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arrow:
+    """
+    An arrow.
+
+    Attributes
+    ----------
+    part : str
+    start, end : ndarray (3,)
+        [m]
+
+    """
+
+    part: str
+    start: Array
+    end: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """
+    A line through points.
+
+    Attributes
+    ----------
+    part : str
+    points : ndarray (k, 3)
+        At least two [m].
+
+    """
+
+    part: str
+    points: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cone:
+    """
+    A cone about the z axis of a pose, with its tip at the origin of it.
+
+    Attributes
+    ----------
+    part : str
+    T : ndarray (4, 4)
+        T_root_cone.
+    half_angle : float
+        Between the axis and the surface, less than π [rad].
+    length : float
+        From the tip to the rim [m].
+
+    """
+
+    part: str
+    T: Array
+    half_angle: float
+    length: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """
+    A shape.
+
+    Attributes
+    ----------
+    part : str
+    T : ndarray (4, 4)
+        T_root_shape.
+    shape : object
+        One of `tp_controller.model.shapes`.
+    allowed : bool
+        The robot may be inside of it.
+
+    """
+
+    part: str
+    T: Array
+    shape: Shape
+    allowed: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gaps:
+    """
+    Lines between the nearest points of pairs of objects.
+
+    Attributes
+    ----------
+    part : str
+    starts, ends : ndarray (m, 3)
+        The nearest points [m].
+    distances : ndarray (m,)
+        Negative where the objects overlap [m].
+    least, within : float
+        The distance that is kept, and the one from which on a pair counts as near [m].
+
+    """
+
+    part: str
+    starts: Array
+    ends: Array
+    distances: Array
+    least: float
+    within: float
+
+
+Sketch: TypeAlias = Triad | Dot | Arrow | Path | Cone | Body | Gaps
+
+
+def arrow(part: str, start: Array, end: Array) -> list[Sketch]:
+    """Return an arrow between two points (3,), unless it is too short to be seen."""
+    way = end - start
+    return [Arrow(part, start, end)] if math.sqrt(way.dot(way)) >= SHORTEST else []
+
+
+def arc(part: str, p: Array, tips: Array, turn: Array) -> list[Sketch]:
+    """
+    Return the path of the tip that a turn moves most, unless it is too short to be seen.
+
+    Parameters
+    ----------
+    part : str
+        What it is of the task.
+    p : ndarray (3,)
+        What everything turns about [m].
+    tips : ndarray (k, 3)
+        From there [m].
+    turn : ndarray (3,)
+        Rotation vector [rad].
+
+    """
+    if math.sqrt(turn.dot(turn)) < LEAST_TURN:
+        return []
+    moved = np.cross(turn, tips)
+    tip = tips[(moved * moved).sum(axis=1).argmax()]
+    return [Path(part, np.array([p + rotation_from_vector(share * turn).dot(tip)
+                                 for share in np.linspace(0.0, 1.0, PIECES + 1)]))]
