@@ -1,0 +1,433 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What can be drawn of a task, compared with placements that Pinocchio computes on its own."""
+
+import math
+import threading
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pinocchio
+import pytest
+import robots
+from scipy.spatial.transform import Rotation
+from tp_controller import Controller, Stack
+from tp_controller.control.sketcher import Sketcher
+from tp_controller.tasks import sketch, task_types
+
+SEEDS = st.integers(0, 2 ** 32 - 1)
+TOOL, ELBOW = robots.PANDA_TOOL, 'panda_link4'
+CAPSULES = str(robots.CONFIG / 'panda_capsules.yaml')
+ARM = tuple(f'panda_joint{number}' for number in range(1, 8))
+FRAME = {'frame', 'goal'}
+BOX = {'box': [0.3, 0.2, 0.4]}
+# {type: (keys, parts that are always there, those that may be)}
+CASES = {
+    'position': ({'frame': TOOL}, FRAME, {'error'}),
+    'orientation': ({'frame': TOOL}, FRAME, {'turn'}),
+    'pose': ({'frame': TOOL}, FRAME, {'error', 'turn'}),
+    'relative_position': ({'frame': TOOL, 'reference': ELBOW}, FRAME | {'reference'}, {'error'}),
+    'relative_pose': ({'frame': TOOL, 'reference': ELBOW}, FRAME | {'reference'},
+                      {'error', 'turn'}),
+    'base_pose': ({}, FRAME, {'error', 'turn'}),
+    'base_orientation': ({}, FRAME, {'turn'}),
+    'twist': ({'frame': TOOL}, {'frame'}, set()),
+    'speed_limit': ({'frame': TOOL, 'linear': 0.2}, {'frame'}, set()),
+    'manipulability': ({'frame': TOOL}, {'frame'}, set()),
+    'manipulability_above': ({'frame': TOOL, 'minimum': 0.1}, {'frame'}, set()),
+    'pointing': ({'frame': TOOL}, FRAME | {'axis', 'sight', 'cone'}, {'turn'}),
+    'look_at': ({'frame': TOOL, 'up': '-y'}, FRAME | {'axis', 'sight', 'cone'}, {'turn'}),
+    'field_of_view': ({'frame': TOOL, 'half_angle': 0.4}, FRAME | {'axis', 'sight', 'cone'},
+                      set()),
+    'keep_in': ({'frame': TOOL, 'shape': BOX, 'radius': 0.05}, FRAME | {'region', 'sphere'},
+                {'error'}),
+    'keep_out': ({'frame': TOOL, 'shape': {'sphere': 0.8}}, FRAME | {'region'}, {'error'}),
+    'obstacles': ({'capsules': CAPSULES, 'within': 2.0, 'obstacles': {
+        'box': {'shape': BOX, 'at': [0.5, 0.3, 0.2]}}}, {'obstacle/box', 'distance'}, set()),
+    'self_collision': ({'capsules': CAPSULES, 'within': 2.0}, {'distance'}, set()),
+    'center_of_mass': ({}, FRAME, {'error'}),
+    'joint': ({'joints': 'panda_joint1'}, set(), set()),
+    'posture': ({}, set(), set()),
+    'joint_velocity': ({}, set(), set()),
+    'joint_limits': ({}, set(), set()),
+    'joint_limit_distance': ({}, set(), set()),
+}
+
+
+def make(name, **more):
+    """Return a task of a type, about a Panda that can have it."""
+    robot = robots.urdf_robot('panda', ARM) if name == 'center_of_mass' else (
+        robots.moving_panda() if name.startswith('base_') else robots.panda())
+    return task_types()[name](robot, 'task', **{**CASES[name][0], **more})
+
+
+def random_q(robot, rng):
+    """Return a random configuration (nq,) within the limits."""
+    lower, upper = np.maximum(robot.lower, -3.0), np.minimum(robot.upper, 3.0)
+    zero = robot.configuration(np.zeros(len(robot.joint_names)))
+    return robot.integrate(zero, rng.uniform(lower, upper), 1.0)
+
+
+def random_pose(rng):
+    """Return a random pose (4, 4)."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.random(random_state=int(rng.integers(2 ** 31))).as_matrix()
+    T[:3, 3] = rng.uniform(-1.0, 1.0, 3)
+    return T
+
+
+class Placements:
+    """Where the frames of a robot are, by a model of Pinocchio made from its URDF."""
+
+    def __init__(self, robot, q):
+        base = (pinocchio.JointModelPlanar(),) if robot.moves else ()
+        self.model = pinocchio.buildModelFromXML(robot.urdf, *base)
+        self.data = self.model.createData()
+        # Fingers stay at zero.
+        everywhere = pinocchio.neutral(self.model)
+        if robot.moves:
+            # Pinocchio turns by cosine and sine.
+            q = [*q[:2], math.cos(q[2]), math.sin(q[2]), *q[3:]]
+        everywhere[:len(q)] = q
+        pinocchio.framesForwardKinematics(self.model, self.data, everywhere)
+
+    def __getitem__(self, frame):
+        """Return T_root_frame (4, 4)."""
+        return self.data.oMf[self.model.getFrameId(frame)].homogeneous
+
+    def center_of_mass(self):
+        """Return the centre of mass (3,), with what does not move."""
+        masses = [inertia.mass for inertia in self.model.inertias]
+        centres = [(self.data.oMi[joint].act(inertia.lever))
+                   for joint, inertia in enumerate(self.model.inertias)]
+        return np.average(centres, axis=0, weights=masses)
+
+
+def drawn(task, state):
+    """Return {part: sketch} of a task."""
+    parts = list(task.sketch(state))
+    assert len({part.part for part in parts}) == len(parts)
+    return {part.part: part for part in parts}
+
+
+def started(name, seed, goal=None, **more):
+    """Return a task with a goal, a random state, where its frames are, and random numbers."""
+    rng, task = np.random.default_rng(seed), make(name, **more)
+    task.start(task.robot.state(random_q(task.robot, rng)))
+    if goal is not None:
+        task.set_goal(task.parse_goal(goal(rng)), 0.0)
+    q = random_q(task.robot, rng)
+    return task, task.robot.state(q), Placements(task.robot, q), rng
+
+
+def angle(one, other):
+    """Return the angle between two vectors (3,) [rad]."""
+    return math.atan2(np.linalg.norm(np.cross(one, other)), one @ other)
+
+
+close = np.testing.assert_allclose
+
+
+# All types
+
+def test_every_type_has_a_case():
+    assert set(CASES) == {name for name, kind in task_types().items()
+                          if kind.__module__.startswith('tp_controller.')}
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_type_draws_its_parts(name):
+    _, always, sometimes = CASES[name]
+    seen = set()
+    for seed in range(5):
+        task, state, _, _ = started(name, seed)
+        task.evaluate(state, 0.0)
+        parts = set(drawn(task, state))
+        assert always <= parts <= always | sometimes
+        seen |= parts
+    assert seen == always | sometimes
+
+
+@pytest.mark.parametrize('name', [name for name in CASES if 'frame' in CASES[name][1]
+                                  and name != 'center_of_mass'])
+@given(seed=SEEDS)
+def test_frame_is_where_the_robot_has_it(name, seed):
+    task, state, placements, _ = started(name, seed)
+    close(drawn(task, state)['frame'].T, placements[task.frame], atol=1e-9)
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_a_task_without_a_goal_can_be_drawn(name):
+    task = make(name)
+    task.goal = None
+    state = task.robot.state(random_q(task.robot, np.random.default_rng(0)))
+    assert set(drawn(task, state)) <= CASES[name][1] - {'goal'}
+
+
+# Frames and goals
+
+@pytest.mark.parametrize('name', ['pose', 'relative_pose', 'base_pose', 'keep_in', 'keep_out'])
+@given(seed=SEEDS)
+def test_goal_is_placed_by_its_reference(name, seed):
+    task, state, placements, _ = started(name, seed, random_pose)
+    T_root_reference = np.eye(4) if task.robot.moves else placements[task.reference]
+    close(drawn(task, state)['goal'].T, T_root_reference @ task.goal, atol=1e-9)
+
+
+@pytest.mark.parametrize('axes', [None, 'xz', 'y'])
+@pytest.mark.parametrize('reference', [None, ELBOW])
+@given(seed=SEEDS)
+def test_error_is_an_arrow_along_the_axes_that_count(axes, reference, seed):
+    task, state, placements, _ = started('position', seed, lambda rng: rng.uniform(-1, 1, 3),
+                                         axes=axes, reference=reference)
+    T, T_reference = placements[TOOL], placements[task.reference]
+    way = T_reference[:3, :3].T @ (T_reference[:3, :3] @ task.goal + T_reference[:3, 3]
+                                   - T[:3, 3])
+    way[[axis not in (axes or 'xyz') for axis in 'xyz']] = 0.0
+    parts = drawn(task, state)
+    close(parts['error'].start, T[:3, 3], atol=1e-9)
+    close(parts['error'].end, T[:3, 3] + T_reference[:3, :3] @ way, atol=1e-9)
+    if reference is None:
+        assert 'reference' not in parts
+    else:
+        close(parts['reference'].points, [T_reference[:3, 3], parts['goal'].T[:3, 3]], atol=1e-9)
+
+
+@pytest.mark.parametrize('name', ['pose', 'orientation'])
+@given(seed=SEEDS)
+def test_arc_leads_an_axis_of_the_frame_to_that_of_the_goal(name, seed):
+    task, state, placements, _ = started(
+        name, seed, lambda rng: random_pose(rng) if name == 'pose' else random_pose(rng)[:3, :3])
+    parts, T = drawn(task, state), placements[TOOL]
+    tips = (parts['turn'].points - T[:3, 3]) / sketch.AXES_LENGTH
+    axis = int((T[:3, :3].T @ tips[0]).argmax())
+    close(tips[0], T[:3, axis], atol=1e-9)
+    close(tips[-1], parts['goal'].T[:3, axis], atol=1e-9)
+    close(np.linalg.norm(tips, axis=1), 1.0)
+    # The shorter way round: no piece turns back.
+    assert sum(map(angle, tips, tips[1:])) <= math.pi + 1e-9
+
+
+@given(seed=SEEDS)
+def test_arc_turns_about_the_axes_that_count(seed):
+    task, state, placements, _ = started('orientation', seed,
+                                         lambda rng: random_pose(rng)[:3, :3], axes='z',
+                                         reference=ELBOW)
+    parts, T = drawn(task, state), placements[TOOL]
+    if 'turn' in parts:
+        tips, z = parts['turn'].points - T[:3, 3], placements[ELBOW][:3, 2]
+        close(tips @ z, tips[0] @ z, atol=1e-9)
+
+
+def test_what_cannot_be_seen_is_left_out():
+    task = make('pose')
+    state = task.robot.state(robots.PANDA_READY)
+    task.start(state)
+    assert set(drawn(task, state)) == {'frame', 'goal'}
+
+
+# Axes that point
+
+@pytest.mark.parametrize('name', ['pointing', 'look_at', 'field_of_view'])
+@pytest.mark.parametrize('axis', ['z', '-x', [1.0, 2.0, -0.5]])
+@given(seed=SEEDS)
+def test_line_of_sight_leads_to_the_point(name, axis, seed):
+    more = {'towards': 'point'} if name == 'pointing' else {}
+    task, state, placements, _ = started(name, seed, lambda rng: rng.uniform(-1, 1, 3), axis=axis,
+                                         reference=ELBOW, **more)
+    parts, T = drawn(task, state), placements[TOOL]
+    letters = {'z': (0.0, 0.0, 1.0), '-x': (-1.0, 0.0, 0.0)}
+    local = np.array(letters[axis] if isinstance(axis, str) else axis)
+    point = placements[ELBOW][:3, :3] @ task.goal + placements[ELBOW][:3, 3]
+    close(parts['goal'].T[:3, 3], point, atol=1e-9)
+    close([parts['sight'].start, parts['sight'].end], [T[:3, 3], point], atol=1e-9)
+    pointed = T[:3, :3] @ local / np.linalg.norm(local)
+    close(parts['axis'].end - T[:3, 3], sketch.RAY_LENGTH * pointed, atol=1e-9)
+    cone, sight = parts['cone'], point - T[:3, 3]
+    close(cone.T[:3, 3], T[:3, 3], atol=1e-9)
+    close(cone.T[:3, :3].T @ cone.T[:3, :3], np.eye(3), atol=1e-9)
+    assert np.linalg.det(cone.T) == pytest.approx(1.0)
+    if name == 'field_of_view':
+        close(cone.T[:3, 2], pointed, atol=1e-9)
+        assert cone.half_angle == 0.4
+    else:
+        # The axis that points is on the cone about the direction to the point.
+        close(cone.T[:3, 2], sight / np.linalg.norm(sight), atol=1e-7)
+        assert cone.half_angle == pytest.approx(angle(sight, pointed), abs=1e-6)
+        tips = parts['turn'].points - T[:3, 3]
+        close(tips[0], sketch.RAY_LENGTH * pointed, atol=1e-9)
+        close(tips[-1], sketch.RAY_LENGTH * sight / np.linalg.norm(sight), atol=1e-6)
+
+
+@given(seed=SEEDS)
+def test_direction_is_drawn_from_the_frame(seed):
+    task, state, placements, _ = started('pointing', seed, lambda rng: rng.normal(size=3),
+                                         reference=ELBOW)
+    parts, T = drawn(task, state), placements[TOOL]
+    direction = placements[ELBOW][:3, :3] @ task.goal
+    close(parts['sight'].end - T[:3, 3], sketch.RAY_LENGTH * direction, atol=1e-9)
+    close(parts['goal'].T[:3, 3], T[:3, 3], atol=1e-9)
+    close(parts['goal'].T[:3, 2], direction, atol=1e-6)
+
+
+def test_cone_of_an_axis_that_points_right_is_as_wide_as_the_tolerance():
+    task = make('pointing', tolerance=0.03)
+    state = task.robot.state(robots.PANDA_READY)
+    task.start(state)
+    parts = drawn(task, state)
+    assert parts['cone'].half_angle == 0.03 and 'turn' not in parts
+
+
+# Regions, obstacles and distances
+
+def test_region_is_drawn_with_what_is_inside_or_outside():
+    for name, allowed in (('keep_in', True), ('keep_out', False)):
+        task, state, placements, _ = started(name, 1, random_pose, radius=0.04)
+        parts = drawn(task, state)
+        close(parts['region'].T, task.goal)
+        assert parts['region'].allowed is allowed and parts['region'].shape is task.shape
+        close(parts['sphere'].T[:3, 3], placements[TOOL][:3, 3], atol=1e-9)
+        assert parts['sphere'].shape.radius == 0.04
+
+
+@pytest.mark.parametrize('name', ['keep_in', 'keep_out'])
+@given(seed=SEEDS)
+def test_arrow_leads_back_to_the_bound_of_a_region(name, seed):
+    task, state, placements, rng = started(name, seed, shape={'sphere': 0.5}, radius=0.1,
+                                           reference=ELBOW)
+    task.set_goal(np.block([[np.eye(3), rng.uniform(-0.6, 0.6, (3, 1))],
+                            [np.zeros(3), 1.0]]), 0.0)
+    centre = (placements[ELBOW] @ task.goal)[:3, 3]
+    place, parts = placements[TOOL][:3, 3], drawn(task, state)
+    distance = np.linalg.norm(place - centre)
+    bound = 0.4 if name == 'keep_in' else 0.6
+    outside = distance - bound if name == 'keep_in' else bound - distance
+    assert ('error' in parts) == (outside >= sketch.SHORTEST)
+    if 'error' in parts:
+        close(parts['error'].start, place, atol=1e-9)
+        close(np.linalg.norm(parts['error'].end - centre), bound, atol=1e-9)
+        close(np.linalg.norm(parts['error'].end - place), outside, atol=1e-9)
+
+
+@given(seed=SEEDS)
+def test_distances_are_lines_from_surface_to_surface(seed):
+    capsule = {'from': [0.0, 0.0, -0.1], 'to': [0.0, 0.0, 0.05], 'radius': 0.07}
+    task, state, placements, _ = started(
+        'obstacles', seed, links=TOOL, capsules={TOOL: capsule}, reference=ELBOW, within=5.0,
+        obstacles={'ball': {'shape': {'sphere': 0.1}, 'at': [0.5, 0.3, 0.2]},
+                   'far': {'shape': {'sphere': 0.2}, 'at': [0.5, -0.8, 0.2]}})
+    task.evaluate(state, 0.0)
+    parts = drawn(task, state)
+    gaps, T = parts['distance'], placements[TOOL]
+    centres = {name: (placements[ELBOW] @ [*task.obstacles[name].pose[:3, 3], 1.0])[:3]
+               for name in ('ball', 'far')}
+    for name, centre in centres.items():
+        close(parts[f'obstacle/{name}'].T[:3, 3], centre, atol=1e-9)
+    assert not parts['obstacle/ball'].allowed
+    assert gaps.distances[0] <= gaps.distances[1] and len(gaps.distances) == 2
+    assert (gaps.least, gaps.within) == (0.02, 5.0)
+    for start, end, distance in zip(gaps.starts, gaps.ends, gaps.distances):
+        name = min(centres, key=lambda name: abs(
+            np.linalg.norm(end - centres[name]) - task.obstacles[name].shape.radius))
+        close(np.linalg.norm(end - centres[name]), task.obstacles[name].shape.radius, atol=1e-6)
+        # The nearest point of the line inside the capsule.
+        local = np.linalg.inv(T) @ [*start, 1.0]
+        height = min(max(local[2], -0.1), 0.05)
+        close(np.linalg.norm(local[:3] - [0.0, 0.0, height]), 0.07, atol=1e-6)
+        close(np.linalg.norm(end - start), abs(distance), atol=1e-6)
+
+
+def test_only_the_nearest_pairs_are_drawn_each_once():
+    task = make('self_collision', within=2.0)
+    state = task.robot.state(robots.PANDA_READY)
+    seen = task.observe_rows(state)
+    gaps = drawn(task, state)['distance']
+    nearest = sorted({name: value for value, name in zip(
+        seen.value[::-1], seen.names[::-1])}.values())[:30]
+    close(gaps.distances, nearest, atol=1e-12)
+
+
+def test_distances_are_those_of_the_last_cycle():
+    task = make('self_collision')
+    assert drawn(task, task.robot.state(robots.PANDA_READY)) == {}
+
+
+def test_center_of_mass_is_where_the_masses_are():
+    task, state, placements, _ = started('center_of_mass', 3, lambda rng: rng.uniform(-1, 1, 3),
+                                         axes='xz')
+    parts, place = drawn(task, state), placements.center_of_mass()
+    close(parts['frame'].p, place, atol=1e-9)
+    close(parts['goal'].T[:3, 3], task.goal)
+    close(parts['error'].end, [task.goal[0], place[1], task.goal[2]], atol=1e-9)
+
+
+# Beside the cycles
+
+STACK = f"""
+- [clear: {{type: self_collision, capsules: {CAPSULES}}}, inside: {{type: keep_in, frame: {ELBOW},
+    shape: {{sphere: 1.0}}}}]
+- tool: {{type: pose, frame: {TOOL}, gain: 2.0}}
+- look: {{type: pointing, frame: panda_link5}}
+- turn: {{type: orientation, frame: panda_link6, reference: {ELBOW}}}
+"""
+GOAL = [0.4, 0.3, 0.5, 0.0, 1.0, 0.0, 0.0]
+
+
+def velocities(controller, cycles=300):
+    """Return the velocities (cycles, n) of a robot that follows exactly."""
+    q, found = np.array(robots.PANDA_READY), []
+    for cycle in range(cycles):
+        command = controller.update(q, 0.01 * cycle)
+        if cycle == 0:
+            controller.set_goal('tool', GOAL, 0.0)
+        found.append(command.velocity)
+        q = q + 0.01 * command.velocity
+    return np.array(found)
+
+
+def test_pictures_change_no_command():
+    robot = robots.panda()
+    expected = velocities(Controller(robot, Stack.from_yaml(STACK, robot)))
+    controller = Controller(robot, Stack.from_yaml(STACK, robot))
+    sketcher, made, over = Sketcher(robot, pytest.fail), [], threading.Event()
+
+    def draw():
+        while not over.is_set():
+            made.append(sketcher.sketch(controller))
+
+    beside = threading.Thread(target=draw)
+    beside.start()
+    try:
+        found = velocities(controller)
+    finally:
+        over.set()
+        beside.join()
+    assert np.array_equal(found, expected)
+    complete = [each for each in made if each]
+    assert complete and set(complete[-1]) == {'clear', 'inside', 'tool', 'look', 'turn'}
+
+
+def test_picture_is_of_the_last_cycle():
+    robot = robots.panda()
+    controller = Controller(robot, Stack.from_yaml(STACK, robot))
+    sketcher = Sketcher(robot, pytest.fail)
+    assert sketcher.sketch(controller) == {}
+    for q in (np.array(robots.PANDA_READY), np.array(robots.PANDA_READY) + 0.1):
+        controller.update(q, 0.0)
+        frame = sketcher.sketch(controller)['tool'][0]
+        close(frame.T, Placements(robot, q)[TOOL], atol=1e-9)
+    controller.enable('tool', False)
+    assert 'tool' not in sketcher.sketch(controller)
