@@ -30,6 +30,8 @@ DEADLINE = 15.0
 # How late messages may be on a machine that has too much to do: a stall that is none yet, and
 # the time until this process runs, which does not hear all joint states meanwhile [s].
 LATE = 1.0
+# From one joint state of the simulator to the next [s].
+STATE_PERIOD = 0.005
 STACK = '[{swing: {type: joint, joints: [joint1, joint2, joint3], target: [1, 1, 1]}}]'
 # By default a participant that was missed at first is heard of again after 3 s only.
 DISCOVERY = """<?xml version="1.0" encoding="UTF-8"?>
@@ -65,7 +67,7 @@ class Listener:
         from tp_controller.nodes.client import Client
         self.client = Client()
         self.commands, self.states = [], []
-        self.monitor, self._sent = Monitor(), 0
+        self.monitor, self._sent, self._states_sent = Monitor(), 0, 0
         self.promise = promise_of(planar(), 0.01, 0.1)
         node = self.client.node
         # Nobody takes messages while the test does something else.
@@ -84,9 +86,15 @@ class Listener:
 
     def _on_state(self, message, info):
         """Take a joint state."""
-        sent = 1e-9 * info['source_timestamp']
+        sent, number = 1e-9 * info['source_timestamp'], info['publication_sequence_number']
         self.states.append((np.array(message.position), np.array(message.velocity)))
         self.monitor.position(sent, message.position)
+        # Others may have heard what was sent before this side found a simulator that is new.
+        before = self._states_sent if number > self._states_sent else 0
+        for missed in range(number - before - 1, 0, -1):
+            self.monitor.heard.append(max(sent - missed * STATE_PERIOD,
+                                          *self.monitor.heard[-1:], 0.0))
+        self._states_sent = number
         self.monitor.heard.append(sent)
 
     def check(self):
