@@ -232,7 +232,10 @@ def test_zeros_go_on_while_a_task_never_returns_and_ctrl_c_ends_the_node(replace
 # What is slow beside the loop -----------------------------------------------------------------
 
 def test_commands_go_on_while_a_stack_is_read(replaced, listener, tmp_path):
-    controller = replaced(READING, 'switch.unlink(); time.sleep(1.5); Path(f"{switch}ed").touch()')
+    # On a busy machine joint states may be late meanwhile, which stops the robot for a reason of
+    # its own.
+    controller = replaced(READING, 'switch.unlink(); time.sleep(1.5); Path(f"{switch}ed").touch()',
+                          '-p', 'state_timeout:=5.0', '-p', 'watchdog_timeout:=5.0')
     reload = listener.client.node.create_client(Trigger, '/tp_controller/reload')
     listener.wait(reload.service_is_ready, 'the service', [controller])
     (tmp_path / 'switch').touch()
@@ -267,7 +270,7 @@ def test_a_stop_does_not_wait_until_a_stack_has_been_read(replaced, listener, tm
 @pytest.fixture
 def tireless(start, listener):
     """Return a controller, and a simulator that goes on as it was told last for ten seconds."""
-    nodes = (start('controller_node', '-p', f"stack:='{STACK}'"),
+    nodes = (start('controller_node', '-p', f"stack:='{STACK}'", '-p', 'state_timeout:=5.0'),
              start('simulator_node', '-p', 'command_timeout:=10.0'))
     listener.wait(listener.moving, 'motion', nodes)
     return nodes
