@@ -340,6 +340,8 @@ def interfaces(node):
             finally:
                 rclpy.try_shutdown(context=context)
     order = ('in', 'out', 'service')
+    # Those of a package that may be missing have a section of their own.
+    found = [entry for entry in found if not entry[1].startswith('~/interactive_goals/')]
     return sorted(dict.fromkeys(found), key=lambda entry: order.index(entry[0]))
 
 

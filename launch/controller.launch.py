@@ -25,6 +25,9 @@ from launch_ros.substitutions import FindPackageShare
 CONFIG = [FindPackageShare('tp_controller'), 'config']
 # Any robot can carry it out: it stays where it is until a goal arrives.
 DEFAULT_STACK = '- posture: {type: posture}'
+# What RViz needs for goals that can be dragged.
+INTERACTIVE = ('interactive_goals/update', 'interactive_goals/feedback',
+               'interactive_goals/get_interactive_markers')
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -73,7 +76,9 @@ def generate_launch_description() -> LaunchDescription:
                         '-f', LaunchConfiguration('fixed_frame')],
              # The names of the configuration are absolute, those on the right are not.
              remappings=[('/robot_description', 'robot_description'),
-                         ('/tp_controller/markers', 'tp_controller/markers')],
+                         ('/tp_controller/markers', 'tp_controller/markers'),
+                         *((f'/tp_controller/{name}', f'tp_controller/{name}')
+                           for name in INTERACTIVE)],
              parameters=[{'use_sim_time': _boolean('use_sim_time')}],
              condition=IfCondition(LaunchConfiguration('rviz')), output='screen'),
     ])

@@ -141,13 +141,18 @@ def test_rviz_shows_what_the_nodes_publish():
     config = yaml.safe_load((REPOSITORY / 'config' / 'controller.rviz').read_text())
     displays = {display['Class'].rpartition('/')[2]: display
                 for display in config['Visualization Manager']['Displays']}
-    assert {'RobotModel', 'TF', 'MarkerArray'} <= set(displays)
+    assert {'RobotModel', 'TF', 'MarkerArray', 'InteractiveMarkers'} <= set(displays)
     topics = {displays['RobotModel']['Description Topic']['Value'],
               displays['MarkerArray']['Topic']['Value']}
     # Names that the launch file moves into the namespace.
     source = (LAUNCH / 'controller.launch.py').read_text(encoding='utf-8')
     assert topics == {'/robot_description', '/tp_controller/markers'}
     assert all(f"('{topic}', '{topic[1:]}')" in source for topic in topics)
+    dragged = displays['InteractiveMarkers']['Interactive Markers Namespace']
+    interactive = pytest.importorskip('tp_controller.nodes.interactive_goals')
+    assert dragged == f'/tp_controller{interactive.TOPIC[1:]}'
+    assert all(f"'{interactive.TOPIC[2:]}/{name}'" in source
+               for name in ('update', 'feedback', 'get_interactive_markers'))
     # A latched topic is received late only by those who are latched, too.
     assert displays['RobotModel']['Description Topic']['Durability Policy'] == 'Transient Local'
 

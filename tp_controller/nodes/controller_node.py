@@ -205,6 +205,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
 
     def destroy_node(self) -> None:
         """End the node, and the one of the loop."""
+        self._reporter.close()
         self.loop_node.destroy_node()
         super().destroy_node()
 

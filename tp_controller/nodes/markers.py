@@ -128,10 +128,17 @@ class Markers:
         return found
 
 
+def to_pose(T: ArrayLike) -> Pose:
+    """Return a pose message."""
+    T_checked = _checked(T, (4, 4))
+    x, y, z, w = quaternion_from_rotation(T_checked[:3, :3]).tolist()
+    return Pose(position=_to_point(T_checked[:3, 3]), orientation=Quaternion(x=x, y=y, z=z, w=w))
+
+
 def _marker(kind: int, T: ArrayLike, colour: Rgba, size: Sequence[float],
             points: Sequence[Point] = ()) -> Marker:
     """Return a marker at a pose (4, 4)."""
-    marker = Marker(type=kind, action=Marker.ADD, pose=_to_pose(T), color=_to_colour(colour),
+    marker = Marker(type=kind, action=Marker.ADD, pose=to_pose(T), color=_to_colour(colour),
                     points=points)
     marker.scale.x, marker.scale.y, marker.scale.z = map(float, size)
     return marker
@@ -261,13 +268,6 @@ def _checked(values: ArrayLike, shape: tuple[int, ...]) -> Array:
 def _at(p: ArrayLike) -> Array:
     """Return the pose (4, 4) of a point in the axes of the root."""
     return pose(np.eye(3), _checked(p, (3,)))
-
-
-def _to_pose(T: ArrayLike) -> Pose:
-    """Return a pose message."""
-    T_checked = _checked(T, (4, 4))
-    x, y, z, w = quaternion_from_rotation(T_checked[:3, :3]).tolist()
-    return Pose(position=_to_point(T_checked[:3, 3]), orientation=Quaternion(x=x, y=y, z=z, w=w))
 
 
 def _to_point(vector: Array) -> Point:

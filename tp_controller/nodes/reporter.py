@@ -23,6 +23,7 @@ from rclpy.node import Node
 from tp_controller.control.report import TaskReport
 from tp_controller.control.sketcher import Sketcher
 from tp_controller.nodes.figures import Figures
+from tp_controller.nodes.interactive_goals import InteractiveGoals
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.loop import boot_time, ControlLoop
 from tp_controller.nodes.markers import Markers
@@ -73,6 +74,7 @@ class Reporter:
         self._drawn = node.create_publisher(MarkerArray, '~/markers', 10)
         self._markers = Markers(1.0 / rate, self._undrawn)
         self._sketcher: Sketcher | None = None
+        self._goals = InteractiveGoals(node, log.warning)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in ((1.0 / rate, self._on_status), (FLUSH_SECONDS, self._on_flush),
                                  (DIAGNOSTICS_SECONDS, self._on_diagnostics)):
@@ -84,6 +86,7 @@ class Reporter:
         self._controller, self._loop, self._topics = controller, loop, topics
         # Made now: that may take as long as many cycles.
         self._sketcher = Sketcher(controller.robot, self._undrawn)
+        self._goals.follow(topics.take)
 
     def follow_stack(self) -> None:
         """Report about the tasks of another stack from now on."""
@@ -94,6 +97,7 @@ class Reporter:
         """Report that there is no loop."""
         self._numbers.follow(())
         self._controller = self._loop = self._topics = self._sketcher = None
+        self._goals.follow(None)
         self.reason = reason
 
     def publish(self) -> None:
@@ -101,15 +105,25 @@ class Reporter:
         self._waits_since = math.inf
         self._status.publish(self._message())
         self._numbers.publish(self._reports)
-        if self._drawn.get_subscription_count():
-            self._draw()
+        self._draw()
+
+    def close(self) -> None:
+        """Remove what others still show."""
+        self._goals.close()
 
     def _draw(self) -> None:
-        """Publish markers of what there is, and delete those of what there was."""
+        """Show what there is to those who look, and not any more what there was."""
+        watched, dragged = self._drawn.get_subscription_count() > 0, self._goals.watched
+        if not (watched or dragged):
+            return
         controller, sketcher = self._controller, self._sketcher
-        self._drawn.publish(self._markers.message(
-            self._node.get_clock().now().to_msg(), controller.robot.root if controller else '',
-            sketcher.sketch(controller) if sketcher and controller else {}))
+        root, tasks = (controller.robot.root, controller.stack.tasks) if controller else ('', {})
+        sketches = sketcher.sketch(controller) if sketcher and controller else {}
+        if watched:
+            self._drawn.publish(self._markers.message(self._node.get_clock().now().to_msg(), root,
+                                                      sketches))
+        if dragged:
+            self._goals.show(root, tasks, sketches)
 
     def _undrawn(self, task: str, reason: str) -> None:
         """Say why a task cannot be drawn."""

@@ -115,6 +115,34 @@ class TaskTopics:
         # A topic cannot have another type before the executor has dropped what was closed.
         self._open_missing(later=closed)
 
+    def take(self, name: str, topic: str, message: Message) -> None:
+        """
+        Take a goal or a feed-forward velocity, or say why not.
+
+        Parameters
+        ----------
+        name, topic : str
+            The task, and the last part of its topic that the message is of.
+        message : Message
+            As `messages_of` has it for that topic; others are left out.
+
+        """
+        kind, _ = self._open.get((name, topic), (None, None))
+        if kind is not type(message):
+            # It was sent before the stack changed.
+            return
+        task = self._controller.stack.tasks[name]
+        entry, = (entry for entry in messages_of(task) if entry.topic == topic)
+        record = self.records[name]
+        try:
+            self._warn(name, self._hand_on(name, entry, message))
+            record.accepted += 1
+            self.changed = self._clock()
+        except Exception as error:
+            record.refused += 1
+            record.refusal = in_words(error)
+            self._log.error(f'goal for task {name} refused: {record.refusal}', f'refused {name}')
+
     def close(self) -> None:
         """Close everything."""
         self._needed = {}
@@ -145,7 +173,7 @@ class TaskTopics:
                                                 partial(self._on_enable, name))
             return partial(self._node.destroy_service, service)
         subscription = self._node.create_subscription(
-            kind, f'~/{name}/{topic}', partial(self._on_message, name, topic), 10)
+            kind, f'~/{name}/{topic}', partial(self.take, name, topic), 10)
         return partial(self._node.destroy_subscription, subscription)
 
     def _on_enable(self, name: str, request: SetBool.Request,
@@ -161,24 +189,6 @@ class TaskTopics:
         response.message = f'task {name} is {"enabled" if request.data else "disabled"}'
         return response
 
-    def _on_message(self, name: str, topic: str, message: Message) -> None:
-        """Take a goal or a feed-forward velocity, or say why not."""
-        kind, _ = self._open.get((name, topic), (None, None))
-        if kind is not type(message):
-            # It was sent before the stack changed.
-            return
-        task = self._controller.stack.tasks[name]
-        entry, = (entry for entry in messages_of(task) if entry.topic == topic)
-        record = self.records[name]
-        try:
-            self._warn(name, self._take(name, entry, message))
-            record.accepted += 1
-            self.changed = self._clock()
-        except Exception as error:
-            record.refused += 1
-            record.refusal = in_words(error)
-            self._log.error(f'goal for task {name} refused: {record.refusal}', f'refused {name}')
-
     def _warn(self, name: str, remarks: Collection[str]) -> None:
         """Note what is probably a mistake in a goal; of a stream, say it once."""
         record, warning = self.records[name], '; '.join(remarks)
@@ -186,7 +196,7 @@ class TaskTopics:
             self._log.warning(f'goal for task {name}: {warning}', f'warned {name}')
         record.warning = warning
 
-    def _take(self, name: str, entry: GoalMessage, message: Message) -> Collection[str]:
+    def _hand_on(self, name: str, entry: GoalMessage, message: Message) -> Collection[str]:
         """Hand the content of a message to the controller; return remarks about it."""
         if entry.parts is not None:
             self._take_parts(name, entry.parts(message))
