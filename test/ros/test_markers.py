@@ -17,12 +17,15 @@
 from collections import Counter
 
 from geometry_msgs.msg import PointStamped
-from harness import Arm, Status
+from harness import Arm, JOINTS, Status
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
+import robots
+from tp_controller.model.shapes import Sphere
 from tp_controller.model.spatial import pose, rotation_from_quaternion
 from tp_controller.nodes.client import make_message
+from tp_controller.tasks.sketch import Arrow, Body, Cone, Dot, Gaps, Path, Triad
 from visualization_msgs.msg import Marker, MarkerArray
 
 STACK = """
@@ -32,15 +35,34 @@ STACK = """
 """
 Q = (0.0, 0.6, 0.3)
 TOPIC = '/tp_controller/markers'
+CAPSULES = str(robots.CONFIG / 'panda_capsules.yaml')
+PANDA = {'robot': str(robots.PANDA_DH), 'q': robots.PANDA_READY,
+         'names': [f'panda_joint{number}' for number in range(1, 8)]}
+TOOL, ELBOW = robots.PANDA_TOOL, 'panda_link4'
+EVERYTHING = f"""
+- [inside: {{type: keep_in, frame: {TOOL}, shape: {{box: [2, 3, 4]}}, at: [0.1, 0.2, 0.3],
+             radius: 0.05}},
+   outside: {{type: keep_out, frame: {TOOL}, shape: {{cylinder: [0.1, 0.4]}},
+              at: [0.5, 0.5, 0.1]}},
+   floor: {{type: keep_out, frame: {TOOL}, shape: half_space, at: [0, 0, -1]}},
+   view: {{type: field_of_view, frame: {TOOL}, half_angle: 0.4, target: [0.4, 0.1, 0.0]}},
+   clear: {{type: obstacles, capsules: {CAPSULES}, within: 0.6, obstacles: {{
+     ball: {{shape: {{sphere: 0.1}}, at: [0.6, 0.4, 0.3]}},
+     table: {{shape: {{box: [0.4, 0.6, 0.1]}}, at: [0.6, 0.0, -0.2]}}}}}}]
+- look: {{type: pointing, frame: {TOOL}, towards: point, target: [0.7, 0.0, 0.1]}}
+- turn: {{type: orientation, frame: {TOOL}}}
+- between: {{type: relative_position, frame: {TOOL}, reference: {ELBOW}}}
+- rest: {{type: posture}}
+"""
 
 
 class Rig:
-    """A controller of the planar arm at rest, and what it draws."""
+    """A controller of an arm at rest, by default the planar one, and what it draws."""
 
-    def __init__(self, harness, stack=STACK, **parameters):
+    def __init__(self, harness, stack=STACK, q=Q, names=JOINTS, **parameters):
         self.harness = harness
         self.controller = harness.controller(stack=stack, **parameters)
-        self.status, self.arm = Status(harness), Arm(harness, Q)
+        self.status, self.arm = Status(harness), Arm(harness, q, names)
         self.arrays = harness.record(MarkerArray, TOPIC)
 
     def spin_until(self, condition):
@@ -144,3 +166,162 @@ def test_markers_of_a_stack_that_has_not_run_yet_are_no_garbage(harness):
     for array in rig.arrays:
         for marker in array.markers:
             assert np.isfinite(pose_of(marker)).all()
+
+
+# What the markers look like
+
+@pytest.fixture
+def panda(harness):
+    """Return what is drawn of a Panda whose tasks have all parts that there are."""
+    rig = Rig(harness, EVERYTHING, **PANDA)
+    rig.found = rig.drawn()
+    return rig
+
+
+def only(rig, name):
+    """Return the one marker of a namespace."""
+    marker, = rig.found[name]
+    return marker
+
+
+def angles(points, axis):
+    """Return the angles of rows (k, 3) with an axis (3,) [rad]."""
+    return np.arccos(np.clip(points @ axis / np.linalg.norm(points, axis=1), -1.0, 1.0))
+
+
+def test_every_part_has_a_namespace_of_its_own(panda):
+    assert set(panda.found) == {
+        f'{task}/{part}' for task, parts in {
+            'inside': 'frame goal region sphere', 'outside': 'frame goal region',
+            'floor': 'frame goal region', 'view': 'frame goal axis sight cone',
+            'clear': 'obstacle/ball obstacle/table distance',
+            'look': 'frame goal axis sight cone turn', 'turn': 'frame goal',
+            'between': 'frame goal reference'}.items() for part in parts.split()}
+    assert [(marker.id, marker.type) for marker in panda.found['clear/distance']] == [
+        (0, Marker.LINE_LIST), (1, Marker.TEXT_VIEW_FACING)]
+    assert all([marker.id for marker in markers] == [0] for name, markers in panda.found.items()
+               if name != 'clear/distance')
+
+
+def test_axes_are_red_green_and_blue_from_the_frame(panda):
+    T = panda.state.pose(TOOL)
+    for name, length in (('turn/goal', 0.08), ('turn/frame', 0.04)):
+        marker = only(panda, name)
+        assert marker.type == Marker.LINE_LIST
+        ends = T[:3, 3] + length * T[:3, :3].T
+        np.testing.assert_allclose(points_of(marker)[1::2], ends, atol=1e-9)
+        np.testing.assert_allclose(points_of(marker)[::2], [T[:3, 3]] * 3, atol=1e-9)
+        strongest = [int(np.argmax([colour.r, colour.g, colour.b])) for colour in marker.colors]
+        assert strongest == [0, 0, 1, 1, 2, 2]
+
+
+@pytest.mark.parametrize('name, kind, place, size', [
+    ('inside/region', Marker.CUBE, (0.1, 0.2, 0.3), (2.0, 3.0, 4.0)),
+    ('outside/region', Marker.CYLINDER, (0.5, 0.5, 0.1), (0.2, 0.2, 0.4)),
+    ('floor/region', Marker.CUBE, (0.0, 0.0, -1.0), (2.0, 2.0, 0.002)),
+    ('clear/obstacle/ball', Marker.SPHERE, (0.6, 0.4, 0.3), (0.2, 0.2, 0.2)),
+    ('clear/obstacle/table', Marker.CUBE, (0.6, 0.0, -0.2), (0.4, 0.6, 0.1))])
+def test_shapes_are_where_they_are_and_as_large(panda, name, kind, place, size):
+    marker = only(panda, name)
+    assert marker.type == kind
+    np.testing.assert_allclose(pose_of(marker)[:3, 3], place, atol=1e-9)
+    np.testing.assert_allclose([marker.scale.x, marker.scale.y, marker.scale.z], size)
+    # What the robot may be inside of is green, the rest is red; one sees through both.
+    colour = marker.color
+    assert (colour.g > colour.r) == (name == 'inside/region') and 0.1 < colour.a < 0.6
+
+
+def test_sphere_around_a_frame_is_drawn(panda):
+    marker = only(panda, 'inside/sphere')
+    assert marker.type == Marker.SPHERE and marker.scale.x == marker.scale.z == 0.1
+    np.testing.assert_allclose(pose_of(marker)[:3, 3], panda.state.position(TOOL), atol=1e-9)
+
+
+def test_cone_of_a_camera_holds_what_is_in_view(panda):
+    marker, T = only(panda, 'view/cone'), panda.state.pose(TOOL)
+    assert marker.type == Marker.TRIANGLE_LIST and len(marker.points) % 3 == 0
+    assert marker.scale.x == marker.scale.y == marker.scale.z == 1.0
+    points = points_of(marker) - T[:3, 3]
+    np.testing.assert_allclose(points[::3], 0.0, atol=1e-9)
+    rim = np.concatenate([points[1::3], points[2::3]])
+    np.testing.assert_allclose(angles(rim, T[:3, 2]), 0.4, atol=1e-9)
+    # All around the axis.
+    np.testing.assert_allclose(rim.mean(axis=0) @ T[:3, :2], 0.0, atol=1e-9)
+
+
+def test_axis_that_points_is_on_the_cone_about_the_line_of_sight(panda):
+    T, target = panda.state.pose(TOOL), np.array([0.7, 0.0, 0.1])
+    sight = points_of(only(panda, 'look/sight'))
+    np.testing.assert_allclose(sight, [T[:3, 3], target], atol=1e-9)
+    axis = points_of(only(panda, 'look/axis'))
+    np.testing.assert_allclose(axis, [T[:3, 3], T[:3, 3] + 0.3 * T[:3, 2]], atol=1e-9)
+    direction = (target - T[:3, 3]) / np.linalg.norm(target - T[:3, 3])
+    cone = points_of(only(panda, 'look/cone')) - T[:3, 3]
+    np.testing.assert_allclose(angles(np.delete(cone, slice(None, None, 3), axis=0), direction),
+                               angles(T[:3, 2][np.newaxis], direction)[0], atol=1e-7)
+    arc = points_of(only(panda, 'look/turn')) - T[:3, 3]
+    np.testing.assert_allclose([arc[0], arc[-1]], [0.3 * T[:3, 2], 0.3 * direction], atol=1e-7)
+
+
+def test_line_leads_from_the_reference_to_the_goal(panda):
+    state = panda.state
+    np.testing.assert_allclose(points_of(only(panda, 'between/reference')),
+                               [state.position(ELBOW), state.position(TOOL)], atol=1e-9)
+
+
+def test_distances_are_lines_in_colours_and_the_smallest_is_written(panda):
+    lines, text = panda.found['clear/distance']
+    points = points_of(lines)
+    lengths = np.linalg.norm(points[1::2] - points[::2], axis=1)
+    assert len(points) == len(lines.colors) > 2
+    assert (np.diff(lengths) >= 0.0).all() and text.text == f'{lengths[0]:.3f} m'
+    np.testing.assert_allclose(pose_of(text)[:3, 3], points[:2].mean(axis=0), atol=1e-9)
+    # From red at the distance that is kept, 0.02 m, to green at 0.6 m.
+    for length, one, other in zip(lengths, lines.colors[::2], lines.colors[1::2]):
+        share = (length - 0.02) / 0.58
+        assert (one.r, one.g) == (other.r, other.g) == pytest.approx(
+            (min(1.0, 2.0 - 2.0 * share), min(1.0, 2.0 * share)), abs=1e-6)
+    assert text.color.r == lines.colors[0].r
+
+
+# What types of other packages may return
+
+@pytest.mark.parametrize('parts, fault', [
+    (None, 'sketch raised TypeError'), ([3], 'its sketch cannot be drawn'),
+    ([Triad('frame', np.full((4, 4), np.nan))], 'its numbers are not finite'),
+    ([Triad('frame', np.eye(3))], 'needs an array of shape (4, 4), got (3, 3)'),
+    ([Triad('frame', 'here')], 'its sketch cannot be drawn'),
+    ([Triad('\ud800', np.eye(4))], 'its sketch cannot be drawn'),
+    ([Dot('frame', None)], 'its sketch cannot be drawn'),
+    ([Arrow('error', np.zeros(3), np.zeros(2))], 'needs an array of shape (3,), got (2,)'),
+    ([Path('reference', np.zeros((0, 3)))], 'its sketch cannot be drawn'),
+    ([Path('reference', np.zeros((3000, 3)))], 'needs at most 2000 points, got 3000'),
+    ([Cone('cone', np.eye(4), np.inf, 1.0)], 'its numbers are not finite'),
+    ([Body('region', np.eye(4), 'box')], 'str is not a shape'),
+    ([Body('region', np.eye(4), Sphere(np.nan))], 'its numbers are not finite'),
+    ([Gaps('distance', np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), 0.0, 1.0)],
+     'its sketch cannot be drawn'),
+    ([Gaps('distance', np.zeros((2, 3)), np.zeros((1, 3)), np.zeros(2), 0.0, 1.0)],
+     'its sketch cannot be drawn')])
+def test_task_that_cannot_be_drawn_is_named_and_harms_nothing(harness, log, monkeypatch, parts,
+                                                              fault):
+    rig = Rig(harness)
+    rig.drawn()
+    monkeypatch.setattr(rig.controller._controller.stack.tasks['tip'], 'sketch', lambda _: parts)
+    told = harness.spin_until_logged(log, 'task tip is not drawn: ', rig.arm.publish)
+    rig.spin_until(lambda: {marker.ns for marker in rig.arrays[-1].markers} == {
+        'turn/frame', 'turn/goal'})
+    assert fault in told
+    # Once, and not with every message.
+    harness.spin_for_more(rig.arrays, 80, rig.arm.publish)
+    assert 'is not drawn' not in log()
+
+
+def test_part_that_nobody_knows_is_drawn_all_the_same(harness, monkeypatch):
+    rig = Rig(harness)
+    rig.drawn()
+    parts = [Dot('mark', np.zeros(3)), Dot('mark', np.ones(3))]
+    monkeypatch.setattr(rig.controller._controller.stack.tasks['tip'], 'sketch', lambda _: parts)
+    rig.spin_until(lambda: 'tip/mark' in rig.drawn())
+    first, second = rig.drawn()['tip/mark']
+    assert (first.id, second.id) == (0, 1) and first.color.a > 0.0

@@ -57,6 +57,8 @@ ARROW, HEAD_SHARE = (0.006, 0.015, 0.03), 0.4
 # A half-space is drawn as a plate: how far it goes, and how thick it is [m].
 PLATE = (2.0, 0.002)
 CORNERS = 24
+# Of one marker.
+MOST_POINTS = 2000
 # How long markers stay if no others come: so many periods, and no less [s].
 PERIODS, SHORTEST_LIFE = 3.0, 1.0
 
@@ -118,6 +120,8 @@ class Markers:
             for part in parts:
                 for marker in _MAKERS[type(part)](part):
                     marker.ns = f'{name}/{part.part}'
+                    # What is no text cannot be published.
+                    marker.ns.encode()
                     marker.id = numbers[marker.ns]
                     numbers[marker.ns] += 1
                     found.append(marker)
@@ -140,7 +144,7 @@ def _marker(kind: int, T: ArrayLike, colour: Rgba, size: Sequence[float],
     """Return a marker at a pose (4, 4)."""
     marker = Marker(type=kind, action=Marker.ADD, pose=to_pose(T), color=_to_colour(colour),
                     points=points)
-    marker.scale.x, marker.scale.y, marker.scale.z = map(float, size)
+    marker.scale.x, marker.scale.y, marker.scale.z = _checked(size, (3,)).tolist()
     return marker
 
 
@@ -278,6 +282,8 @@ def _to_point(vector: Array) -> Point:
 
 def _to_points(points: Array) -> list[Point]:
     """Return point messages."""
+    if len(points) > MOST_POINTS:
+        raise ValueError(f'needs at most {MOST_POINTS} points, got {len(points)}')
     return [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
 
 

@@ -74,6 +74,8 @@ class Reporter:
         self._drawn = node.create_publisher(MarkerArray, '~/markers', 10)
         self._markers = Markers(1.0 / rate, self._undrawn)
         self._sketcher: Sketcher | None = None
+        # {task: why it cannot be drawn}, of those that were named.
+        self._faults: dict[str, str] = {}
         self._goals = InteractiveGoals(node, log.warning)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in ((1.0 / rate, self._on_status), (FLUSH_SECONDS, self._on_flush),
@@ -90,6 +92,7 @@ class Reporter:
 
     def follow_stack(self) -> None:
         """Report about the tasks of another stack from now on."""
+        self._faults = {}
         if self._controller is not None:
             self._numbers.follow(self._controller.stack.tasks)
 
@@ -126,8 +129,10 @@ class Reporter:
             self._goals.show(root, tasks, sketches)
 
     def _undrawn(self, task: str, reason: str) -> None:
-        """Say why a task cannot be drawn."""
-        self._log.warning(f'task {task} is not drawn: {reason}', f'undrawn {task} {reason}')
+        """Say why a task cannot be drawn, once."""
+        if self._faults.get(task) != reason:
+            self._faults[task] = reason
+            self._log.warning(f'task {task} is not drawn: {reason}')
 
     def _message(self) -> DiagnosticArray:
         """Return the status."""
