@@ -48,6 +48,7 @@ from tp_controller.demos.processes import NodeProcess, own_domain
 from tp_controller.model.spatial import quaternion_from_rotation
 from tp_controller.nodes.commands import TOPIC
 from tp_controller.nodes.runner import LONG, make_executor
+from visualization_msgs.msg import MarkerArray
 
 ROBOT = 'package://tp_controller/config/robots/panda.yaml'
 TOOL = 'panda_hand_tcp'
@@ -64,13 +65,14 @@ WARM_UP_SECONDS = 1.0
 BLOCK, PAUSE = 100, 0.02
 TICKS = os.sysconf('SC_CLK_TCK')
 
-Case = namedtuple('Case', 'name rate hertz limited')
+Case = namedtuple('Case', 'name rate hertz limited shown', defaults=[False])
 CASES = (
     Case('echo, 1 kHz', None, 1000.0, False),
     Case('timer of 1 kHz, holding a pose', 1000.0, 1000.0, False),
     Case('timer of 1 kHz, limits active', 1000.0, 1000.0, True),
     Case('each state, 1 kHz, holding a pose', 0.0, 1000.0, False),
     Case('each state, 1 kHz, limits active', 0.0, 1000.0, True),
+    Case('each state, 1 kHz, holding a pose, markers shown', 0.0, 1000.0, False, True),
     Case('echo, 2 kHz', None, 2000.0, False),
     Case('each state, 2 kHz, holding a pose', 0.0, 2000.0, False),
 )
@@ -86,6 +88,11 @@ class RobotNode(Node):
         self._states = self.create_publisher(JointState, 'joint_states', 10)
         self.create_subscription(Float64MultiArray, TOPIC, self._on_command, 200)
         self.goals = self.create_publisher(PoseStamped, '/tp_controller/tool/goal', 1)
+        self.drawn = []
+
+    def look(self):
+        """Have the markers made and published from now on."""
+        self.create_subscription(MarkerArray, '/tp_controller/markers', self.drawn.append, 10)
 
     def _on_command(self, message):
         self.arrived.append(time.monotonic())
@@ -193,6 +200,9 @@ def measure(case, robot, node, pid, seconds):
     if case.limited:
         wait_for(node, case.hertz, node.goals.get_subscription_count)
         node.goals.publish(far_goal(robot))
+    if case.shown:
+        node.look()
+        wait_for(node, case.hertz, lambda: node.drawn)
     begin = time.monotonic()
     while time.monotonic() < begin + WARM_UP_SECONDS:
         node.block(case.hertz)

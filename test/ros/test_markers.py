@@ -237,7 +237,7 @@ def test_sphere_around_a_frame_is_drawn(panda):
     np.testing.assert_allclose(pose_of(marker)[:3, 3], panda.state.position(TOOL), atol=1e-9)
 
 
-def test_cone_of_a_camera_holds_what_is_in_view(panda):
+def test_cone_of_a_camera_is_what_is_in_view(panda):
     marker, T = only(panda, 'view/cone'), panda.state.pose(TOOL)
     assert marker.type == Marker.TRIANGLE_LIST and len(marker.points) % 3 == 0
     assert marker.scale.x == marker.scale.y == marker.scale.z == 1.0

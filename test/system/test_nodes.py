@@ -215,10 +215,18 @@ def test_a_few_seconds_of_the_endurance_run_break_no_promise():
     assert float(minutes) > 0.0 and (int(crashes), int(broken)) == (0, 0)
 
 
+def test_benchmark_of_the_markers_prints_a_table():
+    done = subprocess.run([sys.executable, str(REPOSITORY / 'benchmarks' / 'markers.py'),
+                           '--times', '5'], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    rows = [line.split('|')[1:-1] for line in done.stdout.splitlines()[2:]]
+    assert len(rows) == 4 and all(int(row[2]) >= 4 for row in rows)
+
+
 def test_benchmark_of_the_node_prints_a_table():
     done = subprocess.run([sys.executable, str(REPOSITORY / 'benchmarks' / 'node.py'),
                            '--seconds', '0.5'], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     rows = [line.split('|') for line in done.stdout.splitlines()]
-    assert len(rows[2:]) == 7
+    assert len(rows[2:]) == 8
     assert all(float(row[3]) > 0.0 for row in rows[2:])
