@@ -1,0 +1,86 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What docs/migration.md shows of other packages: scripts that run, and words that exist."""
+
+from importlib.util import find_spec
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+from tp_controller import Robot, Stack
+from tp_controller.tasks import task_types
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / 'docs' / 'migration.md').read_text(encoding='utf-8')
+FILES = dict(re.findall(r'<!-- file: (\S+) -->\n```\w+\n(.*?)```', PAGE, re.DOTALL))
+
+
+def run(name, folder):
+    """Run a script of the page in a folder; return what it prints."""
+    done = subprocess.run(
+        [sys.executable, '-c', FILES[name]], cwd=folder, text=True, capture_output=True,
+        timeout=120, env={**os.environ, 'PYTHONPATH': str(ROOT)})
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_there_is_a_script_or_a_file_for_each_package():
+    assert set(FILES) == {'write_urdf.py', 'with_pink.py', 'with_mink.py', 'with_placo.py',
+                          'servo.yaml', 'cartesio.yaml'}
+
+
+@pytest.mark.parametrize('package', ['pink', 'mink', 'placo'])
+def test_script_of_another_package_is_python_and_prints_what_is_shown(package, tmp_path):
+    name = f'with_{package}.py'
+    compile(FILES[name], name, 'exec')
+    if find_spec(package) is None:
+        pytest.skip(f'{package} is not installed')
+    run('write_urdf.py', tmp_path)
+    shown = PAGE.partition(f'<!-- file: {name} -->')[2].split('```text\n')[1].partition('```')[0]
+    assert run(name, tmp_path) == shown
+
+
+def test_urdf_that_the_scripts_read_is_the_panda(tmp_path):
+    run('write_urdf.py', tmp_path)
+    robot = Robot.from_urdf(tmp_path / 'panda.urdf')
+    assert robot.n == 7 and 'panda_hand_tcp' in robot.frame_names
+
+
+def test_every_label_of_the_cartesio_stack_is_defined():
+    problem = yaml.safe_load(FILES['cartesio.yaml'])
+    labels = [label for level in problem['stack'] for label in level] + problem['constraints']
+    assert set(labels) == set(problem) - {'stack', 'constraints'}
+    # The names and their order are those of the stack here.
+    robot = Robot.from_file(ROOT / 'config' / 'robots' / 'panda.yaml')
+    text, = re.findall(r'Stack\.from_yaml\("""(.*?)"""', PAGE, re.DOTALL)
+    assert [[name] for name in Stack.from_yaml(text, robot).tasks] == problem['stack']
+
+
+def test_gains_per_cycle_are_those_per_second():
+    own = [float(gain) for gain in re.findall(r'gain: (\d\.\d)', PAGE)][:3]
+    for name in ('with_pink.py', 'with_mink.py'):
+        assert [float(gain) for gain in re.findall(r'gain=(\d\.\d) \* period', FILES[name])] == own
+    problem = yaml.safe_load(FILES['cartesio.yaml'])
+    shares = [problem[level[0]]['lambda'] for level in problem['stack']]
+    assert shares == pytest.approx([0.01 * gain for gain in own])
+
+
+def test_task_types_that_the_page_links_exist():
+    linked = set(re.findall(r'\[`(\w+)`\]\(tasks\.md#\w+\)', PAGE))
+    assert len(linked) > 15 and linked <= set(task_types())
