@@ -14,6 +14,7 @@
 
 """The files and pages of real robots: tables, limits, stacks, home, and what they say."""
 
+from importlib import import_module
 from pathlib import Path
 import re
 import sys
@@ -109,6 +110,16 @@ def test_parameters_and_table_agree(name):
         for key in {'robot', 'stack'} & set(parameters(name, node)):
             file = parameters(name, node)[key].removeprefix('package://tp_controller/')
             assert (ROOT / file).is_file()
+
+
+@pytest.mark.parametrize('name', ROBOTS)
+def test_nodes_have_every_parameter_of_the_files(name):
+    pytest.importorskip('rclpy')
+    for node, module in (('tp_simulator', 'simulator_node'), ('tp_controller', 'controller_node')):
+        specs = import_module(f'tp_controller.nodes.{module}').PARAMETERS
+        defaults = {spec.name: spec.default for spec in specs}
+        for key, value in parameters(name, node).items():
+            assert key == 'limits' or isinstance(value, type(defaults[key])), (node, key)
 
 
 @pytest.mark.parametrize('name', ROBOTS)
