@@ -29,6 +29,8 @@ executables = {
 plots = ['matplotlib', 'Pillow']
 # The page in the browser; pycollada reads meshes in COLLADA (.dae).
 view = ['viser>=1,<2', 'pycollada']
+# More than one process for a check.
+check = ['joblib']
 docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
 # What benchmarks/peers.py compares with; not placo, which needs pinocchio 3.
 peers = ['pin-pink', 'mink', 'embodik; python_version < "3.13"', 'example-robot-data']
@@ -82,9 +84,11 @@ setup(
         'peers': peers,
         'plots': plots,
         'view': view,
+        'check': check,
         'docs': docs,
-        'test': [*plots, *view, *docs, 'pytest', 'hypothesis', 'example-robot-data', 'ruff<0.18',
-                 'mypy<2.5', 'types-PyYAML', 'catkin_pkg', 'setuptools>=70.1'],
+        'test': [*plots, *view, *check, 'dask[distributed]', *docs, 'pytest', 'hypothesis',
+                 'example-robot-data', 'ruff<0.18', 'mypy<2.5', 'types-PyYAML', 'catkin_pkg',
+                 'setuptools>=70.1'],
     },
     python_requires='>=3.10',
     zip_safe=False,

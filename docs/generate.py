@@ -35,6 +35,7 @@ import sys
 
 import tp_controller
 from tp_controller import Controller, errors, Robot, Settings, Stack
+from tp_controller.check.results import schema
 from tp_controller.cli.main import make_parser
 from tp_controller.tasks import task_types
 from tp_controller.tasks.keys import DEFAULT_TOLERANCE
@@ -405,11 +406,21 @@ def messages():
     return module.listing()
 
 
+def check_report():
+    """Return the parts of the report of a check with their fields, as JSON has them."""
+    parts = []
+    for kind, described in schema():
+        rows = ''.join(f'| `{name}` | {unit} | {text} |\n' for name, unit, text in described)
+        parts.append(f'**{kind.__name__}**: {inspect.getdoc(kind).partition(chr(10))[0]}\n\n'
+                     f'| field | unit | what |\n| --- | --- | --- |\n{rows}')
+    return '\n'.join(parts).rstrip()
+
+
 REGIONS = {
     'tasks': tasks, 'settings': settings, 'names': names, 'errors': error_tree,
-    'messages': messages,
+    'messages': messages, 'check report': check_report,
     'help': command_help, **{f'help {name}': lambda name=name: command_help(name)
-                             for name in ('demo', 'goal', 'status')},
+                             for name in ('demo', 'goal', 'status', 'check')},
     **{f'launch {name}': lambda name=name: launch_arguments(name)
        for name in ('controller', 'demo')},
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},

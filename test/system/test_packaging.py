@@ -50,8 +50,11 @@ THIRD_PARTY = {
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg-modules'),
     'coal': ('coal', 'coal'),
     'daqp': ('daqp', None),
+    'dask': ('dask', None),
+    'distributed': ('dask', None),
     'example_robot_data': ('example-robot-data', None),
     'hypothesis': ('hypothesis', 'python3-hypothesis'),
+    'joblib': ('joblib', 'python3-joblib'),
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
     'mpl_toolkits': ('matplotlib', 'python3-matplotlib'),
     'numpy': ('numpy', 'python3-numpy'),
@@ -62,6 +65,8 @@ THIRD_PARTY = {
     'argcomplete': ('argcomplete', 'python3-argcomplete'),
     'setuptools': ('setuptools', 'python3-setuptools'),
     'viser': ('viser', None),
+    # A backend of `check` that is for clusters.
+    'ray': (None, None),
     # What benchmarks/peers.py compares with; placo needs an environment of its own.
     'embodik': ('embodik', None),
     'mink': ('mink', None),
@@ -70,6 +75,8 @@ THIRD_PARTY = {
     'placo': (None, None),
     'yaml': ('PyYAML', 'python3-yaml'),
 }
+# What a check needs for more than one process only.
+SPREADING = {'dask', 'distributed', 'joblib', 'ray'}
 ROS_PACKAGE_OF_MODULE = {'tf2_ros': 'tf2_ros_py'}
 
 
@@ -162,7 +169,7 @@ def test_every_import_is_a_dependency(folder, metadata, package_xml):
 
 def test_library_needs_no_extra(metadata):
     needed = {THIRD_PARTY[module][0] for path in (ROOT / PACKAGE).glob('[a-z]*')
-              for module in imported_modules(path.relative_to(ROOT))
+              for module in imported_modules(path.relative_to(ROOT)) - SPREADING
               if path.is_dir() and path.name not in ('nodes', 'demos', 'cli')}
     assert needed <= {re.split('[<>=]', entry)[0] for entry in metadata['install_requires']}
 

@@ -27,6 +27,7 @@ from types import ModuleType
 from typing import NoReturn
 
 import argcomplete
+from tp_controller.cli.check import add_check_arguments, run_check
 from tp_controller.cli.goal import add_goal_arguments, send_goal
 from tp_controller.cli.status import add_status_arguments, show_status
 from tp_controller.errors import TpControllerError
@@ -41,8 +42,16 @@ examples:
   tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 180 0 0 --deg
   tp_controller goal --help              how to send goals of every kind
   tp_controller status                   what the tasks of running controllers do
+  tp_controller check --help             what is wrong with a stack, before a robot moves
 """
 HELP_WIDTH = 95
+# {optional packages: what is said where one is missing}
+CURES = {
+    ('matplotlib', 'mpl_toolkits', 'PIL'): "the figures need it: pip install '.[plots]'",
+    ('joblib',): "more than one job needs it: pip install '.[check]'",
+    ('dask', 'distributed'): "the backend dask needs it: pip install 'dask[distributed]'",
+    ('ray',): 'the backend ray needs it: pip install ray',
+}
 DEMOS = {
     'panda': 'a 7-DoF arm over ROS 2 topics (default)',
     'mobile': 'an arm on wheels carries a tray past obstacles',
@@ -75,6 +84,15 @@ examples:
 The same with the ros2 command:
   ros2 topic pub --once /tp_controller/elbow/goal geometry_msgs/msg/PointStamped \\
       "{point: {x: 0.0, y: 0.0, z: 0.6}}"
+"""
+CHECK_EXAMPLES = """\
+examples:
+  tp_controller check stack.yaml --robot robot.urdf --rate 200
+  tp_controller check --params-file package://tp_controller/config/demo.yaml
+  tp_controller check stack.yaml --robot robot.urdf --base differential --runs 100 --jobs -1
+  tp_controller check --params-file controller.yaml --strict --json check.json --html check.html
+
+Exit status: 0 nothing is wrong, 1 something is, 2 an argument is not valid.
 """
 STATUS_EXAMPLES = """\
 examples:
@@ -118,6 +136,13 @@ def make_parser() -> argparse.ArgumentParser:
         'its goal, and what limits it.', formatter_class=argparse.RawDescriptionHelpFormatter)
     add_status_arguments(status)
     status.set_defaults(run=show_status)
+    check = commands.add_parser(
+        'check', help='say what is wrong or doubtful with a stack, before a robot moves',
+        epilog=CHECK_EXAMPLES, description='Say what is wrong or doubtful with a stack, before a '
+        'robot moves: at random configurations, then in closed loops with random starts and '
+        'goals. No ROS is needed.', formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_check_arguments(check)
+    check.set_defaults(run=run_check)
     return parser
 
 
@@ -199,10 +224,8 @@ def _lacks(error: ModuleNotFoundError) -> int:
     package = (error.name or '').partition('.')[0]
     if package in ('', 'tp_controller'):
         raise error
-    if package in ('matplotlib', 'mpl_toolkits', 'PIL'):
-        cure = "the figures need it: pip install '.[plots]'"
-    else:
-        cure = "this needs ROS 2: source its setup file, or pip install '.[ros]'"
+    cure = next((cure for packages, cure in CURES.items() if package in packages),
+                "this needs ROS 2: source its setup file, or pip install '.[ros]'")
     print(f'tp_controller: {package} is missing; {cure}', file=sys.stderr)
     return 1
 

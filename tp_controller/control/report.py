@@ -24,6 +24,7 @@ from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.reasons import hint_of, limit_text, reason_of
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.solver.solution import Solution
 from tp_controller.tasks.guard import raised
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Evaluation, norm, Task
@@ -132,6 +133,21 @@ class TaskReport:
         return 'limited' if self.reason else 'moving'
 
 
+def active_bounds(evaluations: Sequence[Sequence[Evaluation]],
+                  solution: Solution) -> frozenset[str]:
+    """Return the names of the inequality tasks with a row that limits a level of a solution."""
+    found = set()
+    for level in solution.levels:
+        for number, multipliers in level.row_multipliers.items():
+            first = 0
+            for evaluation in evaluations[number]:
+                rows = multipliers[first:first + len(evaluation.level.J)]
+                first += len(rows)
+                if rows.any():
+                    found.add(evaluation.task.name)
+    return frozenset(found)
+
+
 def stopped_reports(stack: Stack) -> tuple[TaskReport, ...]:
     """Return a `TaskReport` for every task while the robot is stopped, as `Report.tasks`."""
     return (*(TaskReport(task, level=number)
@@ -193,6 +209,11 @@ class Report:
     def scale(self) -> float:
         """Return the smallest factor that the limits put on a level."""
         return self._solution.scale
+
+    @property
+    def active_bounds(self) -> frozenset[str]:
+        """Return the names of the inequality tasks whose bounds limit a level, or themselves."""
+        return active_bounds(self._evaluations, self._solution)
 
     @property
     def reached(self) -> bool:

@@ -20,6 +20,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from tp_controller.check.parameter_file import node_parameters
 from tp_controller.errors import RobotError
 from tp_controller.model.robot import Robot
 from tp_controller.model.rpy import quaternion_from_rpy
@@ -106,28 +107,6 @@ def goal_fields(goal: Goal) -> dict[str, Any]:
     if 'rpy' in goal:
         fields['quat_xyzw'] = quaternion_from_rpy(*goal['rpy'])
     return fields
-
-
-def node_parameters(file: Path, node: str) -> dict[str, Any]:
-    """
-    Return the parameters of a node in a parameter file.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        Parameter file; its entries are names of nodes in whatever namespace.
-    node : str
-        Name of a node.
-
-    Returns
-    -------
-    dict
-        {name: value}
-
-    """
-    return {name: value for entry, content in load_yaml(file.read_text()).items()
-            if entry.rpartition('/')[2] == node
-            for name, value in content['ros__parameters'].items()}
 
 
 def robot_of(file: Path) -> Robot:

@@ -1,0 +1,29 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A check without ROS knows the parameters that the node has."""
+
+from tp_controller.check.parameter_file import OF_THE_NODE, RATE, READ, STATE_TIMEOUT
+from tp_controller.nodes.controller_node import PARAMETERS
+
+
+def test_a_check_knows_every_parameter_of_the_controller():
+    names = {spec.name for spec in PARAMETERS}
+    assert {*READ, *OF_THE_NODE} == names | {'use_sim_time'}
+    assert not set(READ) & set(OF_THE_NODE)
+
+
+def test_a_check_has_the_defaults_of_the_controller():
+    defaults = {spec.name: spec.default for spec in PARAMETERS}
+    assert (RATE, STATE_TIMEOUT) == (defaults['rate'], defaults['state_timeout'])

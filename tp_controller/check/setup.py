@@ -1,0 +1,163 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is checked, alive in this process, and in a form that another process builds it from."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import hashlib
+import math
+import pickle
+from typing import Any
+
+import numpy as np
+from tp_controller.control.settings import Settings
+from tp_controller.errors import SettingsError
+from tp_controller.model.limits import BASE_LIMIT_KEYS, LIMIT_KEYS
+from tp_controller.model.mobile_base import DEFAULT_WORLD
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.tasks.stack import Stack
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """
+    A robot with a stack, and how its closed loops run.
+
+    Attributes
+    ----------
+    robot : Robot
+    stack : Stack
+        Never evaluated itself: every run takes a `fresh` one.
+    settings : Settings
+    period : float
+        Time between two cycles [s].
+    seconds : float
+        Longest time of a closed loop [s].
+    around : ndarray (nq,)
+        A configuration; the base starts near where it is there.
+
+    """
+
+    robot: Robot
+    stack: Stack
+    settings: Settings
+    period: float
+    seconds: float
+    around: Array
+
+    def fresh(self) -> Stack:
+        """Return the stack with tasks that remember nothing of other runs."""
+        stack = Stack([[task.probe() for task in group] for group in self.stack.groups],
+                      self.stack.text)
+        for name in self.stack.disabled:
+            stack.enable(name, False)
+        return stack
+
+
+@dataclass(frozen=True)
+class Plan:
+    """
+    What a process needs to build a `Setup`, once.
+
+    Attributes
+    ----------
+    key : str
+        Tells this plan from others.
+    robot, task_keys, rest : dict
+        Arguments of the robot; gains and tolerances that the tasks have got since they were read;
+        the rest of a `Setup`.
+    stack : str
+        YAML.
+    disabled : tuple of str
+        Tasks.
+
+    """
+
+    key: str
+    robot: dict[str, Any]
+    stack: str
+    disabled: tuple[str, ...]
+    task_keys: dict[str, tuple[Any, dict[str, float]]]
+    rest: dict[str, Any]
+
+    @classmethod
+    def of(cls, setup: Setup) -> 'Plan':
+        """
+        Return the plan of a setup.
+
+        Raises
+        ------
+        SettingsError
+            The stack was not read from YAML.
+
+        """
+        stack = setup.stack
+        if not stack.text:
+            raise SettingsError(['a stack that was not read from YAML cannot be sent to other '
+                                 'processes: check it with one job'])
+        parts = (_robot_arguments(setup.robot), stack.text, tuple(sorted(stack.disabled)),
+                 {name: (task.gain, {unit: value for _, unit, value in task.groups})
+                  for name, task in stack.tasks.items()},
+                 {'settings': setup.settings, 'period': setup.period, 'seconds': setup.seconds,
+                  'around': setup.around})
+        return cls(hashlib.sha256(pickle.dumps(parts)).hexdigest(), *parts)
+
+    def build(self) -> Setup:
+        """Return a setup."""
+        robot = Robot.from_urdf(**self.robot)
+        stack = Stack.from_yaml(self.stack, robot)
+        for name, (gain, tolerance) in self.task_keys.items():
+            task = stack.tasks[name]
+            accepted = task.accepted_keys()
+            if 'gain' in accepted and not np.array_equal(task.gain, gain):
+                task.set_gain(gain)
+            if 'tolerance' in accepted:
+                task.set_tolerance(tolerance)
+        for name in self.disabled:
+            stack.enable(name, False)
+        return Setup(robot, stack, **self.rest)
+
+
+# The setup that this process has built last, by the key of its plan.
+_BUILT: dict[str, Setup] = {}
+
+
+def built(plan: Plan) -> Setup:
+    """Return the setup of a plan; a process that has it already does not build it again."""
+    if plan.key not in _BUILT:
+        _BUILT.clear()
+        _BUILT[plan.key] = plan.build()
+    return _BUILT[plan.key]
+
+
+def in_process(work: Callable[..., Any], plan: Plan, seeds: list[Any]) -> list[Any]:
+    """Return what work gives for some seeds, in a process that may not know the plan yet."""
+    setup = built(plan)
+    return [work(setup, seed) for seed in seeds]
+
+
+def _robot_arguments(robot: Robot) -> dict[str, Any]:
+    """Return what `Robot.from_urdf` needs to build a robot again."""
+    limits = {name: {key: float(getattr(robot, key)[row])
+                     for key in (LIMIT_KEYS if name in robot.joint_names else BASE_LIMIT_KEYS)}
+              for row, name in enumerate(robot.velocity_names)}
+    return {'source': robot.urdf, 'base': robot.base, 'joints': list(robot.joint_names),
+            'limits': limits, 'world_frame': robot.root if robot.moves else DEFAULT_WORLD}
+
+
+def largest_gain(gain: Any) -> float:
+    """Return the largest number of a gain [1/s]."""
+    return float(np.max(gain)) if np.size(gain) else math.nan
