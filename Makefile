@@ -2,7 +2,7 @@
 
 PYTHON ?= python3
 # Where there are no ROS wheels (they are for x86_64): make EXTRAS=test ...
-EXTRAS ?= ros plots test
+EXTRAS ?= ros plots view test
 PYTEST_FLAGS ?=
 DEMO_FLAGS ?=
 
@@ -13,11 +13,13 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq
 comma := ,
 CHOSEN := $(subst $(comma), ,$(EXTRAS))
 # Which of them a target needs.
-DEMO_NEEDS := $(patsubst %,$(VENV)/with_%,$(filter ros plots,$(CHOSEN)))
+DEMO_NEEDS := $(patsubst %,$(VENV)/with_%,$(filter ros plots view,$(CHOSEN)))
+DEMO_VIEW := $(if $(filter view,$(CHOSEN)),--view)
 TEST_NEEDS := $(patsubst %,$(VENV)/with_%,$(CHOSEN))
 # What each installs, and how large its files are then.
 SIZE_ros := ROS 2 nodes: rclpy and messages as wheels, 150 MB
 SIZE_plots := plots and films: matplotlib, 100 MB
+SIZE_view := page in the browser: viser, 60 MB
 SIZE_test := tests, lint, robots to test with, and what docs needs: 660 MB
 SIZE_docs := the site: Sphinx, MyST and a theme, 95 MB
 
@@ -39,8 +41,8 @@ endif
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*##/make \1\t/p' Makefile | expand -t 16
 
-demo: $(STAMP) $(DEMO_NEEDS)  ## run the demonstrations; films, plots and numbers go to tp_demo/
-	@$(BIN)/tp_controller demo $(DEMO_FLAGS)
+demo: $(STAMP) $(DEMO_NEEDS)  ## run a demo, live in the browser; films, plots and numbers go to tp_demo/
+	@$(BIN)/tp_controller demo $(DEMO_VIEW) $(DEMO_FLAGS)
 
 test: $(STAMP) $(TEST_NEEDS)  ## run all tests (PYTEST_FLAGS='-k solver' for some)
 	@logs=$$(mktemp -d) && trap 'rm -rf "$$logs"' EXIT && \

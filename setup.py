@@ -25,6 +25,7 @@ executables = {
     'controller_node': 'tp_controller.cli.main:controller_node',
     'simulator_node': 'tp_controller.cli.main:simulator_node',
     'watchdog_node': 'tp_controller.cli.main:watchdog_node',
+    'viewer_node': 'tp_controller.cli.main:viewer_node',
 }
 plots = ['matplotlib', 'Pillow']
 # The page in the browser; pycollada reads meshes in COLLADA (.dae).

@@ -273,7 +273,8 @@ def launch_arguments(name):
 
 def parameters(node):
     """Return the table of the parameters of a node."""
-    module = importlib.import_module(f'tp_controller.nodes.{node}_node')
+    part = 'view' if node == 'viewer' else 'nodes'
+    module = importlib.import_module(f'tp_controller.{part}.{node}_node')
     rows = []
     for spec in module.PARAMETERS:
         rows.append((f'`{spec.name}`', literal(spec.default), interval(spec.lower, spec.upper),
@@ -420,7 +421,7 @@ REGIONS = {
     'tasks': tasks, 'settings': settings, 'names': names, 'errors': error_tree,
     'messages': messages, 'check report': check_report,
     'help': command_help, **{f'help {name}': lambda name=name: command_help(name)
-                             for name in ('demo', 'goal', 'status', 'check')},
+                             for name in ('demo', 'goal', 'status', 'check', 'view')},
     **{f'launch {name}': lambda name=name: launch_arguments(name)
        for name in ('controller', 'demo')},
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},
@@ -429,6 +430,7 @@ ROS_REGIONS = {
     'goals': goals, 'status': status,
     **{f'{what.__name__} {node}': lambda what=what, node=node: what(node)
        for what in (topics, parameters) for node in ('controller', 'simulator', 'watchdog')},
+    'parameters viewer': lambda: parameters('viewer'),
 }
 
 

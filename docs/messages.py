@@ -31,7 +31,7 @@ DRAWING = ('check/page.py', 'demos/film.py', 'demos/outlines.py', 'plots/curves.
 # Calls and arguments whose texts describe something, and names that do.
 DESCRIBING = {'Spec', '_number', '_choice', 'NewType', 'Demo', 'title', 'help', 'description',
               'epilog', 'keys', 'KEYS', 'EXAMPLES', 'DEMO_EXAMPLES', 'GOAL_EXAMPLES',
-              'STATUS_EXAMPLES', 'CHECK_EXAMPLES', '_said',
+              'STATUS_EXAMPLES', 'CHECK_EXAMPLES', 'VIEW_EXAMPLES', '_said',
               'STYLE', 'DEMOS', 'metadata'}
 FILLED = re.compile(r'{[^}]*}')
 WORDS = re.compile(r'[A-Za-z]{2}.* .*\w|\w .*[A-Za-z]{2}')

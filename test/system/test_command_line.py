@@ -48,6 +48,7 @@ from tp_controller.cli.main import (
     make_parser,
     simulator_node,
     STATUS_EXAMPLES,
+    VIEW_EXAMPLES,
     watchdog_node,
 )
 from tp_controller.cli.status import table
@@ -403,7 +404,8 @@ def test_help_is_shown(capsys, command):
 
 def examples():
     """Return every example line of the help texts."""
-    lines = [line.strip() for text in (EXAMPLES, DEMO_EXAMPLES, GOAL_EXAMPLES, STATUS_EXAMPLES)
+    lines = [line.strip() for text in (EXAMPLES, DEMO_EXAMPLES, GOAL_EXAMPLES, STATUS_EXAMPLES,
+                                        VIEW_EXAMPLES)
              for line in text.splitlines()]
     # What stands after two spaces tells what the command is for.
     return [re.split(r'\s{2,}', line)[0] for line in lines if line.startswith('tp_controller ')]

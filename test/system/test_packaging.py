@@ -39,7 +39,8 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'tp_controller'
-EXECUTABLES = {'tp_controller', 'controller_node', 'simulator_node', 'watchdog_node'}
+EXECUTABLES = {'tp_controller', 'controller_node', 'simulator_node', 'viewer_node',
+               'watchdog_node'}
 SHIPPED = ('LICENSE', 'README.md', 'bin', 'config', 'launch', 'package.xml', 'pyproject.toml',
            'resource', 'scripts', 'setup.cfg', 'setup.py', PACKAGE)
 
@@ -61,6 +62,8 @@ THIRD_PARTY = {
     'pinocchio': ('pin', 'pinocchio'),
     'pytest': ('pytest', 'python3-pytest'),
     'rosbags': ('rosbags', None),
+    'trimesh': ('viser', None),
+    'websockets': ('viser', None),
     'scipy': ('scipy', 'python3-scipy'),
     'argcomplete': ('argcomplete', 'python3-argcomplete'),
     'setuptools': ('setuptools', 'python3-setuptools'),
@@ -170,7 +173,7 @@ def test_every_import_is_a_dependency(folder, metadata, package_xml):
 def test_library_needs_no_extra(metadata):
     needed = {THIRD_PARTY[module][0] for path in (ROOT / PACKAGE).glob('[a-z]*')
               for module in imported_modules(path.relative_to(ROOT)) - SPREADING
-              if path.is_dir() and path.name not in ('nodes', 'demos', 'cli')}
+              if path.is_dir() and path.name not in ('nodes', 'view', 'demos', 'cli')}
     assert needed <= {re.split('[<>=]', entry)[0] for entry in metadata['install_requires']}
 
 

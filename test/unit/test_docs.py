@@ -67,7 +67,8 @@ EVERY_NODE = {'use_sim_time': False}
 # Packages of drivers, whose launch files and executables are not looked at either.
 DRIVERS = {'controller_manager', 'franka_bringup', 'kortex_bringup', 'ur_robot_driver',
            'xarm_controller'}
-EXECUTABLES = ('controller_node', 'simulator_node', 'tp_controller', 'watchdog_node')
+EXECUTABLES = ('controller_node', 'simulator_node', 'tp_controller', 'viewer_node',
+               'watchdog_node')
 
 
 @dataclass(frozen=True)
@@ -324,7 +325,8 @@ def test_parameter_files_set_what_the_nodes_have(block):
 
 def check_parameter(module, name, value):
     """Check that a node has a parameter, and that its type suits a value."""
-    specs = importlib.import_module(f'tp_controller.nodes.{module}').PARAMETERS
+    part = 'view' if module == 'viewer_node' else 'nodes'
+    specs = importlib.import_module(f'tp_controller.{part}.{module}').PARAMETERS
     defaults = {**EVERY_NODE, **{spec.name: spec.default for spec in specs}}
     if name.startswith(('limits', 'tasks')):
         return
@@ -400,7 +402,8 @@ def blocks_until_ended(words):
         return rest[0] == 'launch' or rest[:2] == ['topic', 'echo'] \
             or (rest[:2] == ['topic', 'pub'] and not {'--once', '--times'} & set(rest)) \
             or (rest[0] == 'run' and rest[2].endswith('_node'))
-    return words[:2] == ['tp_controller', 'status'] and '--once' not in rest
+    return words[:2] == ['tp_controller', 'view'] \
+        or (words[:2] == ['tp_controller', 'status'] and '--once' not in rest)
 
 
 @pytest.mark.parametrize('block', sorted({block for block, _ in commands()}, key=str), ids=str)

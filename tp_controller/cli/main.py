@@ -30,6 +30,7 @@ import argcomplete
 from tp_controller.cli.check import add_check_arguments, run_check
 from tp_controller.cli.goal import add_goal_arguments, send_goal
 from tp_controller.cli.status import add_status_arguments, show_status
+from tp_controller.cli.view import add_view_arguments, show_view
 from tp_controller.errors import TpControllerError
 from tp_controller.nodes.discovery import announce_often
 
@@ -43,11 +44,13 @@ examples:
   tp_controller goal --help              how to send goals of every kind
   tp_controller status                   what the tasks of running controllers do
   tp_controller check --help             what is wrong with a stack, before a robot moves
+  tp_controller view                     a robot in the browser, to pull about
 """
 HELP_WIDTH = 95
 # {optional packages: what is said where one is missing}
 CURES = {
     ('matplotlib', 'mpl_toolkits', 'PIL'): "the figures need it: pip install '.[plots]'",
+    ('viser', 'trimesh', 'websockets'): "the page needs it: pip install '.[view]'",
     ('joblib',): "more than one job needs it: pip install '.[check]'",
     ('dask', 'distributed'): "the backend dask needs it: pip install 'dask[distributed]'",
     ('ray',): 'the backend ray needs it: pip install ray',
@@ -66,6 +69,7 @@ examples:
   tp_controller demo                         figures and film go to ./tp_demo/panda
   tp_controller demo --output figures
   tp_controller demo underwater              a vehicle with an arm, beside a riser
+  tp_controller demo --view                  the same, live on a page in the browser, too
   tp_controller demo lab2 --seed 3           exercise 2 of the lab with other random goals
 
 The demos panda, mobile, underwater and two_arms start a controller and a simulator of their own,
@@ -100,6 +104,13 @@ examples:
   tp_controller status --once                one table
   tp_controller status --node left/tp_controller --node right/tp_controller
 """
+VIEW_EXAMPLES = """\
+examples:
+  tp_controller view                         the Panda demo, on a page at http://127.0.0.1:8080
+  tp_controller view --demo conflict         two tasks in conflict: exchange them on the page
+  tp_controller view --node tp_controller    a controller that runs already
+  tp_controller view --node left/tp_controller --port 9000
+"""
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -122,6 +133,9 @@ def make_parser() -> argparse.ArgumentParser:
                       'of the demo (default: ./tp_demo)')
     demo.add_argument('--seed', type=_seed, default=1,
                       help='seed of the random goals of lab2 (default: 1)')
+    demo.add_argument('--view', action='store_true',
+                      help='show it on a page in the browser while it runs, too (demos over '
+                      'ROS 2)')
     demo.set_defaults(run=_demo)
     goal = commands.add_parser(
         'goal', help='send a goal to a task of a running controller', epilog=GOAL_EXAMPLES,
@@ -143,6 +157,13 @@ def make_parser() -> argparse.ArgumentParser:
         'goals. No ROS is needed.', formatter_class=argparse.RawDescriptionHelpFormatter)
     add_check_arguments(check)
     check.set_defaults(run=run_check)
+    view = commands.add_parser(
+        'view', help='show a controller on a page in the browser, and change what it does',
+        epilog=VIEW_EXAMPLES, description='Show a controller on a page in the browser: the robot, '
+        'goals that can be dragged, the stack, plots. Without --node a demo is started, too.',
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_view_arguments(view)
+    view.set_defaults(run=show_view)
     return parser
 
 
@@ -192,10 +213,15 @@ def watchdog_node() -> int:
     return _node('watchdog_node')
 
 
-def _node(name: str) -> int:
+def viewer_node() -> int:
+    """Run the viewer node; see `tp_controller.view.viewer_node`."""
+    return _node('viewer_node', 'view')
+
+
+def _node(name: str, part: str = 'nodes') -> int:
     """Run a node, whose module needs ROS already to be imported."""
     try:
-        module = importlib.import_module(f'tp_controller.nodes.{name}')
+        module = importlib.import_module(f'tp_controller.{part}.{name}')
     except ModuleNotFoundError as error:
         return _lacks(error)
     if {'-h', '--help'} & set(sys.argv[1:]):
@@ -289,7 +315,7 @@ def _demo(options: argparse.Namespace) -> int:
         from tp_controller.demos.ros_demos import run_demo
         from tp_controller.demos.scenarios import DEMOS as ROS_DEMOS
         announce_often()
-        passed = run_demo(ROS_DEMOS[options.name], folder)
+        passed = run_demo(ROS_DEMOS[options.name], folder, options.view)
     return 0 if passed else 1
 
 

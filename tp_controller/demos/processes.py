@@ -15,7 +15,7 @@
 """The nodes as processes of their own, in a ROS domain of their own."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack
 import fcntl
 import os
 from pathlib import Path
@@ -30,7 +30,9 @@ from tp_controller.files import new_file, open_lock, private_folder
 # Ids that are safe on every platform (ROS 2 documentation, "The ROS_DOMAIN_ID"), from the last
 # one down: people number their robots from 0 up.
 DOMAINS = range(101, 49, -1)
-NODES = {'controller_node', 'simulator_node', 'watchdog_node'}
+# {name of an executable: the part of this package that it is in}
+NODES = {'controller_node': 'nodes', 'simulator_node': 'nodes', 'watchdog_node': 'nodes',
+         'viewer_node': 'view'}
 # Descriptor of the lock of each domain that this process has reserved, by its id.
 _LOCKS: dict[str, int] = {}
 
@@ -113,7 +115,7 @@ class NodeProcess:
     Parameters
     ----------
     executable : str
-        ``controller_node``, ``simulator_node`` or ``watchdog_node``.
+        ``controller_node``, ``simulator_node``, ``watchdog_node`` or ``viewer_node``.
     arguments : list of str
         ROS arguments, after ``--ros-args``.
     environment : dict
@@ -132,7 +134,8 @@ class NodeProcess:
         lock = _LOCKS.get(environment.get('ROS_DOMAIN_ID', ''))
         with new_file(self.log) as output:
             self.process = subprocess.Popen(
-                [sys.executable, '-m', f'tp_controller.nodes.{executable}', '--ros-args',
+                [sys.executable, '-m', f'tp_controller.{NODES[executable]}.{executable}',
+                 '--ros-args',
                  *arguments], env=environment, stdin=subprocess.DEVNULL, stdout=output,
                 stderr=subprocess.STDOUT, pass_fds=() if lock is None else (lock,))
 
@@ -161,3 +164,11 @@ class NodeProcess:
         except subprocess.TimeoutExpired:
             self.process.kill()
             return self.process.wait()
+
+
+def start_nodes(stack: ExitStack, parameters: Path, environment: Mapping[str, str],
+                folder: Path) -> list[NodeProcess]:
+    """Start a simulator and a controller, whose output goes to a folder, until a stack ends."""
+    return [stack.enter_context(NodeProcess(name, ['--params-file', str(parameters)], environment,
+                                            folder / f'{name}.log'))
+            for name in ('simulator_node', 'controller_node')]

@@ -25,8 +25,14 @@ from typing import cast, TYPE_CHECKING
 
 import numpy as np
 from tp_controller.demos.film import animate_arm
+from tp_controller.demos.live_page import start_page
 from tp_controller.demos.outlines import outline
-from tp_controller.demos.processes import ended_by_sigterm, NodeProcess, own_domain
+from tp_controller.demos.processes import (
+    ended_by_sigterm,
+    NodeProcess,
+    own_domain,
+    start_nodes,
+)
 from tp_controller.demos.scenarios import Demo, Goal, goal_fields
 from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
@@ -91,7 +97,7 @@ class TaskOutcome:
         return f'{self.goal:<42} {mark} {self.task:<8} {self.error:<24} {outcome}'
 
 
-def run_demo(demo: Demo, folder: Path) -> bool:
+def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
     """
     Run a demo, print its table and write its figures.
 
@@ -101,6 +107,8 @@ def run_demo(demo: Demo, folder: Path) -> bool:
         One of `DEMOS`.
     folder : pathlib.Path
         Where figures and logs go.
+    page : bool
+        Show it on a page in the browser while it runs, too.
 
     Returns
     -------
@@ -108,15 +116,14 @@ def run_demo(demo: Demo, folder: Path) -> bool:
         Whether every goal was reached, within the limits.
 
     """
-    arguments = ['--params-file', str(demo.file(''))]
     with ExitStack() as stack:
         all_started = stack.enter_context(ended_by_sigterm())
         environment = stack.enter_context(own_domain())
         # The client lives in this process, which has to be in the same domain.
         os.environ.update(environment)
-        nodes = [stack.enter_context(NodeProcess(name, arguments, environment,
-                                                 folder / f'{name}.log'))
-                 for name in ('simulator_node', 'controller_node')]
+        if page:
+            print(start_page(stack, environment, folder), flush=True)
+        nodes = start_nodes(stack, demo.file(''), environment, folder)
         all_started()
         from tp_controller.nodes.client import Client
         from tp_controller.nodes.recorder import Recorder

@@ -31,12 +31,14 @@ from geometry_msgs.msg import (
 )
 from rcl_interfaces.srv import DescribeParameters
 from rclpy import init, try_shutdown
+from rclpy.client import Client as RosClient
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from tp_controller.errors import GoalError, TpControllerError, unknown
 from tp_controller.nodes import Message
@@ -48,6 +50,8 @@ Fields = Mapping[str, Any]
 LEAVE_SECONDS = 5.0
 # How often a condition is looked at: that a topic is found, nobody says.
 POLL_SECONDS = 0.02
+# How much is taken at once, where more may come all the time.
+MOST_WAITING = 100
 # What stands for the answers to goals where the task is not there.
 ABSENT = '', ''
 # What of a goal each message can carry, and must.
@@ -59,8 +63,14 @@ FIELDS: dict[type, tuple[str, ...]] = {
     JointState: ('joints', 'velocities'),
     TwistStamped: ('linear', 'angular'),
 }
-TYPES: dict[str, type] = {
-    f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}': kind for kind in FIELDS}
+
+
+def type_name(kind: type) -> str:
+    """Return the name of a message type, as the graph has it."""
+    return f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
+
+
+TYPES: dict[str, type] = {type_name(kind): kind for kind in FIELDS}
 
 
 class Client:
@@ -100,6 +110,7 @@ class Client:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._publishers: dict[tuple[str, str], Publisher] = {}
+        self._services: dict[str, RosClient] = {}
         self._last: tuple[Publisher, Message] | None = None
         # Publishers of messages that nothing has answered yet.
         self._pending: set[Publisher] = set()
@@ -130,6 +141,17 @@ class Client:
     def spin(self, seconds: float) -> None:
         """Take what arrives, for at most `seconds`."""
         self._executor.spin_once(timeout_sec=seconds)
+
+    def catch_up(self) -> None:
+        """Take all that has arrived, and wait for nothing."""
+        for _ in range(MOST_WAITING):
+            try:
+                handler, _, _ = self._executor.wait_for_ready_callbacks(timeout_sec=0.0)
+            except TimeoutException:
+                return
+            handler()
+            if handler.exception() is not None:
+                raise handler.exception()
 
     def wait(self, condition: Callable[[], object], seconds: float) -> bool:
         """
@@ -221,6 +243,34 @@ class Client:
         self._pending.discard(publisher)
         if self._answers(task)[1] != before[1]:
             raise GoalError(f'refused: {self.task_status(task)["last refusal"]}')
+
+    def publish(self, task: str, topic: str, message: Message) -> None:
+        """Publish on a topic of a task, and wait for nothing."""
+        self._publisher(task, topic, type(message)).publish(message)
+
+    def call(self, kind: type, name: str, request: Message) -> Future | None:
+        """
+        Call a service of the controller, and wait for nothing.
+
+        Parameters
+        ----------
+        kind : type
+            Of the service.
+        name : str
+            Below the name of the controller, as ``stop``.
+        request : object
+            What it is asked.
+
+        Returns
+        -------
+        rclpy.task.Future or None
+            Done once it has answered; None where it is not there.
+
+        """
+        if name not in self._services:
+            self._services[name] = self.node.create_client(kind, f'/{self.controller}/{name}')
+        service = self._services[name]
+        return service.call_async(request) if service.service_is_ready() else None
 
     def repeat(self) -> None:
         """Publish once more what was sent last; no answer is waited for."""

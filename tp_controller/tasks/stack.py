@@ -104,7 +104,7 @@ class Stack:
 
         """
         try:
-            text = read_source(source, _is_stack)
+            text = read_source(source, is_stack)
         except (OSError, ValueError) as error:
             raise StackError([Fault(0, '', str(error))]) from error
         return cls(_Reader(robot).read(text), text)
@@ -203,7 +203,7 @@ class Stack:
         self.inactive = tuple(task for name, task in self.tasks.items() if name in self.disabled)
 
 
-def _is_stack(text: str) -> bool:
+def is_stack(text: str) -> bool:
     """Say whether a text is a stack, and not the name of a file."""
     return text.startswith('- ') or any(mark in text for mark in '\n[{')
 

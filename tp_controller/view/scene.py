@@ -35,7 +35,7 @@ SHADOW = 0.3
 SKY_COLOURS, SHADES = ((186, 203, 224), (240, 243, 247)), 64
 BRIGHTNESS = 0.25
 # Direction that the camera stands in, and how far in sizes of the robot, which is at least [m].
-VIEW, DISTANCE, LEAST_SIZE = np.array([1.0, -0.95, 0.55]), 2.1, 0.8
+VIEW, DISTANCE, LEAST_SIZE = np.array([1.0, -0.95, 0.55]), 1.8, 0.8
 FIELD_OF_VIEW = 0.75
 TRAIL_COLOUR: Colour = (0, 114, 178)
 # Points of a trail, and how far a frame moves between two of them [m].
@@ -173,6 +173,14 @@ def add_surroundings(scene: viser.SceneApi, height: float = 0.0) -> None:
     sky = (1.0 - shares) * np.array(SKY_COLOURS[0]) + shares * np.array(SKY_COLOURS[1])
     scene.set_background_image(np.repeat(sky, 2, axis=1).astype(np.uint8), format='png')
     scene.configure_environment_map('studio', environment_intensity=BRIGHTNESS)
+
+
+def tip(robot: Robot) -> str:
+    """Return the frame at the end of the longest chain of joints."""
+    model, ids = robot.kinematics.model, robot.kinematics.frame_ids
+    return max(robot.frame_names, key=lambda frame: (
+        len(model.supports[model.frames[ids[frame]].parentJoint]),
+        float(np.linalg.norm(model.frames[ids[frame]].placement.translation))))
 
 
 def camera_pose(state: RobotState, frames: Iterable[str]) -> tuple[Array, Array]:

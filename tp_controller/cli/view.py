@@ -1,0 +1,117 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tp_controller view``: a running controller, or a demo, on a page in the browser."""
+
+import argparse
+from contextlib import ExitStack
+import os
+from pathlib import Path
+import sys
+import tempfile
+from typing import NoReturn, TYPE_CHECKING
+
+from tp_controller.demos.processes import ended_by_sigterm, own_domain, start_nodes
+from tp_controller.demos.scenarios import goal_fields
+from tp_controller.nodes.discovery import announce_often
+from tp_controller.resources import load_yaml, package_share
+
+if TYPE_CHECKING:
+    # Imported when there is a page: the help needs neither it nor ROS.
+    import viser
+
+LOCAL = '127.0.0.1'
+CONTROLLER = 'tp_controller'
+# {name: parameter file of the nodes}
+DEMOS = {'panda': 'demo', 'conflict': 'conflict', 'mobile': 'mobile', 'underwater': 'underwater',
+         'two_arms': 'two_arms'}
+
+
+def add_view_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command to its parser."""
+    shown = parser.add_mutually_exclusive_group()
+    shown.add_argument('--node', help='name of the controller node, with its namespace, that is '
+                       'shown (default: a demo is started)')
+    shown.add_argument('--demo', choices=tuple(DEMOS), default='panda',
+                       help='the demo that is started (default: panda)')
+    parser.add_argument('--host', default=LOCAL,
+                        help='address that the page is shown at (default: 127.0.0.1, which only '
+                        'this machine can reach; whoever can reach it can move the robot)')
+    parser.add_argument('--port', type=_port, default=0,
+                        help='port of the page (default: the first that is free from 8080 on)')
+
+
+def show_view(options: argparse.Namespace) -> NoReturn:
+    """
+    Show the page until Ctrl-C.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of the arguments that `add_view_arguments` adds.
+
+    Raises
+    ------
+    TpControllerError
+        The port is taken, the address is none of this machine, or a node ended.
+
+    """
+    announce_often()
+    from tp_controller.view.server import address, exposure, open_server
+    with ExitStack() as stack:
+        server = open_server(options.host, options.port)
+        stack.callback(server.stop)
+        print(f'page: {address(server)}  (Ctrl-C ends it)', flush=True)
+        if exposure(options.host):
+            print(f'warning: {exposure(options.host)}', file=sys.stderr)
+        if options.node is None:
+            _start_demo(stack, _file(options.demo, ''))
+        _show(stack, server, options.node or CONTROLLER,
+              _file(options.demo, '_goals') if options.node is None else None)
+
+
+def _start_demo(stack: ExitStack, parameters: Path) -> None:
+    """Start the nodes of a demo, where only this process hears them."""
+    all_started = stack.enter_context(ended_by_sigterm())
+    environment = stack.enter_context(own_domain())
+    # The page lives in this process, which has to be in the same domain.
+    os.environ.update(environment)
+    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix='tp_view_'))
+    start_nodes(stack, parameters, environment, Path(folder))
+    all_started()
+
+
+def _file(demo: str, ending: str) -> Path:
+    """Return the file of a demo whose name has an ending."""
+    return package_share() / 'config' / f'{DEMOS[demo]}{ending}.yaml'
+
+
+def _show(stack: ExitStack, server: 'viser.ViserServer', controller: str,
+          goals: Path | None) -> NoReturn:
+    """Show a controller on the page of a server, on the way to the first goals of a file."""
+    from tp_controller.nodes.client import Client
+    from tp_controller.view.page import show_page
+    client = stack.enter_context(Client(controller))
+    if goals is not None:
+        step = load_yaml(goals.read_text())[0]
+        for goal in step if isinstance(step, list) else [step]:
+            client.send(goal['task'], **goal_fields(goal))
+    show_page(server, client)
+
+
+def _port(text: str) -> int:
+    """Return a port of the command line."""
+    if not text.isdecimal() or not 1 <= int(text) <= 65535:
+        raise argparse.ArgumentTypeError(f'{text!r} is no port: a whole number from 1 to 65535')
+    return int(text)

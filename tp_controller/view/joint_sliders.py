@@ -1,0 +1,115 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Sliders of joints on the page, by which tasks about joints get their goals."""
+
+from collections.abc import Callable, Sequence
+import math
+
+from sensor_msgs.msg import JointState
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.view.gizmos import PERIOD
+from tp_controller.view.stack_panel import assign
+import viser
+
+# Positions between which a joint without limits is moved [rad or m].
+ENDLESS = math.pi
+STEP = 0.01
+
+
+class JointSliders:
+    """
+    A slider for each driven joint; those that nobody has moved show where the joint is.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+    moved : callable
+        Told the name of a joint, and where it is to be; it calls `move` in its time.
+
+    Attributes
+    ----------
+    task : viser.GuiDropdownHandle or None
+        The task that gets the goals.
+    sliders : dict
+        {joint: viser.GuiSliderHandle}
+
+    """
+
+    def __init__(self, gui: viser.GuiApi, moved: Callable[[str, float], None]) -> None:
+        self._gui, self._on_moved = gui, moved
+        self._folder = gui.add_folder(None)
+        with self._folder:
+            self._hint = gui.add_markdown('No task of the stack takes joint positions.')
+            self.task = gui.add_dropdown('task', ('',), visible=False)
+            self._reset = gui.add_button('Show where the joints are', visible=False)
+        self._reset.on_click(lambda _: self._moved.clear())
+        self._moved: set[str] = set()
+        self._wanted: dict[str, float] = {}
+        self._sent = -math.inf
+        self.sliders: dict[str, viser.GuiSliderHandle[float]] = {}
+
+    def build(self, robot: Robot) -> None:
+        """Have sliders for the joints of a robot."""
+        for slider in self.sliders.values():
+            slider.remove()
+        self._moved.clear()
+        with self._folder:
+            self.sliders = {name: self._slider(robot, name) for name in robot.joint_names}
+
+    def show(self, robot: Robot, q: Array | None, tasks: Sequence[str]) -> None:
+        """Show where joints are at q (nq,), and the tasks that take positions of them."""
+        shown = bool(tasks)
+        self._hint.visible = not shown
+        for handle in (self.task, self._reset, *self.sliders.values()):
+            if handle.visible != shown:
+                handle.visible = shown
+        if tasks and tuple(tasks) != tuple(self.task.options):
+            self.task.options = tuple(tasks)
+        if q is None:
+            return
+        for name, position in zip(robot.joint_names, q[robot.joint_rows].tolist()):
+            if name not in self._moved:
+                slider = self.sliders[name]
+                inside = min(max(position, slider.min), slider.max)
+                if abs(slider.value - inside) > STEP:
+                    assign(slider, inside)
+
+    def move(self, name: str, position: float) -> None:
+        """Take where a joint is to be [rad or m]."""
+        self._wanted[name] = position
+
+    def due(self, now: float) -> JointState | None:
+        """Return the goal that is to be sent now, if there is one."""
+        if not self._wanted or now - self._sent < PERIOD:
+            return None
+        wanted, self._wanted, self._sent = self._wanted, {}, now
+        return JointState(name=list(wanted), position=list(wanted.values()))
+
+    def _slider(self, robot: Robot, name: str) -> 'viser.GuiSliderHandle[float]':
+        """Return the slider of a joint."""
+        row = robot.joint_index(name)
+        lower, upper = (limit if abs(limit) < 10.0 * ENDLESS else math.copysign(ENDLESS, limit)
+                        for limit in (float(robot.lower[row]), float(robot.upper[row])))
+        slider = self._gui.add_slider(name, lower, upper, STEP, min(max(0.0, lower), upper),
+                                      visible=False, hint=robot.velocity_units[row])
+
+        @slider.on_update
+        def _(event: 'viser.GuiEvent[viser.GuiSliderHandle[float]]') -> None:
+            if event.client_id is not None:
+                self._moved.add(name)
+                self._on_moved(name, float(event.target.value))
+
+        return slider

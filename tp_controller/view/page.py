@@ -1,0 +1,259 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The page: puts together what is seen of a controller, and hands on what is done to it."""
+
+from collections.abc import Callable, Sequence
+from html import escape
+import queue
+import time
+from typing import NoReturn
+
+from tp_controller.errors import TpControllerError
+from tp_controller.nodes.client import Client
+from tp_controller.nodes.parameters import TASKS
+from tp_controller.tasks import task_types
+from tp_controller.view.gizmos import Gizmos, places_of, Topics
+from tp_controller.view.joint_sliders import JointSliders
+from tp_controller.view.link import Link
+from tp_controller.view.markers import MarkerScene
+from tp_controller.view.plots import Plots
+from tp_controller.view.reorder import moved, stack_text
+from tp_controller.view.scene import (
+    add_surroundings,
+    camera_pose,
+    FIELD_OF_VIEW,
+    RobotScene,
+    tip,
+    Trail,
+)
+from tp_controller.view.stack_panel import assign, StackPanel
+import viser
+from visualization_msgs.msg import Marker
+
+# Pictures a second; texts change less often, and even less while nobody looks [s].
+RATE, TEXT_SECONDS, UNSEEN_SECONDS = 30.0, 0.2, 1.0
+# For how long it is said what was refused [s].
+NOTICE_SECONDS = 12.0
+
+
+class Page:
+    """
+    The page of a controller; all browsers that open it see and change the same.
+
+    What is done in a browser waits until the next `update`, which is called `RATE` times a
+    second: everything of ROS happens there, on one thread.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+    link : Link
+
+    Attributes
+    ----------
+    stack : StackPanel
+    stop_button, start_button : viser.GuiButtonHandle
+    state_text, notice : viser.GuiHtmlHandle
+        What the controller does; what was refused.
+
+    """
+
+    def __init__(self, server: viser.ViserServer, link: Link) -> None:
+        self.server, self.link = server, link
+        self._waiting: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._robot: RobotScene | None = None
+        self._texts_due = 0.0
+        self._notice_until = 0.0
+        self._head = ''
+        add_surroundings(server.scene)
+        self._markers = MarkerScene(server.scene)
+        self.gizmos = Gizmos(server.scene, link.client.publish)
+        self._trail = Trail(server.scene, '/path')
+        self._topics: Topics = {}
+        self._refused: dict[str, int] = {}
+        gui = server.gui
+        self.state_text = gui.add_html('')
+        self.stop_button = gui.add_button('Stop', color='red', icon=viser.Icon.HAND_STOP)
+        self.start_button = gui.add_button('Start', color='green', icon=viser.Icon.PLAYER_PLAY)
+        self.notice = gui.add_html('')
+        self.stop_button.on_click(lambda _: self._later(lambda: link.stop(self._tell)))
+        self.start_button.on_click(lambda _: self._later(lambda: link.start(self._tell)))
+        self._add_tabs(gui)
+
+    def _add_tabs(self, gui: viser.GuiApi) -> None:
+        """Add what is below the buttons."""
+        link, later = self.link, self._later
+        tabs = gui.add_tab_group()
+        with tabs.add_tab('Stack', viser.Icon.LIST_NUMBERS):
+            self.stack = StackPanel(
+                gui, lambda task, on: later(lambda: link.enable(task, on, self._tell)),
+                lambda task, step: later(lambda: self._move(task, step)),
+                lambda task, gain: later(lambda: link.set({f'{TASKS}{task}.gain': gain},
+                                                          self._tell)))
+        with tabs.add_tab('Joints', viser.Icon.ADJUSTMENTS):
+            self.joints = JointSliders(
+                gui, lambda name, value: later(lambda: self.joints.move(name, value)))
+        self.plots = Plots(gui, tabs.add_tab('Plots', viser.Icon.CHART_LINE))
+        with tabs.add_tab('Scene', viser.Icon.CUBE):
+            self.frame = gui.add_dropdown('frame', ('',), hint='whose path and manipulability '
+                                          'are shown')
+            self.handles = {group: gui.add_checkbox(f'drag {group}', True)
+                            for group in self.gizmos.shown}
+            self.trail = gui.add_checkbox('path', True)
+
+    def update(self) -> None:
+        """Take in what has happened, act on what was done in browsers, and show how it is."""
+        while not self._waiting.empty():
+            self._act(self._waiting.get())
+        self.link.update()
+        watched = bool(self.server.get_clients())
+        self.link.look(watched)
+        self._show_robot()
+        now = time.monotonic()
+        if now < self._texts_due:
+            return
+        self._texts_due = now + (TEXT_SECONDS if watched else UNSEEN_SECONDS)
+        self._show_texts(now)
+
+    def _later(self, action: Callable[[], None]) -> None:
+        """Do something in the next `update`."""
+        self._waiting.put(action)
+
+    def _act(self, action: Callable[[], None]) -> None:
+        """Do something, and say why it cannot be done."""
+        try:
+            action()
+        except TpControllerError as error:
+            self._tell(False, str(error))
+
+    def _tell(self, worked: bool, text: str) -> None:
+        """Say what was refused."""
+        if worked:
+            self._notice_until = 0.0
+            return
+        self._notice_until = time.monotonic() + NOTICE_SECONDS
+        self.notice.content = (
+            '<div data-notice="refused" style="margin:4px 12px;padding:6px 10px;border-radius:'
+            f'4px;background:#fdecea;color:#8c1d18;font-size:0.9em">{escape(text)}</div>')
+
+    def _move(self, task: str, step: int) -> None:
+        """Give a task another place in the order; its goal and its gain stay."""
+        source = str(self.link.values.get('stack', ''))
+        text = stack_text(source)
+        other = moved(text, task, step)
+        if other == text:
+            return
+        gains = {f'{TASKS}{name}.gain': gain for name, gain in self.link.gains().items()}
+
+        def told(worked: bool, reason: str) -> None:
+            self._tell(worked, reason)
+            if worked and gains:
+                # A stack comes with the gains that it was written with.
+                self.link.set(gains, self._tell)
+
+        self.link.set({'stack': other}, told)
+
+    def _show_robot(self) -> None:
+        """Show the robot where it is, and what is drawn of its tasks."""
+        link = self.link
+        if link.robot is None:
+            return
+        if self._robot is None or self._robot.robot is not link.robot:
+            self._meet_robot()
+        if self._robot is not None and link.q is not None:
+            markers = link.markers if link.present else []
+            with self.server.atomic():
+                self._robot.show(link.q, link.passive)
+                self._markers.draw(markers)
+                self._show_gizmos(markers)
+                self._show_path()
+
+    def _show_gizmos(self, markers: Sequence[Marker]) -> None:
+        """Show what can be dragged, and send what was."""
+        for group, chosen in self.handles.items():
+            self.gizmos.shown[group] = chosen.value
+        self.gizmos.follow(places_of(markers, self._topics))
+        self.gizmos.send()
+        goal = self.joints.due(time.monotonic())
+        if goal is not None and self.joints.task.value:
+            self.link.client.publish(self.joints.task.value, 'goal', goal)
+
+    def _show_path(self) -> None:
+        """Show where the chosen frame has been."""
+        if self._robot is not None and self.trail.value and self.frame.value:
+            self._trail.add(self._robot.state.position(self.frame.value))
+        else:
+            self._trail.clear()
+
+    def _meet_robot(self) -> None:
+        """Show another robot."""
+        link = self.link
+        if link.robot is None:
+            return
+        if self._robot is not None:
+            self._robot.remove()
+        self._robot = RobotScene(self.server.scene, link.robot)
+        state = link.robot.state(link.robot.neutral())
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = camera_pose(state, link.robot.frame_names)
+        camera.fov = FIELD_OF_VIEW
+        self.joints.build(link.robot)
+        self._trail.clear()
+        self.frame.options = link.robot.frame_names
+        assign(self.frame, tip(link.robot))
+
+    def _show_texts(self, now: float) -> None:
+        """Show the stack, and what the controller does."""
+        link = self.link
+        self._topics = link.client.tasks()
+        self.stack.show(link.rows, link.gains())
+        self._show_refusals()
+        if link.robot is not None and self._robot is not None:
+            self.joints.show(link.robot, link.q, self._about_joints())
+            self.plots.add(now, link.rows, link.robot, self._robot.state, link.velocity,
+                           self.frame.value)
+        head = link.fault or link.head
+        if head != self._head:
+            self._head = head
+            colour = '#2e9e5b' if head == 'running' else '#c62828'
+            self.state_text.content = (
+                f'<div data-state="{escape(head)}" style="padding:4px 12px"><b>/'
+                f'{escape(link.client.controller)}</b>: <span style="color:{colour}">'
+                f'{escape(head)}</span></div>')
+        self.start_button.disabled = link.running
+        if self._notice_until and now > self._notice_until:
+            self._notice_until = 0.0
+            self.notice.content = ''
+
+    def _show_refusals(self) -> None:
+        """Say why a goal was refused."""
+        for row in self.link.rows:
+            if row.refused > self._refused.get(row.name, row.refused):
+                self._tell(False, f'goal for task {row.name} refused: {row.refusal}')
+            self._refused[row.name] = row.refused
+
+    def _about_joints(self) -> list[str]:
+        """Return the tasks whose goals are positions of joints."""
+        kinds = task_types()
+        return [row.name for row in self.link.rows
+                if row.type in kinds and kinds[row.type].goal_type == 'joints']
+
+
+def show_page(server: viser.ViserServer, client: Client) -> NoReturn:
+    """Show the page of the controller that a client talks to, until the process is interrupted."""
+    page = Page(server, Link(client))
+    while True:
+        due = time.monotonic() + 1.0 / RATE
+        page.update()
+        time.sleep(max(due - time.monotonic(), 0.0))

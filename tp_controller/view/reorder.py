@@ -1,0 +1,147 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Another order of the tasks in the text of a stack; everything else of it stays as it is."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from tp_controller.errors import TpControllerError
+from tp_controller.resources import load_yaml, read_source, YamlLoader
+from tp_controller.tasks.stack import is_stack
+import yaml
+
+# No line is broken by YAML.
+WIDTH = 10_000
+
+
+def stack_text(source: str) -> str:
+    """
+    Return the text of a stack.
+
+    Parameters
+    ----------
+    source : str
+        The value of the parameter `stack`: text, or the name of a file.
+
+    Raises
+    ------
+    TpControllerError
+        The file is not on this machine.
+
+    """
+    try:
+        return read_source(source, is_stack)
+    except (OSError, ValueError) as error:
+        raise TpControllerError(f'the text of the stack is not at hand here: {error}') from error
+
+
+def levels(text: str) -> list[list[str]]:
+    """Return the names of the tasks of each level, the highest priority first."""
+    return [_names(entry) for entry in _entries(text)]
+
+
+def moved(text: str, task: str, step: int) -> str:
+    """
+    Return a stack with the level of a task at another place.
+
+    Comments above a level go with it, except those above the first.
+
+    Parameters
+    ----------
+    text : str
+        YAML list.
+    task : str
+        Name of a task; others that share its level go with it.
+    step : int
+        By how many places: -1 is one up.
+
+    Returns
+    -------
+    str
+        The same text where the level is at the end already.
+
+    Raises
+    ------
+    TpControllerError
+        The stack has no such task, or cannot be read.
+
+    """
+    entries = _entries(text)
+    order = list(range(len(entries)))
+    place = next((number for number in order if task in _names(entries[number])), None)
+    if place is None:
+        raise TpControllerError(f'the stack has no task {task!r}')
+    order.insert(min(max(place + step, 0), len(order) - 1), order.pop(place))
+    wanted = [entries[number] for number in order]
+    arranged = _arranged(text, order)
+    # Where there is more than a plain list, as anchors, lines cannot be moved about.
+    if arranged is not None and _says(arranged, wanted):
+        return arranged
+    return yaml.safe_dump(wanted, sort_keys=False, width=WIDTH, allow_unicode=True,
+                          default_flow_style=None)
+
+
+def _arranged(text: str, order: Sequence[int]) -> str | None:
+    """Return the lines of a text with its entries in an order; None where they share lines."""
+    root = yaml.compose(text, Loader=YamlLoader)
+    nodes = root.value if isinstance(root, yaml.SequenceNode) else []
+    lines = text.splitlines(keepends=True)
+    if lines and not lines[-1].endswith('\n'):
+        lines[-1] += '\n'
+    starts = [node.start_mark.line for node in nodes]
+    if len(set(starts)) < len(starts) or text.lstrip().startswith('['):
+        return None
+    firsts = [_with_comments(lines, start) if number else start
+              for number, start in enumerate(starts)]
+    ends = [*firsts[1:], len(lines)]
+    return ''.join([*lines[:firsts[0]], *(
+        line for number in order for line in lines[firsts[number]:ends[number]])])
+
+
+def _with_comments(lines: Sequence[str], line: int) -> int:
+    """Return the first of the comments right above a line, or the line."""
+    while line and lines[line - 1].lstrip().startswith('#'):
+        line -= 1
+    return line
+
+
+def _entries(text: str) -> list[Any]:
+    """Return the entries of a stack."""
+    entries = _read(text)
+    if not isinstance(entries, list):
+        raise TpControllerError('the stack is no list of tasks')
+    return entries
+
+
+def _read(text: str) -> object:
+    """Return what a text says."""
+    try:
+        return load_yaml(text)
+    except ValueError as error:
+        raise TpControllerError(f'the stack cannot be read: {error}') from error
+
+
+def _says(text: str, wanted: object) -> bool:
+    """Say whether a text can be read and says what is wanted."""
+    try:
+        return load_yaml(text) == wanted
+    except ValueError:
+        return False
+
+
+def _names(entry: object) -> list[str]:
+    """Return the names of the tasks of an entry, which may be a list."""
+    parts = entry if isinstance(entry, list) else [entry]
+    return [str(name) for part in parts if isinstance(part, dict) for name in part]

@@ -1,0 +1,103 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The status of a controller as rows that are shown, one for each task."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+
+from diagnostic_msgs.msg import DiagnosticArray
+
+# Units that are shown with others, and by what they are multiplied.
+SHOWN = {'m': ('mm', 1e3), 'rad': ('°', math.degrees(1.0)), 'm/s': ('mm/s', 1e3),
+         'rad/s': ('°/s', math.degrees(1.0))}
+# A task whose desired speed is below this is at rest.
+STILL = 1e-6
+DISABLED = 'disabled'
+
+
+@dataclass(frozen=True)
+class Row:
+    """
+    What is shown of a task.
+
+    Attributes
+    ----------
+    name, type, level : str
+        The level is ``1``, ``2`` …, or ``disabled``.
+    status : str
+        ``reached``, ``moving``, ``limited`` …
+    errors : tuple of (str, float)
+        Unit and value of each.
+    share : float
+        What part of the desired speed is achieved; not a number at rest.
+    reason, hint : str
+        What limits the task, and what may help.
+    refused : int
+        How many goals were refused.
+    refusal, warning : str
+        Why the last one was, and what is probably a mistake in the last that was not.
+
+    """
+
+    name: str
+    type: str
+    level: str
+    status: str
+    errors: tuple[tuple[str, float], ...]
+    share: float
+    reason: str
+    hint: str
+    refused: int
+    refusal: str
+    warning: str
+
+    @property
+    def enabled(self) -> bool:
+        """Return whether the task is in the stack."""
+        return self.level != DISABLED
+
+    def error_text(self) -> str:
+        """Return the errors, in units that suit their size."""
+        return ', '.join(_error(unit, value) for unit, value in self.errors)
+
+
+def rows_of(message: DiagnosticArray) -> list[Row]:
+    """Return a row for each task of a status, in order of priority."""
+    return [_row(status.name.partition(': ')[2],
+                 {value.key: value.value for value in status.values})
+            for status in message.status[1:]]
+
+
+def _row(name: str, values: Mapping[str, str]) -> Row:
+    """Return the row of a task."""
+    errors = tuple((key[7:-1], float(value)) for key, value in values.items()
+                   if key.startswith('error ['))
+    wanted = float(values.get('wanted speed', 'nan'))
+    achieved = float(values.get('achieved speed', 'nan'))
+    return Row(name, values.get('type', ''), values.get('level', ''), values.get('status', ''),
+               errors, min(max(achieved / wanted, 0.0), 1.0) if wanted > STILL else math.nan,
+               values.get('reason', ''), values.get('hint', ''),
+               int(values.get('goals refused', 0)), values.get('last refusal', ''),
+               values.get('goal warning', ''))
+
+
+def _error(unit: str, error: float) -> str:
+    """Return an error with its unit."""
+    if math.isnan(error):
+        return '-'
+    shown, factor = SHOWN.get(unit, (unit, 1.0))
+    text = f'{factor * error:.1f}' if unit in SHOWN else f'{error:.4g}'
+    return text if unit == '1' else f'{text}{"" if shown.startswith("°") else " "}{shown}'

@@ -1,0 +1,66 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Shows a running controller on a page in the browser, to be seen, changed and pulled about."""
+
+from functools import partial
+import sys
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from tp_controller.nodes.client import Client
+from tp_controller.nodes.parameters import declare, keep_fixed, Spec, warn_unknown
+from tp_controller.nodes.runner import ClosableNode, run
+from tp_controller.view.link import Link
+from tp_controller.view.page import Page, RATE
+from tp_controller.view.server import address, exposure, LOCAL, open_server
+
+NAME = 'tp_viewer'
+PARAMETERS = (
+    Spec('controller', 'tp_controller', 'name of the controller node, with its namespace',
+         fixed=True),
+    Spec('host', LOCAL, 'address that the page is shown at; whoever can reach it can move the '
+         'robot', fixed=True),
+    Spec('port', 0, 'port of the page (0: the first that is free from 8080 on)', fixed=True),
+)
+
+
+class ViewerNode(ClosableNode):
+    """Has the page, and keeps it up to date."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(NAME, **options)
+        values = declare(self, PARAMETERS)
+        self._client = Client(values['controller'], self.context)
+        self._server = open_server(values['host'], values['port'])
+        warning = exposure(values['host'])
+        if warning:
+            self.get_logger().warning(warning)
+        self.get_logger().info(f'the page is at {address(self._server)}')
+        self._page = Page(self._server, Link(self._client))
+        self.create_timer(1.0 / RATE, self._page.update,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        keep_fixed(self)
+        warn_unknown(self)
+
+    def close(self, reason: str) -> None:
+        """Take the page away."""
+        self._server.stop()
+        self._client.close()
+
+
+main = partial(run, ViewerNode, NAME)
+
+if __name__ == '__main__':
+    sys.exit(main())
