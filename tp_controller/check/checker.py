@@ -110,7 +110,7 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
 
     At random configurations within the limits it looks at what the levels can do. Closed loops
     with a `KinematicSimulator` then go from random starts to random goals that can be reached:
-    values of the tasks at another configuration at which the stack is at rest.
+    values of the tasks at another configuration. Both satisfy bounds and goals of the stack.
 
     The same seed gives the same report, whatever `jobs` and `backend`; only `timing`, and what is
     said of it, differs.

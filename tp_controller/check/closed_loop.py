@@ -15,6 +15,7 @@
 """A closed loop without ROS, from a random start to random goals that can be reached."""
 
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass, field
 import math
 
@@ -28,13 +29,13 @@ from tp_controller.model.simulator import KinematicSimulator
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.stack import Stack
 
-# Configurations that are tried for a start, or for goals, until all tasks can be at rest there.
+# Configurations that are tried for a start, or for goals, until one satisfies the stack.
 TRIES = 3
 # How often reports are read [s]: they take as long as the cycle itself.
 READ = 0.05
 # A robot slower than this [rad/s or m/s] for so long [s] is at rest.
 SLOW, REST = 3e-4, 1.0
-# Longest time to come to rest at a start or at goals [s].
+# Longest time on the way from there to one that does [s].
 SETTLE = 10.0
 # For how long all tasks have to be at their goals until a run ends [s].
 STAY = 0.2
@@ -209,8 +210,25 @@ class Loop:
         self.simulator.step(self.setup.period)
         self.cycles += 1
 
-    def run(self, seconds: float) -> str:
-        """Run until all tasks have been at their goals for a while; return how it ended."""
+    def run(self, seconds: float, names: Collection[str] = (), tolerant: bool = True) -> str:
+        """
+        Run until some tasks have been satisfied for a while, or the robot is at rest.
+
+        Parameters
+        ----------
+        seconds : float
+            At most so long [s].
+        names : collection of str
+            Of the tasks; all, if it is empty.
+        tolerant : bool
+            Whether errors within tolerances count as satisfied; else only rest ends it.
+
+        Returns
+        -------
+        str
+            How it ended.
+
+        """
         each = max(1, round(READ / self.setup.period))
         until = self.now + seconds
         still = math.inf
@@ -223,7 +241,9 @@ class Loop:
             if self.cycles % each:
                 continue
             self._read(command)
-            if all(since + STAY <= self.now for since in self.since.values()):
+            if tolerant and all(since + STAY <= self.now
+                                for name, since in self.since.items()
+                                if not names or name in names):
                 return REACHED
             if still + REST <= self.now:
                 return AT_REST
@@ -244,8 +264,8 @@ def closed_loop(setup: Setup, numbered: tuple[int, np.random.SeedSequence]) -> R
     """
     Return what came of a closed loop.
 
-    It starts at a configuration at which the stack is at rest, and its goals are the values of
-    the tasks at another one.
+    It starts at a random configuration, and its goals are the values of the tasks at another one;
+    both satisfy bounds and goals of the stack, if that is possible.
 
     Parameters
     ----------
@@ -262,30 +282,32 @@ def closed_loop(setup: Setup, numbered: tuple[int, np.random.SeedSequence]) -> R
     number, seed = numbered
     random = np.random.default_rng(seed)
     try:
-        start, _ = _at_rest(setup, random, setup.around, 1.0)
+        start, _ = _valid(setup, random, setup.around, 1.0)
         far = random.uniform()
-        goals, possible = _at_rest(setup, random, start, far)
+        goals, possible = _valid(setup, random, start, far)
         return _run(setup, number, start, goals, far, possible)
     except TpControllerError as error:
         fault = (getattr(error, 'task', ''), getattr(error, 'reason', in_words(error)))
         return Run(FAILED, 0.0, 0, 0.0, {}, {}, Extremes(), fault)
 
 
-def _at_rest(setup: Setup, random: np.random.Generator, around: Array,
+def _valid(setup: Setup, random: np.random.Generator, around: Array,
              far: float) -> tuple[Array, dict[str, bool]]:
     """
-    Return a configuration at which a stack is at rest.
+    Return a configuration that tasks with bounds, or with a goal of the stack, allow.
 
-    It is where the closed loop ends that begins at a random configuration, with the values of the
-    tasks there as default goals. Which of the tasks with bounds or a goal of the stack are
-    satisfied there comes with it; the others have whatever is there as their goals.
+    It is where the closed loop leads to from a random configuration, with the values of the other
+    tasks there as default goals. Which of those tasks are satisfied comes with it.
     """
     found: list[tuple[Array, dict[str, bool]]] = []
     while not found or len(found) < TRIES and not all(found[-1][1].values()):
         stack = setup.fresh()
         given = [task for task in stack.active_tasks if task.bounded or task.goal is not None]
         loop = Loop.at(setup, random_configuration(setup.robot, random, around, far), stack)
-        loop.run(min(SETTLE, setup.seconds))
+        if given:
+            # Goals of others fit to a goal of the stack only as well as that is reached.
+            loop.run(min(SETTLE, setup.seconds), {task.name for task in given},
+                     all(task.bounded for task in given))
         found.append((loop.simulator.q.copy(), {
             task.name: loop.since[task.name] < math.inf for task in given
             if task.name in loop.since}))

@@ -73,7 +73,8 @@ def about_robot(setup: Setup) -> Iterator[Finding]:
             yield Finding(DOUBTFUL, 'velocity limit', ', '.join(names), what, change)
     for task in setup.stack.tasks.values():
         for remark in task.remarks:
-            yield Finding(DOUBTFUL, 'remark', task.name, remark, '')
+            yield Finding(DOUBTFUL, 'remark', task.name, remark,
+                          'say in the stack that it is meant so, if it is')
 
 
 def about_levels(levels: Sequence[LevelResult], n: int) -> Iterator[Finding]:
@@ -174,13 +175,15 @@ def about_bounds(tasks: Sequence[TaskResult], runs: int) -> Iterator[Finding]:
         if runs and not task.possible:
             yield Finding(
                 WRONG, 'bounds', task.name,
-                'no configuration was found that satisfies it: the robot came to rest outside '
-                f'its bounds in all of {runs} runs', 'widen its bounds')
+                'no configuration was found that satisfies it: the robot did not come '
+                f'to within its bounds in any of {runs} runs',
+                'widen its bounds, or put it higher')
         elif runs and task.possible < MOST * runs:
             yield Finding(
                 DOUBTFUL, 'bounds', task.name,
-                f'in {runs - task.possible} of {runs} runs the robot came to rest outside its '
-                'bounds', 'widen its bounds, or those of others that contradict them')
+                f'in {runs - task.possible} of {runs} runs the robot did not come to within its '
+                'bounds before it started', 'widen its bounds, or those of others that contradict '
+                'them; or put it higher')
         if task.outside > 1.0 - HARDLY_ANY:
             yield Finding(
                 DOUBTFUL, 'bounds dominate', task.name,
