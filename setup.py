@@ -28,6 +28,8 @@ executables = {
     'viewer_node': 'tp_controller.cli.main:viewer_node',
 }
 plots = ['matplotlib', 'Pillow']
+# Recordings, written and read.
+record = ['rosbags>=0.11,<0.12']
 # The page in the browser; pycollada reads meshes in COLLADA (.dae).
 view = ['viser>=1,<2', 'pycollada']
 # More than one process for a check.
@@ -84,12 +86,13 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'peers': peers,
         'plots': plots,
+        'record': record,
         'view': view,
         'check': check,
         'docs': docs,
-        'test': [*plots, *view, *check, 'dask[distributed]', *docs, 'pytest', 'hypothesis',
-                 'example-robot-data', 'ruff<0.18', 'mypy<2.5', 'types-PyYAML', 'catkin_pkg',
-                 'setuptools>=70.1'],
+        'test': [*plots, *record, *view, *check, 'dask[distributed]', *docs, 'pytest',
+                 'hypothesis', 'example-robot-data', 'ruff<0.18', 'mypy<2.5', 'types-PyYAML',
+                 'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',
     zip_safe=False,

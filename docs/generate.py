@@ -421,7 +421,8 @@ REGIONS = {
     'tasks': tasks, 'settings': settings, 'names': names, 'errors': error_tree,
     'messages': messages, 'check report': check_report,
     'help': command_help, **{f'help {name}': lambda name=name: command_help(name)
-                             for name in ('demo', 'goal', 'status', 'check', 'view')},
+                             for name in ('demo', 'goal', 'status', 'check', 'view', 'record',
+                                          'plot')},
     **{f'launch {name}': lambda name=name: launch_arguments(name)
        for name in ('controller', 'demo')},
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},

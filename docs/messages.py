@@ -26,13 +26,13 @@ import re
 
 PACKAGE = Path(__file__).resolve().parents[1] / 'tp_controller'
 # Modules that draw: their texts are labels.
-DRAWING = ('check/page.py', 'demos/film.py', 'demos/outlines.py', 'plots/curves.py',
-           'plots/drawing.py')
+DRAWING = ('bags/pictures.py', 'bags/report.py', 'check/page.py', 'demos/film.py',
+           'demos/outlines.py', 'plots/curves.py', 'plots/drawing.py')
 # Calls and arguments whose texts describe something, and names that do.
 DESCRIBING = {'Spec', '_number', '_choice', 'NewType', 'Demo', 'title', 'help', 'description',
               'epilog', 'keys', 'KEYS', 'EXAMPLES', 'DEMO_EXAMPLES', 'GOAL_EXAMPLES',
               'STATUS_EXAMPLES', 'CHECK_EXAMPLES', 'VIEW_EXAMPLES', '_said',
-              'STYLE', 'DEMOS', 'metadata'}
+              'STYLE', 'DEMOS', 'metadata', 'NUMBER', 'CHANGING'}
 FILLED = re.compile(r'{[^}]*}')
 WORDS = re.compile(r'[A-Za-z]{2}.* .*\w|\w .*[A-Za-z]{2}')
 XML = re.compile(r'</|/>|<\?|\w="|<\w+ \w+=')

@@ -48,12 +48,16 @@ SHIPPED = ('LICENSE', 'README.md', 'bin', 'config', 'launch', 'package.xml', 'py
 # Every other module that is not Python's own is a ROS package.
 THIRD_PARTY = {
     'PIL': ('Pillow', 'python3-pil'),
+    # Before Python 3.14, and from then on; rosbags brings it.
+    'backports': ('rosbags', None),
+    'compression': ('rosbags', None),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg-modules'),
     'coal': ('coal', 'coal'),
     'daqp': ('daqp', None),
     'dask': ('dask', None),
     'distributed': ('dask', None),
     'example_robot_data': ('example-robot-data', None),
+    'lz4': ('rosbags', None),
     'hypothesis': ('hypothesis', 'python3-hypothesis'),
     'joblib': ('joblib', 'python3-joblib'),
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
@@ -80,6 +84,8 @@ THIRD_PARTY = {
 }
 # What a check needs for more than one process only.
 SPREADING = {'dask', 'distributed', 'joblib', 'ray'}
+# Folders with libraries of their own.
+BESIDE = ('plots', 'bags', 'nodes', 'view', 'demos', 'cli')
 ROS_PACKAGE_OF_MODULE = {'tf2_ros': 'tf2_ros_py'}
 
 
@@ -173,7 +179,7 @@ def test_every_import_is_a_dependency(folder, metadata, package_xml):
 def test_library_needs_no_extra(metadata):
     needed = {THIRD_PARTY[module][0] for path in (ROOT / PACKAGE).glob('[a-z]*')
               for module in imported_modules(path.relative_to(ROOT)) - SPREADING
-              if path.is_dir() and path.name not in ('nodes', 'view', 'demos', 'cli')}
+              if path.is_dir() and path.name not in BESIDE}
     assert needed <= {re.split('[<>=]', entry)[0] for entry in metadata['install_requires']}
 
 

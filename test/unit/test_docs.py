@@ -402,8 +402,8 @@ def blocks_until_ended(words):
         return rest[0] == 'launch' or rest[:2] == ['topic', 'echo'] \
             or (rest[:2] == ['topic', 'pub'] and not {'--once', '--times'} & set(rest)) \
             or (rest[0] == 'run' and rest[2].endswith('_node'))
-    return words[:2] == ['tp_controller', 'view'] \
-        or (words[:2] == ['tp_controller', 'status'] and '--once' not in rest)
+    return (rest[0] == 'view' or rest[0] == 'status' and '--once' not in rest
+            or rest[0] == 'record' and '--for' not in rest)
 
 
 @pytest.mark.parametrize('block', sorted({block for block, _ in commands()}, key=str), ids=str)
@@ -504,7 +504,7 @@ def test_ros2_commands_are_all_looked_at():
     assert verbs <= {('run',), ('launch',), ('topic', 'pub'), ('topic', 'echo'),
                      ('service', 'call'), ('param', 'set'), ('param', 'describe'),
                      ('param', 'list'), ('param', 'dump'), ('param', 'load'), ('control',),
-                     ('lifecycle',), ('security',)}
+                     ('lifecycle',), ('security',), ('bag',)}
 
 
 # Links and layout -------------------------------------------------------------------------

@@ -29,9 +29,9 @@ import tp_controller
 PACKAGE = robots.REPOSITORY / 'tp_controller'
 # The layers, lowest first: each imports only itself and those before it.
 LAYERS = ['solver', 'errors', 'resources', 'files', 'model', 'tasks', 'control', 'check', '',
-          'plots', 'nodes', 'view', 'demos', 'cli', '__main__']
+          'plots', 'bags', 'nodes', 'view', 'demos', 'cli', '__main__']
 # What is no part of the method, and has libraries of its own.
-BESIDE = ('plots', 'nodes', 'view', 'demos', 'cli', '__main__')
+BESIDE = ('plots', 'bags', 'nodes', 'view', 'demos', 'cli', '__main__')
 SPEAK_ROS = ('nodes', 'view')
 # What the method may use: the standard library and these. ROS only says where packages are,
 # others spread work over processes.

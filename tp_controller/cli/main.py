@@ -29,6 +29,10 @@ from typing import NoReturn
 import argcomplete
 from tp_controller.cli.check import add_check_arguments, run_check
 from tp_controller.cli.goal import add_goal_arguments, send_goal
+from tp_controller.cli.plot import add_plot_arguments, plot
+from tp_controller.cli.plot import EXAMPLES as PLOT_EXAMPLES
+from tp_controller.cli.record import add_record_arguments, record
+from tp_controller.cli.record import EXAMPLES as RECORD_EXAMPLES
 from tp_controller.cli.status import add_status_arguments, show_status
 from tp_controller.cli.view import add_view_arguments, show_view
 from tp_controller.errors import TpControllerError
@@ -45,12 +49,15 @@ examples:
   tp_controller status                   what the tasks of running controllers do
   tp_controller check --help             what is wrong with a stack, before a robot moves
   tp_controller view                     a robot in the browser, to pull about
+  tp_controller record run               what they do, to files
+  tp_controller plot run                 plots and a report of a recording
 """
 HELP_WIDTH = 95
 # {optional packages: what is said where one is missing}
 CURES = {
     ('matplotlib', 'mpl_toolkits', 'PIL'): "the figures need it: pip install '.[plots]'",
     ('viser', 'trimesh', 'websockets'): "the page needs it: pip install '.[view]'",
+    ('rosbags', 'lz4', 'backports'): "recordings need it: pip install '.[record]'",
     ('joblib',): "more than one job needs it: pip install '.[check]'",
     ('dask', 'distributed'): "the backend dask needs it: pip install 'dask[distributed]'",
     ('ray',): 'the backend ray needs it: pip install ray',
@@ -164,6 +171,21 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter)
     add_view_arguments(view)
     view.set_defaults(run=show_view)
+    recording = commands.add_parser(
+        'record', help='record what running controllers do', epilog=RECORD_EXAMPLES,
+        description='Record all topics of running controllers, until Ctrl-C, to a folder that '
+        'ros2 bag, PlotJuggler, Foxglove and tp_controller plot read.',
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_record_arguments(recording)
+    recording.set_defaults(run=record)
+    plots = commands.add_parser(
+        'plot', help='draw what was recorded', epilog=PLOT_EXAMPLES,
+        description='Draw the plots of a recording: errors with what limits the tasks, velocities '
+        'against their limits, the path of the tool; and write a report that has all of them in '
+        'one HTML file, with the motion to be replayed.',
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_plot_arguments(plots)
+    plots.set_defaults(run=plot)
     return parser
 
 

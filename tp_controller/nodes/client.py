@@ -52,6 +52,8 @@ LEAVE_SECONDS = 5.0
 POLL_SECONDS = 0.02
 # How much is taken at once, where more may come all the time.
 MOST_WAITING = 100
+# How long others that listen to a goal are waited for [s].
+SETTLE_SECONDS = 0.5
 # What stands for the answers to goals where the task is not there.
 ABSENT = '', ''
 # What of a goal each message can carry, and must.
@@ -234,6 +236,9 @@ class Client:
             raise GoalError(f'the controller does not answer on {publisher.topic_name}')
         if not self.wait(lambda: self.task_status(task), wait):
             raise GoalError(f'the controller sends no status of task {task!r}')
+        # Whoever records is to hear it, too, and may be found a little later.
+        self.wait(lambda: publisher.get_subscription_count()
+                  >= self.node.count_subscribers(publisher.topic_name), SETTLE_SECONDS)
         before = self._answers(task)
         self._last = publisher, message
         self._pending.add(publisher)

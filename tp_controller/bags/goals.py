@@ -1,0 +1,222 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What became of the goals of tasks: accepted, refused, reached, replaced."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import numpy as np
+from tp_controller.model.spatial import rotation_from_quaternion
+
+# Goals that come faster than this belong to one stream [s].
+STREAM = 0.2
+# How many goals are told; more are counted.
+MOST = 500
+# A twist below this is none [m/s, rad/s].
+STILL = 1e-12
+
+
+@dataclass
+class Goal:
+    """
+    A goal, or a stream of them.
+
+    Attributes
+    ----------
+    time, last : float
+        When it came, and the last one of a stream [s].
+    task, text, frame : str
+        For which task, what it says, and in which frame.
+    count : int
+        How many messages.
+    answer : str
+        ``'accepted'``, or why it was refused; empty while nobody knows.
+    reached : float
+        When the task had reached it first [s]; infinite if it never did.
+    point : tuple of float or None
+        x, y, z of a position [m].
+
+    """
+
+    time: float
+    last: float
+    task: str
+    text: str
+    frame: str = ''
+    count: int = 1
+    answer: str = ''
+    reached: float = math.inf
+    point: tuple[float, float, float] | None = None
+
+    @property
+    def accepted(self) -> bool:
+        """Return whether the task has taken it."""
+        return self.answer == 'accepted'
+
+
+class Goals:
+    """
+    Follows the goals of the tasks of one controller.
+
+    Attributes
+    ----------
+    goals : list of Goal
+        By the time at which they came.
+    more : int
+        How many others there were.
+
+    """
+
+    def __init__(self) -> None:
+        self.goals: list[Goal] = []
+        self.more = 0
+        self._latest: dict[str, Goal] = {}
+        # By task the goals that were not answered yet, and what was counted before.
+        self._open: dict[str, list[Goal]] = {}
+        self._counts: dict[str, tuple[int, int]] = {}
+
+    def came(self, time: float, task: str, kind: str, message: Any) -> None:
+        """Take the message of a goal, or of a velocity."""
+        latest = self._latest.get(task)
+        if latest is not None and time - latest.last < STREAM and not latest.text.startswith('('):
+            latest.last, latest.count = time, latest.count + 1
+            latest.text, latest.point = TEXTS[kind](message), _point(message)
+            self._open.setdefault(task, []).append(latest)
+            return
+        self._add(Goal(time, time, task, TEXTS[kind](message), _frame(message),
+                       point=_point(message)))
+
+    def answered(self, time: float, task: str, values: Mapping[str, str]) -> None:
+        """Take what the status of a task says about its goals."""
+        counts = int(values.get('goals accepted', 0)), int(values.get('goals refused', 0))
+        before = self._counts.get(task)
+        self._counts[task] = counts
+        waiting = self._open.get(task, [])
+        # The first status tells what was before the recording, too.
+        accepted, refused = (now - then for now, then in zip(counts, before or counts))
+        if accepted < 0 or refused < 0:
+            # The controller was started anew.
+            accepted, refused = counts
+        if accepted + refused and not waiting:
+            self._add(Goal(time, time, task, '(the message was not recorded)'))
+            waiting = self._open[task]
+        if accepted + refused:
+            reason = values.get('last refusal', '')
+            answer = 'accepted' if not refused else f'refused: {reason}' if not accepted else \
+                f'{refused} of {accepted + refused} refused: {reason}'
+            for goal in waiting:
+                goal.answer = answer
+            self._open[task] = []
+        latest = self._latest.get(task)
+        if values.get('status') == 'reached' and latest is not None and latest.accepted \
+                and not self._open.get(task):
+            latest.reached = min(latest.reached, time)
+
+    def _add(self, goal: Goal) -> None:
+        """Add a goal."""
+        self._open.setdefault(goal.task, []).append(goal)
+        self._latest[goal.task] = goal
+        if len(self.goals) < MOST:
+            self.goals.append(goal)
+        else:
+            self.more += 1
+
+
+def outcome(goal: Goal, following: Goal | None, end: float) -> str:
+    """
+    Return what became of a goal, in words.
+
+    Parameters
+    ----------
+    goal : Goal
+        The goal.
+    following : Goal or None
+        The next one of the same task.
+    end : float
+        Of the recording [s].
+
+    """
+    if not goal.accepted:
+        return goal.answer or 'no answer was recorded'
+    if math.isfinite(goal.reached):
+        return f'reached after {max(goal.reached - goal.last, 0.0):.1f} s'
+    if following is not None:
+        return f'replaced after {following.time - goal.last:.1f} s, before it was reached'
+    return f'not reached within {end - goal.last:.1f} s'
+
+
+def _frame(message: Any) -> str:
+    """Return the frame of a message that has one."""
+    header = getattr(message, 'header', None)
+    return '' if header is None else str(header.frame_id)
+
+
+def _point(message: Any) -> tuple[float, float, float] | None:
+    """Return the position that a message has, if it has one."""
+    point = getattr(message, 'point', None) or getattr(
+        getattr(message, 'pose', None), 'position', None)
+    return None if point is None else (point.x, point.y, point.z)
+
+
+def _numbers(*values: float) -> str:
+    """Return numbers as text."""
+    # Zero has no sign for readers.
+    return ' '.join(f'{round(value, 9) + 0.0:.4g}' for value in values)
+
+
+def _vector(value: Any) -> str:
+    """Return the text of what has x, y and z."""
+    return _numbers(value.x, value.y, value.z)
+
+
+def _turn(value: Any) -> str:
+    """Return the text of a quaternion: roll, pitch and yaw in degrees."""
+    quaternion = np.array([value.x, value.y, value.z, value.w])
+    norm = float(np.linalg.norm(quaternion))
+    if not norm > 0.0:
+        return f'quaternion {_numbers(*quaternion)}'
+    R = rotation_from_quaternion(quaternion / norm)
+    angles = (math.atan2(R[2, 1], R[2, 2]), math.asin(min(max(-R[2, 0], -1.0), 1.0)),
+              math.atan2(R[1, 0], R[0, 0]))
+    return f'rpy {_numbers(*np.degrees(angles))}°'
+
+
+def _joints(message: Any) -> str:
+    """Return the text of positions, or velocities, of joints."""
+    positions = [f'{name} {value:.4g}' for name, value in zip(message.name, message.position)]
+    velocities = [f'{name} {value:.4g}/s' for name, value in zip(message.name, message.velocity)]
+    return ', '.join(positions + velocities)
+
+
+def _twist(message: Any) -> str:
+    """Return the text of a twist, without the half that is zero."""
+    parts = {'linear': message.twist.linear, 'angular': message.twist.angular}
+    return ', '.join(f'{name} {_vector(value)}' for name, value in parts.items()
+                     if max(abs(value.x), abs(value.y), abs(value.z)) > STILL) or 'zero'
+
+
+TEXTS: dict[str, Callable[[Any], str]] = {
+    'geometry_msgs/msg/PointStamped': lambda message: f'xyz {_vector(message.point)}',
+    'geometry_msgs/msg/Vector3Stamped': lambda message: f'xyz {_vector(message.vector)}',
+    'geometry_msgs/msg/QuaternionStamped': lambda message: _turn(message.quaternion),
+    'geometry_msgs/msg/PoseStamped': lambda message: (
+        f'xyz {_vector(message.pose.position)}, {_turn(message.pose.orientation)}'),
+    'sensor_msgs/msg/JointState': _joints,
+    'geometry_msgs/msg/TwistStamped': _twist,
+    'visualization_msgs/msg/MarkerArray': lambda message: (
+        f'{len(message.markers)} obstacles' if len(message.markers) != 1 else '1 obstacle'),
+}

@@ -1,0 +1,131 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The plots of a recording."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from tp_controller.bags.goals import Goal
+from tp_controller.bags.history import History, nearest
+from tp_controller.bags.robots import command_names, configurations, path_of, tool_frames
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.plots.curves import plot_errors, plot_tool_path, plot_velocities
+
+# More goals than these would hide the curves.
+MOST_CHANGES = 40
+
+
+def draw(history: History, robot: Robot | None, folder: Path) -> Iterator[tuple[str, Path]]:
+    """
+    Draw what is there to be drawn.
+
+    Parameters
+    ----------
+    history : History
+        What happened.
+    robot : Robot or None
+        Its limits are drawn, and the path of its tool.
+    folder : pathlib.Path
+        Where the plots go.
+
+    Yields
+    ------
+    str, pathlib.Path
+        What it is, and the file.
+
+    """
+    changes = [goal.time for goal in history.goals.goals][:MOST_CHANGES]
+    curves = _error_curves(history)
+    if curves:
+        times, errors, reasons = curves
+        yield 'Task errors', plot_errors(folder / 'errors.png', times, errors, reasons=reasons,
+                                         changes=changes, log=True)
+    topic = command_topic(history)
+    if topic:
+        times, velocities = history.commands[topic].rows()
+        names = command_names(history, robot, velocities.shape[1])
+        limits, units = _limits(robot, names)
+        yield 'Joint velocities', plot_velocities(
+            folder / 'velocities.png', times, velocities, limits, names, units=units,
+            changes=changes)
+    yield from _draw_base(history, robot, folder, changes)
+    if robot is not None:
+        yield from _draw_path(history, robot, folder)
+
+
+def command_topic(history: History) -> str:
+    """Return the topic of the joint velocities; empty if there is none."""
+    return nearest(list(history.commands), ['velocity_controller/commands'], history.namespace)
+
+
+def _error_curves(history: History) -> tuple[
+        Array, list[tuple[str, str, Array]], dict[str, list[str]]] | None:
+    """Return times (T,), (task, unit, errors (T,)) and {task: reasons (T,)}."""
+    times, values = history.errors.rows()
+    _, codes = history.reasons.rows()
+    curves = [(task, unit, values[:, column])
+              for (task, unit), column in history.columns.items()
+              if np.nan_to_num(values[:, column]).max(initial=0.0) > 0.0]
+    if not curves:
+        return None
+    # A task that was not in the stack had no reason.
+    reasons = {task: [history.texts[code] for code in np.nan_to_num(
+        codes[:, column]).astype(int).tolist()]
+               for task, column in history.reason_columns.items()}
+    return times, curves, reasons
+
+
+def _limits(robot: Robot | None, names: list[str]) -> tuple[Array, list[str]]:
+    """Return the velocity limits and units of joints, none where nobody knows."""
+    known = {} if robot is None else dict(zip(robot.velocity_names, zip(
+        robot.velocity.tolist(), robot.velocity_units)))
+    rows = [known.get(name, (np.inf, 'rad')) for name in names]
+    return np.array([limit for limit, _ in rows]), [unit for _, unit in rows]
+
+
+def _draw_base(history: History, robot: Robot | None, folder: Path,
+               changes: list[float]) -> Iterator[tuple[str, Path]]:
+    """Draw the velocities of a base."""
+    topic = nearest(list(history.twists), ['cmd_vel'], history.namespace)
+    if not topic or robot is None or not robot.moves:
+        return
+    times, twists = history.twists[topic].rows()
+    count = robot.joint_columns.start
+    velocities = np.array([robot.base_velocities(twist) for twist in twists])
+    yield 'Velocities of the base', plot_velocities(
+        folder / 'base_velocities.png', times, velocities, robot.velocity[:count],
+        robot.velocity_names[:count], units=robot.velocity_units[:count],
+        title='Velocities of the base', changes=changes)
+
+
+def _draw_path(history: History, robot: Robot, folder: Path) -> Iterator[tuple[str, Path]]:
+    """Draw the path of the frame that the uppermost task is about."""
+    times, q, passive, _ = configurations(history, robot)
+    frames = tool_frames(history, robot)
+    if len(times) < 2 or not frames:
+        return
+    task, frame = next(iter(frames.items()))
+    yield f'Path of {frame}', plot_tool_path(
+        folder / 'tool_path.png', path_of(robot, frame, q, passive),
+        _points(history.goals.goals, task, robot), times=times, title=f'Path of {frame}')
+
+
+def _points(goals: list[Goal], task: str, robot: Robot) -> Array:
+    """Return where goals of a task were (k, 3) [m], as far as they were in the root frame."""
+    return np.array([goal.point for goal in goals
+                     if goal.task == task and goal.point is not None and goal.accepted
+                     and goal.frame in ('', robot.root)]).reshape(-1, 3)

@@ -1,0 +1,120 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The motion of a recording, as a page that shows it in the browser, without a server."""
+
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
+import io
+from typing import Any
+
+import numpy as np
+from tp_controller.bags.history import History, Moment
+from tp_controller.bags.robots import configurations, path_of, tool_frames
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.view.scene import (
+    add_surroundings,
+    camera_pose,
+    FIELD_OF_VIEW,
+    RobotScene,
+    TRAIL_COLOUR,
+    TRAIL_WIDTH,
+)
+import viser
+
+# Path of the tool, all of it.
+PATH = '/path'
+# Where the recording has no messages the replay goes on after this time [s].
+LONGEST_GAP = 2.0
+# From how many configurations the view is chosen.
+VIEWS = 20
+
+
+def replay_page(history: History, robot: Robot) -> str:
+    """
+    Return a page that shows what a robot did, with everything in it.
+
+    Parameters
+    ----------
+    history : History
+        What happened.
+    robot : Robot
+        Its meshes are shown where they are found.
+
+    Returns
+    -------
+    str
+        HTML; empty if nothing is known of where the robot was.
+
+    """
+    times, q, passive, moments = configurations(history, robot)
+    if not len(times):
+        return ''
+    # It tells of a server that nobody has use for.
+    with redirect_stdout(io.StringIO()):
+        server = viser.ViserServer('127.0.0.1', 0, verbose=False)
+        try:
+            return _recorded(server, history, robot, times, q, passive, moments)
+        finally:
+            server.stop()
+
+
+def _recorded(server: viser.ViserServer, history: History, robot: Robot, times: Array, q: Array,
+              passive: Array, moments: Sequence[Moment]) -> str:
+    """Return the page; see `configurations`."""
+    shown = RobotScene(server.scene, robot)
+    add_surroundings(server.scene)
+    frames = tool_frames(history, robot)
+    _look(server, shown, q, passive)
+    if frames:
+        _add_path(server.scene, path_of(robot, next(iter(frames.values())), q, passive))
+    draw = _marker_scene(server.scene)
+    recorded = server.get_scene_serializer()
+    for row, (moment, wait) in enumerate(zip(moments, np.diff(times, append=times[-1]))):
+        shown.show(q[row], passive[row])
+        draw(history.markers(moment))
+        recorded.insert_sleep(float(min(wait, LONGEST_GAP)))
+    return recorded.as_html()
+
+
+def _look(server: viser.ViserServer, shown: RobotScene, q: Array, passive: Array) -> None:
+    """Look from where the robot is seen well all the time."""
+    views = []
+    for row in np.unique(np.linspace(0, len(q) - 1, VIEWS).astype(int)):
+        shown.state.update(q[row], passive[row])
+        views.append(camera_pose(shown.state, shown.robot.frame_names))
+    positions, targets = (np.array(column) for column in zip(*views))
+    middle = 0.5 * (targets.min(axis=0) + targets.max(axis=0))
+    away = (positions - targets)[np.linalg.norm(positions - targets, axis=1).argmax()]
+    spread = np.linalg.norm(targets - middle, axis=1).max()
+    server.initial_camera.position = middle + away * (1.0 + spread / np.linalg.norm(away))
+    server.initial_camera.look_at = middle
+    server.initial_camera.fov = FIELD_OF_VIEW
+
+
+def _add_path(scene: viser.SceneApi, points: Array) -> None:
+    """Add the path of a tool (T, 3)."""
+    if len(points) > 1:
+        scene.add_line_segments(PATH, np.stack((points[:-1], points[1:]), axis=1), TRAIL_COLOUR,
+                                thickness=TRAIL_WIDTH, thickness_units='screen')
+
+
+def _marker_scene(scene: viser.SceneApi) -> Callable[[Sequence[Any]], object]:
+    """Return what draws markers; where their messages are not installed it draws none."""
+    try:
+        from tp_controller.view.markers import MarkerScene
+    except ModuleNotFoundError:
+        return lambda markers: None
+    return MarkerScene(scene).draw
