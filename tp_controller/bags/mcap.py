@@ -112,9 +112,9 @@ class McapFile:
                     advance(file.tell() - place)
                     place = file.tell()
             except (CutOff, struct.error, ValueError):
-                self.fault = f'{self.path.name} is cut off, or damaged, after {place} bytes'
-            else:
-                self.fault = f'{self.path.name} has no end'
+                # What came before was told.
+                pass
+            self.fault = f'{self.path.name} is cut off, or damaged, after {place} bytes'
 
     def _take(self, kind: int, record: bytes) -> Iterator[Raw]:
         """Take one record, and yield the messages in it."""
