@@ -64,7 +64,7 @@ def show_view(options: argparse.Namespace) -> NoReturn:
     Raises
     ------
     TpControllerError
-        The port is taken, the address is none of this machine, or a node ended.
+        The port is taken, or the address is none of this machine.
 
     """
     announce_often()

@@ -1,0 +1,118 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The page from the command line: where it is, when it is not, and how it ends."""
+
+from contextlib import ExitStack
+import os
+from pathlib import Path
+import signal
+import socket
+import subprocess
+import sys
+from urllib.request import urlopen
+
+from processes_harness import command_line, DEADLINE
+import pytest
+from tp_controller.demos import live_page
+from tp_controller.demos.processes import own_domain
+
+pytest.importorskip('viser', reason="needs pip install '.[view]'")
+pytest.importorskip('rclpy', reason='needs ROS 2')
+
+
+@pytest.fixture
+def taken():
+    """Return a port of this machine that somebody listens on."""
+    with socket.socket() as listener:
+        listener.bind(('127.0.0.1', 0))
+        listener.listen()
+        yield listener.getsockname()[1]
+
+
+def hear_ctrl_c():
+    """Let a process end by SIGINT, also where these tests run in the background."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def children_of(pid):
+    """Return the ids of the processes that a process has started."""
+    return [int(found) for found in
+            Path(f'/proc/{pid}/task/{pid}/children').read_text().split()]
+
+
+def test_view_prints_the_address_first_and_ctrl_c_ends_all_that_it_started(environment):
+    with subprocess.Popen([sys.executable, '-m', 'tp_controller', 'view'], env=environment,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                          preexec_fn=hear_ctrl_c) as process:
+        try:
+            word, address = process.stdout.readline().split()[:2]
+            assert word == 'page:'
+            with urlopen(address, timeout=DEADLINE) as answer:
+                assert b'<html' in answer.read()
+            while len(children := children_of(process.pid)) < 2:
+                assert process.poll() is None, process.stderr.read()
+            process.send_signal(signal.SIGINT)
+            assert process.wait(2.0 * DEADLINE) == 130
+        finally:
+            process.kill()
+        assert process.stderr.read() == 'tp_controller: interrupted\n'
+        for child in children:
+            with pytest.raises(ProcessLookupError):
+                os.kill(child, 0)
+
+
+def test_port_that_is_taken_is_said_and_nothing_is_started(environment, taken):
+    status, said, complaint = command_line(environment, 'view', '--port', str(taken))
+    assert (status, said) == (1, '')
+    assert f'http://127.0.0.1:{taken}' in complaint and 'in use' in complaint
+
+
+@pytest.mark.parametrize('port', ['0', '65536', 'http', '-1'])
+def test_port_that_is_none_is_refused(environment, port):
+    status, _, complaint = command_line(environment, 'view', '--port', port)
+    assert status == 2 and '--port' in complaint
+
+
+def test_demo_has_a_page_that_answers(tmp_path):
+    with ExitStack() as stack:
+        environment = stack.enter_context(own_domain())
+        said = live_page.start_page(stack, environment, tmp_path)
+        word, address = said.split()
+        with urlopen(address, timeout=DEADLINE) as answer:
+            assert word == 'page:' and b'<html' in answer.read()
+
+
+def test_demo_without_viser_goes_on_and_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(live_page, 'find_spec', lambda name: None)
+    said = live_page.start_page(ExitStack(), {}, tmp_path)
+    assert said.startswith(live_page.WITHOUT) and "pip install '.[view]'" in said
+
+
+def test_demo_without_a_free_port_goes_on_and_says_so(tmp_path, monkeypatch, taken):
+    from tp_controller.view import server
+    monkeypatch.setattr(server, 'PORTS', range(taken, taken + 1))
+    said = live_page.start_page(ExitStack(), {}, tmp_path)
+    assert said.startswith(live_page.WITHOUT) and f'no free port from {taken}' in said
+
+
+def test_demo_whose_page_cannot_start_goes_on_and_says_why(tmp_path, monkeypatch, taken):
+    # Somebody took it meanwhile.
+    from tp_controller.view import server
+    monkeypatch.setattr(server, 'free_port', lambda host: taken)
+    monkeypatch.setattr(live_page, '_answers', lambda address: False)
+    with ExitStack() as stack:
+        environment = stack.enter_context(own_domain())
+        said = live_page.start_page(stack, environment, tmp_path)
+    assert said.startswith(live_page.WITHOUT) and 'in use' in said
