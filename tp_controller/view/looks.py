@@ -15,7 +15,7 @@
 """What the links of a robot look like: its meshes, else its collision shapes, else solid links."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from xml.etree.ElementTree import Element
 
@@ -24,6 +24,7 @@ from tp_controller.model.dh import LINK_RADIUS
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, pose, rotation_from_rpy
 from tp_controller.model.urdf import MOVING, parse
+from tp_controller.view.borrowed import carriers, lender
 from tp_controller.view.meshes import load_mesh, mesh_path
 from tp_controller.view.parts import Colour, LINK_COLOUR, Part
 
@@ -63,13 +64,26 @@ def looks_of(robot: Robot) -> Looks:
 
     Of each link what its description says is seen if all of it can be read, else what collides.
     Where nothing of this is there, the link is a rod to each of its joints. A description without
-    shapes, or one made of a DH table, gives rods and joints throughout.
+    shapes, or one made of a DH table, gives the looks of the same robot of example-robot-data if
+    that is installed; else rods and joints throughout.
     """
     tree = parse(robot.urdf)
-    if _is_bare(tree):
+    if not _is_bare(tree):
+        return _described(tree)
+    other = lender(robot)
+    if other is None:
         return Looks(skeleton(tree))
-    reader = _Reader(tree)
-    bones = skeleton(tree)
+    lent = _described(parse(other.urdf))
+    parts: dict[str, list[Part]] = {}
+    for link, (frame, T) in carriers(robot, other, parse(other.urdf)).items():
+        parts.setdefault(frame, []).extend(
+            replace(part, T=T.dot(part.T)) for part in lent.parts.get(link, ()))
+    return Looks(parts, lent.remarks)
+
+
+def _described(tree: Element) -> Looks:
+    """Return what a description says that its links look like."""
+    reader, bones = _Reader(tree), skeleton(tree)
     parts: dict[str, list[Part]] = {}
     for link in tree.findall('link'):
         name, shapes = link.attrib['name'], ('visual', 'collision')

@@ -25,7 +25,7 @@ from tp_controller.model.urdf import parse
 
 viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
 
-from tp_controller.view import looks, meshes, parts, scene  # noqa: E402
+from tp_controller.view import borrowed, looks, meshes, parts, scene  # noqa: E402
 
 BOX = '<geometry><box size="0.1 0.2 0.3"/></geometry>'
 BALL = '<geometry><sphere radius="0.2"/></geometry>'
@@ -81,7 +81,7 @@ def configuration(robot, seed):
 @pytest.mark.parametrize('base', ['fixed', 'planar', 'underwater'])
 def test_links_are_shown_where_the_kinematics_have_them(stage, base):
     robot = robots.moving_panda(base) if base != 'fixed' else robots.panda()
-    shown = scene.RobotScene(stage, robot)
+    shown = scene.RobotScene(stage, robot, looks=looks.Looks(looks.skeleton(parse(robot.urdf))))
     assert {'panda_link2', 'panda_link4', 'panda_link7'} <= set(shown.frames)
     for seed in range(3):
         q = configuration(robot, seed)
@@ -153,7 +153,9 @@ def test_joints_of_bare_robots_are_drums_about_their_axes():
     np.testing.assert_allclose(np.abs(drum.T[:3, 2]), [0, 1, 0], atol=1e-9)
 
 
-def test_robot_of_a_dh_table_is_drawn_solid():
+def test_robot_of_a_dh_table_is_drawn_solid(monkeypatch, tmp_path):
+    # Without example-robot-data, as most users are.
+    monkeypatch.setattr(borrowed, 'ROBOTS', tmp_path)
     found = looks.looks_of(robots.panda())
     kinds = {part.kind for each in found.parts.values() for part in each}
     assert kinds == {'cylinder', 'sphere'}
@@ -161,6 +163,30 @@ def test_robot_of_a_dh_table_is_drawn_solid():
     drums = [link for link, each in found.parts.items()
              if any(part.colour == looks.JOINT_COLOUR for part in each)]
     assert len(drums) == 7
+
+
+def test_robot_of_a_dh_table_borrows_the_looks_of_the_same_example_robot():
+    robots.urdf_path('panda')
+    ours, theirs = looks.looks_of(robots.panda()), looks.looks_of(robots.urdf_robot('panda'))
+    assert [part.mesh for part in ours.parts['panda_link4']] == [
+        part.mesh for part in theirs.parts['panda_link4']]
+    # The fingers, which the table does not have, are on the hand.
+    finger = theirs.parts['panda_leftfinger'][0]
+    on_hand = next(part for part in ours.parts['panda_hand'] if part.mesh is finger.mesh)
+    state = robots.urdf_robot('panda').state(robots.urdf_robot('panda').neutral())
+    np.testing.assert_allclose(
+        state.pose('panda_hand') @ on_hand.T, state.pose('panda_leftfinger') @ finger.T,
+        atol=1e-9)
+
+
+@pytest.mark.parametrize('base', ['fixed', 'planar'])
+def test_only_a_robot_with_the_same_kinematics_lends_its_looks(base):
+    robots.urdf_path('panda')
+    text = robots.PANDA_DH.read_text()
+    assert borrowed.lender(Robot.from_dh(text, base=base)) is not None
+    assert borrowed.lender(Robot.from_dh(text.replace('0.316', '0.317'), base=base)) is None
+    assert borrowed.lender(Robot.from_dh(text.replace('joint7', 'joint8'), base=base)) is None
+    assert borrowed.lender(Robot.from_dh(text.replace('name: panda\n', 'name: p\n'))) is None
 
 
 def test_colours_come_from_the_description():
