@@ -296,6 +296,18 @@ def test_obstacle_that_is_dragged_keeps_its_name_and_shape_and_stays():
     assert box.pose.position.x == 1.0
 
 
+def test_region_is_dragged_by_itself_and_not_by_its_goal():
+    markers = [marker('keep/goal'), marker('keep/region', Marker.CUBE), marker('tip/goal')]
+    found = places_of(markers, dict.fromkeys(('keep', 'tip'), {'goal': PoseStamped}))
+    assert [place.name for place in found] == ['keep/region', 'tip/goal']
+
+
+def test_what_is_dragged_bears_a_name():
+    markers = [marker('tip/goal'), marker('avoid/obstacle/shelf/2', Marker.CUBE)]
+    assert [place.title for place in places_of(markers, {'tip': {'goal': PoseStamped}})] == [
+        'tip', 'shelf/2']
+
+
 def test_what_cannot_be_told_cannot_be_dragged():
     markers = [marker('a/frame'), marker('a/error'), marker('b/goal'), marker('c/region')]
     assert places_of(markers, {'a': {'goal': PoseStamped}, 'c': {'goal': PointStamped}}) == []

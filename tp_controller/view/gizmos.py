@@ -87,6 +87,11 @@ class Place:
     marker: Marker
     T: Array
 
+    @property
+    def title(self) -> str:
+        """Return what is written beside it: the name of an obstacle, else of its task."""
+        return self.name.partition(f'{OBSTACLE}/')[2] or self.task
+
     def message(self, T: Array) -> tuple[str, Message]:
         """Return the topic and the message that move it to a pose."""
         if self.group == OBSTACLES:
@@ -184,6 +189,8 @@ class Gizmo:
             f'{HANDLES}/{found.name}', SIZES[found.group], disable_axes=not moves,
             disable_sliders=not moves, disable_rotations=not turns, depth_test=False)
         place(self.handle, found.T)
+        scene.add_label(f'{HANDLES}/{found.name}/label', found.title, anchor='bottom-center',
+                        position=(0.0, 0.0, 0.5 * SIZES[found.group]))
 
         # On the thread of the server, so that the order of the events is kept.
         @self.handle.on_update
@@ -229,9 +236,11 @@ def places_of(markers: Iterable[Marker], topics: Topics) -> list[Place]:
     list of Place
 
     """
-    found = (_place_of(marker, topics) for marker in markers
-             if marker.action == Marker.ADD and marker.id == 0)
-    return [each for each in found if each is not None]
+    found = [place for marker in markers if marker.action == Marker.ADD and marker.id == 0
+             if (place := _place_of(marker, topics)) is not None]
+    # The goal of a region is where the region is.
+    regions = {place.task for place in found if place.group == REGIONS}
+    return [place for place in found if place.group != GOALS or place.task not in regions]
 
 
 def _place_of(marker: Marker, topics: Topics) -> Place | None:

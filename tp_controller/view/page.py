@@ -81,6 +81,7 @@ class Page:
         self.gizmos = Gizmos(server.scene, link.client.publish)
         self._trail = Trail(server.scene, '/path')
         self._topics: Topics = {}
+        self._drawn: Sequence[Marker] = ()
         self._refused: dict[str, int] = {}
         gui = server.gui
         self.state_text = gui.add_html('')
@@ -175,15 +176,21 @@ class Page:
             markers = link.markers if link.present else []
             with self.server.atomic():
                 self._robot.show(link.q, link.passive)
-                self._markers.draw(markers)
-                self._show_gizmos(markers)
                 self._show_path()
+                if markers is not self._drawn or not markers:
+                    self._drawn = markers
+                    self._markers.draw(markers)
+                    self._show_gizmos(markers)
+        self._send_goals()
 
     def _show_gizmos(self, markers: Sequence[Marker]) -> None:
-        """Show what can be dragged, and send what was."""
+        """Show what can be dragged."""
         for group, chosen in self.handles.items():
             self.gizmos.shown[group] = chosen.value
         self.gizmos.follow(places_of(markers, self._topics))
+
+    def _send_goals(self) -> None:
+        """Send what was dragged."""
         self.gizmos.send()
         goal = self.joints.due(time.monotonic())
         if goal is not None and self.joints.task.value:
