@@ -239,9 +239,11 @@ def test_only_a_drag_is_a_goal(server, harness):
     rig.wait_for({'hand', 'tip', 'fence'})
     rig.drag('tip', (0.3, 0.2, 0.0))
     before = int(rig.status.task('tip')['goals accepted'])
-    for name in ('hand', 'turn', 'nobody'):
-        rig.feedback(name, (0.5, 0.4, 0.0), event=InteractiveMarkerFeedback.MOUSE_UP)
-    rig.feedback('turn', (0.5, 0.4, 0.0))
+    drag, drop = InteractiveMarkerFeedback.POSE_UPDATE, InteractiveMarkerFeedback.MOUSE_UP
+    for name, event in (('hand', drop), ('nobody', drop), ('turn', drag)):
+        rig.feedback(name, (0.5, 0.4, 0.0), event=event)
+        # Only the last one waits where they come faster than they are taken.
+        harness.spin_for_more(rig.status.messages, 3, rig.arm.publish)
     rig.feedback('tip', (0.3, 0.3, 0.0))
     rig.spin_until(lambda: int(rig.status.task('tip')['goals accepted']) > before)
     assert rig.status.task('hand')['goals accepted'] == '0'

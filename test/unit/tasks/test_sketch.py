@@ -26,7 +26,7 @@ import robots
 from scipy.spatial.transform import Rotation
 from tp_controller import Controller, Stack
 from tp_controller.control.sketcher import Sketcher
-from tp_controller.tasks import sketch, task_types
+from tp_controller.tasks import Posture, sketch, task_types
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
 TOOL, ELBOW = robots.PANDA_TOOL, 'panda_link4'
@@ -360,6 +360,18 @@ def test_only_the_nearest_pairs_are_drawn_each_once():
     close(gaps.distances, nearest, atol=1e-12)
 
 
+def test_pair_that_faces_each_other_flatly_is_one_line():
+    capsule = {'from': [0.0, 0.0, -0.1], 'to': [0.0, 0.0, 0.1], 'radius': 0.07}
+    T = Placements(robots.panda(), robots.PANDA_READY)[TOOL]
+    beside = np.eye(4)
+    beside[0, 3] = 0.07 + 0.03 + 0.05
+    task = make('obstacles', links=TOOL, capsules={TOOL: capsule}, obstacles={
+        'wall': {'shape': {'box': [0.1, 0.4, 0.4]}, 'at': (T @ beside).tolist()}})
+    state = task.robot.state(robots.PANDA_READY)
+    assert len(task.observe_rows(state).value) > 1
+    close(drawn(task, state)['distance'].distances, [0.03], atol=1e-6)
+
+
 def test_distances_are_those_of_the_last_cycle():
     task = make('self_collision')
     assert drawn(task, task.robot.state(robots.PANDA_READY)) == {}
@@ -431,3 +443,24 @@ def test_picture_is_of_the_last_cycle():
         close(frame.T, Placements(robot, q)[TOOL], atol=1e-9)
     controller.enable('tool', False)
     assert 'tool' not in sketcher.sketch(controller)
+
+
+class Careless(Posture):
+    """A posture that is another one once it has been drawn."""
+
+    type_name = ''
+
+    def sketch(self, state):
+        """Forget the goal."""
+        self.goal = self.gain = None
+        return super().sketch(state)
+
+
+def test_what_a_task_changes_while_it_is_drawn_is_a_copy():
+    robot = robots.panda()
+    controller = Controller(robot, Stack([[Careless(robot, 'careless')]]))
+    controller.update(robots.PANDA_READY, 0.0)
+    assert Sketcher(robot, pytest.fail).sketch(controller) == {'careless': []}
+    task, = controller.stack.active_tasks
+    close(task.goal, robots.PANDA_READY)
+    assert controller.update(robots.PANDA_READY, 0.01).report.tasks[0].status == 'reached'
