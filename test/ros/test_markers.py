@@ -21,6 +21,7 @@ from harness import Arm, JOINTS, Status
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
+from rclpy.time import Time
 import robots
 from tp_controller.model.shapes import Sphere
 from tp_controller.model.spatial import pose, rotation_from_quaternion
@@ -70,9 +71,12 @@ class Rig:
         self.harness.spin_until(condition, meanwhile=self.arm.publish)
 
     def drawn(self):
-        """Return {namespace: list of markers} of a message that is still to come."""
-        del self.arrays[:]
-        self.spin_until(lambda: self.arrays and self.arrays[-1].markers)
+        """Return {namespace: list of markers} of a message still to come, of tasks with goals."""
+        self.spin_until(lambda: self.controller._loop.report is not None)
+        now = self.harness.node.get_clock().now()
+        # Those before may still be on their way.
+        self.spin_until(lambda: self.arrays and self.arrays[-1].markers and Time.from_msg(
+            self.arrays[-1].markers[0].header.stamp) > now)
         found = {}
         for marker in self.arrays[-1].markers:
             found.setdefault(marker.ns, []).append(marker)
@@ -154,6 +158,28 @@ def test_markers_are_not_made_where_nobody_looks(harness, monkeypatch):
     harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
     harness.spin_for_more(status.messages, 3, arm.publish)
     assert controller is not None
+
+
+def test_frames_follow_a_stopped_robot_that_somebody_else_moves(harness):
+    rig = Rig(harness)
+    rig.spin_until(lambda: rig.status.head == 'running')
+    harness.trigger('stop')
+    rig.arm.q = [0.5, 0.2, -0.3]
+    end = rig.state.pose('link3')
+    rig.spin_until(lambda: np.allclose(pose_of(rig.drawn()['tip/frame'][0]), end, atol=1e-9))
+    # The goal stays where it is.
+    np.testing.assert_allclose(
+        pose_of(rig.drawn()['tip/goal'][0])[:3, 3],
+        rig.controller._controller.robot.state(Q).position('link3'), atol=1e-9)
+
+
+def test_nothing_is_drawn_of_a_robot_that_nothing_is_heard_of(harness):
+    rig = Rig(harness)
+    harness.spin_for_more(rig.arrays, 3)
+    assert not any(array.markers for array in rig.arrays)
+    rig.arm.q = [1e300, 0.0, 0.0]
+    harness.spin_for_more(rig.arrays, 3, rig.arm.publish)
+    assert not any(array.markers for array in rig.arrays)
 
 
 def test_markers_of_a_stack_that_has_not_run_yet_are_no_garbage(harness):
@@ -312,8 +338,15 @@ def test_task_that_cannot_be_drawn_is_named_and_harms_nothing(harness, log, monk
     rig.spin_until(lambda: {marker.ns for marker in rig.arrays[-1].markers} == {
         'turn/frame', 'turn/goal'})
     assert fault in told
-    # Once, and not with every message.
-    harness.spin_for_more(rig.arrays, 80, rig.arm.publish)
+
+
+def test_task_that_cannot_be_drawn_is_named_once(harness, log, monkeypatch):
+    rig = Rig(harness)
+    rig.drawn()
+    monkeypatch.setattr(rig.controller._controller.stack.tasks['tip'], 'sketch', lambda _: 1 / 0)
+    harness.spin_until_logged(log, 'task tip is not drawn: sketch raised ', rig.arm.publish)
+    # Whatever repeats is written every second.
+    harness.spin_for_more(rig.arrays, 60, rig.arm.publish)
     assert 'is not drawn' not in log()
 
 

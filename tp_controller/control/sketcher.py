@@ -16,13 +16,16 @@
 
 from collections.abc import Callable, Mapping
 from itertools import islice
+from typing import TypeAlias
 
+from numpy.typing import ArrayLike
 from tp_controller.control.controller import Controller
 from tp_controller.model.robot import Robot
 from tp_controller.tasks.guard import raised
 from tp_controller.tasks.sketch import Sketch
 from tp_controller.tasks.task import Task
 
+Place: TypeAlias = tuple[ArrayLike, ArrayLike | None]
 # How many parts of a task are drawn.
 MOST_PARTS = 200
 
@@ -45,22 +48,32 @@ class Sketcher:
     def __init__(self, robot: Robot, refused: Callable[[str, str], object]) -> None:
         self._state, self._refused = robot.state(robot.neutral()), refused
 
-    def sketch(self, controller: Controller) -> Mapping[str, list[Sketch]]:
+    def sketch(self, controller: Controller, place: Place | None = None
+               ) -> Mapping[str, list[Sketch]]:
         """
-        Return what can be drawn of the enabled tasks, where the robot was in the last cycle.
+        Return what can be drawn of the enabled tasks.
 
         Parameters
         ----------
         controller : Controller
             Another thread may use it meanwhile if it is a `SharedController`.
+        place : tuple, optional
+            Where the robot is, as `Controller.configuration` returns it; by default where it was
+            in the last cycle.
 
         Returns
         -------
         dict
-            {task: list of Sketch}, in order of priority; empty before the first cycle.
+            {task: list of Sketch}, in order of priority; empty where nobody knows where the robot
+            is.
+
+        Raises
+        ------
+        RobotError
+            `place` cannot be one.
 
         """
-        place = controller.configuration()
+        place = place or controller.configuration()
         if place is None:
             return {}
         self._state.update(*place)

@@ -181,6 +181,13 @@ class ControlLoop:
         self.active, self.stop_reason = False, reason
         self.commands.interrupt(LAST_ZEROS)
 
+    def place(self) -> tuple[Array, Array] | None:
+        """Return where the robot is by what was heard last, as `Controller.configuration`."""
+        joints = self._buffer.q.copy()
+        if not np.isfinite(joints).all():
+            return None
+        return self._base.configuration(joints), self._buffer.passive.copy()
+
     def lasting(self) -> str:
         """Return what speaks against starting the robot now, if anything."""
         return self._buffer.lasting(boot_time())

@@ -22,6 +22,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from tp_controller.control.report import TaskReport
 from tp_controller.control.sketcher import Sketcher
+from tp_controller.errors import RobotError
 from tp_controller.nodes.figures import Figures
 from tp_controller.nodes.interactive_goals import InteractiveGoals
 from tp_controller.nodes.log import Log
@@ -31,6 +32,7 @@ from tp_controller.nodes.shared_controller import SharedController
 from tp_controller.nodes.status import diagnostics, task_reports
 from tp_controller.nodes.task_numbers import TaskNumbers
 from tp_controller.nodes.task_topics import GoalRecord, TaskTopics
+from tp_controller.tasks.sketch import Sketch
 from visualization_msgs.msg import MarkerArray
 
 # How long a sentence waits at most until it is written [s].
@@ -121,12 +123,22 @@ class Reporter:
             return
         controller, sketcher = self._controller, self._sketcher
         root, tasks = (controller.robot.root, controller.stack.tasks) if controller else ('', {})
-        sketches = sketcher.sketch(controller) if sketcher and controller else {}
+        sketches = self._sketches(sketcher, controller) if sketcher and controller else {}
         if watched:
             self._drawn.publish(self._markers.message(self._node.get_clock().now().to_msg(), root,
                                                       sketches))
         if dragged:
             self._goals.show(root, tasks, sketches)
+
+    def _sketches(self, sketcher: Sketcher, controller: SharedController
+                  ) -> Mapping[str, list[Sketch]]:
+        """Return what can be drawn; while the robot is stopped somebody else may move it."""
+        loop = self._loop
+        try:
+            return sketcher.sketch(controller, loop.place() if loop and loop.stop_reason else None)
+        except RobotError:
+            # As of joint states that no cycle would accept either; the status has the reason.
+            return {}
 
     def _undrawn(self, task: str, reason: str) -> None:
         """Say why a task cannot be drawn, once."""
