@@ -15,21 +15,29 @@
 """What the controller draws of its tasks (`~/markers`), in a scene of the browser."""
 
 from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from tp_controller.model.spatial import Array, pose, rotation_from_quaternion
 from tp_controller.view.parts import add_part, Colour, Part, place
 import viser
-from visualization_msgs.msg import Marker
+
+if TYPE_CHECKING:
+    # Recordings are shown without ROS; their markers have the same fields.
+    from visualization_msgs.msg import Marker
 
 TASKS = '/tasks'
 # A marker by its namespace and number.
 Key = tuple[str, int]
 # A pose or point that differs by less is the same [m].
 SAME = 1e-6
-PART_KINDS = {Marker.CUBE: 'box', Marker.SPHERE: 'sphere', Marker.CYLINDER: 'cylinder'}
-LINES = (Marker.LINE_LIST, Marker.LINE_STRIP)
+# Types of markers, and what is done with them, as visualization_msgs/Marker has them.
+ARROW, CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST = range(6)
+TEXT_VIEW_FACING, TRIANGLE_LIST = 9, 11
+ADDED = 0
+PART_KINDS = {CUBE: 'box', SPHERE: 'sphere', CYLINDER: 'cylinder'}
+LINES = (LINE_LIST, LINE_STRIP)
 
 
 class MarkerScene:
@@ -52,7 +60,7 @@ class MarkerScene:
         self._drawn: dict[Key, _Drawn] = {}
         scene.add_frame(name, show_axes=False)
 
-    def draw(self, markers: Iterable[Marker]) -> None:
+    def draw(self, markers: Iterable['Marker']) -> None:
         """
         Show markers in place of those that were shown before.
 
@@ -63,14 +71,14 @@ class MarkerScene:
 
         """
         wanted = {(marker.ns, marker.id): marker for marker in markers
-                  if marker.action == Marker.ADD and marker.type in ADD
+                  if marker.action == ADDED and marker.type in ADD
                   and self._shown(marker.ns)}
         for key in self._drawn.keys() - wanted.keys():
             self._drawn.pop(key).handle.remove()
         for key, marker in wanted.items():
             self._draw(key, marker)
 
-    def _draw(self, key: Key, marker: Marker) -> None:
+    def _draw(self, key: Key, marker: 'Marker') -> None:
         """Show a marker."""
         before = self._drawn.get(key)
         points = np.array([(point.x, point.y, point.z) for point in marker.points])
@@ -99,37 +107,37 @@ class _Drawn:
         self.T: Array | None = None
 
 
-def pose_of(marker: Marker) -> Array:
+def pose_of(marker: 'Marker') -> Array:
     """Return the pose (4, 4) of a marker."""
     point, turn = marker.pose.position, marker.pose.orientation
     return pose(rotation_from_quaternion((turn.x, turn.y, turn.z, turn.w)),
                 (point.x, point.y, point.z))
 
 
-def _looks(marker: Marker) -> object:
+def _looks(marker: 'Marker') -> object:
     """Return all of a marker that does not change as it moves."""
     scale, colour = marker.scale, marker.color
     return (marker.type, scale.x, scale.y, scale.z, colour.r, colour.g, colour.b, colour.a,
             marker.text, tuple((each.r, each.g, each.b) for each in marker.colors))
 
 
-def _colour(marker: Marker) -> Colour:
+def _colour(marker: 'Marker') -> Colour:
     """Return the colour of a marker."""
     return (round(255 * marker.color.r), round(255 * marker.color.g), round(255 * marker.color.b))
 
 
-def _add_part(scene: viser.SceneApi, name: str, marker: Marker,
+def _add_part(scene: viser.SceneApi, name: str, marker: 'Marker',
               points: Array) -> viser.SceneNodeHandle:
     """Add a box, an ellipsoid or a cylinder."""
     x, y, z = marker.scale.x, marker.scale.y, marker.scale.z
     size: dict[int, tuple[float, ...]] = {
-        Marker.CUBE: (x, y, z), Marker.SPHERE: (0.5 * x, 0.5 * y, 0.5 * z),
-        Marker.CYLINDER: (0.5 * x, z)}
+        CUBE: (x, y, z), SPHERE: (0.5 * x, 0.5 * y, 0.5 * z),
+        CYLINDER: (0.5 * x, z)}
     return add_part(scene, name, Part(PART_KINDS[marker.type], size[marker.type], np.eye(4),
                                       _colour(marker), marker.color.a))
 
 
-def _add_lines(scene: viser.SceneApi, name: str, marker: Marker,
+def _add_lines(scene: viser.SceneApi, name: str, marker: 'Marker',
                points: Array) -> viser.SceneNodeHandle:
     """Add lines, with a colour for each end where there are some."""
     ends = _segments(marker, points)
@@ -140,7 +148,7 @@ def _add_lines(scene: viser.SceneApi, name: str, marker: Marker,
     return scene.add_line_segments(name, ends, colours, thickness=marker.scale.x)
 
 
-def _add_arrow(scene: viser.SceneApi, name: str, marker: Marker,
+def _add_arrow(scene: viser.SceneApi, name: str, marker: 'Marker',
                points: Array) -> viser.SceneNodeHandle:
     """Add an arrow between two points, or along x where there are none."""
     scale = marker.scale
@@ -153,7 +161,7 @@ def _add_arrow(scene: viser.SceneApi, name: str, marker: Marker,
                             head_radius=0.5 * head, head_length=length)
 
 
-def _add_triangles(scene: viser.SceneApi, name: str, marker: Marker,
+def _add_triangles(scene: viser.SceneApi, name: str, marker: 'Marker',
                    points: Array) -> viser.SceneNodeHandle:
     """Add triangles, seen from both sides."""
     return scene.add_mesh_simple(
@@ -162,21 +170,21 @@ def _add_triangles(scene: viser.SceneApi, name: str, marker: Marker,
         cast_shadow=False, receive_shadow=False)
 
 
-def _add_text(scene: viser.SceneApi, name: str, marker: Marker,
+def _add_text(scene: viser.SceneApi, name: str, marker: 'Marker',
               points: Array) -> viser.SceneNodeHandle:
     """Add a text."""
     return scene.add_label(name, marker.text, font_size_mode='scene', anchor='center-center',
                            font_scene_height=marker.scale.z)
 
 
-def _segments(marker: Marker, points: Array) -> Array:
+def _segments(marker: 'Marker', points: Array) -> Array:
     """Return the ends (k, 2, 3) of the lines of a marker."""
-    if marker.type == Marker.LINE_LIST:
+    if marker.type == LINE_LIST:
         return points[:len(points) // 2 * 2].reshape(-1, 2, 3)
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
-def _move_points(handle: viser.SceneNodeHandle, marker: Marker, points: Array) -> None:
+def _move_points(handle: viser.SceneNodeHandle, marker: 'Marker', points: Array) -> None:
     """Give a marker other points, as many as it had."""
     if isinstance(handle, viser.LineSegmentsHandle):
         handle.points = _segments(marker, points).astype(np.float32)
@@ -186,8 +194,8 @@ def _move_points(handle: viser.SceneNodeHandle, marker: Marker, points: Array) -
         handle.vertices = points.astype(np.float32)
 
 
-Adder = Callable[[viser.SceneApi, str, Marker, Array], viser.SceneNodeHandle]
+Adder = Callable[[viser.SceneApi, str, 'Marker', Array], viser.SceneNodeHandle]
 ADD: dict[int, Adder] = {
     **dict.fromkeys(PART_KINDS, _add_part), **dict.fromkeys(LINES, _add_lines),
-    Marker.ARROW: _add_arrow, Marker.TRIANGLE_LIST: _add_triangles,
-    Marker.TEXT_VIEW_FACING: _add_text}
+    ARROW: _add_arrow, TRIANGLE_LIST: _add_triangles,
+    TEXT_VIEW_FACING: _add_text}

@@ -14,16 +14,16 @@
 
 """The motion of a recording, as a page that shows it in the browser, without a server."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import redirect_stdout
 import io
-from typing import Any
 
 import numpy as np
 from tp_controller.bags.history import History, Moment
 from tp_controller.bags.robots import configurations, path_of, tool_frames
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.view.markers import MarkerScene
 from tp_controller.view.scene import (
     add_surroundings,
     camera_pose,
@@ -80,11 +80,11 @@ def _recorded(server: viser.ViserServer, history: History, robot: Robot, times: 
     _look(server, shown, q, passive)
     if frames:
         _add_path(server.scene, path_of(robot, next(iter(frames.values())), q, passive))
-    draw = _marker_scene(server.scene)
+    markers = MarkerScene(server.scene)
     recorded = server.get_scene_serializer()
     for row, (moment, wait) in enumerate(zip(moments, np.diff(times, append=times[-1]))):
         shown.show(q[row], passive[row])
-        draw(history.markers(moment))
+        markers.draw(history.markers(moment))
         recorded.insert_sleep(float(min(wait, LONGEST_GAP)))
     return recorded.as_html()
 
@@ -109,12 +109,3 @@ def _add_path(scene: viser.SceneApi, points: Array) -> None:
     if len(points) > 1:
         scene.add_line_segments(PATH, np.stack((points[:-1], points[1:]), axis=1), TRAIL_COLOUR,
                                 thickness=TRAIL_WIDTH, thickness_units='screen')
-
-
-def _marker_scene(scene: viser.SceneApi) -> Callable[[Sequence[Any]], object]:
-    """Return what draws markers; where their messages are not installed it draws none."""
-    try:
-        from tp_controller.view.markers import MarkerScene
-    except ModuleNotFoundError:
-        return lambda markers: None
-    return MarkerScene(scene).draw
