@@ -63,6 +63,8 @@ def test_goals_are_told_with_what_became_of_them(run):
     assert first.accepted and first.reached == pytest.approx(2.0)
     assert outcome(first, None, run.end) == 'reached after 1.5 s'
     assert outcome(second, None, run.end) == 'refused: not finite'
+    # The task is at its goal before.
+    assert second.reached == math.inf
 
 
 def test_stops_are_told_with_their_reasons(run):

@@ -32,7 +32,7 @@ from tp_controller.bags.reader import Bag, Unreadable
 from tp_controller.bags.writer import BagWriter
 
 
-def messages(path, node='tp_controller'):
+def messages(path):
     """Return all messages, and what is wrong with the recording."""
     bag = Bag(path)
     return list(bag.messages(lambda size: None)), bag.remarks
@@ -116,6 +116,15 @@ def test_a_recorder_that_is_killed_loses_what_came_since_the_last_flush_only(tmp
     assert [raw.stamp for raw in found] == list(range(7))
     assert any('was not ended' in remark for remark in remarks)
     assert len(messages(tmp_path / 'run')[0]) == 10
+
+
+def test_what_is_not_encoded_as_ros_messages_are_is_left_out(tmp_path):
+    with Writer(tmp_path / 'run', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic, encoding in (('/json', 'json'), ('/text', 'cdr')):
+            connection = writer.add_connection(topic, 'std_msgs/msg/String', serialization_format=(
+                encoding), typestore=recordings.STORE)
+            writer.write(connection, 5, b'{}')
+    assert [raw.topic for raw in messages(tmp_path / 'run')[0]] == ['/text']
 
 
 def test_files_of_a_split_recording_are_read_in_their_order(run, tmp_path):
