@@ -241,11 +241,12 @@ def _report(setup: Setup, seed: int, glimpses: Sequence[Glimpse], runs: Sequence
                   for task, number in _numbered(setup.stack))
     worst = _worst(runs)
     numbers = {task.name: task.level for task in tasks}
+    filling = seen[0].filling if seen else frozenset()
     findings = [*faults, *_failures(glimpses, runs), *chain(
-        about_robot(setup), about_levels(levels, setup.robot.n),
+        about_robot(setup), about_levels(levels, filling),
         about_pairs(pairs, numbers), about_gains(setup, tasks),
         about_singularities(setup, tasks), about_bounds(tasks, len(runs)),
-        about_goals(tasks), about_limits(worst, setup),
+        about_goals(tasks, filling), about_limits(worst, setup),
         about_time(timing, setup) if timing else ())]
     ended = Counter(run.ended for run in runs)
     return CheckReport(
@@ -294,14 +295,15 @@ def _task(setup: Setup, task: Task, number: int, glimpses: Sequence[Glimpse],
           runs: Sequence[Run]) -> TaskResult:
     """Return what was found about a task."""
     name = task.name
-    singular = smallest = outside = active = active_in_loops = None
+    singular = smallest = outside = rows = active = active_in_loops = None
     if glimpses and name in glimpses[0].smallest:
         values = np.array([each.smallest[name] for each in glimpses])
         region = _region(setup, number)
         smallest = float(np.median(values))
         singular = None if region is None else float(np.mean(values < region))
     if glimpses and name in glimpses[0].bounds:
-        outside, active = np.mean([each.bounds[name] for each in glimpses], axis=0).tolist()
+        outside, active, rows = np.mean(
+            [each.bounds[name] for each in glimpses], axis=0).tolist()
         shares = [run.active[name] for run in runs if name in run.active]
         active_in_loops = float(np.mean(shares)) if shares else None
     done = [(run.tasks[name], run.far) for run in runs if name in run.tasks]
@@ -311,7 +313,7 @@ def _task(setup: Setup, task: Task, number: int, glimpses: Sequence[Glimpse],
     seconds = [each.seconds for each in reached]
     return TaskResult(
         name, task.type_name, number, _gain_period(setup, task), singular, smallest, outside,
-        active, active_in_loops, len(possible), len(reached), len(near),
+        rows, active, active_in_loops, len(possible), len(reached), len(near),
         sum(each.reached for each in near), float(np.median(seconds)) if seconds else None,
         max(seconds, default=None), _causes([each for each, _ in possible]))
 

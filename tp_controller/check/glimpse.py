@@ -53,7 +53,9 @@ class Glimpse:
     pairs : dict
         {(task, task): (smallest angle between their rows [rad], directions that they share)}.
     bounds : dict
-        {inequality task: (value outside its bounds, bounds active)}.
+        {inequality task: (value outside its bounds, bounds active, share of rows outside)}.
+    filling : frozenset of str
+        Tasks that demand a velocity of every joint.
 
     """
 
@@ -61,7 +63,8 @@ class Glimpse:
     ranks: dict[int, tuple[int, int]]
     smallest: dict[str, float]
     pairs: dict[tuple[str, str], tuple[float, int]]
-    bounds: dict[str, tuple[bool, bool]]
+    bounds: dict[str, tuple[bool, bool, float]]
+    filling: frozenset[str] = frozenset()
 
 
 def glimpse(setup: Setup, seed: np.random.SeedSequence) -> Glimpse:
@@ -91,12 +94,15 @@ def glimpse(setup: Setup, seed: np.random.SeedSequence) -> Glimpse:
     except EvaluationError as error:
         return Glimpse((error.task, error.reason), {}, {}, {}, {})
     levels = levels_of(evaluations)
+    # Who demands something of every joint, as a posture does, shares directions with everybody.
     demanding = [evaluation for group in evaluations for evaluation in group
-                 if not evaluation.task.bounded and not evaluation.task.every_joint
-                 and not evaluation.level.is_identity]
+                 if not evaluation.task.bounded]
+    filling = [each for each in demanding if _fills(each.level, setup.robot.joint_columns)]
+    demanding = [each for each in demanding if each not in filling]
     return Glimpse((), _ranks(levels, setup.robot.n),
                    {each.task.name: smallest_singular_value(each.level.J) for each in demanding},
-                   _pairs(demanding), _bounds(setup, here, evaluations, levels))
+                   _pairs(demanding), _bounds(setup, here, evaluations, levels),
+                   frozenset(each.task.name for each in filling))
 
 
 def smallest_singular_value(J: Array) -> float:
@@ -115,6 +121,13 @@ def _row_basis(J: Array) -> Array:
     """Return orthonormal rows (k, n) that span those of J."""
     _, s, V = np.linalg.svd(J, full_matrices=False)
     return V[s > NEGLIGIBLE * max(float(np.linalg.norm(J)), NEGLIGIBLE)]
+
+
+def _fills(level: Level, joints: slice) -> bool:
+    """Say whether a level demands a velocity of every joint, in their order."""
+    rows = level.J[:, joints]
+    return level.is_identity or (rows.shape[0] == rows.shape[1]
+                                 and np.array_equal(rows, np.eye(len(rows))))
 
 
 def _ranks(levels: Sequence[Level], n: int) -> dict[int, tuple[int, int]]:
@@ -140,8 +153,8 @@ def _pairs(evaluations: Sequence[Evaluation]) -> dict[tuple[str, str], tuple[flo
 
 
 def _bounds(setup: Setup, state: RobotState, evaluations: Sequence[Sequence[Evaluation]],
-            levels: list[Level]) -> dict[str, tuple[bool, bool]]:
-    """Return for each inequality task whether it is outside its bounds, and pushes."""
+            levels: list[Level]) -> dict[str, tuple[bool, bool, float]]:
+    """Return for each inequality task what `Glimpse.bounds` has."""
     if not any(level.v is None for level in levels):
         return {}
     robot, settings = setup.robot, setup.settings
@@ -152,7 +165,9 @@ def _bounds(setup: Setup, state: RobotState, evaluations: Sequence[Sequence[Eval
                            setup.period)
     active = active_bounds(evaluations, solution)
     return {evaluation.task.name: (_is_outside(evaluation),
-                                   evaluation.task.name in active)
+                                   evaluation.task.name in active,
+                                   float(np.mean(evaluation.error != 0.0))
+                                   if len(evaluation.error) else 0.0)
             for group in evaluations for evaluation in group if evaluation.task.bounded}
 
 

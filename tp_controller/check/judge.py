@@ -77,36 +77,36 @@ def about_robot(setup: Setup) -> Iterator[Finding]:
                           'say in the stack that it is meant so, if it is')
 
 
-def about_levels(levels: Sequence[LevelResult], n: int) -> Iterator[Finding]:
-    """Yield what the levels above leave to a level; n is the number of velocities."""
+def about_levels(levels: Sequence[LevelResult], filling: frozenset[str]) -> Iterator[Finding]:
+    """Yield what the levels above leave to a level; `filling` demand something of every joint."""
     for level in levels:
         above = _names([task for each in levels if each.number < level.number
                         for task in each.tasks])
         where = f'level {level.number} ({_names(level.tasks)})'
-        if level.never == 1.0 and level.rank == n:
+        fills = not filling.isdisjoint(level.tasks)
+        if level.never == 1.0 and fills and above:
             yield Finding(
                 DOUBTFUL, 'never acts', where,
-                f'{above} above it take all {n} directions: it acts only where one of them is '
+                f'all directions are taken by {above}: it acts only where some of them are '
                 'relaxed near a singularity, or disabled',
                 'leave it out, or leave out axes of a task above that need not be exact')
         elif level.never == 1.0:
             yield Finding(
                 WRONG, 'never acts', where,
-                'it can never act: ' + (
-                    f'in none of the samples did {above} above leave it a direction' if above
-                    else 'the robot can move none of its rows'),
+                'it can never act: ' + (f'in none of the samples is a direction left by {above}'
+                                        if above else 'the robot can move none of its rows'),
                 'put it above them, or leave out axes of theirs' if above
                 else 'name another frame, other axes or other joints')
         elif level.never >= MOST:
             yield Finding(
                 DOUBTFUL, 'seldom acts', where,
-                f'in {level.never:.0%} of the samples {above} above leave it no direction',
+                f'in {level.never:.0%} of the samples no direction is left by {above}',
                 'put it above them, or leave out axes of theirs')
-        elif level.median_left < level.rank < n:
+        elif level.median_left < level.rank and not fills:
             yield Finding(
                 DOUBTFUL, 'acts in part', where,
-                f'{above} above leave it {level.median_left:g} of its {level.rank} directions '
-                'in the median', 'leave out axes of one of them')
+                f'{level.median_left:g} of its {level.rank} directions are left by {above}, in '
+                'the median', 'leave out axes of one of them')
 
 
 def about_pairs(pairs: Sequence[PairResult], levels: dict[str, int]) -> Iterator[Finding]:
@@ -184,7 +184,7 @@ def about_bounds(tasks: Sequence[TaskResult], runs: int) -> Iterator[Finding]:
                 f'in {runs - task.possible} of {runs} runs the robot did not come to within its '
                 'bounds before it started', 'widen its bounds, or those of others that contradict '
                 'them; or put it higher')
-        if task.outside > 1.0 - HARDLY_ANY:
+        if task.outside > 1.0 - HARDLY_ANY and (task.rows_outside or 0.0) > MOST:
             yield Finding(
                 DOUBTFUL, 'bounds dominate', task.name,
                 f'{task.outside:.1%} of the samples are outside its bounds', 'widen its bounds')
@@ -195,8 +195,8 @@ def about_bounds(tasks: Sequence[TaskResult], runs: int) -> Iterator[Finding]:
                 'loops', 'widen its bounds')
 
 
-def about_goals(tasks: Sequence[TaskResult]) -> Iterator[Finding]:
-    """Yield which tasks reach their goals in closed loops."""
+def about_goals(tasks: Sequence[TaskResult], filling: frozenset[str]) -> Iterator[Finding]:
+    """Yield which tasks reach their goals in closed loops; `filling` demand every joint."""
     for task in tasks:
         if not task.possible:
             continue
@@ -208,7 +208,10 @@ def about_goals(tasks: Sequence[TaskResult]) -> Iterator[Finding]:
         if task.median_seconds is not None and task.outside is None:
             near += f', after {task.median_seconds:.1f} s in the median'
         if task.possible >= ENOUGH and not task.reached:
-            severity, kind, change = WRONG, 'never reached', _cure(task.causes)
+            # Below others that is how priorities work.
+            below = task.name in filling or task.causes[0].kind in ('task', 'bounds')
+            severity, kind = DOUBTFUL if below else WRONG, 'never reached'
+            change = _cure(task.causes)
         elif task.possible_near >= ENOUGH_NEAR and task.reached_near < MOST * task.possible_near:
             severity, kind, change = DOUBTFUL, 'seldom reached', _cure(task.causes)
         else:

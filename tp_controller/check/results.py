@@ -88,6 +88,7 @@ class TaskResult:
     smallest: float | None = _said('median of its smallest singular value')
     outside: float | None = _said('share of samples in which an inequality task is outside its '
                                   'bounds')
+    rows_outside: float | None = _said('mean share of its rows that are outside')
     active: float | None = _said('share of samples in which its bounds are active')
     active_in_loops: float | None = _said('share of the time of the closed loops in which they '
                                           'are')

@@ -26,7 +26,8 @@ from tp_controller import Controller, Robot, RobotError, Settings, SettingsError
 from tp_controller.check import check, CheckReport
 from tp_controller.check.closed_loop import closed_loop, Extremes, start_loop, watch
 from tp_controller.check.glimpse import angles_between, smallest_singular_value
-from tp_controller.check.results import DOUBTFUL, FINE, schema, WRONG
+from tp_controller.check.judge import about_goals
+from tp_controller.check.results import CauseCount, DOUBTFUL, FINE, schema, WRONG
 from tp_controller.check.sampling import random_configuration
 from tp_controller.check.setup import Setup
 from tp_controller.model.simulator import start_configuration
@@ -115,6 +116,24 @@ def test_angles_are_those_of_another_library():
             np.sort(subspace_angles(one.T, other.T)), abs=1e-7)
 
 
+@pytest.mark.parametrize('robot', [panda(), moving_panda('differential')],
+                         ids=lambda robot: robot.base)
+def test_a_posture_fights_with_nobody(robot):
+    # With a base that moves it is about the joints alone.
+    lines = ['tool: {type: position, frame: panda_hand_tcp}', POSTURE]
+    report = check(robot, stack_of(robot, *lines), **FEW)
+    assert not report.pairs and not [each for each in report.findings if each.kind in (
+        'fight', 'acts in part', 'never acts')]
+
+
+def test_a_pose_of_an_arm_with_as_many_joints_as_rows_is_looked_at():
+    lines = ['tip: {type: pose, frame: link3, axes: [x, y, rz]}', ANGLE]
+    report = check(planar(), stack_of(planar(), *lines), **FEW)
+    assert report.pairs[0].shared == 1.0 and report.tasks[0].smallest is not None
+    assert ('never acts', 'level 2 (angle)') in {
+        (each.kind, each.where) for each in report.of(WRONG)}
+
+
 # Gains -----------------------------------------------------------------------------------
 
 
@@ -154,6 +173,14 @@ def test_a_region_that_hardly_any_configuration_is_in_dominates():
     assert found(planar(), lines, samples=200)['bounds dominate', 'small'] == DOUBTFUL
     lines = ['wide: {type: keep_in, frame: link3, shape: {sphere: 1.7}}']
     assert ('bounds dominate', 'wide') not in found(planar(), lines, samples=200)
+
+
+def test_many_rows_do_not_dominate_because_one_of_them_is_outside():
+    # Each of seven joints is outside in about 45 % of the samples, one of them nearly always.
+    lines = ['joints: {type: joint_limits, margin: 1.05}', 'tool: {type: posture}']
+    task = check(panda(), stack_of(panda(), *lines), samples=200, runs=0).tasks[0]
+    assert task.outside > 0.97 and 0.4 < task.rows_outside < 0.5
+    assert ('bounds dominate', 'joints') not in found(panda(), lines, samples=200)
 
 
 def test_shares_outside_are_those_of_the_samples():
@@ -226,6 +253,22 @@ def test_a_slow_task_never_reaches_its_goal_in_time():
     finding, = (each for each in report.findings if each.where == 'tip')
     assert (finding.severity, finding.kind) == (WRONG, 'never reached')
     assert report.ended['time is up'] + report.ended['at rest'] == 5 and not report.passes()
+
+
+def test_what_tasks_above_prevent_is_only_doubtful():
+    # Both sit on one level as far as their directions go; the second is last.
+    lines = ['first: {type: joint, joints: joint1, gain: 5.0, target: [0.5]}',
+             'turn: {type: joint, joints: [joint1, joint2], gain: 5.0}', POSTURE]
+    report = check(planar(), stack_of(planar(), *lines), samples=3, runs=2, seconds=2.0)
+    blocked = replace(report.tasks[1], possible=6, reached=0, causes=(
+        CauseCount('task', 'first', 6),))
+    limited = replace(blocked, causes=(CauseCount('velocity limit', 'joint1', 6),))
+    for task, filling, severity in ((blocked, frozenset(), DOUBTFUL),
+                                    (limited, frozenset(), WRONG),
+                                    (limited, frozenset(['turn']), DOUBTFUL)):
+        finding, = about_goals([task], filling)
+        assert (finding.severity, finding.kind) == (severity, 'never reached')
+        assert finding.change
 
 
 def test_limits_are_watched():
