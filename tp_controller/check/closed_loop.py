@@ -71,7 +71,8 @@ class Extremes:
     Attributes
     ----------
     velocity, acceleration : Worst
-        As a share of the limit; acceleration over the time between two commands.
+        As a share of the limit; acceleration over the time between two commands. −∞ without a
+        limit.
     position : Worst
         How far a command would have led a joint past its limit, or farther, where it was outside
         already; negative: how far it stayed away [rad or m].
@@ -385,6 +386,7 @@ def watch(extremes: Extremes, setup: Setup, q: Array, velocity: Array, previous:
 
 
 def _share(values: Array, limits: Array) -> Array:
-    """Return values as shares of their limits (n,); 0 of 0 is 0."""
-    return np.divide(values, limits, out=np.where(values > 0.0, np.inf, 0.0),
-                     where=limits > 0.0)
+    """Return values as shares of their limits (n,); 0 of 0 is 0, −∞ where there is no limit."""
+    shares = np.divide(values, limits, out=np.where(values > 0.0, np.inf, 0.0),
+                       where=limits > 0.0)
+    return np.where(np.isfinite(limits), shares, -np.inf)

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from html import escape
 
 from tp_controller.check.results import CheckReport, DOUBTFUL, Finding, SEVERITIES, WRONG
-from tp_controller.check.tables import headline, Table, tables
+from tp_controller.check.tables import headline, NAMES, Table, tables
 
 TITLES = {WRONG: 'Wrong', DOUBTFUL: 'Doubtful'}
 STYLE = """
@@ -35,7 +35,7 @@ ul { list-style: none; padding: 0; }
 .change { opacity: .75; }
 table { border-collapse: collapse; }
 th, td { padding: .25rem .8rem; border-bottom: 1px solid var(--line); text-align: right; }
-th:first-child, td:first-child { text-align: left; }
+.name { text-align: left; }
 .table { overflow-x: auto; }
 .share { background: linear-gradient(90deg, #4488ff44 var(--part), transparent 0); }
 """
@@ -77,15 +77,17 @@ def _table(table: Table) -> Iterator[str]:
     title, columns, rows = table
     yield f'<h2>{escape(title[0].upper() + title[1:])}</h2>'
     yield '<div class="table"><table>'
-    yield '<tr>' + ''.join(f'<th>{escape(column)}</th>' for column in columns) + '</tr>'
+    named = [' class="name"' if column in NAMES else '' for column in columns]
+    yield '<tr>' + ''.join(f'<th{name}>{escape(column)}</th>'
+                           for name, column in zip(named, columns)) + '</tr>'
     for row in rows:
-        yield '<tr>' + ''.join(map(_cell, row)) + '</tr>'
+        yield '<tr>' + ''.join(map(_cell, row, named)) + '</tr>'
     yield '</table></div>'
 
 
-def _cell(text: str) -> str:
+def _cell(text: str, name: str) -> str:
     """Return a cell; a share has a bar behind it."""
     if not text.endswith('%'):
-        return f'<td>{escape(text)}</td>'
+        return f'<td{name}>{escape(text)}</td>'
     part = min(float(text[:-1]), 100.0)
     return f'<td class="share" style="--part: {part:g}%">{escape(text)}</td>'

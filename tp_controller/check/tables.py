@@ -28,6 +28,8 @@ WORST = {'velocity': ('velocity / limit', '{:.1%}'), 'position': ('past a limit'
          'acceleration': ('acceleration / limit', '{:.1%}'),
          'jump': ('jump / velocity limit', '{:.1%}')}
 NONE = '–'
+# Columns with names in them.
+NAMES = ('task', 'tasks', 'what', 'joint')
 
 # A title, its columns, its rows.
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
@@ -128,6 +130,5 @@ def _aligned(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[
     widths = [max(map(len, column)) for column in zip(columns, *rows)]
     for row in (columns, *rows):
         yield '  ' + '  '.join(
-            cell.ljust(width) if index == 0 or columns[index] in ('tasks', 'joint')
-            else cell.rjust(width)
-            for index, (cell, width) in enumerate(zip(row, widths))).rstrip()
+            cell.ljust(width) if column in NAMES else cell.rjust(width)
+            for column, cell, width in zip(columns, row, widths)).rstrip()

@@ -24,7 +24,7 @@ from robots import mixed, moving_panda, panda, planar
 from scipy.linalg import subspace_angles
 from tp_controller import Controller, Robot, RobotError, Settings, SettingsError, Stack
 from tp_controller.check import check, CheckReport
-from tp_controller.check.closed_loop import closed_loop, Extremes, start_loop, watch
+from tp_controller.check.closed_loop import closed_loop, Extremes, start_loop, watch, Worst
 from tp_controller.check.glimpse import angles_between, smallest_singular_value
 from tp_controller.check.judge import about_goals
 from tp_controller.check.results import CauseCount, DOUBTFUL, FINE, schema, WRONG
@@ -285,7 +285,7 @@ def test_limits_are_watched():
     assert extremes.position.name == 'panda_joint1'
     assert extremes.position.value == pytest.approx(0.01)
     # No joint has an acceleration limit.
-    assert extremes.acceleration.value == 0.0
+    assert extremes.acceleration == Worst()
     limited = Robot.from_urdf(robot.urdf, limits={'panda_joint1': {'acceleration': 10.0}})
     watch(extremes, replace(setup, robot=limited), q, velocity, np.zeros(7), 5)
     assert extremes.acceleration.value == pytest.approx(2.0 / (10.0 * 0.01))
@@ -469,7 +469,7 @@ def test_a_report_survives_json():
     assert isinstance(content['tasks'][0]['outside'], float)
     assert content['tasks'][1]['outside'] is None
     # It is a limit that no joint has.
-    assert [each['value'] for each in content['worst'] if each['kind'] == 'acceleration'] == [0.0]
+    assert [each['value'] for each in content['worst'] if each['kind'] == 'acceleration'] == [None]
 
 
 def test_every_part_of_a_report_is_in_the_schema_with_every_field():
