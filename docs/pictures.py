@@ -36,7 +36,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from tp_controller import Controller, Robot, Settings, solve, Stack
-from tp_controller.demos.film import links_of
+from tp_controller.demos.film_lines import links_of
 from tp_controller.model.shapes import Box, Cylinder, Sphere
 from tp_controller.plots import drawing
 from tp_controller.solver.damping import Damping

@@ -13,3 +13,8 @@
 # limitations under the License.
 
 """Puts this folder on the path, so that all tests can import `robots`."""
+
+import os
+
+# A film of a solid robot takes most of a minute; tests of one set this aside.
+os.environ.setdefault('TP_CONTROLLER_FILM', 'lines')

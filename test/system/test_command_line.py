@@ -464,7 +464,7 @@ def test_the_demo_of_a_robot_reaches_its_goals_within_limits(environment, tmp_pa
     assert [task for task, _ in outcomes] == asked
     assert all(text.endswith('reached') and 'not reached' not in text for _, text in outcomes)
     folder = tmp_path / name
-    check_images(folder, ['errors.png', 'velocities.png', 'tool_path.png', 'arm.gif'])
+    check_images(folder, ['errors.png', 'velocities.png', 'tool_path.png', 'film.webp'])
     for node in ('controller_node.log', 'simulator_node.log'):
         assert 'ERROR' not in (folder / node).read_text()
 

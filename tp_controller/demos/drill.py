@@ -30,8 +30,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 from tp_controller import Controller, KinematicSimulator, Robot, RobotState, Settings, Stack
-from tp_controller.demos.film import animate_arm
+from tp_controller.demos.film import write_film
+from tp_controller.demos.motion import FixedObject, Motion
 from tp_controller.demos.outcome import Measurement, Outcome, tell
+from tp_controller.model.shapes import Cylinder
 from tp_controller.model.spatial import Array
 from tp_controller.plots.curves import plot_bounds
 from tp_controller.resources import package_share
@@ -48,6 +50,10 @@ ROUND = 20.0
 SETTLED = 3.0
 # What the first level may be off [mm, °].
 TIP, AXIS = 0.5, 0.5
+# A drill with its bit, of which the tip is at the origin of the tool's frame.
+DRILL = (FixedObject(TOOL, Cylinder(0.03, 0.07), (0.0, 0.0, -0.085)),
+         FixedObject(TOOL, Cylinder(0.006, 0.05), (0.0, 0.0, -0.025)))
+VIEW = (-40.0, 25.0)
 LOWER = {'markers': 'angle between marker and camera [rad]',
          'mobile': 'manipulability, share of its minimum [1]',
          'joints': 'joint nearest to its limit: distance [rad]'}
@@ -214,5 +220,22 @@ def _figures(folder: Path, motion: Recording) -> Iterator[Path]:
             (LOWER['mobile'], motion.values['mobile'], 1.0, np.inf),
             (LOWER['joints'], motion.values['joints'], joints.margin, np.inf))],
         title='Drilling > markers in view > away from singularities > away from joint limits')
-    yield animate_arm(folder / 'drill.gif', motion.robot, motion.q, motion.times,
-                      frames=[TOOL], goals=motion.tips, title='Drilling along a moving target')
+    goals = [(now, name, goal) for now in motion.times.tolist()
+             for name, goal in zip(('tip', 'drill'), target(now))]
+    yield write_film(folder / 'drill.webp', Motion(
+        'Drilling along a moving target', motion.robot, motion.times, motion.q, motion.stack,
+        (TOOL,), goals, list(_captions(motion)), DRILL, view=VIEW))
+
+
+def _captions(motion: Recording) -> Iterator[tuple[float, str]]:
+    """Yield when it changed which tasks below are violated, and which they are then."""
+    tolerances = {name: motion.stack.tasks[name].groups[0].tolerance for name in motion.outside}
+    shown = None
+    for sample, now in enumerate(motion.times.tolist()):
+        outside = [name for name, values in motion.outside.items()
+                   if values[sample] > tolerances[name]]
+        text = f'relaxed below the drill: {", ".join(outside)}' if outside \
+            else 'the drill and all tasks below are satisfied'
+        if text != shown:
+            shown = text
+            yield now, text

@@ -28,7 +28,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
-from tp_controller.demos.film import animate_arm
+from tp_controller.demos.film import write_film
+from tp_controller.demos.motion import Motion
 from tp_controller.demos.outcome import Measurement, Outcome, tell
 from tp_controller.model.spatial import Array
 from tp_controller.plots.curves import plot_errors, plot_positions, plot_velocities
@@ -39,6 +40,8 @@ Point = Sequence[float] | Array
 PERIOD = 1.0 / 60.0
 START = (0.0, 0.6, 0.3)
 TOOL = 'link3'
+# Of the film: nearly from above, and below the links, which are round [deg, m].
+VIEW, GROUND = (-90.0, 55.0), -0.12
 GOAL_TIME = 10.0
 GOALS = 6
 # End-effector goals [m]: the first cannot be reached with joint 1 at zero, the second can.
@@ -61,6 +64,7 @@ class Recording:
     Attributes
     ----------
     robot : Robot
+    stack : Stack
     times : ndarray (T,)
         [s]
     q, velocities : ndarray (T, n)
@@ -73,6 +77,7 @@ class Recording:
     """
 
     robot: Robot
+    stack: Stack
     times: Array
     q: Array
     velocities: Array
@@ -123,8 +128,7 @@ def run_lab1(folder: str | Path) -> Outcome:
     error = ('end-effector', 'mm', 1e3 * motion.errors['end_effector'])
     folder = Path(folder)
     paths = (
-        animate_arm(folder / 'lab1.gif', motion.robot, motion.q, motion.times,
-                    goals=motion.goals, title='Null-space motion'),
+        _film(folder / 'lab1.webp', motion, 'The joints move, the end-effector stays'),
         plot_positions(folder / 'lab1_positions.png', motion.times, motion.q,
                        motion.robot.joint_names, title='Null-space motion: joint positions'),
         plot_errors(folder / 'lab1_error.png', motion.times, [error],
@@ -243,7 +247,8 @@ def _record(stack: str, settings: Settings, duration: float,
         simulator.step(PERIOD)
     times, q, velocities, tool, goals, errors = (np.array(column) for column in zip(*rows))
     names = [task.name for task in command.report.tasks]
-    return Recording(robot, times, q, velocities, tool, goals, dict(zip(names, errors.T)))
+    return Recording(robot, controller.stack, times, q, velocities, tool, goals,
+                     dict(zip(names, errors.T)))
 
 
 def _measure_two_tasks(goal: Point) -> Iterator[Measurement]:
@@ -286,8 +291,7 @@ def _two_task_figures(folder: Path, motions: Mapping[str, Recording]) -> Iterato
         name = ORDERS[order]
         caption = order[0].upper() + order[1:]
         names, times = motion.robot.joint_names, motion.times
-        yield animate_arm(folder / f'{name}.gif', motion.robot, motion.q, times,
-                          goals=motion.goals, title=caption)
+        yield _film(folder / f'{name}.webp', motion, caption)
         yield plot_positions(folder / f'{name}_positions.png', times, motion.q, names,
                              title=f'{caption}: joint positions', changes=changes)
         yield plot_velocities(folder / f'{name}_velocities.png', times, motion.velocities,
@@ -299,3 +303,14 @@ def _two_task_figures(folder: Path, motions: Mapping[str, Recording]) -> Iterato
                                                                ('joint1', 'rad'))
          for order, motion in motions.items()],
         title='Error of the end-effector (top) and of joint 1 (bottom)', changes=changes)
+
+
+def _film(path: Path, motion: Recording, title: str) -> Path:
+    """Write a film, with the number of the goal where there are several, and return its path."""
+    new = np.append(True, np.any(np.diff(motion.goals, axis=0), axis=1))
+    goals = [(now, 'end_effector', goal) for now, goal in zip(
+        motion.times[new].tolist(), motion.goals[new])]
+    captions = [(now, f'{title}: goal {number} of {len(goals)}' if len(goals) > 1 else title)
+                for number, (now, *_) in enumerate(goals, 1)]
+    return write_film(path, Motion(title, motion.robot, motion.times, motion.q, motion.stack,
+                                   (TOOL,), goals, captions, view=VIEW, ground=GROUND))

@@ -24,9 +24,9 @@ import time
 from typing import cast, TYPE_CHECKING
 
 import numpy as np
-from tp_controller.demos.film import animate_arm
+from tp_controller.demos.film import write_film
 from tp_controller.demos.live_page import start_page
-from tp_controller.demos.outlines import outline
+from tp_controller.demos.motion import Motion
 from tp_controller.demos.processes import (
     ended_by_sigterm,
     NodeProcess,
@@ -39,7 +39,6 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.plots.curves import plot_errors, plot_tool_path, plot_velocities
 from tp_controller.tasks.frame import FrameTask
-from tp_controller.tasks.stack import Stack
 
 if TYPE_CHECKING:
     # Imported when a demo starts: nothing else here needs ROS.
@@ -253,9 +252,25 @@ def _figures(folder: Path, demo: Demo, recorder: 'Recorder',
              for goal in step if goal['task'] == demo.leader]
     yield plot_tool_path(folder / 'tool_path.png', np.array(path),
                          np.array([goal for _, goal in goals]), times=times)
-    yield animate_arm(folder / 'arm.gif', robot, q, times, frames=[leader.frame, *demo.frames],
-                      goals=_goals_over_time(times, goals, path[0]), title=demo.title,
-                      carried=demo.carried, around=list(_around(demo.stack, robot.root)))
+    yield write_film(folder / 'film.webp', Motion(
+        demo.title, robot, times, q, demo.stack, (leader.frame, *demo.frames),
+        list(_film_goals(demo, changes)), _captions(demo, changes), demo.objects, demo.carried,
+        demo.view, demo.ground))
+
+
+def _film_goals(demo: Demo, changes: Array) -> Iterator[tuple[float, str, list[float]]]:
+    """Yield time, task and goal of the goals that are drawn."""
+    for step, change in zip(demo.steps, changes.tolist()):
+        for goal in step:
+            if goal['task'] == demo.leader:
+                fields = goal_fields(goal)
+                yield change, demo.leader, [*fields['xyz'], *fields.get('quat_xyzw', ())]
+
+
+def _captions(demo: Demo, changes: Array) -> list[tuple[float, str]]:
+    """Return when a step began, and what it is about."""
+    return [(change, f'{number}/{len(demo.steps)}  ' + '; '.join(goal['say'] for goal in step))
+            for number, (step, change) in enumerate(zip(demo.steps, changes.tolist()), 1)]
 
 
 def _error_curves(recorder: 'Recorder') -> tuple[Array, list[tuple[str, str, Array]]]:
@@ -273,22 +288,3 @@ def _reasons(recorder: 'Recorder') -> dict[str, list[str]]:
             if errors]
     return {task: ['; '.join(sorted(reasons.get(task, '').split('; '))) for reasons in rows]
             for task in rows[0]}
-
-
-def _goals_over_time(times: Array, goals: Sequence[tuple[float, Sequence[float]]],
-                     start: Array) -> Array:
-    """Return the goal in force at each time (T, 3); where it started before the first."""
-    current = np.tile(start, (len(times), 1))
-    for change, goal in goals:
-        current[times >= change] = goal
-    return current
-
-
-def _around(stack: Stack, root: str) -> Iterator[Array]:
-    """Yield the outlines of what the stack says stands around."""
-    for task in stack.tasks.values():
-        if getattr(task, 'reference', '') == root:
-            if hasattr(task, 'shape'):
-                yield outline(task.shape, task.goal)
-            for obstacle in getattr(task, 'obstacles', {}).values():
-                yield outline(obstacle.shape, obstacle.pose)

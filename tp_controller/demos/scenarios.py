@@ -21,9 +21,11 @@ from pathlib import Path
 from typing import Any
 
 from tp_controller.check.parameter_file import node_parameters
+from tp_controller.demos.motion import FixedObject
 from tp_controller.errors import RobotError
 from tp_controller.model.robot import Robot
 from tp_controller.model.rpy import quaternion_from_rpy
+from tp_controller.model.shapes import Box, Cylinder
 from tp_controller.resources import load_yaml, package_share
 from tp_controller.tasks.stack import Stack
 
@@ -49,6 +51,12 @@ class Demo:
         Other frames whose path is drawn.
     carried : tuple of (str, str)
         Pairs of frames that hold one object.
+    objects : tuple of FixedObject
+        What moves with a frame.
+    view : tuple of float
+        Azimuth and elevation of the viewer [deg].
+    ground : float
+        Height of the ground [m].
 
     """
 
@@ -57,6 +65,9 @@ class Demo:
     leader: str
     frames: tuple[str, ...] = ()
     carried: tuple[tuple[str, str], ...] = ()
+    objects: tuple[FixedObject, ...] = ()
+    view: tuple[float, float] = (-45.0, 25.0)
+    ground: float = 0.0
 
     def file(self, ending: str) -> Path:
         """Return the path of a file, by the ending of its name."""
@@ -81,10 +92,15 @@ class Demo:
 
 DEMOS = {
     'panda': Demo('demo', 'Panda: tool, elbow, posture', 'tool'),
-    'mobile': Demo('mobile', 'A tray, level, past obstacles', 'tray', ('base_link',)),
-    'underwater': Demo('underwater', 'Underwater: tool, view, vehicle', 'tool', ('vehicle',)),
+    # A tray with a glass on it.
+    'mobile': Demo('mobile', 'A tray, level, past obstacles', 'tray', ('base_link',),
+                   objects=(FixedObject('tool', Box(0.28, 0.36, 0.02)),
+                            FixedObject('tool', Cylinder(0.03, 0.12), (0.0, 0.08, 0.07))),
+                   view=(-70.0, 28.0)),
+    'underwater': Demo('underwater', 'Underwater: tool, view, vehicle', 'tool', ('vehicle',),
+                       view=(-50.0, 30.0), ground=-4.2),
     'two_arms': Demo('two_arms', 'Two hands carry one object', 'carry', ('right_hand',),
-                     (('left_hand', 'right_hand'),)),
+                     (('left_hand', 'right_hand'),), view=(-30.0, 20.0)),
 }
 
 

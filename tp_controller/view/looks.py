@@ -31,6 +31,8 @@ from tp_controller.view.parts import Colour, LINK_COLOUR, Part
 JOINT_COLOUR: Colour = (52, 74, 99)
 # Radius of a link as a share of the length of the robot, and how large it may be [m].
 THICKNESS, THINNEST, THICKEST = 0.033, 0.008, 0.06
+# Of the rods beyond the last link, to frames of a tool.
+TOOL_SHARE = 0.35
 # Sizes of a joint in radii of the links: radius and length.
 HUB = 1.3, 2.9
 SHORT = 1e-6
@@ -101,11 +103,14 @@ def skeleton(tree: Element) -> dict[str, list[Part]]:
     radius = min(max(THICKNESS * max(_length(link, parents, offsets) for link in (
         '', *offsets)), THINNEST), THICKEST)
     parts: dict[str, list[Part]] = {link.attrib['name']: [] for link in tree.findall('link')}
+    moved = {_child(joint) for joint in tree.findall('joint') if joint.get('type') in MOVING}
+    carrying = {link for each in moved for link in _above(each, parents)}
     for joint in tree.findall('joint'):
-        offset = offsets[_child(joint)]
-        parts[_parent(joint)] += _rod(offset, radius)
-        if joint.get('type') in MOVING:
-            parts[_child(joint)] += _joint(joint, radius)
+        parent, child = _parent(joint), _child(joint)
+        tool = parent not in moved and child not in carrying | moved
+        parts[parent] += _rod(offsets[child], TOOL_SHARE * radius if tool else radius)
+        if child in moved:
+            parts[child] += _joint(joint, radius)
     return parts
 
 
@@ -204,6 +209,15 @@ def _rotation_to(direction: Array) -> Array:
     x = np.cross(side, direction)
     x /= np.linalg.norm(x)
     return np.column_stack((x, np.cross(direction, x), direction))
+
+
+def _above(link: str, parents: Mapping[str, str]) -> list[str]:
+    """Return the links that a link hangs on."""
+    found = []
+    while link in parents:
+        link = parents[link]
+        found.append(link)
+    return found
 
 
 def _length(link: str, parents: Mapping[str, str], offsets: Mapping[str, Array]) -> float:

@@ -194,7 +194,7 @@ def test_figures_are_written_and_show_something(outcomes, name, count):
         with Image.open(path) as picture:
             assert picture.width > 400
             assert np.asarray(picture.convert('L')).std() > 10.0
-            if path.suffix == '.gif':
+            if path.suffix == '.webp':
                 assert picture.n_frames > 50
 
 

@@ -23,9 +23,8 @@ from matplotlib.colors import to_rgb
 import numpy as np
 from PIL import Image
 import pytest
-from robots import CONFIG, panda, planar, urdf_robot
+from robots import CONFIG, panda, planar
 from tp_controller import Robot
-from tp_controller.demos import film
 from tp_controller.demos.outlines import base_outline, outline
 from tp_controller.model.shapes import Box, Cylinder, HalfSpace, Sphere
 from tp_controller.model.spatial import pose, rotation_from_rpy
@@ -43,10 +42,9 @@ def swing(robot, amplitude=0.4):
     return robot.neutral() + amplitude * np.sin(TIMES[:, None] * rates)
 
 
-def pixels(path, frame=0):
+def pixels(path):
     """Return the picture (h, w, 3) in 0 to 1."""
     with Image.open(path) as picture:
-        picture.seek(frame)
         return np.asarray(picture.convert('RGB')) / 255.0
 
 
@@ -148,47 +146,6 @@ def test_tool_path_and_goals_are_drawn_flat_and_in_space(tmp_path, height):
     assert shown > hidden + 50
 
 
-def test_animation_of_a_planar_arm_shows_arm_path_and_goal(tmp_path):
-    goals = np.tile([1.0, 0.5, 0.0], (300, 1))
-    goals[:150] = np.nan
-    path = film.animate_arm(tmp_path / 'arm.gif', planar(), swing(planar()), TIMES, goals=goals)
-    with Image.open(path) as picture:
-        assert 50 < picture.n_frames <= film.MAX_FRAMES
-        assert picture.n_frames * picture.info['duration'] == pytest.approx(10000, rel=0.1)
-    first, last = pixels(path), pixels(path, 79)
-    assert np.abs(first - last).max() > 0.5
-    assert count(last, drawing.GOAL_COLOUR, 0.2) > count(first, drawing.GOAL_COLOUR, 0.2) + 30
-    assert count(last, drawing.PATH_COLOUR, 0.25) > count(first, drawing.PATH_COLOUR, 0.25) + 30
-    assert count(last, drawing.ARM_COLOUR, 0.1) > 300
-    assert path.stat().st_size < 1_000_000
-
-
-@pytest.mark.parametrize('name', ['panda', 'tiago'])
-def test_animation_in_space_is_small(tmp_path, name):
-    robot = urdf_robot(name)
-    path = film.animate_arm(tmp_path / 'arm.gif', robot, swing(robot, 0.2)[::10], TIMES[::10],
-                            frames=[robot.frame_names[-1]], goals=[0.4, 0.0, 0.6])
-    with Image.open(path) as picture:
-        assert picture.n_frames == 30
-        assert picture.info['duration'] == pytest.approx(1000.0 * np.ptp(TIMES[::10]) / 30, abs=5)
-    assert path.stat().st_size < 3_000_000
-
-
-def test_animation_shows_the_base_the_carried_object_and_its_surroundings(tmp_path):
-    robot = Robot.from_file(CONFIG / 'robots' / 'mobile_arm.urdf', base='planar')
-    q = np.tile(robot.neutral(), (20, 1))
-    q[:, 0] = np.linspace(0.0, 1.0, 20)
-    bare = film.animate_arm(tmp_path / 'bare.gif', robot, q, TIMES[:20])
-    full = film.animate_arm(
-        tmp_path / 'full.gif', robot, q, TIMES[:20], carried=[('laser', 'tool')],
-        around=[outline(Cylinder(0.2, 1.0), np.eye(4))])
-    for colour in (film.CARRIED_COLOUR, film.AROUND_COLOUR):
-        assert count(pixels(bare), colour) < 10
-        assert count(pixels(full), colour) > 100
-    # It is seen to move.
-    assert np.abs(pixels(bare) - pixels(bare, 19)).max() > 0.5
-
-
 def test_legend_of_many_joints_is_not_cut_off(tmp_path):
     names = [f'joint{index}' for index in range(18)]
     path = plots.plot_velocities(tmp_path / 'velocities.png', TIMES,
@@ -226,8 +183,6 @@ def test_the_shortest_recordings_can_be_drawn(tmp_path, samples):
     plots.plot_velocities(tmp_path / 'b.png', times, q, robot.velocity, robot.joint_names)
     plots.plot_positions(tmp_path / 'c.png', times, q, robot.joint_names)
     plots.plot_tool_path(tmp_path / 'd.png', points)
-    with Image.open(film.animate_arm(tmp_path / 'e.gif', robot, q, times)) as picture:
-        assert picture.n_frames == samples
 
 
 def test_a_figure_can_be_drawn_in_another_thread(tmp_path):

@@ -1,0 +1,60 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Make the films of the documentation anew, docs/images/<name>.webp, from runs of the demos.
+
+``python docs/films.py`` makes all of them, ``python docs/films.py panda drill`` only those two. A
+film takes about a minute. It needs ROS 2, viser and a Chromium.
+"""
+
+import argparse
+from pathlib import Path
+import shutil
+import sys
+from tempfile import TemporaryDirectory
+
+from tp_controller.cli.main import main as command
+from tp_controller.view.browser import find_chromium
+
+FOLDER = Path(__file__).resolve().parent / 'images'
+# {demo: films of it that the pages show}
+FILMS = {
+    'panda': ['film'], 'mobile': ['film'], 'underwater': ['film'], 'two_arms': ['film'],
+    'drill': ['drill'], 'lab1': ['lab1'], 'lab2': ['lab2_end_effector_first'],
+}
+
+
+def shown_as(demo, film):
+    """Return the name that a film of a demo has among the pictures."""
+    return f'{demo if film == "film" else film}.webp'
+
+
+def main():
+    """Make all films, or those of the demos named on the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().partition('\n')[0])
+    parser.add_argument('demos', nargs='*', metavar='demo', help=', '.join(FILMS))
+    demos = parser.parse_args().demos or FILMS
+    if find_chromium() is None:
+        sys.exit('films of solid robots need a Chromium')
+    with TemporaryDirectory() as folder:
+        for demo in demos:
+            if command(['demo', demo, '--output', folder]):
+                sys.exit(f'the demo {demo} failed')
+            for film in FILMS[demo]:
+                shutil.copy(Path(folder) / demo / f'{film}.webp', FOLDER / shown_as(demo, film))
+
+
+if __name__ == '__main__':
+    main()

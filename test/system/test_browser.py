@@ -1,0 +1,267 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The page in a real browser: what is seen, dragged and clicked there."""
+
+from importlib.util import find_spec
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+from PIL import Image
+import pytest
+from robots import panda
+from tp_controller.demos.processes import NodeProcess, own_domain
+from tp_controller.resources import package_share
+from tp_controller.view.browser import chromium_flags, find_chromium
+
+# Without a graphics card, on a machine with much to do, the page takes most of a minute to open.
+SECONDS = 120.0
+SIZE = {'width': 960, 'height': 680}
+# Where the camera is when the page opens.
+POSITION, LOOK_AT, FIELD = np.array([1.9, -1.5, 1.3]), np.array([0.25, 0.05, 0.4]), 0.7
+# Share of a gizmo's size at which its arrows are taken hold of, and its size [m].
+ARROW, GIZMO = 0.75, 0.22
+# Both cannot be reached at once [m].
+GOALS = {'hand': np.array([0.45, 0.4, 0.45]), 'elbow': np.array([0.097, -0.195, 0.576])}
+FOLDER = 'TP_CONTROLLER_SCREENSHOTS'
+NEEDS = {'rclpy': 'ROS 2', 'viser': 'viser', 'playwright': 'playwright'}
+
+pytestmark = [
+    *(pytest.mark.skipif(find_spec(module) is None, reason=f'needs {what}')
+      for module, what in NEEDS.items()),
+    pytest.mark.skipif(find_chromium() is None, reason='needs a Chromium on the PATH')]
+
+
+class View:
+    """
+    A controller with two tasks in conflict, and the page that shows it in a Chromium.
+
+    Attributes
+    ----------
+    page : playwright.sync_api.Page
+    client : Client
+        Hears what the controller says, past the page.
+    faults : list of str
+        Errors on the console of the page.
+    commands : list of ndarray
+        Commands so far.
+
+    """
+
+    def __init__(self, page, client, folder):
+        from sensor_msgs.msg import JointState
+        from std_msgs.msg import Float64MultiArray
+        self.page, self.client, self._folder = page, client, folder
+        self.faults, self.commands = [], []
+        self.robot = panda()
+        self._q = {}
+        client.node.create_subscription(JointState, '/joint_states', self._on_state, 10)
+        client.node.create_subscription(
+            Float64MultiArray, '/velocity_controller/commands',
+            lambda message: self.commands.append(np.array(message.data)), 10)
+        page.on('pageerror', lambda error: self.faults.append(str(error)))
+        page.on('console', lambda message: self.faults.append(message.text)
+                if message.type == 'error' else None)
+
+    def _on_state(self, message):
+        """Take a joint state."""
+        self._q.update(zip(message.name, message.position))
+
+    def is_known(self):
+        """Return whether it is known where the robot is."""
+        return set(self.robot.joint_names) <= set(self._q)
+
+    def place(self, frame):
+        """Return where a frame is (3,) [m]."""
+        return self.robot.state([self._q[name] for name in self.robot.joint_names]).position(frame)
+
+    def status(self, task):
+        """Return the status of a task."""
+        return self.client.task_status(task)['status']
+
+    def wait(self, condition, what):
+        """Wait until a condition holds, while page and controller go on."""
+        def ready():
+            # Events of the page are handled meanwhile.
+            self.page.wait_for_timeout(1)
+            return condition()
+
+        if not self.client.wait(ready, SECONDS):
+            self.picture('failed')
+            pytest.fail(f'{what} did not come about within {SECONDS:g} s')
+
+    def row(self, task, status=''):
+        """Return the row of a task on the page, with a status perhaps."""
+        return self.page.locator(f'[data-task="{task}"]'
+                                 + (f'[data-status="{status}"]' if status else ''))
+
+    def picture(self, name):
+        """Keep a picture of the page, and return it."""
+        path = self._folder / f'{name}.png'
+        self.page.screenshot(path=path)
+        if FOLDER in os.environ:
+            kept = Path(os.environ[FOLDER])
+            kept.mkdir(parents=True, exist_ok=True)
+            (kept / path.name).write_bytes(path.read_bytes())
+        return np.asarray(Image.open(path).convert('RGB')).astype(int)
+
+    def pixel(self, point):
+        """Return where a point (3,) is on the page [pixels]."""
+        forward = LOOK_AT - POSITION
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, (0.0, 0.0, 1.0))
+        right /= np.linalg.norm(right)
+        box = self.page.locator('canvas').first.bounding_box()
+        x, y, z = np.array([right, np.cross(forward, right), forward]) @ (point - POSITION)
+        scale = 0.5 * box['height'] / np.tan(0.5 * FIELD) / z
+        return (box['x'] + 0.5 * box['width'] + scale * x,
+                box['y'] + 0.5 * box['height'] + scale * y)
+
+    def drag(self, start, end):
+        """Drag with the mouse from a point (3,) to another [m]."""
+        mouse = self.page.mouse
+        mouse.move(*self.pixel(start))
+        mouse.move(*self.pixel(start + 0.01 * (end - start)))
+        mouse.down()
+        for share in np.linspace(0.1, 1.0, 6):
+            mouse.move(*self.pixel(start + share * (end - start)))
+        mouse.up()
+
+    def click(self, task, text):
+        """Click a button in the row of a task."""
+        self.page.locator(f'xpath=//*[@data-task="{task}"]/following::button'
+                          f'[normalize-space()="{text}"]').first.click()
+
+
+@pytest.fixture(scope='module')
+def view(tmp_path_factory):
+    """Return the page of the controller, once the robot is seen on it."""
+    from playwright.sync_api import sync_playwright
+    from tp_controller.nodes.client import Client
+    folder = tmp_path_factory.mktemp('view')
+    with warnings.catch_warnings():
+        # What it imports is deprecated in some versions of Python.
+        warnings.simplefilter('ignore')
+        import rosidl_generator_py  # noqa: F401
+    arguments = ['--params-file', str(package_share() / 'config' / 'conflict.yaml')]
+    with own_domain() as environment, pytest.MonkeyPatch.context() as patch:
+        for name, value in environment.items():
+            patch.setenv(name, value)
+        with NodeProcess('simulator_node', arguments, environment, folder / 'simulator.log'), \
+                NodeProcess('controller_node', arguments, environment,
+                            folder / 'controller.log'), \
+                sync_playwright() as playwright, Client() as client:
+            server = subprocess.Popen(
+                [sys.executable, '-m', 'tp_controller', 'view', '--node', 'tp_controller'],
+                env=environment, stdout=subprocess.PIPE, text=True)
+            browser = None
+            try:
+                address = re.search(r'http://\S+', server.stdout.readline()).group()
+                browser = playwright.chromium.launch(
+                    executable_path=find_chromium(), args=chromium_flags())
+                page = browser.new_page(viewport=SIZE)
+                page.set_default_timeout(1e3 * SECONDS)
+                view = View(page, client, folder)
+                camera = {'Position': POSITION, 'LookAt': LOOK_AT, 'Fov': [FIELD]}
+                page.goto(f'{address}/?fixedDpr={1 if FOLDER in os.environ else 0.5}&' + '&'.join(
+                    f'initialCamera{name}=' + ','.join(f'{value:g}' for value in values)
+                    for name, values in camera.items()))
+                page.wait_for_selector('[data-state="running"]')
+                view.wait(lambda: view.row('hand').count() and view.is_known(), 'the first row')
+                # That there is no graphics card is not what pictures are to show.
+                notice = page.locator('.mantine-Notification-closeButton')
+                if notice.count():
+                    notice.first.click()
+                for task, goal in GOALS.items():
+                    client.send(task, xyz=goal.tolist())
+                view.wait(lambda: view.status('hand') == 'reached', 'the first goal')
+                yield view
+            finally:
+                if browser is not None:
+                    browser.close()
+                server.terminate()
+                server.communicate()
+
+
+def navy(picture):
+    """Return which pixels have the colour of the robot's joints, in light or shade."""
+    red, green, blue = np.moveaxis(picture, 2, 0)
+    return (blue > red + 20) & (blue < 170) & (red < 110)
+
+
+def test_page_shows_the_robot_and_its_tasks_without_errors_on_the_console(view):
+    view.wait(lambda: navy(view.picture('robot')).sum() > 3000, 'the robot')
+    picture = view.picture('robot')
+    # It is where the camera has it, and not beside.
+    for joint in ('panda_link1', 'panda_link3', 'panda_link4'):
+        column, row = map(round, view.pixel(view.place(joint)))
+        assert navy(picture)[row - 20:row + 20, column - 20:column + 20].any(), joint
+    assert not navy(picture)[:, :60].any()
+    assert [view.row(task).count() for task in ('hand', 'elbow', 'posture')] == [1, 1, 1]
+    assert view.faults == []
+
+
+def test_a_goal_that_is_dragged_takes_the_robot_along(view):
+    goal = GOALS['hand']
+    before = view.place('panda_hand_tcp')
+    picture = view.picture('before')
+    up = np.array([0.0, 0.0, 1.0])
+    view.drag(goal + ARROW * GIZMO * up, goal + ARROW * GIZMO * up - 0.15 * up)
+
+    def has_followed():
+        return view.place('panda_hand_tcp')[2] < before[2] - 0.1 \
+            and view.status('hand') == 'reached'
+
+    view.wait(has_followed, 'the hand below')
+    # Along the arrow that was dragged, and not aside.
+    view.picture('dragged')
+    after = view.place('panda_hand_tcp')
+    np.testing.assert_allclose(after[:2], goal[:2], atol=5e-3)
+    view.row('hand', 'reached').wait_for()
+    view.wait(lambda: (navy(view.picture('dragged')) != navy(picture)).sum() > 500,
+              'another picture')
+
+
+def test_the_task_that_is_moved_up_wins_from_the_one_below(view):
+    view.wait(lambda: view.status('hand') == 'reached' and view.status('elbow') == 'limited',
+              'the hand at its goal')
+    view.row('elbow', 'limited').wait_for()
+    elbow = view.place('panda_link4')
+    view.picture('hand_first')
+    view.click('hand', '▼ down')
+    view.wait(lambda: view.status('elbow') == 'reached' and view.status('hand') == 'limited',
+              'the elbow at its goal')
+    view.row('elbow', 'reached').wait_for()
+    view.row('hand', 'limited').wait_for()
+    view.wait(lambda: view.client.task_names()[:2] == ['elbow', 'hand'], 'the other order')
+    view.picture('elbow_first')
+    np.testing.assert_allclose(view.place('panda_link4'), GOALS['elbow'], atol=5e-3)
+    assert np.linalg.norm(elbow - GOALS['elbow']) > 0.03
+
+
+def test_stop_stops_and_start_goes_on(view):
+    view.page.get_by_role('button', name='Stop').click()
+    view.page.locator('[data-state^="stopped"]').wait_for()
+    del view.commands[:]
+    view.wait(lambda: view.commands, 'a command')
+    assert not np.any(view.commands)
+    view.picture('stopped')
+    view.page.get_by_role('button', name='Start').click()
+    view.page.wait_for_selector('[data-state="running"]')
+    assert view.faults == []

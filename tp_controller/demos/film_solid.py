@@ -1,0 +1,228 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pictures of a moving robot that is solid, from a page in a headless Chromium."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+import io
+from itertools import product
+import logging
+from threading import Event
+
+import numpy as np
+from PIL import Image
+from tp_controller.demos.motion import FixedObject, Motion, Playback
+from tp_controller.demos.outlines import outline
+from tp_controller.errors import TpControllerError
+from tp_controller.model.spatial import Array, pose
+from tp_controller.view.browser import find_chromium, HeadlessPage, open_page
+from tp_controller.view.camera import Camera, camera_for, FIELD
+from tp_controller.view.looks import looks_of
+from tp_controller.view.parts import add_part, Colour, Part, place, wxyz
+from tp_controller.view.scene import add_surroundings, RobotScene, Trail
+from tp_controller.view.server import address, open_server
+from tp_controller.view.sketches import shape_part, SketchScene
+import viser
+
+# Chromium starts within 2 s; a picture takes 0.2 s, on a machine that is busy ten times that [s].
+START_SECONDS, PICTURE_SECONDS, POLL = 60.0, 60.0, 0.1
+# Of the window, which is drawn as well: pictures have a size of their own [pixels].
+WINDOW = 160, 120
+CARRIED_COLOUR: Colour = (204, 121, 167)
+BAR_RADIUS = 0.018
+# Light from everywhere, that of a lamp, and where it is above the camera, in distances.
+AMBIENT, BRIGHTNESS, LAMP = 1.5, 2.4, np.array([0.0, 0.0, 1.2])
+NO_CHROMIUM = ('there is no Chromium on the PATH (Debian: sudo apt install chromium; Ubuntu: '
+               'sudo snap install chromium)')
+
+
+def solid_pictures(motion: Motion, samples: Sequence[int],
+                   size: tuple[int, int]) -> Iterator[Image.Image]:
+    """
+    Yield pictures of a solid robot on the ground, with goals, regions, obstacles and paths.
+
+    Parameters
+    ----------
+    motion : Motion
+        What is drawn.
+    samples : sequence of int
+        Of which there is a picture each, in the order of time.
+    size : tuple of int
+        Width and height [pixels].
+
+    Yields
+    ------
+    PIL.Image.Image
+
+    Raises
+    ------
+    TpControllerError
+        There is no Chromium, or it does not do what it should.
+
+    """
+    program = find_chromium()
+    if program is None:
+        raise TpControllerError(NO_CHROMIUM)
+    with _server() as server:
+        camera = camera_for(_seen(motion, samples), motion.view, size[0] / size[1])
+        stage = _Stage(server.scene, motion, camera.distance)
+        _add_lights(server.scene, camera)
+        with open_page(program, address(server), *WINDOW) as page:
+            client = _client(server, page)
+            for sample in samples:
+                with server.atomic():
+                    stage.show(sample)
+                yield _picture(client, page, camera, size)
+
+
+class _Stage:
+    """The scene of a film."""
+
+    def __init__(self, scene: viser.SceneApi, motion: Motion, size: float) -> None:
+        add_surroundings(scene, motion.ground)
+        self._motion, self._playback = motion, Playback(motion)
+        self._robot = RobotScene(scene, motion.robot)
+        self._sketches = SketchScene(scene, size)
+        self._trails = [Trail(scene, f'/trail/{frame}') for frame in motion.frames]
+        self._objects = [(_add_object(scene, f'/objects/{number}', each), each.frame)
+                         for number, each in enumerate(motion.objects)]
+        self._bars = [add_part(scene, f'/bar/{number}', _bar(ends))
+                      for number, ends in enumerate(self._playback.bars())]
+        self._next = 0
+
+    def show(self, sample: int) -> None:
+        """Show a sample, and the path up to there."""
+        for each in range(self._next, sample + 1):
+            self._playback.seek(each)
+            for trail, frame in zip(self._trails, self._motion.frames):
+                trail.add(self._playback.state.position(frame))
+        self._next = sample + 1
+        state = self._playback.state
+        self._robot.show(self._motion.q[sample])
+        self._sketches.draw(self._playback.sketches())
+        for handle, frame in self._objects:
+            place(handle, state.pose(frame))
+        for bar, ends in zip(self._bars, self._playback.bars()):
+            place(bar, _bar(ends).T)
+
+
+def _add_object(scene: viser.SceneApi, name: str, each: FixedObject) -> viser.SceneNodeHandle:
+    """Add an object, and return the node that moves as its frame does."""
+    handle = scene.add_frame(name, show_axes=False)
+    part = shape_part(each.shape, pose(np.eye(3), each.at), CARRIED_COLOUR)
+    if part is not None:
+        add_part(scene, f'{name}/shape', part)
+    return handle
+
+
+def _add_lights(scene: viser.SceneApi, camera: Camera) -> None:
+    """Add light from everywhere, and from a lamp above the camera that casts shadows."""
+    # An environment map takes half of the time of a picture, and 5 s at the start.
+    scene.configure_environment_map(None)
+    scene.configure_default_lights(False)
+    scene.add_light_ambient('/lights/all', intensity=AMBIENT)
+    place_of_lamp = camera.position + camera.distance * (LAMP - 0.4 * camera.R[:, 0])
+    scene.add_light_directional('/lights/lamp', intensity=BRIGHTNESS, cast_shadow=True,
+                                position=tuple(place_of_lamp.tolist()))
+
+
+def _bar(ends: Array) -> Part:
+    """Return a bar between two points (2, 3)."""
+    way = ends[1] - ends[0]
+    length = float(np.linalg.norm(way))
+    z = way / length
+    side = np.eye(3)[np.abs(z).argmin()]
+    x = np.cross(side, z) / np.linalg.norm(np.cross(side, z))
+    return Part('cylinder', (BAR_RADIUS, length), pose(
+        np.column_stack((x, np.cross(z, x), z)), ends.mean(axis=0)), CARRIED_COLOUR)
+
+
+def _seen(motion: Motion, samples: Sequence[int]) -> Array:
+    """Return points (k, 3) all of which are to be in the picture [m]."""
+    playback, points = Playback(motion), []
+    corners = {link: np.concatenate([_corners(part) for part in parts])
+               for link, parts in looks_of(motion.robot).parts.items() if parts}
+    for sample in samples:
+        playback.seek(sample)
+        state = playback.state
+        for link, own in corners.items():
+            T = state.pose(link)
+            points.append(own @ T[:3, :3].T + T[:3, 3])
+        points += [*playback.goals(), *map(state.position, motion.frames)]
+        points += [outline(body.shape, body.T) for body in playback.bodies()]
+    seen = np.concatenate([np.atleast_2d(each) for each in points])
+    return seen[np.isfinite(seen).all(axis=1)]
+
+
+def _corners(part: Part) -> Array:
+    """Return the corners (k, 3) of a box around a part, in the axes of its link [m]."""
+    half, middle = np.zeros(3), np.zeros(3)
+    if part.kind == 'box':
+        half = 0.5 * np.array(part.size)
+    elif part.kind == 'sphere':
+        half = np.ones(3) * part.size
+    elif part.kind == 'cylinder':
+        half = np.array([part.size[0], part.size[0], 0.5 * part.size[1]])
+    elif part.mesh is not None and part.mesh.vertices is not None:
+        low, high = part.mesh.vertices.min(axis=0), part.mesh.vertices.max(axis=0)
+        half, middle = 0.5 * (high - low) * part.size, 0.5 * (low + high) * part.size
+    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+    return (middle + signs * half) @ part.T[:3, :3].T + part.T[:3, 3]
+
+
+@contextmanager
+def _server() -> Iterator[viser.ViserServer]:
+    """Run a server for this machine alone, on any port that is free."""
+    # Chromium opens a connection in advance, and closes it unused: no fault.
+    log = logging.getLogger('websockets.server')
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    server = open_server()
+    try:
+        yield server
+    finally:
+        log.setLevel(level)
+        with redirect_stdout(io.StringIO()):
+            # It would say so.
+            server.stop()
+
+
+def _client(server: viser.ViserServer, page: HeadlessPage) -> viser.ClientHandle:
+    """Return the page, once it is connected."""
+    connected, clients = Event(), []
+
+    def welcome(client: viser.ClientHandle) -> None:
+        clients.append(client)
+        connected.set()
+
+    server.on_client_connect(welcome)
+    for _ in range(round(START_SECONDS / POLL)):
+        if connected.wait(POLL):
+            return clients[0]
+        page.check()
+    raise TpControllerError(f'Chromium did not open the page within {START_SECONDS:.0f} s')
+
+
+def _picture(client: viser.ClientHandle, page: HeadlessPage, camera: Camera,
+             size: tuple[int, int]) -> Image.Image:
+    """Return what a camera sees."""
+    try:
+        pixels = client.get_render(
+            size[1], size[0], wxyz=wxyz(camera.R), position=camera.position, fov=FIELD,
+            timeout=PICTURE_SECONDS)
+    except (RuntimeError, TimeoutError) as error:
+        page.check()
+        raise TpControllerError(f'Chromium draws nothing: {error}') from error
+    return Image.fromarray(pixels[..., :3])

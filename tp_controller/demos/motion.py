@@ -1,0 +1,162 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a film shows: a recorded motion of a robot, and all that belongs to it."""
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from tp_controller.model.robot import Robot
+from tp_controller.model.shapes import Shape
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
+from tp_controller.tasks.sketch import Body, Cone, Dot, Sketch, Triad
+from tp_controller.tasks.stack import Stack
+from tp_controller.tasks.task import Goal
+
+
+@dataclass(frozen=True, eq=False)
+class FixedObject:
+    """
+    A solid that moves with a frame of the robot.
+
+    Attributes
+    ----------
+    frame : str
+    shape : object
+        One of `tp_controller.model.shapes`.
+    at : tuple of float
+        Its centre in the frame, whose axes it has, too [m].
+
+    """
+
+    frame: str
+    shape: Shape
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """
+    A recorded motion, and what is shown with it.
+
+    Attributes
+    ----------
+    title : str
+    robot : Robot
+    times : ndarray (T,)
+        [s]
+    q : ndarray (T, nq)
+        Configurations [rad or m].
+    stack : Stack
+        Tasks of which goals, regions and obstacles are shown.
+    goals : sequence of (float, str, object)
+        Time from which on a task has a goal [s], task and goal, in the order of time.
+    captions : sequence of (float, str)
+        Time from which on a text is shown, and the text, in the order of time.
+    frames : tuple of str
+        Frames whose path is drawn.
+    objects : tuple of FixedObject
+    carried : tuple of (str, str)
+        Pairs of frames that hold one bar.
+    view : tuple of float
+        Azimuth and elevation of the viewer [deg].
+    ground : float
+        Height of the ground [m].
+
+    """
+
+    title: str
+    robot: Robot
+    times: Array
+    q: Array
+    stack: Stack
+    frames: tuple[str, ...]
+    goals: Sequence[tuple[float, str, Goal]] = ()
+    captions: Sequence[tuple[float, str]] = ()
+    objects: tuple[FixedObject, ...] = ()
+    carried: tuple[tuple[str, str], ...] = ()
+    view: tuple[float, float] = (-45.0, 25.0)
+    ground: float = 0.0
+
+    def caption(self, sample: int) -> str:
+        """Return the text at a sample."""
+        number = bisect_right([time for time, _ in self.captions], self.times[sample])
+        return self.captions[number - 1][1] if number else ''
+
+
+class Playback:
+    """
+    A motion, one sample after the other.
+
+    Parameters
+    ----------
+    motion : Motion
+
+    Attributes
+    ----------
+    state : RobotState
+        The robot at the sample.
+
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion = motion
+        self.state: RobotState = motion.robot.state(motion.q[0])
+        self._tasks = {name: task.probe() for name, task in motion.stack.tasks.items()}
+        for task in self._tasks.values():
+            task.reset()
+            task.start(self.state)
+        self._left = list(motion.goals)
+        self._with_goal: set[str] = set()
+
+    def seek(self, sample: int) -> None:
+        """Go on to a sample, never back."""
+        motion = self._motion
+        self.state.update(motion.q[sample])
+        while self._left and self._left[0][0] <= motion.times[sample]:
+            _, name, goal = self._left.pop(0)
+            self._tasks[name] = self._tasks[name].with_goal(self._tasks[name].parse_goal(goal))
+            self._with_goal.add(name)
+
+    def sketches(self) -> Mapping[str, list[Sketch]]:
+        """Return {task: what is shown of it}: goals that were given, regions, and views."""
+        return {name: [sketch for sketch in task.sketch(self.state)
+                       if self._is_shown(name, sketch)] for name, task in self._tasks.items()}
+
+    def goals(self) -> list[Array]:
+        """Return the goals (3,) that are places [m]."""
+        return [sketch.T[:3, 3] if isinstance(sketch, Triad) else sketch.p
+                for parts in self.sketches().values() for sketch in parts
+                if isinstance(sketch, Triad | Dot)]
+
+    def bodies(self) -> list[Body]:
+        """Return the shapes that stand in the root frame or move with the robot."""
+        return [sketch for parts in self.sketches().values() for sketch in parts
+                if isinstance(sketch, Body)]
+
+    def bars(self) -> list[Array]:
+        """Return the ends (2, 3) of the bars that pairs of frames hold [m]."""
+        return [np.stack((self.state.position(one), self.state.position(other)))
+                for one, other in self._motion.carried]
+
+    def _is_shown(self, name: str, sketch: Sketch) -> bool:
+        """Say whether a sketch is of what a film shows."""
+        if isinstance(sketch, Triad | Dot):
+            return sketch.part == 'goal' and name in self._with_goal
+        if isinstance(sketch, Body):
+            return sketch.part != 'sphere'
+        return isinstance(sketch, Cone) and self._tasks[name].bounded

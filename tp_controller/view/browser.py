@@ -1,0 +1,127 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A headless Chromium that shows one page, where this machine has one."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import shutil
+import signal
+import subprocess
+from tempfile import TemporaryDirectory
+
+from tp_controller.errors import TpControllerError
+
+PROGRAMS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
+# WebGL on the processor: the pictures are the same whatever graphics card there is, or none.
+RENDERING = ('--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--ignore-gpu-blocklist')
+# A page that nobody looks at is slowed down otherwise.
+AWAKE = ('--disable-background-timer-throttling', '--disable-renderer-backgrounding',
+         '--disable-backgrounding-occluded-windows')
+QUIET = ('--no-first-run', '--no-default-browser-check', '--disable-extensions',
+         '--disable-background-networking', '--disable-component-update', '--disable-sync',
+         '--hide-scrollbars', '--mute-audio')
+END_SECONDS = 5.0
+
+
+def find_chromium() -> str | None:
+    """Return the path of a Chromium (or Chrome) on the PATH; None where there is none."""
+    return next(filter(None, map(shutil.which, PROGRAMS)), None)
+
+
+def chromium_flags() -> list[str]:
+    """Return the flags with which a page with WebGL is drawn on any machine."""
+    # Chromium refuses to run as root with its sandbox.
+    root = ['--no-sandbox'] if os.geteuid() == 0 else []
+    return [*RENDERING, *AWAKE, *QUIET, *root]
+
+
+class HeadlessPage:
+    """
+    A process that shows a page; nothing of it is on a screen.
+
+    Parameters
+    ----------
+    process : subprocess.Popen
+    log : pathlib.Path
+        Where its output goes.
+
+    """
+
+    def __init__(self, process: 'subprocess.Popen[bytes]', log: Path) -> None:
+        self._process = process
+        self._log = log
+
+    def check(self) -> None:
+        """
+        Find out whether the page is still shown.
+
+        Raises
+        ------
+        TpControllerError
+            The process ended; with the last that it said.
+
+        """
+        status = self._process.poll()
+        if status is not None:
+            said = self._log.read_text(errors='replace').strip().splitlines()
+            raise TpControllerError(f'Chromium ended (exit code {status})'
+                                    + (f': {said[-1]}' if said else ''))
+
+
+@contextmanager
+def open_page(program: str, address: str, width: int, height: int) -> Iterator[HeadlessPage]:
+    """
+    Show a page in a headless Chromium, until the context is left.
+
+    Parameters
+    ----------
+    program : str
+        See `find_chromium`.
+    address : str
+        Of the page.
+    width, height : int
+        Of the window [pixels].
+
+    Yields
+    ------
+    HeadlessPage
+
+    """
+    with TemporaryDirectory(prefix='tp_controller_', ignore_cleanup_errors=True) as folder:
+        log = Path(folder) / 'log'
+        with log.open('wb') as output:
+            process = subprocess.Popen(
+                [program, '--headless=new', *chromium_flags(), f'--window-size={width},{height}',
+                 f'--user-data-dir={folder}/profile', address],
+                # A group of its own: Chromium consists of several processes.
+                stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True)
+        try:
+            yield HeadlessPage(process, log)
+        finally:
+            _end(process)
+
+
+def _end(process: 'subprocess.Popen[bytes]') -> None:
+    """End a process and those that it started."""
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        try:
+            os.killpg(process.pid, number)
+            process.wait(END_SECONDS)
+        except ProcessLookupError:
+            break
+        except subprocess.TimeoutExpired:
+            continue
