@@ -90,8 +90,10 @@ setup(
         'view': view,
         'check': check,
         'docs': docs,
+        # playwright drives the Chromium that is there; it brings none.
         'test': [*plots, *record, *view, *check, 'dask[distributed]', *docs, 'pytest',
-                 'hypothesis', 'example-robot-data', 'ruff<0.18', 'mypy<2.5', 'types-PyYAML',
+                 'hypothesis', 'playwright', 'example-robot-data', 'ruff<0.18', 'mypy<2.5',
+                 'types-PyYAML',
                  'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',

@@ -25,9 +25,9 @@ import warnings
 import numpy as np
 from PIL import Image
 import pytest
-from robots import panda
+from robots import CONFIG, panda
 from tp_controller.demos.processes import NodeProcess, own_domain
-from tp_controller.resources import package_share
+from tp_controller.resources import load_yaml
 from tp_controller.view.browser import chromium_flags, find_chromium
 
 # Without a graphics card, on a machine with much to do, the page takes most of a minute to open.
@@ -37,8 +37,10 @@ SIZE = {'width': 960, 'height': 680}
 POSITION, LOOK_AT, FIELD = np.array([1.9, -1.5, 1.3]), np.array([0.25, 0.05, 0.4]), 0.7
 # Share of a gizmo's size at which its arrows are taken hold of, and its size [m].
 ARROW, GIZMO = 0.75, 0.22
-# Both cannot be reached at once [m].
-GOALS = {'hand': np.array([0.45, 0.4, 0.45]), 'elbow': np.array([0.097, -0.195, 0.576])}
+# Goals [m], which cannot be reached at once.
+GOALS = {goal['task']: np.array(goal['xyz']) for goal in load_yaml(
+    (CONFIG / 'conflict_goals.yaml').read_text())[0]}
+# Environment variable that names a folder where pictures are kept, and are sharp.
 FOLDER = 'TP_CONTROLLER_SCREENSHOTS'
 NEEDS = {'rclpy': 'ROS 2', 'viser': 'viser', 'playwright': 'playwright'}
 
@@ -159,7 +161,7 @@ def view(tmp_path_factory):
         # What it imports is deprecated in some versions of Python.
         warnings.simplefilter('ignore')
         import rosidl_generator_py  # noqa: F401
-    arguments = ['--params-file', str(package_share() / 'config' / 'conflict.yaml')]
+    arguments = ['--params-file', str(CONFIG / 'conflict.yaml')]
     with own_domain() as environment, pytest.MonkeyPatch.context() as patch:
         for name, value in environment.items():
             patch.setenv(name, value)

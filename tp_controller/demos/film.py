@@ -35,7 +35,7 @@ SIZE = 960, 720
 MAX_FRAMES = 100
 LONGEST = 10.0
 # 0 to 100, and 0 (fast) to 6 (small).
-QUALITY, EFFORT = 80, 3
+QUALITY, EFFORT = 65, 4
 INK, PAPER = (33, 41, 52), (255, 255, 255, 205)
 LARGE, SMALL, MARGIN = 26, 20, 14
 FONT = Path(matplotlib.get_data_path()) / 'fonts' / 'ttf' / 'DejaVuSans.ttf'
@@ -46,7 +46,8 @@ def write_film(path: str | Path, motion: Motion) -> Path:
     Write a film of a motion, at its true speed but of no more than ten seconds.
 
     The robot is solid where there are viser and a Chromium, else it is drawn with lines, and the
-    standard error says why. With ``TP_CONTROLLER_FILM=lines`` in the environment it is always drawn with lines, which is faster.
+    standard error says why. With ``TP_CONTROLLER_FILM=lines`` in the environment it is drawn with
+    lines in any case, which is faster.
 
     Parameters
     ----------

@@ -33,6 +33,8 @@ SEEN_THROUGH = 0.18
 CORNERS = 48
 # Of the axes of a goal and the ball at its origin, in shares of the size of what is seen.
 AXES, BALL = (0.07, 0.005), 0.013
+# How long a cone is at most, in shares of that size.
+LONGEST_CONE = 0.25
 
 
 def shape_part(shape: Shape, T: Array, colour: Colour, opacity: float = 1.0) -> Part | None:
@@ -112,7 +114,7 @@ def _pose(sketch: Any) -> Array:
 def _looks(sketch: Any) -> object:
     """Return all of a sketch that does not change as it moves."""
     if isinstance(sketch, Cone):
-        return round(sketch.half_angle, 3), round(sketch.length, 3)
+        return round(sketch.half_angle, 3), round(sketch.length, 2)
     if isinstance(sketch, Body):
         return id(sketch.shape), sketch.allowed
     if isinstance(sketch, Path):
@@ -141,9 +143,10 @@ def _body(scene: viser.SceneApi, name: str, sketch: Body,
 def _cone(scene: viser.SceneApi, name: str, sketch: Cone, size: float) -> viser.SceneNodeHandle:
     """Add the surface of a cone."""
     angles = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
-    across = sketch.length * np.sin(sketch.half_angle)
+    length = min(sketch.length, LONGEST_CONE * size)
+    across = length * np.sin(sketch.half_angle)
     rim = np.column_stack((across * np.cos(angles), across * np.sin(angles),
-                           np.full(CORNERS, sketch.length * np.cos(sketch.half_angle))))
+                           np.full(CORNERS, length * np.cos(sketch.half_angle))))
     numbers = 1 + np.arange(CORNERS)
     return scene.add_mesh_simple(
         name, np.concatenate((np.zeros((1, 3)), rim)),
