@@ -566,5 +566,5 @@ def test_readme_comes_to_the_point():
     text = (ROOT / 'README.md').read_text(encoding='utf-8')
     first, = [block for block in blocks('bash') if block.page == ROOT / 'README.md'][:1]
     assert first.line <= 20
-    assert text.index('.gif)') < text.index('```')
+    assert text.index('](docs/images/') < text.index('```')
     assert text.count('\n') <= 120
