@@ -42,8 +42,10 @@ START_SECONDS, PICTURE_SECONDS, POLL = 60.0, 60.0, 0.1
 WINDOW = 160, 120
 CARRIED_COLOUR: Colour = (204, 121, 167)
 BAR_RADIUS = 0.018
+# Half the size of a mesh of which the corners are not known here, with colours of its own [m].
+MESH_HALF = 0.07
 # Light from everywhere, that of a lamp, and where it is above the camera, in distances.
-AMBIENT, BRIGHTNESS, LAMP = 1.5, 2.4, np.array([0.0, 0.0, 1.2])
+AMBIENT, BRIGHTNESS, LAMP = 1.25, 2.4, np.array([0.0, 0.0, 1.2])
 NO_CHROMIUM = ('there is no Chromium on the PATH (Debian: sudo apt install chromium; Ubuntu: '
                'sudo snap install chromium)')
 
@@ -178,6 +180,8 @@ def _corners(part: Part) -> Array:
     elif part.mesh is not None and part.mesh.vertices is not None:
         low, high = part.mesh.vertices.min(axis=0), part.mesh.vertices.max(axis=0)
         half, middle = 0.5 * (high - low) * part.size, 0.5 * (low + high) * part.size
+    else:
+        half += MESH_HALF
     signs = np.array(list(product((-1.0, 1.0), repeat=3)))
     return (middle + signs * half) @ part.T[:3, :3].T + part.T[:3, 3]
 
