@@ -114,6 +114,9 @@ def test_angles_are_those_of_another_library():
         other[0] = one[1] + 0.1 * other[0]
         assert angles_between(one, other) == pytest.approx(
             np.sort(subspace_angles(one.T, other.T)), abs=1e-7)
+    # A row of zeros is no direction.
+    assert angles_between(np.array([[1.0, 0.0], [0.0, 0.0]]), np.array([[0.0, 2.0]])) \
+        == pytest.approx([math.pi / 2])
 
 
 @pytest.mark.parametrize('robot', [panda(), moving_panda('differential')],
@@ -401,7 +404,7 @@ def test_joints_with_one_limit_are_sampled_from_there():
     random = np.random.default_rng(2)
     q = np.array([random_configuration(robot, random, np.zeros(3)) for _ in range(300)])
     assert 1.0 <= q[:, 0].min() < 1.1 and 7.2 < q[:, 0].max() <= 1.0 + 2.0 * math.pi
-    assert -1.1 < q[:, 1].max() <= -1.0
+    assert -1.1 < q[:, 1].max() <= -1.0 and q[:, 1].min() < -7.2
 
 
 @pytest.mark.parametrize('limits', [{'velocity': math.inf}, {'velocity': 0.0}])
