@@ -389,12 +389,13 @@ def test_random_configurations_are_within_limits_and_spread(robot):
     assert spread[bounded] == pytest.approx(np.ptp(limits, axis=0)[bounded], rel=0.05)
     assert np.abs(middle[~bounded]).max(initial=0.0) < 0.2
     assert (spread[~bounded] > 1.9).all()
+    near = random_configuration(robot, random, around, 0.01)
+    assert np.abs((near - around)[robot.joint_rows]).max() <= 0.01 * 2.0 * math.pi
     if robot.moves:
         places = np.array([robot.base_placement(each) for each in q])
         reach = [row for row in robot.base_reach if row < 3]
         assert (np.ptp(places[:, reach], axis=0) > 1.8).all()
         assert np.abs(places[:, :3]).max() <= 1.0 and np.ptp(places[:, 6]) > 0.5
-        near = random_configuration(robot, random, around, 0.01)
         assert np.abs(robot.base_placement(near)[:3]).max() <= 0.01
 
 
