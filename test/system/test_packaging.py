@@ -64,6 +64,7 @@ THIRD_PARTY = {
     'mpl_toolkits': ('matplotlib', 'python3-matplotlib'),
     'numpy': ('numpy', 'python3-numpy'),
     'pinocchio': ('pin', 'pinocchio'),
+    'playwright': ('playwright', None),
     'pytest': ('pytest', 'python3-pytest'),
     'rosbags': ('rosbags', None),
     'trimesh': ('viser', None),

@@ -129,7 +129,7 @@ class CheckReport:
     """
     What a check found.
 
-    The fields are those of the JSON file; `docs/check.md` lists them with units.
+    The fields are those of the JSON file; ``docs/check.md`` lists them with units.
     """
 
     version: int = _said('of this format: 1')
