@@ -26,7 +26,7 @@ from tp_controller import Controller, Robot, RobotError, Settings, SettingsError
 from tp_controller.check import check, CheckReport
 from tp_controller.check.closed_loop import closed_loop, Extremes, start_loop, watch, Worst
 from tp_controller.check.glimpse import angles_between, smallest_singular_value
-from tp_controller.check.judge import about_goals
+from tp_controller.check.judge import about_bounds, about_goals
 from tp_controller.check.results import CauseCount, DOUBTFUL, FINE, schema, WRONG
 from tp_controller.check.sampling import random_configuration
 from tp_controller.check.setup import Setup
@@ -183,7 +183,9 @@ def test_many_rows_do_not_dominate_because_one_of_them_is_outside():
     lines = ['joints: {type: joint_limits, margin: 1.05}', 'tool: {type: posture}']
     task = check(panda(), stack_of(panda(), *lines), samples=200, runs=0).tasks[0]
     assert task.outside > 0.97 and 0.4 < task.rows_outside < 0.5
-    assert ('bounds dominate', 'joints') not in found(panda(), lines, samples=200)
+    assert not list(about_bounds([replace(task, outside=1.0)], 0))
+    assert [each.kind for each in about_bounds([replace(task, outside=1.0, rows_outside=0.9)], 0)
+            ] == ['bounds dominate']
 
 
 def test_shares_outside_are_those_of_the_samples():
@@ -254,6 +256,7 @@ def test_a_slow_task_never_reaches_its_goal_in_time():
     lines = [TIP.replace('}', ', gain: 0.001}')]
     report = check(planar(), stack_of(planar(), *lines), samples=5, runs=5, seconds=1.0)
     finding, = (each for each in report.findings if each.where == 'tip')
+    assert report.tasks[0].reached_near == 0 < report.tasks[0].possible_near
     assert (finding.severity, finding.kind) == (WRONG, 'never reached')
     assert report.ended['time is up'] + report.ended['at rest'] == 5 and not report.passes()
 
