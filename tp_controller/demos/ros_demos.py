@@ -274,17 +274,21 @@ def _captions(demo: Demo, changes: Array) -> list[tuple[float, str]]:
 
 
 def _error_curves(recorder: 'Recorder') -> tuple[Array, list[tuple[str, str, Array]]]:
-    """Return times (T,) and (task, unit, errors (T,)) of all that are not zero throughout."""
-    times = np.array([moment for moment, errors in recorder.errors if errors])
-    kept = [errors for _, errors in recorder.errors if errors]
-    curves = [(task, unit, np.array([errors.get((task, unit), np.nan) for errors in kept]))
-              for task, unit in kept[0] if unit in ('m', 'rad')]
+    """
+    Return times (T,) and (task, unit, errors (T,)) of all that are not zero throughout.
+
+    While the controller is stopped there are none: not a number, which interrupts the line.
+    """
+    times = np.array([moment for moment, _ in recorder.errors])
+    known = dict.fromkeys(key for _, errors in recorder.errors for key in errors)
+    curves = [(task, unit, np.array([errors.get((task, unit), np.nan)
+                                     for _, errors in recorder.errors]))
+              for task, unit in known if unit in ('m', 'rad')]
     return times, [curve for curve in curves if np.nanmax(curve[2]) > 0.0]
 
 
 def _reasons(recorder: 'Recorder') -> dict[str, list[str]]:
     """Return what limits each task, at the times of the errors, in whatever order of shares."""
-    rows = [reasons for (_, errors), (_, reasons) in zip(recorder.errors, recorder.reasons)
-            if errors]
+    rows = [reasons for _, reasons in recorder.reasons]
     return {task: ['; '.join(sorted(reasons.get(task, '').split('; '))) for reasons in rows]
-            for task in rows[0]}
+            for task in dict.fromkeys(task for reasons in rows for task in reasons)}
