@@ -25,6 +25,7 @@ import numpy as np
 from PIL import Image
 from tp_controller.demos.motion import FixedObject, Motion, Playback
 from tp_controller.demos.outlines import outline
+from tp_controller.demos.processes import ended_by_sigterm
 from tp_controller.errors import TpControllerError
 from tp_controller.model.spatial import Array, pose
 from tp_controller.view.browser import find_chromium, HeadlessPage, open_page
@@ -77,11 +78,12 @@ def solid_pictures(motion: Motion, samples: Sequence[int],
     program = find_chromium()
     if program is None:
         raise TpControllerError(NO_CHROMIUM)
-    with _server() as server:
+    with ended_by_sigterm() as all_started, _server() as server:
         camera = camera_for(_seen(motion, samples), motion.view, size[0] / size[1])
         stage = _Stage(server.scene, motion, camera.distance)
         _add_lights(server.scene, camera)
         with open_page(program, address(server), *WINDOW) as page:
+            all_started()
             client = _client(server, page)
             for sample in samples:
                 with server.atomic():
