@@ -24,7 +24,7 @@ from tp_controller.errors import SettingsError
 from tp_controller.model.robot import Robot
 from tp_controller.resources import is_number
 from tp_controller.solver.damping import Damping
-from tp_controller.solver.level import Array
+from tp_controller.solver.level import Array, LARGEST
 from tp_controller.solver.solve import Options, SCALINGS
 
 # What is done when a task fails.
@@ -163,7 +163,14 @@ class Settings:
             if not _is_box(value):
                 yield (f'{item.name} must be six numbers, from and to for each of x, y and z, '
                        f'not {value!r}')
-        elif value is not None and not (
-                isinstance(value, (list, tuple)) and
-                all(is_number(weight) and 0.0 < weight < math.inf for weight in value)):
-            yield f'{item.name} must be positive numbers, one for each joint, not {value!r}'
+        elif value is not None:
+            yield from _faults_of_weights(item.name, value)
+
+
+def _faults_of_weights(name: str, value: object) -> Iterator[str]:
+    """Return what is wrong with weights."""
+    if not isinstance(value, (list, tuple)) or not all(
+            is_number(weight) and 0.0 < weight < math.inf for weight in value):
+        yield f'{name} must be positive numbers, one for each joint, not {value!r}'
+    elif value and float(max(value)) / float(min(value)) > LARGEST:
+        yield f'{name} must be within a factor of {LARGEST:g} of each other, not {value!r}'

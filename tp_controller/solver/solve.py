@@ -309,4 +309,7 @@ def _check_weights(weights: Any, n: int) -> Array:
         raise SolverError(f'weights must be {n} positive numbers: {error}') from error
     if checked.shape != (n,) or not (checked > 0.0).all() or not np.isfinite(checked).all():
         raise SolverError(f'weights must be {n} positive numbers, got {checked.tolist()}')
+    if n and float(checked.max()) / float(checked.min()) > LARGEST:
+        raise SolverError(f'weights must be within a factor of {LARGEST:g}, got '
+                          f'{checked.tolist()}')
     return checked / checked.min(initial=np.inf)

@@ -655,6 +655,12 @@ def test_weights_that_are_not_positive_are_refused(weights):
         Settings(blend=0.0, weights=weights)
 
 
+@pytest.mark.parametrize('weights', [[1e-300, 1e9], (1.1e100, 1)])
+def test_weights_too_far_apart_are_refused(weights):
+    with pytest.raises(SettingsError, match='weights must be within a factor of 1e'):
+        Settings(blend=0.0, weights=weights)
+
+
 def test_weights_must_fit_the_robot_and_the_settings_before_stay():
     controller = control(POSE_AND_POSTURE)
     before = controller.settings
