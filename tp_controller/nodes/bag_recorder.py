@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 from rcl_interfaces.srv import GetParameters, ListParameters
-from rclpy import init, try_shutdown
+from rclpy import try_shutdown
 from rclpy._rclpy_pybind11 import NodeNameNonExistentError, RCLError
 from rclpy.context import Context
 from rclpy.duration import Duration
@@ -44,6 +44,7 @@ from tp_controller.bags.writer import BagWriter
 from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.nodes import Message
+from tp_controller.nodes.client import new_context
 
 STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 EVENTS = '/parameter_events'
@@ -108,12 +109,7 @@ class BagRecorder:
 
     def __init__(self, names: Collection[str] = (), context: Context | None = None) -> None:
         self._own = context is None
-        self._context = context or Context()
-        if self._own:
-            try:
-                init(context=self._context, args=[])
-            except (RuntimeError, ValueError) as error:
-                raise TpControllerError(f'ROS 2 cannot start: {error}') from error
+        self._context = context or new_context()
         self._names = [name.strip('/') for name in names]
         # The subscriptions belong to a node that no executor knows: it would take messages.
         self._node, self._caller = (

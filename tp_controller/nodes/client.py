@@ -99,12 +99,7 @@ class Client:
                  names: Mapping[str, str] | None = None) -> None:
         self._names = names or {}
         self._own = context is None
-        self._context = context or Context()
-        if self._own:
-            try:
-                init(context=self._context, args=[])
-            except (RuntimeError, ValueError) as error:
-                raise TpControllerError(f'ROS 2 cannot start: {error}') from error
+        self._context = context or new_context()
         self.controller = controller.strip('/')
         # Neither log topic nor parameters: each costs time to open.
         self.node = Node('tp_client', context=self._context, use_global_arguments=False,
@@ -354,6 +349,16 @@ class Client:
     def _on_status(self, message: DiagnosticArray) -> None:
         """Keep the latest status."""
         self.status = message
+
+
+def new_context() -> Context:
+    """Return a context that is initialised; `TpControllerError` if ROS cannot start here."""
+    context = Context()
+    try:
+        init(context=context, args=[])
+    except (RuntimeError, ValueError) as error:
+        raise TpControllerError(f'ROS 2 cannot start: {error}') from error
+    return context
 
 
 def absence(names: str) -> str:
