@@ -14,6 +14,7 @@
 
 from glob import glob
 import os
+import re
 import sys
 import sysconfig
 
@@ -40,14 +41,34 @@ peers = ['pin-pink', 'mink', 'embodik; python_version < "3.13"', 'example-robot-
 
 # One build for every Python from 3.11 on: before it the limited API has no buffer protocol.
 LIMITED = sys.version_info >= (3, 11) and not sysconfig.get_config_var('Py_GIL_DISABLED')
-# Without a C++ compiler the solver in Python does the same, more slowly.
-core = Extension(
-    package_name + '.solver.core', ['tp_controller/solver/core.cpp'],
-    # The same digits on every processor: no fused products.
-    extra_compile_args=['-std=c++17', '-O3', '-ffp-contract=off', '-fno-math-errno',
-                        '-fopenmp-simd', '-g0'],
-    define_macros=[('Py_LIMITED_API', '0x030b0000')] if LIMITED else [],
-    py_limited_api=LIMITED, optional=True)
+# Modules with a source of their name, in C++. Each does no more than Python does in its place
+# where there is no compiler, but faster.
+compiled = ['solver.core', 'model.motion']
+extensions = [
+    Extension(
+        f'{package_name}.{name}', [f'{package_name}/{name.replace(".", "/")}.cpp'],
+        depends=[package_name + '/solver/border.h'],
+        # The same digits on every processor: no fused products.
+        extra_compile_args=['-std=c++17', '-O3', '-ffp-contract=off', '-fno-math-errno',
+                            '-fopenmp-simd', '-g0'],
+        define_macros=[('Py_LIMITED_API', '0x030b0000')] if LIMITED else [],
+        py_limited_api=LIMITED, optional=True)
+    for name in compiled]
+
+
+def description():
+    """
+    Return README.md for where there is no repository around it.
+
+    Its links to other files, its picture and the list of pages would lead nowhere there.
+    """
+    # colcon may run a link to this file, in a folder that has no other of these.
+    folder = os.path.dirname(os.path.realpath(__file__))
+    with open(os.path.join(folder, 'README.md'), encoding='utf-8') as file:
+        text = file.read().partition('## Documentation')[0]
+    file_beside = r'\((?!https?://)[^)]*\)'
+    text = re.sub(rf'^!\[[^]]*\]{file_beside}\n+', '', text, flags=re.MULTILINE)
+    return re.sub(rf'\[([^]]*)\]{file_beside}', r'\1', text).rstrip() + '\n'
 
 
 def shims():
@@ -68,7 +89,7 @@ setup(
     version='0.1.0',
     packages=find_packages(exclude=['test*']),
     package_data={package_name: ['py.typed']},
-    ext_modules=[core],
+    ext_modules=extensions,
     options={'bdist_wheel': {'py_limited_api': 'cp311'}} if LIMITED else {},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
@@ -101,7 +122,18 @@ setup(
     maintainer='tp_controller contributors',
     maintainer_email='maintainers@users.noreply.github.com',
     description='Prioritized velocity control of redundant robots',
+    long_description=description(),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
+    keywords=['robotics', 'ROS 2', 'task-priority control', 'redundancy resolution',
+              'hierarchical inverse kinematics'],
+    classifiers=[
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: C++',
+        'Programming Language :: Python :: 3',
+        'Topic :: Scientific/Engineering',
+        'Typing :: Typed',
+    ],
     entry_points={'console_scripts': [f'{name} = {target}'
                                       for name, target in executables.items()]},
 )

@@ -13,15 +13,17 @@
 # limitations under the License.
 
 """
-Solve one small problem with a compiled core, and nothing but the standard library.
+Load what is compiled, and solve one small problem with it and nothing but the standard library.
 
-Run as ``python .ci/try_core.py core.abi3.so``: three joints, the first of two levels at the limit
-of a joint. Another joint has to do what that one cannot.
+Run as ``python .ci/try_core.py FOLDER tp_controller/solver/core ...``, with all that is compiled
+in an unpacked wheel. The problem has three joints, the first of two levels at the limit of a
+joint. Another joint has to do what that one cannot.
 """
 
 from array import array
 from importlib.util import module_from_spec, spec_from_file_location
 import math
+import platform
 import sys
 from types import SimpleNamespace
 
@@ -39,11 +41,18 @@ def level(rows, v):
                            is_identity=False)
 
 
-def main():
-    """Solve it."""
-    spec = spec_from_file_location('tp_controller.solver.core', sys.argv[1])
-    core = module_from_spec(spec)
-    spec.loader.exec_module(core)
+def load(folder, name):
+    """Return a compiled module."""
+    spec = spec_from_file_location(name.replace('/', '.'), f'{folder}/{name}.abi3.so')
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def main(folder, *names):
+    """Load all, and solve it."""
+    modules = {name: load(folder, name) for name in names}
+    core = modules['tp_controller/solver/core']
     solver = core.Solver(3, 0.0, math.inf, 0.0, 0.0, None, False, True)
     velocity = doubles(0.0, 0.0, 0.0)
     found = solver.solve(
@@ -52,8 +61,8 @@ def main():
     assert found is not None and len(found[0]) == 2
     assert all(math.isclose(*pair, abs_tol=1e-12) for pair in zip(velocity, (1.0, 2.0, 0.5))), \
         list(velocity)
-    print(f'the core runs on Python {sys.version.split()[0]}')
+    print(f'{", ".join(modules)}: run on Python {sys.version.split()[0]}, {platform.machine()}')
 
 
 if __name__ == '__main__':
-    main()
+    main(*sys.argv[1:])

@@ -412,7 +412,8 @@ class Controller:
         self._states.reverse()
         self._state = state
         state.velocity = self._velocity
-        self._without_faulty(self._start, state)
+        if not self._started:
+            self._without_faulty(self._start, state)
         if self._last_update is None:
             elapsed = self._settings.period
         elif elapsed is None:
@@ -435,9 +436,8 @@ class Controller:
 
     def _start(self, state: RobotState) -> None:
         """Give tasks without a goal the value they have now, once."""
-        if not self._started:
-            self.stack.start(state)
-            self._started = True
+        self.stack.start(state)
+        self._started = True
 
     def _without_faulty(self, method: Callable[Given, Returned], *arguments: Given.args,
                         **keys: Given.kwargs) -> Returned:
@@ -539,34 +539,6 @@ class Controller:
 
         """
         return None if self._state is None else (self._state.q, self._passive)
-
-    def goal_poses(self) -> list[tuple[str, Array, Array]]:
-        """
-        Return the goals of the tasks about a frame.
-
-        Returns
-        -------
-        list of (str, ndarray (4, 4), ndarray (4, 4))
-            For each such task: its name, T_root_goal and T_root_frame.
-
-        """
-        if self._state is None:
-            return []
-        found = []
-        for task in self.stack.active_tasks:
-            # A task that has not started yet may have no goal.
-            if task.goal is None or task.frame is None or task.reference is None:
-                continue
-            try:
-                T_reference_goal = task.goal_pose(self._state)
-                if T_reference_goal is not None:
-                    found.append((task.name,
-                                  self._state.pose(task.reference).dot(T_reference_goal),
-                                  self._state.pose(task.frame)))
-            except Exception:
-                # Of a type of another package: what cannot be shown is left out.
-                continue
-        return found
 
     def _pose_in(self, task: Task, frame: str | Array) -> Array:
         """Return T_reference_frame (4, 4), as the robot stands now."""

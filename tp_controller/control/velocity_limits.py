@@ -15,8 +15,10 @@
 """Bounds on the joint velocities, from velocity, position and acceleration limits."""
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
+from tp_controller.model.compiled import MOTION
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 
@@ -42,41 +44,41 @@ class VelocityBounds:
 
     Parameters
     ----------
-    braking : ndarray (2, n)
-        Speeds from which joints can still stop before their upper and lower position limits;
-        negative outside of them [rad/s or m/s].
+    rows : ndarray (8, n)
+        What `bounded` returns.
     velocity : ndarray (n,)
         Velocity limits [rad/s or m/s].
-    window : (ndarray (n,), ndarray (n,)), optional
-        Least and largest velocity that acceleration limits let the joints reach now.
+    accelerated : bool
+        There are acceleration limits.
 
     Attributes
     ----------
     lower, upper : ndarray (n,)
         [rad/s or m/s], lower ≤ upper.
-    settled : (ndarray (n,), ndarray (n,))
-        The same without acceleration limits: what the joints may have in time.
 
     """
 
-    __slots__ = ('lower', 'upper', 'settled', '_braking', '_velocity', '_window')
+    __slots__ = ('lower', 'upper', '_rows', '_velocity', '_accelerated')
 
-    def __init__(self, braking: Array, velocity: Array,
-                 window: tuple[Array, Array] | None = None) -> None:
-        self._braking, self._velocity, self._window = braking, velocity, window
-        speed = np.minimum(braking, velocity)
-        upper, lower = speed[0], -speed[1]
-        if np.count_nonzero(upper < lower):
-            # Coming back from outside must not be faster than it can stop at the other end.
-            upper = np.maximum(upper, np.minimum(lower, 0.0))
-            lower = np.minimum(lower, upper)
-        self.settled = lower, upper
-        if window is not None:
-            # Velocities that can be reached now, even where they are all too fast.
-            least, most = window
-            upper = np.minimum(np.maximum(upper, least), most)
-            lower = np.minimum(np.maximum(lower, least), most)
-        self.lower, self.upper = lower, upper
+    def __init__(self, rows: Array, velocity: Array, accelerated: bool) -> None:
+        self._rows, self._velocity, self._accelerated = rows, velocity, accelerated
+        self.lower: Array = rows[0]
+        self.upper: Array = rows[1]
+
+    @property
+    def settled(self) -> tuple[Array, Array]:
+        """Return both (n,) without acceleration limits: what the joints may have in time."""
+        return self._rows[2], self._rows[3]
+
+    @property
+    def _braking(self) -> Array:
+        """Return `braking` of `bounded` (2, n)."""
+        return self._rows[4:6]
+
+    @property
+    def _window(self) -> Array | None:
+        """Return `window` of `bounded` (2, n)."""
+        return self._rows[6:] if self._accelerated else None
 
     def limits(self, joint: int, up: bool) -> list[str]:
         """Return the limits that set the upper, or lower, bound of a joint; mostly one."""
@@ -86,26 +88,64 @@ class VelocityBounds:
                   (position, self._braking[0 if up else 1, joint])]
         if self._window is not None:
             # Where all that can be reached is too fast, it is the nearer end of that.
-            speeds += [(ACCELERATION, end[joint] if up else -end[joint]) for end in self._window]
+            speeds += [(ACCELERATION, end if up else -end) for end in self._window[:, joint]]
         found = {limit: True for limit, speed in speeds if abs(float(speed) - bound) <= SAME}
         # What is left is the speed back from outside of the range.
         return list(found) or [position]
 
     def without(self, joint: int, limits: Sequence[str]) -> 'VelocityBounds':
         """Return the bounds as they would be without some limits of a joint."""
-        braking, velocity, window = self._braking, self._velocity, self._window
+        found = VelocityBounds(self._rows.copy(), self._velocity.copy(), self._accelerated)
+        braking, velocity, window = found._braking, found._velocity, found._window
         if VELOCITY in limits:
-            velocity = velocity.copy()
             velocity[joint] = np.inf
         for side, limit in enumerate((UPPER, LOWER)):
             if limit in limits:
-                braking = braking.copy()
                 braking[side, joint] = np.inf
         if ACCELERATION in limits and window is not None:
-            least, most = window[0].copy(), window[1].copy()
-            least[joint], most[joint] = -np.inf, np.inf
-            window = least, most
-        return VelocityBounds(braking, velocity, window)
+            window[:, joint] = -np.inf, np.inf
+        return VelocityBounds(bounded(braking, velocity, window), velocity, self._accelerated)
+
+
+def bounded(braking: Array, velocity: Array, window: Array | None) -> Array:
+    """
+    Return the velocities that joints may have, and what they follow from.
+
+    Parameters
+    ----------
+    braking : ndarray (2, n)
+        Speeds from which joints can still stop before their upper and lower position limits;
+        negative outside of them [rad/s or m/s].
+    velocity : ndarray (n,)
+        Velocity limits [rad/s or m/s].
+    window : ndarray (2, n) or None
+        Least and largest velocity that acceleration limits let the joints reach now.
+
+    Returns
+    -------
+    ndarray (8, n)
+        Least and largest velocity, the same without acceleration limits, `braking`, `window`.
+
+    """
+    speed = np.minimum(braking, velocity)
+    upper, lower = speed[0], -speed[1]
+    if np.count_nonzero(upper < lower):
+        # Coming back from outside must not be faster than it can stop at the other end.
+        upper = np.maximum(upper, np.minimum(lower, 0.0))
+        lower = np.minimum(lower, upper)
+    if window is None:
+        return np.array((lower, upper, lower, upper, *braking, *braking))
+    # Velocities that can be reached now, even where they are all too fast.
+    least, most = window
+    return np.array((np.minimum(np.maximum(lower, least), most),
+                     np.minimum(np.maximum(upper, least), most), lower, upper, *braking, *window))
+
+
+class Limits(Protocol):
+    """What motion.cpp does of `VelocityLimits`."""
+
+    def at(self, q: Array, previous: Array, elapsed: float, rows: Array) -> None:
+        """Fill in what `bounded` returns (8, n)."""
 
 
 class VelocityLimits:
@@ -146,6 +186,9 @@ class VelocityLimits:
             self._change = self._acceleration * period
             self._slow = self._acceleration / braking_gain ** 2
             self._pieces = 1.0 + 2.0 / (braking_gain * period)
+        self._compiled: Limits | None = None if MOTION is None else MOTION.Limits(
+            period, braking_gain, self._endless, self._lower, self._upper, self._velocity,
+            self._acceleration)
 
     def at(self, q: Array, previous: Array, elapsed: float) -> VelocityBounds:
         """
@@ -165,14 +208,23 @@ class VelocityLimits:
             How long ago that was, more than zero [s].
 
         """
+        accelerated = self._acceleration is not None
+        if self._compiled is None:
+            return VelocityBounds(self._rows(q, previous, elapsed), self._velocity, accelerated)
+        rows = np.empty((8, len(q)))
+        self._compiled.at(q, previous, elapsed, rows)
+        return VelocityBounds(rows, self._velocity, accelerated)
+
+    def _rows(self, q: Array, previous: Array, elapsed: float) -> Array:
+        """Return what `bounded` does at `q`: the reference of `Limits` in motion.cpp."""
         distance = np.array((self._upper - q, q - self._lower))
         if self._endless:
             distance = np.minimum(distance, FAR)
         braking = np.maximum(self._braking_speed(distance), -self._return)
         if self._acceleration is None:
-            return VelocityBounds(braking, self._velocity)
+            return bounded(braking, self._velocity, None)
         change = self._acceleration * min(elapsed, self._period)
-        return VelocityBounds(braking, self._velocity, (previous - change, previous + change))
+        return bounded(braking, self._velocity, np.array((previous - change, previous + change)))
 
     def _braking_speed(self, distance: Array) -> Array:
         """Return the speed from which a joint can still stop within `distance` (2, n)."""

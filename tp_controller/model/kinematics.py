@@ -19,6 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio
 from tp_controller.errors import RobotError, unknown
+from tp_controller.model.compiled import make_motion, Motion, numbers_of
 from tp_controller.model.mobile_base import Base
 from tp_controller.model.spatial import Array, read_only
 from tp_controller.model.urdf import FREE_FLYER, MimicRules, resolve_mimic
@@ -78,6 +79,9 @@ class Kinematics:
         # the motions of a base are about axes of its own, so each turns all of them.
         self.turned = np.triu(np.ones((model.nv, model.nv)))
         self.turned[:first, :first] = 1.0
+        # Read once: a robot with many frames has many states.
+        self._numbers = numbers_of(model, self.n, self.joint_rows.start, base.columns,
+                                   self._joint_map)
 
     def _map_joints(self, names: Sequence[str], driven: Sequence[str],
                     mimics: MimicRules) -> None:
@@ -92,11 +96,19 @@ class Kinematics:
             else:
                 self._passive_map[row, self.passive_names.index(leader)] = multiplier
 
+    def motion(self) -> Motion | None:
+        """Return the compiled kinematics, to be moved by a state; None for Pinocchio."""
+        return make_motion(self._numbers)
+
     def check_frame(self, name: object) -> str:
         """Return `name` if it is a frame of the robot, else raise `RobotError`."""
         if not isinstance(name, str) or name not in self.frame_ids:
             raise RobotError(unknown('frame', name, self.frame_ids))
         return name
+
+    def frame_index(self, name: str) -> int:
+        """Return the index of a frame of the model, or raise `RobotError`."""
+        return self.frame_ids[self.check_frame(name)]
 
     def attachment(self, frame: str) -> tuple[int, pinocchio.SE3]:
         """Return the joint that moves a frame, and where on it the frame is."""

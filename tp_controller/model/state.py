@@ -42,6 +42,8 @@ class RobotState:
         Configuration [rad or m].
     positions : ndarray (n,)
         What position limits are about; see `Robot.positions`.
+    motion : Motion or None
+        Compiled kinematics at these positions; None where Pinocchio evaluates them.
     velocity : ndarray (n,)
         That the robot was told to have since the state before, for tasks that look ahead; at rest
         unless somebody sets it [rad/s or m/s].
@@ -54,6 +56,9 @@ class RobotState:
     def __init__(self, kinematics: Kinematics, q: ArrayLike, passive: ArrayLike) -> None:
         self._kinematics = kinematics
         self._data = kinematics.model.createData()
+        self.motion = kinematics.motion()
+        # Pinocchio's data are those of these positions.
+        self._is_evaluated = False
         self._offset = kinematics.offset
         self._placements: dict[str, tuple[Array, Array, Array]] = {}
         self._jacobians: dict[str, Array] = {}
@@ -89,8 +94,10 @@ class RobotState:
         self._placements.clear()
         self._jacobians.clear()
         self._center_of_mass = None
-        pinocchio.computeJointJacobians(kinematics.model, self._data,
-                                        kinematics.configuration(checked, self._offset))
+        self._is_evaluated = False
+        if self.motion is not None:
+            placement = kinematics.base.placement(checked) if kinematics.base.moves else None
+            self.motion.move(checked, self._offset, placement)
 
     def rotation(self, frame: str) -> Array:
         """Return R_root_frame (3, 3)."""
@@ -122,10 +129,7 @@ class RobotState:
         """
         J = self._jacobians.get(frame)
         if J is None:
-            J = self._model_jacobian(frame)
-            if self._kinematics.expand is not None:
-                J = J.dot(self._kinematics.expand)
-            self._jacobians[frame] = read_only(J)
+            J = self._jacobians[frame] = read_only(self._jacobian(frame))
         return J
 
     def jacobian_gradient(self, frame: str, weights: Array) -> Array:
@@ -170,7 +174,8 @@ class RobotState:
         """
         if self._center_of_mass is None:
             kinematics = self._kinematics
-            J = pinocchio.jacobianCenterOfMass(kinematics.model, self._data, False).reshape(3, -1)
+            J = pinocchio.jacobianCenterOfMass(kinematics.model, self._evaluated(),
+                                               False).reshape(3, -1)
             if kinematics.expand is not None:
                 J = J.dot(kinematics.expand)
             # Pinocchio leaves out what is fixed to the root.
@@ -183,14 +188,34 @@ class RobotState:
 
     def place(self, geometry: pinocchio.GeometryModel, data: pinocchio.GeometryData) -> None:
         """Place the objects of one of Pinocchio's geometry models, made for this robot."""
-        pinocchio.updateGeometryPlacements(self._kinematics.model, self._data, geometry, data)
+        pinocchio.updateGeometryPlacements(self._kinematics.model, self._evaluated(), geometry,
+                                           data)
+
+    def _evaluated(self) -> pinocchio.Data:
+        """Return Pinocchio's data at these positions."""
+        if not self._is_evaluated:
+            kinematics = self._kinematics
+            pinocchio.computeJointJacobians(kinematics.model, self._data,
+                                            kinematics.configuration(self.q, self._offset))
+            self._is_evaluated = True
+        return self._data
+
+    def _jacobian(self, frame: str) -> Array:
+        """Evaluate the Jacobian (6, n) of a frame."""
+        kinematics = self._kinematics
+        if self.motion is not None:
+            J = np.empty((6, kinematics.n))
+            self.motion.jacobian(kinematics.frame_index(frame), J)
+            return J
+        J = self._model_jacobian(frame)
+        return J if kinematics.expand is None else J.dot(kinematics.expand)
 
     def _model_jacobian(self, frame: str) -> Array:
         """Return the Jacobian (6, nv) of a frame by the coordinates of Pinocchio's model."""
-        if frame not in self._placements:
-            self._place(frame)
-        kinematics = self._kinematics
-        J = pinocchio.getFrameJacobian(kinematics.model, self._data, kinematics.frame_ids[frame],
+        kinematics, data = self._kinematics, self._evaluated()
+        index = kinematics.frame_index(frame)
+        pinocchio.updateFramePlacement(kinematics.model, data, index)
+        J = pinocchio.getFrameJacobian(kinematics.model, data, index,
                                        pinocchio.LOCAL_WORLD_ALIGNED)
         # That of a model with one coordinate comes without its second dimension.
         return J if J.ndim == 2 else J.reshape(6, 1)
@@ -198,11 +223,16 @@ class RobotState:
     def _place(self, frame: str) -> tuple[Array, Array, Array]:
         """Evaluate the placement of a frame: R_root_frame, its origin, and both as a pose."""
         kinematics = self._kinematics
-        index = kinematics.frame_ids[kinematics.check_frame(frame)]
-        placement = pinocchio.updateFramePlacement(kinematics.model, self._data, index)
-        # The rotation and translation of a placement are windows into Pinocchio's data, which
-        # the next update changes; this matrix is a copy.
-        T = read_only(placement.homogeneous)
+        if self.motion is not None:
+            T = np.empty((4, 4))
+            self.motion.place(kinematics.frame_index(frame), T)
+        else:
+            # The rotation and translation of a placement are windows into Pinocchio's data,
+            # which the next update changes; this matrix is a copy.
+            T = pinocchio.updateFramePlacement(
+                kinematics.model, self._evaluated(),
+                kinematics.frame_index(frame)).homogeneous
+        T = read_only(T)
         self._placements[frame] = placed = T[:3, :3], T[:3, 3], T
         return placed
 

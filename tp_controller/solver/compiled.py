@@ -77,6 +77,16 @@ def load(wanted: str) -> ModuleType | None:
         return None
 
 
+def part(name: str) -> ModuleType | None:
+    """Return another compiled module; None where the reference runs, or it was not built."""
+    if core is None:
+        return None
+    try:
+        return import_module(name)
+    except ImportError:
+        return None
+
+
 core = load(os.environ.get(VARIABLE, ''))
 _left = 0
 

@@ -20,8 +20,7 @@
 // decomposition (Householder, then one-sided Jacobi), and a dual active-set method (Goldfarb and
 // Idnani, 1983). What this file cannot solve it leaves to the reference (`Unsolved`).
 
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
+#include "border.h"
 
 #include <algorithm>
 #include <cmath>
@@ -54,9 +53,6 @@ constexpr int SWEEPS = 60;
 constexpr double DEPENDENT = 1e-15;
 // What rounding leaves of a bound that is met, as a share of the point.
 constexpr double LAST_DIGIT = 1e-15;
-// Larger matrices are left to the reference.
-constexpr Py_ssize_t MOST = 1000;
-
 // What this file leaves to the reference.
 struct Unsolved {};
 
@@ -1537,73 +1533,6 @@ class Solver {
 // Names of the attributes of a `Level`.
 PyObject *J_NAME, *V_NAME, *MODE_NAME, *LOWER_NAME, *UPPER_NAME, *IDENTITY_NAME;
 
-// A reference that is given back.
-class Held {
- public:
-  explicit Held(PyObject *object) : object_(object) {}
-  Held(const Held &) = delete;
-  ~Held() { Py_XDECREF(object_); }
-  operator PyObject *() const { return object_; }
-  PyObject *release() { return std::exchange(object_, nullptr); }
-
- private:
-  PyObject *object_;
-};
-
-// An array of doubles that Python owns.
-class Buffer {
- public:
-  Buffer(PyObject *object, int dimensions, bool writable = false) {
-    const int flags = PyBUF_STRIDES | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0);
-    if (!object || PyObject_GetBuffer(object, &view_, flags) != 0) {
-      PyErr_Clear();
-      return;
-    }
-    held_ = true;
-    fits_ = view_.ndim == dimensions && view_.itemsize == sizeof(double) && view_.format
-        && std::strcmp(view_.format, "d") == 0;
-    for (int d = 0; fits_ && d < dimensions; ++d) fits_ = view_.shape[d] <= MOST;
-  }
-  Buffer(const Buffer &) = delete;
-  ~Buffer() {
-    if (held_) PyBuffer_Release(&view_);
-  }
-
-  bool is(Py_ssize_t rows) const { return fits_ && view_.shape[0] == rows; }
-  bool is(Py_ssize_t rows, Py_ssize_t columns) const {
-    return is(rows) && view_.shape[1] == columns;
-  }
-  Py_ssize_t rows() const { return fits_ ? view_.shape[0] : -1; }
-
-  double at(Py_ssize_t i) const { return number(i * view_.strides[0]); }
-
-  void copy(double *to) const {
-    for (Py_ssize_t i = 0; i < view_.shape[0]; ++i) to[i] = at(i);
-  }
-
-  void copy_rows(double *to) const {
-    const Py_ssize_t columns = view_.shape[1];
-    for (Py_ssize_t i = 0; i < view_.shape[0]; ++i)
-      for (Py_ssize_t j = 0; j < columns; ++j)
-        to[i * columns + j] = number(i * view_.strides[0] + j * view_.strides[1]);
-  }
-
-  void fill(const double *from) const {
-    for (Py_ssize_t i = 0; i < view_.shape[0]; ++i)
-      std::memcpy(static_cast<char *>(view_.buf) + i * view_.strides[0], from + i, sizeof(double));
-  }
-
- private:
-  double number(Py_ssize_t offset) const {
-    double found;
-    std::memcpy(&found, static_cast<const char *>(view_.buf) + offset, sizeof(double));
-    return found;
-  }
-
-  Py_buffer view_;
-  bool held_ = false, fits_ = false;
-};
-
 void need(bool fine) {
   if (!fine) throw Unsolved();
 }
@@ -1745,11 +1674,6 @@ class Record {
   char *at_ = nullptr;
 };
 
-struct SolverObject {
-  PyObject_HEAD
-  Solver *solver;
-};
-
 // Solves one cycle; a nested call, from an attribute that is computed, goes to the reference.
 class Cycle {
  public:
@@ -1810,7 +1734,7 @@ PyObject *solve(PyObject *self, PyObject *const *given, Py_ssize_t count) {
     return nullptr;
   }
   try {
-    return Cycle(*reinterpret_cast<SolverObject *>(self)->solver).solve(given);
+    return Cycle(of<Solver>(self)).solve(given);
   } catch (const Unsolved &) {
   } catch (const std::bad_alloc &) {
   }
@@ -1839,34 +1763,12 @@ PyObject *make(PyTypeObject *type, PyObject *given, PyObject *) {
     PyErr_SetString(PyExc_ValueError, "needs joints, and as many weights or None");
     return nullptr;
   }
-  const auto allocate = reinterpret_cast<allocfunc>(PyType_GetSlot(type, Py_tp_alloc));
-  PyObject *self = allocate(type, 0);
-  if (!self) return nullptr;
-  Solver *&solver = reinterpret_cast<SolverObject *>(self)->solver;
-  solver = new (std::nothrow) Solver(options);
-  if (solver) return self;
-  Py_DECREF(self);
-  return PyErr_NoMemory();
-}
-
-void destroy(PyObject *self) {
-  PyTypeObject *type = Py_TYPE(self);
-  delete reinterpret_cast<SolverObject *>(self)->solver;
-  reinterpret_cast<freefunc>(PyType_GetSlot(type, Py_tp_free))(self);
-  Py_DECREF(type);
+  return keep<Solver>(type, options);
 }
 
 PyMethodDef METHODS[] = {
-    {"solve", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)(void)>(solve)),
-     METH_FASTCALL, "Solve one cycle."},
+    method("solve", solve, "Solve one cycle."),
     {nullptr, nullptr, 0, nullptr}};
-PyType_Slot SLOTS[] = {
-    {Py_tp_new, reinterpret_cast<void *>(make)},
-    {Py_tp_dealloc, reinterpret_cast<void *>(destroy)},
-    {Py_tp_methods, METHODS},
-    {0, nullptr}};
-PyType_Spec SOLVER = {"tp_controller.solver.core.Solver", sizeof(SolverObject), 0,
-                      Py_TPFLAGS_DEFAULT, SLOTS};
 PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "core", "The solver, compiled.", -1,
                       nullptr, nullptr, nullptr, nullptr, nullptr};
 
@@ -1893,7 +1795,8 @@ PyMODINIT_FUNC PyInit_core(void) {
       || !intern(IDENTITY_NAME, "is_identity")) return nullptr;
   Held module(PyModule_Create(&MODULE));
   if (!module) return nullptr;
-  PyObject *type = PyType_FromSpec(&SOLVER), *values = constants();
+  PyObject *type = make_type<Solver>("tp_controller.solver.core.Solver", make, METHODS);
+  PyObject *values = constants();
   if (!type || !values || PyModule_AddObject(module, "Solver", type) != 0
       || PyModule_AddObject(module, "CONSTANTS", values) != 0) return nullptr;
   return module.release();

@@ -85,7 +85,7 @@ class CenterOfMass(PointTask):
             return [Dot('frame', place)]
         end = place.copy()
         end[self._rows] = self.goal[self._rows]
-        return [Dot('frame', place), Triad('goal', pose(np.eye(3), self.goal)),
+        return [Dot('frame', place), Triad('goal', pose(np.eye(3), end)),
                 *arrow('error', place, end)]
 
     def in_rows(self, feed_forward: Array) -> Array:

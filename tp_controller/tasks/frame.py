@@ -16,9 +16,10 @@
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, TypeAlias, TypeGuard, TypeVar
+from typing import Any, ClassVar, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
+from tp_controller.model.compiled import Motion
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, skew
 from tp_controller.model.state import RobotState
@@ -27,6 +28,8 @@ from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
 
 Axes: TypeAlias = str | Sequence[str]
 SomeTask = TypeVar('SomeTask', bound='FrameTask')
+# What a type evaluates.
+EVALUATED = {'error', 'jacobian', 'position', 'rotation'}
 TWIST_AXES: tuple[str, ...] = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 
@@ -127,6 +130,11 @@ class FrameTask(MovingGoalTask):
     gain, tolerance, timeout
         See `Task`.
 
+    Attributes
+    ----------
+    counts : ndarray (6,)
+        Of the rows of a twist, whether they count.
+
     Raises
     ------
     TaskError
@@ -142,6 +150,13 @@ class FrameTask(MovingGoalTask):
 
     frame: str
     reference: str
+    in_one_call: ClassVar[bool] = False
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Register the type; what it evaluates in a way of its own is not compiled."""
+        super().__init_subclass__(**options)
+        if EVALUATED & vars(cls).keys():
+            cls.in_one_call = vars(cls).get('in_one_call', False)
 
     def __init__(self, robot: Robot, name: str, *, frame: str, reference: str | None = None,
                  axes: Axes | None = None, gain: Gain = DEFAULT_GAIN,
@@ -153,6 +168,7 @@ class FrameTask(MovingGoalTask):
         self.axes = keys.check('axes', parse_axes, axes, self.axis_names()) or self.axis_names()
         rows = [TWIST_AXES.index(axis) for axis in _twist_names(self.axes, self.twist_rows)]
         units = ['m' if row < 3 else 'rad' for row in rows]
+        self.counts = np.isin(np.arange(6), rows)
         self._twist_rows = _selection(rows)
         self._mask = _selection([row - self.twist_rows.start for row in rows])
         self._motion = RelativeFrame(robot, self.frame, self.reference)
@@ -171,6 +187,13 @@ class FrameTask(MovingGoalTask):
         return super().is_compatible(other) and self.frame == other.frame
 
     @cached_property
+    def _observed(self) -> tuple[int, int, bytes]:
+        """Return frame, reference and rows, as `Motion.observe` takes them."""
+        index = self.robot.kinematics.frame_index
+        return (index(self.frame), -1 if self.reference == self.robot.root
+                else index(self.reference), bytes(np.flatnonzero(self.counts).tolist()))
+
+    @cached_property
     def reach(self) -> float:
         """Return a distance from its reference that the frame never exceeds [m]."""
         return self.robot.reach(self.frame, self.reference)
@@ -183,9 +206,25 @@ class FrameTask(MovingGoalTask):
         """Return R_reference_frame (3, 3)."""
         return self._motion.rotation(state)
 
+    def place_that_counts(self, place: Array, state: RobotState) -> Array:
+        """Return a place, along the axes that count, and the frame's for the rest (3,) [m]."""
+        return np.where(self.counts[:3], place, self.position(state))
+
     def jacobian(self, state: RobotState) -> Array:
         """Return J (rows, n) of the twist of the frame relative to the reference frame."""
         return self._motion.jacobian(state)[self._twist_rows]
+
+    def error_and_jacobian(self, state: RobotState) -> tuple[Array, Array]:
+        """Return both, from one call where the type and the robot are compiled."""
+        if self.in_one_call and state.motion is not None:
+            error, J = np.empty(self.rows), np.empty((self.rows, self.robot.n))
+            if self._observe(state.motion, error, J):
+                return error, J
+        return self.error(state), self.jacobian(state)
+
+    def _observe(self, motion: Motion, error: Array, J: Array) -> bool:
+        """Fill in error (rows,) and J (rows, n); return whether that was possible."""
+        return motion.observe(*self._observed, self.goal, None, None, error, J)
 
     def in_rows(self, feed_forward: Array) -> Array:
         """Return the rows of a twist (6,) that count."""

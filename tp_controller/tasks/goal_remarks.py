@@ -18,6 +18,7 @@ from collections.abc import Sequence
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from tp_controller.model.spatial import Array
 
 # Numbers and turns that are so small were not meant to count.
@@ -26,7 +27,8 @@ IGNORED = 1e-9
 MILLIMETRES, NEAREST = 1e-3, 0.05
 
 
-def out_of_reach(place: Array, counts: slice | list[int], reach: float, reference: str) -> str:
+def out_of_reach(place: Array, counts: NDArray[np.bool_], reach: float,
+                 reference: str) -> str:
     """
     Return a remark about a place that the robot cannot reach, however it stands; else nothing.
 
@@ -34,8 +36,8 @@ def out_of_reach(place: Array, counts: slice | list[int], reach: float, referenc
     ----------
     place : ndarray (3,)
         In the reference frame [m].
-    counts : slice or list of int
-        Which of its coordinates count.
+    counts : ndarray (3,)
+        Of its coordinates, whether they count.
     reach : float
         See `Robot.reach` [m].
     reference : str

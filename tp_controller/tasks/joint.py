@@ -70,7 +70,7 @@ class JointTask(Task):
 
     def positions(self, state: RobotState) -> Array:
         """Return the positions of the joints (rows,) [rad or m]."""
-        return state.positions[self._indices]
+        return state.positions if self.every_joint else state.positions[self._indices]
 
     def jacobian(self, state: RobotState) -> Array:
         """Return the rows of the identity (rows, n) that select the joints."""

@@ -21,11 +21,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
+from tp_controller.model.compiled import Motion
 from tp_controller.model.spatial import (
     Array,
     check_rotation,
     pose,
     rotation_from_quaternion,
+    rotation_from_vector,
     rotation_vector,
     shorter_rotation,
 )
@@ -42,11 +44,12 @@ class ContinuousRotation:
     """The error of an orientation, with its direction remembered near half a turn."""
 
     def __init__(self) -> None:
-        self._previous: Array | None = None
+        # The turn that was followed last.
+        self.previous: Array | None = None
 
     def forget(self) -> None:
         """Choose the direction anew."""
-        self._previous = None
+        self.previous = None
 
     def error(self, R_desired: Array, R_actual: Array) -> Array:
         """Return the rotation vector (3,) from actual to desired [rad]."""
@@ -54,12 +57,12 @@ class ContinuousRotation:
 
     def follow(self, vector: Array) -> Array:
         """Return a rotation vector (3,), or the same turn in the other direction [rad]."""
-        self._previous = shorter_rotation(vector, self._previous)
-        return self._previous
+        self.previous = shorter_rotation(vector, self.previous)
+        return self.previous
 
     def inherit(self, other: 'ContinuousRotation') -> None:
         """Keep the direction of another one."""
-        self._previous = other._previous
+        self.previous = other.previous
 
 
 class TurningTask(Task):
@@ -93,7 +96,20 @@ class TurningTask(Task):
         return other
 
 
-class Orientation(TurningTask, FrameTask):
+class TurningFrameTask(TurningTask, FrameTask):
+    """A task that turns a frame to an orientation, whatever else it does."""
+
+    def _observe(self, motion: Motion, error: Array, J: Array) -> bool:
+        """Fill in error (rows,) and J (rows, n); return whether that was possible."""
+        turn = np.empty(3)
+        observed = motion.observe(*self._observed, self.goal, self._rotation_error.previous, turn,
+                                  error, J)
+        if observed:
+            self._rotation_error.previous = turn
+        return observed
+
+
+class Orientation(TurningFrameTask):
     """
     Turn a frame to an orientation: error log(R_d Rᵀ), Jacobian J_ω (lecture 3.3).
 
@@ -105,6 +121,7 @@ class Orientation(TurningTask, FrameTask):
     """
 
     type_name = 'orientation'
+    in_one_call = True
     goal_type = 'quaternion'
     twist_rows = slice(3, 6)
 
@@ -114,7 +131,7 @@ class Orientation(TurningTask, FrameTask):
 
     def error(self, state: RobotState) -> Array:
         """Return the rotation vector to the goal about the axes that count (rows,) [rad]."""
-        return self._rotation_error.error(self.goal, self.rotation(state))[self._mask]
+        return self._turn(state)[self._mask]
 
     def parse_goal(self, goal: ArrayLike) -> Array:
         """Return a rotation matrix (3, 3); raise `GoalError` if it cannot be one."""
@@ -125,23 +142,46 @@ class Orientation(TurningTask, FrameTask):
         return T_reference_frame[:3, :3].dot(goal)
 
     def goal_pose(self, state: RobotState) -> Array:
-        """Return the goal at the place of the frame (4, 4)."""
-        return pose(self.goal, self.position(state))
+        """Return the frame after the turn to the goal, about the axes that count (4, 4)."""
+        return pose(rotation_that_counts(self, state, self.goal, self._turn(state)),
+                    self.position(state))
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
         """Return what can be drawn, with an arc for the turn that is left."""
         drawn = super().sketch(state)
         if self.goal is None:
             return drawn
-        turn = self._rotation_error.error(self.goal, self.rotation(state))
-        return [*drawn, *turn_left(self, state, turn)]
+        return [*drawn, *turn_left(self, state, self._turn(state))]
+
+    def _turn(self, state: RobotState) -> Array:
+        """Return the rotation vector to the goal (3,) [rad]."""
+        return self._rotation_error.error(self.goal, self.rotation(state))
 
 
 def turn_left(task: FrameTask, state: RobotState, turn: Array) -> list[Sketch]:
     """Return an arc for the part of a turn (3,) that counts, in the reference frame [rad]."""
-    counts = np.array([axis in task.axes for axis in task.axis_names()[-3:]])
     return arc('turn', state.position(task.frame), AXES_LENGTH * state.rotation(task.frame).T,
-               state.rotation(task.reference).dot(counts * turn))
+               state.rotation(task.reference).dot(task.counts[3:] * turn))
+
+
+def rotation_that_counts(task: FrameTask, state: RobotState, R: Array, turn: Array) -> Array:
+    """
+    Return the rotation (3, 3) of a frame after the part of a turn that counts.
+
+    Parameters
+    ----------
+    task : FrameTask
+        About the frame.
+    state : RobotState
+        Where the robot is.
+    R : ndarray (3, 3)
+        R_reference_frame after the whole turn.
+    turn : ndarray (3,)
+        In the reference frame [rad].
+
+    """
+    counts = task.counts[3:]
+    return R if counts.all() else rotation_from_vector(counts * turn).dot(task.rotation(state))
 
 
 def parse_rotation(goal: ArrayLike, what: str) -> Array:

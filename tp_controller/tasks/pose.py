@@ -21,10 +21,14 @@ from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
 from tp_controller.model.spatial import Array, pose
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.goal_remarks import masked_place, masked_turn, out_of_reach
 from tp_controller.tasks.keys import finite_vector, has_shape
-from tp_controller.tasks.orientation import parse_rotation, turn_left, TurningTask
+from tp_controller.tasks.orientation import (
+    parse_rotation,
+    rotation_that_counts,
+    turn_left,
+    TurningFrameTask,
+)
 from tp_controller.tasks.sketch import Sketch
 from tp_controller.tasks.task import Task
 
@@ -47,7 +51,7 @@ class PoseTask(Task):
         return self.goal
 
 
-class Pose(PoseTask, TurningTask, FrameTask):
+class Pose(PoseTask, TurningFrameTask):
     """
     Bring a frame to a pose: position and orientation in one task (lecture 3.4).
 
@@ -56,6 +60,7 @@ class Pose(PoseTask, TurningTask, FrameTask):
     """
 
     type_name = 'pose'
+    in_one_call = True
 
     def value(self, state: RobotState) -> Array:
         """Return T_reference_frame (4, 4)."""
@@ -65,7 +70,7 @@ class Pose(PoseTask, TurningTask, FrameTask):
         """Return translation and rotation vector to the goal along the axes that count (rows,)."""
         error = np.empty(6)
         error[:3] = self.goal[:3, 3] - self.position(state)
-        error[3:] = self._rotation_error.error(self.goal[:3, :3], self.rotation(state))
+        error[3:] = self._turn(state)
         return error[self._mask]
 
     def goal_remarks(self, goal: Array, converted: bool) -> tuple[str, ...]:
@@ -74,25 +79,27 @@ class Pose(PoseTask, TurningTask, FrameTask):
         masked = () if converted else (masked_place(place, self.axes),
                                        masked_turn(goal[:3, :3], self.axes, turns))
         return tuple(filter(None, (
-            out_of_reach(place, self._counting(), self.reach, self.reference), *masked)))
+            out_of_reach(place, self.counts[:3], self.reach, self.reference), *masked)))
 
     def goal_place(self, goal: Array, state: RobotState) -> Array:
         """Return the goal, where it counts, and where the frame is for the rest (3,) [m]."""
-        place, counting = self.position(state).copy(), self._counting()
-        place[counting] = goal[counting, 3]
-        return place
+        return self.place_that_counts(goal[:3, 3], state)
+
+    def goal_pose(self, state: RobotState) -> Array:
+        """Return the goal, as far as it counts, and the pose of the frame for the rest (4, 4)."""
+        return pose(rotation_that_counts(self, state, self.goal[:3, :3], self._turn(state)),
+                    self.goal_place(self.goal, state))
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
         """Return what can be drawn, with an arc for the turn that is left."""
         drawn = super().sketch(state)
         if self.goal is None:
             return drawn
-        turn = self._rotation_error.error(self.goal[:3, :3], self.rotation(state))
-        return [*drawn, *turn_left(self, state, turn)]
+        return [*drawn, *turn_left(self, state, self._turn(state))]
 
-    def _counting(self) -> list[int]:
-        """Return the coordinates of a place that count."""
-        return ['xyz'.index(axis) for axis in self.axes if axis in 'xyz']
+    def _turn(self, state: RobotState) -> Array:
+        """Return the rotation vector to the goal (3,) [rad]."""
+        return self._rotation_error.error(self.goal[:3, :3], self.rotation(state))
 
 
 def parse_pose(goal: ArrayLike, what: str) -> Array:

@@ -45,6 +45,7 @@ class Position(PointTask, FrameTask):
     """
 
     type_name = 'position'
+    in_one_call = True
 
     def value(self, state: RobotState) -> Array:
         """Return the origin of the frame (3,), in the reference frame [m]."""
@@ -57,15 +58,13 @@ class Position(PointTask, FrameTask):
     def goal_remarks(self, goal: Array, converted: bool) -> tuple[str, ...]:
         """Say that the goal is out of reach, or coordinates of it do not count."""
         return tuple(filter(None, (
-            out_of_reach(goal, self._mask, self.reach, self.reference),
+            out_of_reach(goal, self.counts[:3], self.reach, self.reference),
             '' if converted else masked_place(goal, self.axes))))
 
     def goal_place(self, goal: Array, state: RobotState) -> Array:
         """Return the goal, where it counts, and where the frame is for the rest (3,) [m]."""
-        place = self.position(state).copy()
-        place[self._mask] = goal[self._mask]
-        return place
+        return self.place_that_counts(goal, state)
 
     def goal_pose(self, state: RobotState) -> Array:
-        """Return the goal with the orientation of the frame (4, 4)."""
-        return pose(self.rotation(state), self.goal)
+        """Return where the goal brings the frame, with the orientation that it has (4, 4)."""
+        return pose(self.rotation(state), self.goal_place(self.goal, state))

@@ -236,11 +236,14 @@ class Task(ABC):
 
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
-        error = self.error(state)
+        error, J = self.error_and_jacobian(state)
         return Evaluation(
-            self, Level(self.jacobian(state), self.velocity(error, now), self.mode,
-                        is_identity=self.every_joint), error,
-            self.row_names)
+            self, Level(J, self.velocity(error, now), self.mode, is_identity=self.every_joint),
+            error, self.row_names)
+
+    def error_and_jacobian(self, state: RobotState) -> tuple[Array, Array]:
+        """Return both: all that a cycle needs of a state."""
+        return self.error(state), self.jacobian(state)
 
     def set_gain(self, gain: Gain) -> None:
         """Take another gain, as the key of this name; ValueError where it can be none."""
@@ -293,7 +296,11 @@ class Task(ABC):
         return tried
 
     def goal_pose(self, state: RobotState) -> Array | None:
-        """Return T_reference_goal (4, 4) for display; None where the goal is no place."""
+        """
+        Return T_reference_goal (4, 4) for display; None where the goal is no place.
+
+        Along and about axes that do not count it is where the frame is now.
+        """
         return None
 
     def set_goal(self, goal: Goal, now: float) -> None:
@@ -333,13 +340,9 @@ class Task(ABC):
 
         """
         drawn, T_root_goal = self._frame_and_goal(state)
-        if T_root_goal is None or self.frame is None or self.reference is None:
+        if T_root_goal is None or self.frame is None:
             return drawn
-        end, place = T_root_goal[:3, 3], self.goal_place(self.goal, state)
-        if place is not None:
-            T_root_reference = state.pose(self.reference)
-            end = T_root_reference[:3, :3].dot(place) + T_root_reference[:3, 3]
-        return [*drawn, *arrow('error', state.position(self.frame), end)]
+        return [*drawn, *arrow('error', state.position(self.frame), T_root_goal[:3, 3])]
 
     def _frame_and_goal(self, state: RobotState) -> tuple[list[Sketch], Array | None]:
         """

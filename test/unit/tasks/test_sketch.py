@@ -67,6 +67,14 @@ CASES = {
 }
 
 
+# {type: the rows of a twist, x to rz, that its axes can be}
+MASKED = {
+    'position': range(3), 'relative_position': range(3), 'center_of_mass': range(3),
+    'orientation': range(3, 6), 'base_orientation': range(3, 6),
+    'pose': range(6), 'relative_pose': range(6), 'base_pose': range(6)}
+AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
+
+
 def make(name, **more):
     """Return a task of a type, about a Panda that can have it."""
     robot = robots.urdf_robot('panda', ARM) if name == 'center_of_mass' else (
@@ -179,12 +187,50 @@ def test_a_task_without_a_goal_can_be_drawn(name):
 
 # Frames and goals
 
-@pytest.mark.parametrize('name', ['pose', 'relative_pose', 'base_pose', 'keep_in', 'keep_out'])
+@pytest.mark.parametrize('name', ['pose', 'relative_pose', 'keep_in', 'keep_out'])
 @given(seed=SEEDS)
 def test_goal_is_placed_by_its_reference(name, seed):
     task, state, placements, _ = started(name, seed, random_pose)
-    T_root_reference = np.eye(4) if task.robot.moves else placements[task.reference]
-    close(drawn(task, state)['goal'].T, T_root_reference @ task.goal, atol=1e-9)
+    close(drawn(task, state)['goal'].T, placements[task.reference] @ task.goal, atol=1e-9)
+
+
+def test_all_types_with_axes_are_masked():
+    assert set(MASKED) == {name for name in CASES if 'goal' in CASES[name][1]
+                           and hasattr(make(name), 'axes')}
+
+
+def goal_of(name, rng):
+    """Return a random pose (4, 4), and what of it is a goal of a type."""
+    T = random_pose(rng)
+    part = {range(3): T[:3, 3], range(3, 6): T[:3, :3], range(6): T}
+    return T, part[MASKED[name]]
+
+
+@pytest.mark.parametrize('name', MASKED)
+@given(data=st.data(), seed=SEEDS)
+def test_goal_is_where_the_frame_is_along_and_about_axes_that_do_not_count(name, data, seed):
+    rows = data.draw(st.sets(st.sampled_from(MASKED[name]), min_size=1))
+    axes = [AXES[row] if len(MASKED[name]) == 6 else AXES[row][-1] for row in sorted(rows)]
+    wanted, goal = goal_of(name, np.random.default_rng(seed))
+    task, state, placements, _ = started(name, seed, lambda _: goal, axes=axes)
+    T_reference = np.eye(4) if task.robot.moves else placements[task.reference]
+    T = placements[task.frame] if task.frame else np.block([
+        [np.eye(3), placements.center_of_mass()[:, np.newaxis]], [np.zeros(3), 1.0]])
+    now = np.linalg.inv(T_reference) @ T
+    turn = Rotation.from_matrix(wanted[:3, :3] @ now[:3, :3].T).as_rotvec()
+    turn[[row not in rows for row in range(3, 6)]] = 0.0
+    expected = np.eye(4)
+    expected[:3, 3] = np.where([row in rows for row in range(3)], wanted[:3, 3], now[:3, 3])
+    expected[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ now[:3, :3]
+    parts = drawn(task, state)
+    close(parts['goal'].T, T_reference @ expected, atol=1e-7)
+    # What is left to do ends there.
+    if 'error' in parts:
+        close(parts['error'].end, parts['goal'].T[:3, 3], atol=1e-9)
+    if 'turn' in parts:
+        tips = (parts['turn'].points[[0, -1]] - T[:3, 3]) / sketch.AXES_LENGTH
+        axis = int((T[:3, :3].T @ tips[0]).argmax())
+        close(tips[-1], parts['goal'].T[:3, axis], atol=1e-7)
 
 
 @pytest.mark.parametrize('axes', [None, 'xz', 'y'])
@@ -382,8 +428,8 @@ def test_center_of_mass_is_where_the_masses_are():
                                          axes='xz')
     parts, place = drawn(task, state), placements.center_of_mass()
     close(parts['frame'].p, place, atol=1e-9)
-    close(parts['goal'].T[:3, 3], task.goal)
-    close(parts['error'].end, [task.goal[0], place[1], task.goal[2]], atol=1e-9)
+    close(parts['goal'].T[:3, 3], [task.goal[0], place[1], task.goal[2]], atol=1e-9)
+    close(parts['error'].end, parts['goal'].T[:3, 3])
 
 
 # Beside the cycles
@@ -399,7 +445,7 @@ GOAL = [0.4, 0.3, 0.5, 0.0, 1.0, 0.0, 0.0]
 
 
 def velocities(controller, cycles=300):
-    """Return the velocities (cycles, n) of a robot that follows exactly."""
+    """Return what a robot that follows exactly is told to do (cycles, n)."""
     q, found = np.array(robots.PANDA_READY), []
     for cycle in range(cycles):
         command = controller.update(q, 0.01 * cycle)

@@ -1,0 +1,272 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is compiled of a robot does what Pinocchio and the reference in Python do."""
+
+from functools import lru_cache
+from types import SimpleNamespace
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pinocchio
+import pytest
+import robots
+from tp_controller import Controller, Robot, Settings, Stack
+from tp_controller.control import velocity_limits
+from tp_controller.control.velocity_limits import VelocityLimits
+from tp_controller.model import compiled, spatial, state
+from tp_controller.model.compiled import MOTION
+from tp_controller.model.spatial import pose, rotation_from_vector, shorter_rotation
+from tp_controller.tasks import Task
+from tp_controller.tasks.pose import Pose
+from tp_controller.tasks.position import Position
+
+pytestmark = pytest.mark.skipif(MOTION is None, reason='the package was built without a compiler')
+
+# Joints of all kinds: turning and sliding, about axes that are none of the frame, and mimics.
+CHAIN = """
+<robot name="chain"><link name="l0"/><link name="l1"/><link name="l2"/><link name="l3"/>
+<link name="l4"/>
+<joint name="a" type="continuous"><parent link="l0"/><child link="l1"/>
+  <origin xyz="1 0 0.5" rpy="0.3 -0.2 1"/><axis xyz="1 2 -0.5"/></joint>
+<joint name="b" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="1 0 0"/>
+  <axis xyz="0 0 1"/><limit lower="-9" upper="9" velocity="9" effort="0"/>
+  <mimic joint="a" multiplier="-2" offset="0.1"/></joint>
+<joint name="c" type="prismatic"><parent link="l2"/><child link="l3"/>
+  <origin xyz="1 0 0" rpy="1 0.5 0"/><axis xyz="0.5 -1 0.25"/>
+  <limit lower="0.2" upper="1" velocity="1" effort="0"/></joint>
+<joint name="d" type="fixed"><parent link="l1"/><child link="l4"/>
+  <origin xyz="0.2 -0.3 0" rpy="0 2 0"/></joint></robot>"""
+MAKERS = {
+    **{name: lambda name=name: robots.urdf_robot(name) for name in robots.URDFS},
+    'Panda': robots.panda,
+    'DH arm': robots.mixed,
+    'chain': lambda: Robot.from_urdf(CHAIN),
+    'a passive joint': lambda: Robot.from_urdf(CHAIN, joints=['c']),
+    **{base: lambda base=base: robots.moving_panda(base)
+       for base in ('planar', 'differential', 'underwater', 'floating')},
+}
+seeds = st.integers(0, 2 ** 32 - 1)
+
+
+@lru_cache(maxsize=None)
+def robot(name):
+    """Return a robot by name."""
+    return MAKERS[name]()
+
+
+def anywhere(robot, rng):
+    """Return q and the passive positions of a robot at random."""
+    rows = robot.joint_columns
+    joints = rng.uniform(np.maximum(robot.lower[rows], -3.0), np.minimum(robot.upper[rows], 3.0))
+    T = pose(rotation_from_vector(rng.normal(size=3)), rng.normal(size=3))
+    return (robot.configuration(joints, T) if robot.moves else joints,
+            rng.uniform(-1.0, 1.0, len(robot.passive_names)))
+
+
+@pytest.mark.parametrize('name', MAKERS)
+def test_frames_are_where_pinocchio_has_them_and_move_as_it_says(name):
+    rng, its = np.random.default_rng(0), robot(name)
+    here, there = (its.state(its.neutral()) for _ in range(2))
+    assert here.motion is not None
+    there.motion = None
+    for _ in range(5):
+        place = anywhere(its, rng)
+        here.update(*place)
+        there.update(*place)
+        for frame in its.frame_names:
+            assert np.abs(here.pose(frame) - there.pose(frame)).max() < 1e-12
+            assert np.abs(here.jacobian(frame) - there.jacobian(frame)).max() < 1e-12
+        if not its.kinematics.mass:
+            continue
+        one, other = (each.center_of_mass() for each in (here, there))
+        assert all(np.array_equal(*pair) for pair in zip(one, other))
+
+
+def test_joints_of_other_kinds_are_left_to_pinocchio():
+    model = pinocchio.Model()
+    model.addJoint(0, pinocchio.JointModelSpherical(), pinocchio.SE3.Identity(), 'ball')
+    assert compiled.numbers_of(model, 3, 0, (), np.zeros((1, 1))) is None
+    model = pinocchio.Model()
+    model.addJoint(0, pinocchio.JointModelHelicalUnaligned(np.array([0.0, 0.0, 1.0]), 0.1),
+                   pinocchio.SE3.Identity(), 'screw')
+    assert compiled.numbers_of(model, 1, 0, (), np.ones((1, 1))) is None
+    assert compiled.make_motion(None) is None
+
+
+KINDS = {'pose': ['x', 'rx', 'z'], 'position': ['y', 'z'], 'orientation': ['z']}
+
+
+@pytest.mark.parametrize('kind', KINDS)
+@given(seed=seeds, name=st.sampled_from(['chain', 'floating', 'baxter', 'Panda']),
+       some=st.booleans(), moving=st.booleans())
+def test_tasks_about_frames_are_those_of_the_reference(kind, seed, name, some, moving):
+    rng, its = np.random.default_rng(seed), robot(name)
+    frame, reference = rng.choice(its.frame_names, 2)
+    keys = {'frame': str(frame), **({'reference': str(reference)} if moving else {}),
+            **({'axes': KINDS[kind]} if some else {})}
+    one, other = (Task.types[kind](its, 'task', **keys) for _ in range(2))
+    other.in_one_call = False
+    T = pose(rotation_from_vector(rng.normal(size=3)), rng.normal(size=3))
+    for task in (one, other):
+        task.goal = {'pose': T, 'position': T[:3, 3], 'orientation': T[:3, :3]}[kind]
+    # Some states, one after the other: the direction of a turn is remembered.
+    for _ in range(3):
+        here = its.state(*anywhere(its, rng))
+        for found, expected in zip(one.error_and_jacobian(here), other.error_and_jacobian(here)):
+            assert np.abs(found - expected).max() < 1e-9
+
+
+@given(seed=seeds, angle=st.one_of(st.floats(0.0, 1e-6), st.floats(0.0, np.pi),
+                                   st.floats(np.pi - 1e-3, np.pi)))
+def test_turns_are_exact_however_small_or_large(seed, angle):
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    vector = angle * axis / np.linalg.norm(axis)
+    its = robot('Panda')
+    here = its.state(its.neutral())
+    R = here.rotation(robots.PANDA_TOOL)
+    task = Task.types['orientation'](its, 'task', frame=robots.PANDA_TOOL)
+    # In the direction of `vector`, where both are equally long.
+    task._rotation_error.previous = vector
+    task.goal = rotation_from_vector(vector).dot(R)
+    error = task.error_and_jacobian(here)[0]
+    assert np.abs(rotation_from_vector(error).dot(R) - task.goal).max() < 1e-14
+    assert np.abs(error - vector).max() < 1e-13 or np.abs(
+        shorter_rotation(error, vector) - vector).max() < 1e-7
+
+
+def test_a_type_that_evaluates_in_its_own_way_is_asked():
+    class Shifted(Position):
+
+        def error(self, state):
+            return super().error(state) + 1.0
+
+    class Renamed(Pose):
+        pass
+
+    its = robot('Panda')
+    here = its.state(its.neutral())
+    task = Shifted(its, 'task', frame=robots.PANDA_TOOL)
+    task.goal = here.position(robots.PANDA_TOOL)
+    assert np.array_equal(task.error_and_jacobian(here)[0], np.ones(3))
+    assert Renamed.in_one_call and Pose.in_one_call and not Shifted.in_one_call
+
+
+READY, ZEROS = np.array(robots.PANDA_READY), np.zeros(7)
+
+
+@pytest.mark.parametrize('positions', [
+    (READY[:-1], ZEROS, None), (READY, ZEROS[1:], None), (READY.astype(np.float32), ZEROS, None),
+    (READY + np.nan, ZEROS, None), (READY + 1e10, ZEROS, None), (None, ZEROS, None),
+    (READY, ZEROS + np.nan, None), (READY, ZEROS, READY)])
+def test_positions_that_are_none_change_nothing(positions):
+    its = robot('Panda')
+    here = its.state(its.neutral())
+    before, after = np.empty((4, 4)), np.empty((4, 4))
+    index = its.kinematics.frame_index(robots.PANDA_TOOL)
+    here.motion.place(index, before)
+    with pytest.raises(ValueError, match='no positions'):
+        here.motion.move(*positions)
+    here.motion.place(index, after)
+    assert np.array_equal(before, after)
+
+
+def test_what_does_not_fit_is_refused():
+    its = robot('Panda')
+    motion = its.state(its.neutral()).motion
+    index, n = its.kinematics.frame_index(robots.PANDA_TOOL), its.n
+    whole, m = np.eye(4), 6
+    rows, turn, error, J = bytes(range(6)), np.empty(3), np.empty(m), np.empty((m, n))
+    fits = [index, -1, rows, whole, None, turn, error, J]
+    assert motion.observe(*fits) is True
+    for place, wrong in ((0, 10 ** 6), (0, -1), (3, np.eye(2)), (3, whole[0]), (3, None),
+                         (4, np.full(3, np.nan)), (4, np.zeros(2)), (5, None), (5, np.empty(2)),
+                         (6, np.empty(5)), (7, np.empty((m, n + 1))), (7, J.T), (7, J[::-1]),
+                         (2, bytes([6] * 6)), (3, whole[:3, 3].copy())):
+        given_ = [*fits]
+        given_[place] = wrong
+        assert motion.observe(*given_) is False, (place, wrong)
+    for arguments in ((index, np.empty((3, 4))), (-1, np.empty((4, 4))), (index,),
+                      (index, np.empty((4, 4), np.float32))):
+        with pytest.raises(ValueError, match='place'):
+            motion.place(*arguments)
+    with pytest.raises(ValueError, match='jacobian'):
+        motion.jacobian(index, np.empty((6, n - 1)))
+    hanging = [*np.ravel(np.eye(3)), *np.zeros(3)]
+    still = np.array([[0.0, 0.0, -1.0, *np.zeros(4), *hanging]])
+    frames = np.array([[0.0, *hanging]])
+    MOTION.Motion(1, 0, np.zeros(0), still, frames)
+    free = np.concatenate((still, still))
+    free[1, :2] = 1.0, 0.0
+    for bodies, hung, base in ((still[:, 1:], frames, []), (free, frames, []),
+                               (still[:0], frames, []),
+                               (still, frames + 1.0, []), (still + 2.0, frames, []),
+                               (still, frames, [6.0]), (still, frames, [0.0, 1.0])):
+        with pytest.raises(ValueError, match='base|bodies'):
+            MOTION.Motion(1, 0, np.array(base), bodies, hung)
+
+
+@given(seed=seeds, accelerated=st.sampled_from(['all', 'some', 'none']),
+       endless=st.booleans(), period=st.floats(1e-3, 0.1), share=st.floats(0.05, 1.0))
+def test_limits_are_those_of_the_reference(seed, accelerated, endless, period, share):
+    rng, n = np.random.default_rng(seed), 5
+    upper = np.where(rng.random(n) < 0.5 * endless, np.inf, rng.uniform(0.1, 3.0, n))
+    its = SimpleNamespace(
+        lower=-upper, upper=upper, velocity=rng.uniform(0.1, 5.0, n),
+        acceleration={'all': rng.uniform(0.1, 20.0, n), 'none': np.full(n, np.inf),
+                      'some': np.where(np.arange(n) % 2, 2.0, np.inf)}[accelerated])
+    limits = VelocityLimits(its, period, share / period)
+    assert limits._compiled is not None
+    wide = np.minimum(upper, 100.0)
+    q = np.where(rng.random(n) < 0.3, wide + rng.normal(size=n) * 1e-3,
+                 rng.uniform(-1.3, 1.3, n) * wide)
+    previous, elapsed = rng.normal(size=n), rng.uniform(1e-4, 0.2)
+    assert np.array_equal(limits.at(q, previous, elapsed)._rows,
+                          limits._rows(q, previous, elapsed))
+
+
+def test_constants_are_those_of_the_reference():
+    places = {'LARGEST': state, 'HALF_TURN_BAND': spatial, 'RETURN_SHARE': velocity_limits,
+              'RETURN_SPEED': velocity_limits, 'FAR': velocity_limits}
+    assert set(MOTION.CONSTANTS) == set(places)
+    for name, value in MOTION.CONSTANTS.items():
+        assert getattr(places[name], name) == value, name
+
+
+@pytest.mark.parametrize('name, frames', [
+    ('Panda', [robots.PANDA_TOOL]), ('floating', [robots.PANDA_TOOL]),
+    ('baxter', ['left_gripper', 'right_gripper'])])
+def test_a_robot_moves_as_with_pinocchio(name, frames):
+    its = robot(name)
+    text = ''.join(f'- tool{number}: {{type: pose, frame: {frame}, gain: 2.0}}\n'
+                   for number, frame in enumerate(frames)) + '- rest: {type: posture, gain: 0.5}'
+    ends = []
+    for uses in (True, False):
+        controller = Controller(its, Stack.from_yaml(text, its), Settings(period=0.01))
+        if not uses:
+            for each in (*controller._states, controller._spare):
+                each.motion = None
+        q = its.neutral()
+        for cycle in range(100):
+            now = 0.01 * cycle
+            if cycle == 5:
+                for number, frame in enumerate(frames):
+                    T = its.state(q).pose(frame).copy()
+                    T[:3, 3] += 0.1
+                    controller.set_goal(f'tool{number}', T, now)
+            q = its.integrate(q, controller.update(q, now).velocity, 0.01)
+        ends.append(q)
+    assert np.abs(ends[0] - ends[1]).max() < 1e-9

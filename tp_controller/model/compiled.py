@@ -1,0 +1,139 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What `motion.cpp` needs of a robot, read once from Pinocchio's model.
+
+It stands in for Pinocchio in the cycle: a call from Python costs Pinocchio several times as long
+as the numbers take. It knows joints that turn about or slide along an axis, and a base that moves.
+For other joints, and without a compiler, `RobotState` asks Pinocchio.
+"""
+
+from typing import Protocol, TypeAlias
+
+import numpy as np
+import pinocchio
+from tp_controller.model.spatial import Array
+from tp_controller.solver.compiled import part
+
+MOTION = part('tp_controller.model.motion')
+# As motion.cpp numbers them; the first is the root.
+STILL, FREE, TURNS, SLIDES = range(4)
+
+
+class Motion(Protocol):
+    """What is compiled; ValueError where arrays do not fit."""
+
+    def move(self, q: Array, offset: Array, placement: Array | None) -> None:
+        """Move to q (nq,), its joints by `offset` (j,), its base to a placement (7,)."""
+
+    def place(self, frame: int, T: Array) -> None:
+        """Fill in T_root_frame (4, 4)."""
+
+    def jacobian(self, frame: int, J: Array) -> None:
+        """Fill in J (6, n) of a frame, as `RobotState.jacobian`."""
+
+    def observe(self, frame: int, reference: int, rows: bytes, goal: Array,
+                previous: Array | None, turn: Array | None, error: Array, J: Array) -> bool:
+        """
+        Fill in error (m,) and J (m, n) of a task about a frame, in the axes of the reference.
+
+        Returns False where something does not fit: the reference says what is wrong.
+
+        Parameters
+        ----------
+        frame, reference : int
+            Indices of frames of the model; −1: the root.
+        rows : bytes
+            Rows of a twist that count.
+        goal : ndarray (3,), (3, 3) or (4, 4)
+            Position [m], rotation or pose.
+        previous, turn : ndarray (3,) or None
+            Turn that was followed before, and the one to be followed now, which is filled in
+            where the goal has a rotation [rad].
+        error, J : ndarray (m,), (m, n)
+            Filled in.
+
+        """
+
+
+# Number of velocities, row where the driven joints begin in a configuration, rows of the twist of
+# the base that are velocities, bodies (b, 19) and frames (f, 13).
+Numbers: TypeAlias = tuple[int, int, Array, Array, Array]
+
+
+def numbers_of(model: pinocchio.Model, n: int, first_row: int, base: tuple[int, ...],
+               joint_map: Array) -> Numbers | None:
+    """
+    Return a model as `make_motion` takes it; None where it has joints of other kinds.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        Of the robot.
+    n : int
+        Number of velocities.
+    first_row : int
+        Where the driven joints begin in a configuration.
+    base : tuple of int
+        Rows of the twist of the base that are velocities.
+    joint_map : ndarray (j, driven)
+        Share that each driven joint has in the position of every joint; one a row at most.
+
+    """
+    bodies = _bodies(model, joint_map)
+    if bodies is None:
+        return None
+    frames = [[frame.parentJoint, *_numbers(frame.placement)] for frame in model.frames]
+    return n, first_row, np.array(base, dtype=float), bodies, np.array(frames)
+
+
+def make_motion(numbers: Numbers | None) -> Motion | None:
+    """Return compiled kinematics, to be moved by a state; None where they are not to be had."""
+    if numbers is None or MOTION is None:
+        return None
+    found: Motion = MOTION.Motion(*numbers)
+    return found
+
+
+def _bodies(model: pinocchio.Model, joint_map: Array) -> Array | None:
+    """Return what moves each joint, and how (b, 19); None where a joint is of another kind."""
+    still = _numbers(pinocchio.SE3.Identity())
+    bodies = [[STILL, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, *still]]
+    shares, data = iter(joint_map), model.createData()
+    for index in range(1, model.njoints):
+        joint, placement = model.joints[index], _numbers(model.jointPlacements[index])
+        size, parent = (joint.nq, joint.nv), model.parents[index]
+        if size == (7, 6) and parent == 0 and placement == still:
+            bodies.append([FREE, parent, -1.0, 0.0, 0.0, 0.0, 0.0, *placement])
+        elif size == (1, 1) and not joint.shortname().startswith('JointModelH'):
+            bodies.append([*_joint(data.joints[index].S, parent, next(shares)), *placement])
+        else:
+            return None
+    return np.array(bodies, dtype=float)
+
+
+def _joint(subspace: Array, parent: int, shares: Array) -> list[float]:
+    """Return kind, parent, column, share and axis of a joint that turns or slides."""
+    columns = np.flatnonzero(shares)
+    column = int(columns[0]) if len(columns) else -1
+    turns = bool(subspace[3:].any())
+    axis = subspace[3:] if turns else subspace[:3]
+    return [TURNS if turns else SLIDES, parent, column, shares[column] if len(columns) else 0.0,
+            *np.ravel(axis)]
+
+
+def _numbers(placement: pinocchio.SE3) -> list[float]:
+    """Return the rotation, row by row, and the translation of a placement."""
+    return [*placement.rotation.ravel().tolist(), *placement.translation.tolist()]

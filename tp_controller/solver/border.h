@@ -1,0 +1,178 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// What the compiled parts share: arrays, references and types of Python, through its limited API.
+
+#pragma once
+
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+
+#include <cstring>
+#include <new>
+#include <utility>
+
+namespace {
+
+// Larger matrices are left to the reference.
+constexpr Py_ssize_t MOST = 1000;
+
+// A reference that is given back.
+class Held {
+ public:
+  explicit Held(PyObject *object) : object_(object) {}
+  Held(const Held &) = delete;
+  ~Held() { Py_XDECREF(object_); }
+  operator PyObject *() const { return object_; }
+  PyObject *release() { return std::exchange(object_, nullptr); }
+
+ private:
+  PyObject *object_;
+};
+
+// An array of doubles that Python owns.
+class Buffer {
+ public:
+  Buffer(PyObject *object, int dimensions, bool writable = false) {
+    const int flags = PyBUF_STRIDES | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0);
+    if (!object || PyObject_GetBuffer(object, &view_, flags) != 0) {
+      PyErr_Clear();
+      return;
+    }
+    held_ = true;
+    fits_ = view_.ndim == dimensions && view_.itemsize == sizeof(double) && view_.format
+        && std::strcmp(view_.format, "d") == 0;
+    for (int d = 0; fits_ && d < dimensions; ++d) fits_ = view_.shape[d] <= MOST;
+  }
+  Buffer(const Buffer &) = delete;
+  ~Buffer() {
+    if (held_) PyBuffer_Release(&view_);
+  }
+
+  bool is(Py_ssize_t rows) const { return fits_ && view_.shape[0] == rows; }
+  bool is(Py_ssize_t rows, Py_ssize_t columns) const {
+    return is(rows) && view_.shape[1] == columns;
+  }
+  Py_ssize_t rows() const { return fits_ ? view_.shape[0] : -1; }
+
+  double at(Py_ssize_t i) const { return number(i * view_.strides[0]); }
+
+  void copy(double *to) const {
+    for (Py_ssize_t i = 0; i < view_.shape[0]; ++i) to[i] = at(i);
+  }
+
+  void copy_rows(double *to) const {
+    const Py_ssize_t columns = view_.shape[1];
+    for (Py_ssize_t i = 0; i < view_.shape[0]; ++i)
+      for (Py_ssize_t j = 0; j < columns; ++j)
+        to[i * columns + j] = number(i * view_.strides[0] + j * view_.strides[1]);
+  }
+
+  void fill(const double *from) const {
+    for (Py_ssize_t i = 0; i < view_.shape[0]; ++i)
+      std::memcpy(static_cast<char *>(view_.buf) + i * view_.strides[0], from + i, sizeof(double));
+  }
+
+ private:
+  double number(Py_ssize_t offset) const {
+    double found;
+    std::memcpy(&found, static_cast<const char *>(view_.buf) + offset, sizeof(double));
+    return found;
+  }
+
+  Py_buffer view_;
+  bool held_ = false, fits_ = false;
+};
+
+// An array of doubles, in the order of C, that is filled in.
+class Output {
+ public:
+  explicit Output(PyObject *object) {
+    if (!object || PyObject_GetBuffer(object, &view_, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT
+                                                          | PyBUF_WRITABLE) != 0) {
+      PyErr_Clear();
+      return;
+    }
+    held_ = true;
+    fits_ = view_.itemsize == sizeof(double) && view_.format
+        && std::strcmp(view_.format, "d") == 0;
+  }
+  Output(const Output &) = delete;
+  ~Output() {
+    if (held_) PyBuffer_Release(&view_);
+  }
+
+  bool is(Py_ssize_t rows) const { return fits_ && view_.ndim == 1 && view_.shape[0] == rows; }
+  bool is(Py_ssize_t rows, Py_ssize_t columns) const {
+    return fits_ && view_.ndim == 2 && view_.shape[0] == rows && view_.shape[1] == columns;
+  }
+  double *p() const { return static_cast<double *>(view_.buf); }
+
+ private:
+  Py_buffer view_;
+  bool held_ = false, fits_ = false;
+};
+
+// An object of Python that holds one of C++.
+template <typename Value>
+struct Object {
+  PyObject_HEAD
+  Value *value;
+};
+
+template <typename Value>
+Value &of(PyObject *self) {
+  return *reinterpret_cast<Object<Value> *>(self)->value;
+}
+
+// A new object of a type, its value made of some arguments.
+template <typename Value, typename... Arguments>
+PyObject *keep(PyTypeObject *type, Arguments &&...arguments) {
+  const auto allocate = reinterpret_cast<allocfunc>(PyType_GetSlot(type, Py_tp_alloc));
+  PyObject *self = allocate(type, 0);
+  if (!self) return nullptr;
+  Value *&value = reinterpret_cast<Object<Value> *>(self)->value;
+  value = new (std::nothrow) Value(std::forward<Arguments>(arguments)...);
+  if (value) return self;
+  Py_DECREF(self);
+  return PyErr_NoMemory();
+}
+
+template <typename Value>
+void destroy(PyObject *self) {
+  PyTypeObject *type = Py_TYPE(self);
+  delete reinterpret_cast<Object<Value> *>(self)->value;
+  reinterpret_cast<freefunc>(PyType_GetSlot(type, Py_tp_free))(self);
+  Py_DECREF(type);
+}
+
+template <typename Value>
+PyObject *make_type(const char *name, newfunc make, PyMethodDef *methods) {
+  PyType_Slot slots[] = {
+      {Py_tp_new, reinterpret_cast<void *>(make)},
+      {Py_tp_dealloc, reinterpret_cast<void *>(destroy<Value>)},
+      {Py_tp_methods, methods},
+      {0, nullptr}};
+  PyType_Spec spec = {name, sizeof(Object<Value>), 0, Py_TPFLAGS_DEFAULT, slots};
+  return PyType_FromSpec(&spec);
+}
+
+// A method that gets its arguments as an array.
+PyMethodDef method(const char *name, PyObject *(*function)(PyObject *, PyObject *const *, Py_ssize_t),
+                   const char *what) {
+  return {name, reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)(void)>(function)),
+          METH_FASTCALL, what};
+}
+
+}  // namespace
