@@ -56,9 +56,10 @@ monitor = importlib.import_module('monitor')
 
 ROBOT = 'package://tp_controller/config/robots/panda.yaml'
 START = '{panda_joint2: -0.785, panda_joint4: -2.356, panda_joint6: 1.571, panda_joint7: 0.785}'
-STACK = """- clear: {type: self_collision, capsules: package://tp_controller/config/panda_capsules.yaml}
-- tool: {type: pose, frame: panda_hand_tcp}
-- posture: {type: posture, gain: 0.5}
+CAPSULES = 'package://tp_controller/config/panda_capsules.yaml'
+STACK = f"""- clear: {{type: self_collision, capsules: {CAPSULES}}}
+- tool: {{type: pose, frame: panda_hand_tcp}}
+- posture: {{type: posture, gain: 0.5}}
 """
 ACCELERATIONS = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
 TIMEOUT = 0.1
@@ -82,7 +83,7 @@ class Tester(Node):
         self.states = self.create_publisher(JointState, '/joint_states', 10)
         self.goals = self.create_publisher(PoseStamped, '/tp_controller/tool/goal', 10)
         self.buttons = {name: self.create_client(Trigger, f'/tp_controller/{name}')
-                         for name in ('stop', 'start', 'reload')}
+                        for name in ('stop', 'start', 'reload')}
         self.switch = self.create_client(SetBool, '/tp_controller/posture/enable')
         self.change = self.create_client(ChangeState, '/tp_controller/change_state')
         self.knobs = AsyncParameterClient(self, 'tp_controller')

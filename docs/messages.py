@@ -30,9 +30,8 @@ DRAWING = ('bags/pictures.py', 'bags/report.py', 'check/page.py', 'demos/film.py
            'demos/outlines.py', 'plots/curves.py', 'plots/drawing.py')
 # Calls and arguments whose texts describe something, and names that do.
 DESCRIBING = {'Spec', '_number', '_choice', 'NewType', 'Demo', 'title', 'help', 'description',
-              'epilog', 'keys', 'KEYS', 'EXAMPLES', 'DEMO_EXAMPLES', 'GOAL_EXAMPLES',
-              'STATUS_EXAMPLES', 'CHECK_EXAMPLES', 'VIEW_EXAMPLES', '_said',
-              'STYLE', 'DEMOS', 'metadata', 'NUMBER', 'CHANGING'}
+              'epilog', 'keys', 'KEYS', 'EXAMPLES', 'COMMAND', '_said', 'STYLE', 'DEMOS',
+              'metadata', 'NUMBER', 'CHANGING'}
 FILLED = re.compile(r'{[^}]*}')
 WORDS = re.compile(r'[A-Za-z]{2}.* .*\w|\w .*[A-Za-z]{2}')
 XML = re.compile(r'</|/>|<\?|\w="|<\w+ \w+=')

@@ -195,7 +195,6 @@ def carry_out(stack, robot=ROBOT):
             assert (np.abs(command.velocity) <= robot.velocity * (1.0 + 1e-9)).all()
         for report in command.report.tasks:
             assert report.status != 'failed' and isinstance(report.reason + report.hint, str)
-        controller.goal_poses()
 
 
 # Texts

@@ -17,6 +17,7 @@
 from html import unescape
 import time
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
     Point,
     PointStamped,
@@ -29,15 +30,18 @@ import pytest
 from robots import PLANAR_START
 from scipy.spatial.transform import Rotation
 from tp_controller.model.spatial import pose, rotation_from_rpy
+from tp_controller.nodes.markers import Markers
+from tp_controller.tasks.sketch import Cone, Gaps
 from visualization_msgs.msg import Marker, MarkerArray
 import yaml
 
 viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
 
-from tp_controller.nodes.client import Client  # noqa: E402
-from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD, places_of  # noqa: E402
+from tp_controller.nodes.client import Client  # noqa: E402, I100
+from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD  # noqa: E402
 from tp_controller.view.link import Link  # noqa: E402
 from tp_controller.view.page import Page, RATE  # noqa: E402
+from tp_controller.view.places import places_of  # noqa: E402
 from tp_controller.view.server import open_server  # noqa: E402
 
 STACK = """\
@@ -45,6 +49,14 @@ STACK = """\
 # The rest.
 - [turn: {type: orientation, frame: link3, axes: z}, slow: {type: joint, joints: [joint1]}]
 - rest: {type: posture, gain: 1.0}
+"""
+# A camera that has a point in view, and an object beside it.
+SURROUNDED = """\
+- eye: {type: field_of_view, frame: link3, axis: x, half_angle: 0.6, target: [2.0, 1.4, 0]}
+- avoid: {type: obstacles, links: link3, within: 0.9,  # wide
+          capsules: {link3: {from: [0, 0, 0], radius: 0.05}},
+          obstacles: {post: {shape: {sphere: 0.1}, at: [1.2, 1.2, 0]}}}
+- tip: {type: position, frame: link3, axes: xy, gain: [2.0, 1.5]}
 """
 START = f'{{joint1: {PLANAR_START[0]}, joint2: {PLANAR_START[1]}, joint3: {PLANAR_START[2]}}}'
 BROWSER = 1
@@ -131,6 +143,17 @@ def test_robot_is_shown_where_it_is_while_it_moves(rig):
     rig.spin_until(lambda: np.abs(rig.page._robot.state.q - rig.q).max() < 0.02, 'the picture')
 
 
+def test_what_the_controller_draws_of_its_tasks_is_shown_where_it_is(rig):
+    shown = rig.page._markers._drawn
+    rig.page.gizmos.gizmos['tip/goal'].drag(pose(np.eye(3), [0.6, 0.8, 0.0]))
+    rig.spin_until(lambda: {('tip/goal', 0), ('tip/frame', 0), ('turn/goal', 0)} <= set(shown)
+                   and np.allclose(shown['tip/goal', 0].handle.position[:2], [0.6, 0.8]),
+                   'the goal where it was dragged')
+    np.testing.assert_allclose(rig.stack.tasks['tip'].goal[:2], [0.6, 0.8])
+    rig.spin_until(lambda: np.abs(shown['tip/frame', 0].handle.position[:2]
+                                  - [0.6, 0.8]).max() < 0.01, 'the frame at the goal')
+
+
 def test_robot_has_the_base_joints_and_limits_of_the_controller(rig):
     ours, theirs = rig.link.robot, rig.controller._controller.robot
     assert ours.joint_names == theirs.joint_names and ours.base == theirs.base
@@ -143,14 +166,14 @@ def test_rows_tell_the_tasks_by_priority_with_errors_and_gains(rig):
     row = rig.page.stack.rows['tip']
     rig.spin_until(lambda: 'data-status="reached"' in row.text.content, 'reached')
     assert row.folder.label == '1 · tip  (position)' and 'mm' in row.text.content
-    assert row.gain.value == 2.0 and row.enabled.value
+    assert [gain.value for gain in row.gains] == [2.0] and row.enabled.value
 
 
 def test_button_moves_a_level_up_and_goals_and_gains_stay(rig):
     goal = pose(np.eye(3), [0.7, 0.6, 0.0])
     rig.page.gizmos.gizmos['tip/goal'].drag(goal)
     rig.spin_until(lambda: np.allclose(rig.stack.tasks['tip'].goal[:2], goal[:2, 3]), 'the goal')
-    act(rig.page.stack.rows['tip'].gain, 1.25)
+    act(rig.page.stack.rows['tip'].gains[0], 1.25)
     rig.spin_until(lambda: rig.stack.tasks['tip'].gain == 1.25, 'the gain')
     rig.spin_until(lambda: rig.link.gains()['tip'] == 1.25, 'the gain on the page')
     act(rig.page.stack.rows['rest'].order, '▲ up')
@@ -188,9 +211,9 @@ def test_box_follows_what_others_switch_off(rig):
 
 def test_gain_that_is_refused_is_said_with_its_reason_and_shown_as_it_was(rig):
     row = rig.page.stack.rows['rest']
-    act(row.gain, -3.0)
+    act(row.gains[0], -3.0)
     rig.spin_until(lambda: 'out of range' in rig.page.notice.content, 'the reason')
-    rig.spin_until(lambda: row.gain.value == 1.0, 'the gain that is in force')
+    rig.spin_until(lambda: row.gains[0].value == 1.0, 'the gain that is in force')
 
 
 def test_goal_that_is_refused_is_said_with_its_reason(rig):
@@ -237,6 +260,73 @@ def test_plots_have_a_curve_for_each_error_and_joint(rig):
         np.sqrt(np.linalg.det(J @ J.T)), rel=1e-3)
 
 
+@pytest.fixture
+def surrounded(harness, server):
+    """Return a rig with a cone of view and an obstacle, once it runs."""
+    found = Rig(harness, server, SURROUNDED)
+    found.ready()
+    found.spin_until(lambda: {'eye/cone', 'avoid/distance'} <= set(found.page.gizmos.gizmos),
+                     'cone and distance')
+    yield found
+    found.client.close()
+
+
+def test_opening_and_least_distance_are_dragged_and_the_rest_of_the_stack_stays(surrounded):
+    rig, gizmos = surrounded, surrounded.page.gizmos.gizmos
+    rig.link.set_parameters({'tasks.tip.tolerance': 0.01}, lambda worked, reason: None)
+    act(rig.page.stack.rows['tip'].gains[1], 0.75)
+    rig.spin_until(lambda: rig.link.gains()['tip'] == [2.0, 0.75]
+                   and rig.link.values['tasks.tip.tolerance'] == 0.01, 'both on the page')
+    moves = {name: gizmos[name].place for name in ('eye/cone', 'avoid/distance')}
+    for name, place in moves.items():
+        end = pose(place.T[:3, :3], place.T[:3, 3] + 0.06 * place.T[:3, 0])
+        gizmos[name].take()
+        gizmos[name].drag(end)
+    rig.spin_until(lambda: rig.stack.tasks['avoid'].distance == 0.08
+                   and rig.stack.tasks['eye'].upper > 0.6, 'both')
+    wanted = moves['eye/cone'].value_at(
+        pose(np.eye(3), moves['eye/cone'].T[:3, 3] + 0.06 * moves['eye/cone'].T[:3, 0]))
+    assert rig.stack.tasks['eye'].upper == pytest.approx(wanted, abs=1e-4)
+    rig.spin_until(lambda: rig.stack.tasks['tip'].gain.tolist() == [2.0, 0.75]
+                   and rig.stack.tasks['tip'].groups[0].tolerance == 0.01, 'both again')
+    assert '# wide' in rig.stack.text
+    changed = yaml.safe_load(SURROUNDED)
+    changed[0]['eye']['half_angle'] = rig.stack.tasks['eye'].upper
+    changed[1]['avoid']['distance'] = 0.08
+    assert yaml.safe_load(rig.stack.text) == changed
+    rig.spin_until(lambda: gizmos['avoid/distance'].label.text == 'avoid: 80.0 mm', 'the label')
+
+
+def test_least_distance_that_is_refused_is_said_and_stays_as_it_was(surrounded):
+    gizmo = surrounded.page.gizmos.gizmos['avoid/distance']
+    start = gizmo.place.T
+    gizmo.take()
+    gizmo.drag(pose(start[:3, :3], start[:3, 3] + 1.5 * start[:3, 0]))
+    surrounded.spin_until(lambda: 'must be more than distance = 1.52'
+                          in unescape(surrounded.page.notice.content), 'the reason')
+    assert surrounded.stack.tasks['avoid'].distance == 0.02
+    # What comes after it is taken, every time.
+    for distance in (0.05, 0.07):
+        # As in one drag.
+        gizmo.drag(pose(start[:3, :3], start[:3, 3] + (distance - 0.02) * start[:3, 0]))
+        surrounded.spin_until(
+            lambda: surrounded.stack.tasks['avoid'].distance == distance, 'the distance')
+    assert surrounded.page.notice.content == ''
+
+
+def test_gain_with_a_number_for_each_row_is_changed_row_by_row(surrounded):
+    row = surrounded.page.stack.rows['tip']
+    assert [gain.value for gain in row.gains] == [2.0, 1.5]
+    act(row.gains[0], 1.0)
+    act(row.gains[1], 0.5)
+    surrounded.spin_until(lambda: surrounded.stack.tasks['tip'].gain.tolist() == [1.0, 0.5],
+                          'the gains')
+    act(row.gains[1], 0.0)
+    surrounded.spin_until(lambda: 'gain of task tip must be positive'
+                          in surrounded.page.notice.content, 'the reason')
+    surrounded.spin_until(lambda: row.gains[1].value == 0.5, 'the gain that is in force')
+
+
 # What is dragged, without a controller ----------------------------------------------------------
 
 T = pose(rotation_from_rpy(0.3, -0.4, 1.1), [0.4, -0.2, 0.7])
@@ -252,6 +342,15 @@ def marker(ns, kind=Marker.LINE_LIST, at=(1.0, 2.0, 3.0)):
     return found
 
 
+def told(place, T):
+    """Return what is published when a place is dragged to a pose: the topic and the message."""
+    published = []
+    place.tell(T, lambda *message: published.append(message), None)
+    (task, topic, message), = published
+    assert task == place.task
+    return topic, message
+
+
 def quaternion(turn):
     """Return the rotation matrix (3, 3) of a message."""
     return Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
@@ -261,8 +360,8 @@ def quaternion(turn):
     (PointStamped, 'goal'), (PoseStamped, 'goal'), (QuaternionStamped, 'goal'),
     (PoseStamped, 'region')])
 def test_dragged_goal_becomes_the_message_that_its_task_takes(kind, part):
-    place, = places_of([marker(f'task/{part}')], {'task': {'goal': kind}})
-    topic, message = place.message(T)
+    place, = places_of([marker(f'task/{part}')], {'task': {'goal': kind}}, {})
+    topic, message = told(place, T)
     assert topic == 'goal' and isinstance(message, kind) and message.header.frame_id == 'base'
     body = message.pose if kind is PoseStamped else message
     point = getattr(body, 'position', None) or getattr(body, 'point', None)
@@ -276,17 +375,17 @@ def test_dragged_goal_becomes_the_message_that_its_task_takes(kind, part):
 def test_direction_is_dragged_by_the_tip_of_its_arrow():
     arrow = marker('look/sight', Marker.ARROW)
     arrow.points = [Point(), Point(y=0.3)]
-    place, = places_of([arrow], {'look': {'goal': Vector3Stamped}})
+    place, = places_of([arrow], {'look': {'goal': Vector3Stamped}}, {})
     np.testing.assert_allclose(place.T[:3, 3], [1.0, 2.3, 3.0])
-    _, message = place.message(pose(np.eye(3), [1.0, 2.0, 3.5]))
+    _, message = told(place, pose(np.eye(3), [1.0, 2.0, 3.5]))
     assert (message.vector.x, message.vector.y, message.vector.z) == (0.0, 0.0, 0.5)
 
 
 def test_obstacle_that_is_dragged_keeps_its_name_and_shape_and_stays():
     box = marker('avoid/obstacle/shelf/2', Marker.CUBE)
     box.lifetime.sec, box.id = 1, 0
-    place, = places_of([box], {})
-    topic, message = place.message(T)
+    place, = places_of([box], {}, {})
+    topic, message = told(place, T)
     moved, = message.markers
     assert topic == 'obstacles' and isinstance(message, MarkerArray)
     assert (moved.ns, moved.id, moved.type) == ('shelf/2', 0, Marker.CUBE)
@@ -298,19 +397,77 @@ def test_obstacle_that_is_dragged_keeps_its_name_and_shape_and_stays():
 
 def test_region_is_dragged_by_itself_and_not_by_its_goal():
     markers = [marker('keep/goal'), marker('keep/region', Marker.CUBE), marker('tip/goal')]
-    found = places_of(markers, dict.fromkeys(('keep', 'tip'), {'goal': PoseStamped}))
+    found = places_of(markers, dict.fromkeys(('keep', 'tip'), {'goal': PoseStamped}), {})
     assert [place.name for place in found] == ['keep/region', 'tip/goal']
 
 
 def test_what_is_dragged_bears_a_name():
     markers = [marker('tip/goal'), marker('avoid/obstacle/shelf/2', Marker.CUBE)]
-    assert [place.title for place in places_of(markers, {'tip': {'goal': PoseStamped}})] == [
+    assert [place.title for place in places_of(
+        markers, {'tip': {'goal': PoseStamped}}, {})] == [
         'tip', 'shelf/2']
+
+
+def drawn(sketch):
+    """Return a sketch of the task `task` as the markers that the controller draws."""
+    return Markers(0.1, None).message(Time(), 'base', {'task': [sketch]}).markers
+
+
+def key_set(place, T):
+    """Return the key and the value that are set when a place is dragged to a pose."""
+    keys = []
+    place.tell(T, None, lambda *key: keys.append(key))
+    (task, key, value), = keys
+    assert task == place.task
+    return key, value
+
+
+@pytest.mark.parametrize('opening', [0.2, 1.4, 2.5])
+def test_rim_of_a_cone_is_dragged_to_another_opening(opening):
+    place, = places_of(drawn(Cone('cone', T, opening, 0.5)), {},
+                       {'task': {'half_angle': opening}})
+    tip, axis = T[:3, 3], T[:3, 2]
+
+    def angle(p):
+        return np.arccos((p - tip) @ axis / np.linalg.norm(p - tip))
+
+    rim = place.T[:3, 3]
+    assert place.group == 'cones' and place.title == f'task: {np.degrees(opening):.1f}°'
+    assert np.linalg.norm(rim - tip) == pytest.approx(0.5)
+    assert angle(rim) == pytest.approx(opening)
+    # Along its x axis, which is at right angles to the surface.
+    outside = pose(place.T[:3, :3], rim + 0.05 * place.T[:3, 0])
+    assert angle(outside[:3, 3]) == pytest.approx(opening + np.arctan(0.1))
+    assert key_set(place, outside) == ('half_angle', round(opening + np.arctan(0.1), 4))
+    ahead, behind = (key_set(place, pose(np.eye(3), tip + way * axis)) for way in (1.0, -1.0))
+    assert 0.0 < ahead[1] < 0.02 and np.pi - 0.02 < behind[1] < np.pi
+
+
+def test_least_distance_is_dragged_along_the_shortest_line_from_the_second_object():
+    starts, ends = np.array([[0.1, 0.2, 0.3], [5.0, 0.0, 0.0]]), np.array([[0.1, 0.2, 0.9]] * 2)
+    place, = places_of(drawn(Gaps('distance', starts, ends, np.array([0.6, 5.0]), 0.2, 1.0)), {},
+                       {'task': {'distance': 0.2}})
+    assert place.group == 'distances' and place.title == 'task: 200.0 mm'
+    np.testing.assert_allclose(place.T[:3, 3], [0.1, 0.2, 0.7])
+    np.testing.assert_allclose(place.T[:3, 0], [0.0, 0.0, -1.0], atol=1e-12)
+    assert np.linalg.det(place.T[:3, :3]) == pytest.approx(1.0)
+    assert key_set(place, pose(np.eye(3), [0.1, 0.2, 0.65])) == ('distance', 0.25)
+    assert key_set(place, pose(np.eye(3), [0.1, 0.2, 2.0])) == ('distance', 0.0)
+
+
+def test_cone_that_is_as_wide_as_an_error_and_distance_without_a_key_cannot_be_dragged():
+    point = np.zeros((1, 3))
+    markers = [*drawn(Cone('cone', T, 0.3, 0.5)),
+               *drawn(Gaps('distance', point, point + 1.0, np.ones(1), 0.2, 1.0))]
+    assert places_of(markers, {}, {'task': {'gain': 1.0}}) == []
+    # Objects that touch each other show no direction.
+    touching = drawn(Gaps('distance', point, point, np.zeros(1), 0.2, 1.0))
+    assert places_of(touching, {}, {'task': {'distance': 0.2}}) == []
 
 
 def test_what_cannot_be_told_cannot_be_dragged():
     markers = [marker('a/frame'), marker('a/error'), marker('b/goal'), marker('c/region')]
-    assert places_of(markers, {'a': {'goal': PoseStamped}, 'c': {'goal': PointStamped}}) == []
+    assert places_of(markers, {'a': {'goal': PoseStamped}, 'c': {'goal': PointStamped}}, {}) == []
 
 
 class Dragged:
@@ -319,7 +476,7 @@ class Dragged:
     def __init__(self, server):
         server.scene.reset()
         self.now, self.sent = 0.0, []
-        self.gizmos = Gizmos(server.scene, self.publish, lambda: self.now)
+        self.gizmos = Gizmos(server.scene, self.publish, self.set_key, lambda: self.now)
         self.follow(0.0)
         self.gizmo = self.gizmos.gizmos['tip/goal']
 
@@ -327,10 +484,14 @@ class Dragged:
         """Keep what is sent."""
         self.sent.append((task, topic, message.point.x))
 
+    def set_key(self, task, key, value):
+        """Keep what is set."""
+        self.sent.append((task, key, value))
+
     def follow(self, x):
         """Let the controller have the goal at x."""
         self.gizmos.follow(places_of([marker('tip/goal', at=(x, 0.0, 0.0))],
-                                     {'tip': {'goal': PointStamped}}))
+                                     {'tip': {'goal': PointStamped}}, {}))
 
     def drag(self, x):
         """Drag it to x."""
@@ -361,6 +522,50 @@ def test_gizmo_stays_in_the_hand_and_then_goes_where_the_controller_has_it(serve
     dragged.now = 5.1 + PATIENCE
     dragged.follow(0.5)
     assert dragged.gizmo.handle.position[0] == 0.5
+
+
+def gap(length, distance=0.2):
+    """Return where the least distance is shown on a line of a length along x."""
+    return places_of(drawn(Gaps(
+        'distance', np.zeros((1, 3)), np.array([[length, 0.0, 0.0]]), np.array([length]),
+        distance, 9.0)), {}, {'task': {'distance': distance}})
+
+
+def test_distance_changes_by_as_much_as_it_is_dragged_while_the_robot_moves(server):
+    dragged = Dragged(server)
+    dragged.gizmos.follow(gap(1.0))
+    gizmo, = dragged.gizmos.gizmos.values()
+    for turn in (1, 2):
+        gizmo.take()
+        start = gizmo.place.T[:3, 3]
+        dragged.gizmos.follow(gap(1.0 + turn))
+        gizmo.drag(pose(np.eye(3), start - (0.05, 0.0, 0.0)))
+        dragged.now += 1.0
+        dragged.gizmos.send()
+    assert dragged.sent == [('task', 'distance', 0.25)] * 2
+
+
+@pytest.mark.parametrize('kind, axes, planes, turns', [
+    (PointStamped, True, True, False), (PoseStamped, True, True, True),
+    (QuaternionStamped, False, False, True), (None, True, False, False)])
+def test_gizmo_has_handles_for_what_can_be_changed(server, kind, axes, planes, turns):
+    dragged = Dragged(server)
+    places = gap(1.0) if kind is None else places_of(
+        [marker('task/goal')], {'task': {'goal': kind}}, {})
+    dragged.gizmos.follow(places)
+    gizmo, = dragged.gizmos.gizmos.values()
+    handle = gizmo.handle
+    assert (handle.disable_axes, handle.disable_sliders, handle.disable_rotations) == (
+        not axes, not planes, not turns)
+    assert handle.active_axes == (True, kind is not None, kind is not None)
+
+
+def test_label_of_a_key_follows_its_value(server):
+    dragged = Dragged(server)
+    for distance in (0.2, 0.25):
+        dragged.gizmos.follow(gap(1.0, distance))
+        gizmo, = dragged.gizmos.gizmos.values()
+        assert gizmo.label.text == f'task: {1e3 * distance:.1f} mm'
 
 
 def test_what_is_not_to_be_dragged_or_gone_has_no_gizmo(server):

@@ -146,7 +146,7 @@ def _kind(task: Task | None) -> type | None:
 
 
 def _goal(parts: list[Sketch]) -> Array | None:
-    """Return T_root_goal (4, 4) of a sketch, None where it has none."""
+    """Return the pose T_root_goal, as (4, 4), of a sketch; None where it has none."""
     return next((part.T for part in parts if isinstance(part, Triad) and part.part == GOAL), None)
 
 

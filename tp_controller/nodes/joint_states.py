@@ -42,8 +42,11 @@ class Plan:
         Where in a message the joints are, and where they go.
     driven, of_driven : ndarray of int, or slice
         Where those go that are driven, and which of `source` they are.
-    passable : ndarray
-        How far these may move between two messages, however soon one comes after the other.
+    passable : list of float
+        How far each of `source` may move between two messages, however soon one comes after the
+        other, at most 1: whatever moves farther is looked at closely.
+    whole : bool
+        It is about all driven joints.
     twice : str
         Joints that are named twice.
     age : StampAge
@@ -55,7 +58,8 @@ class Plan:
     rows: Rows | slice
     driven: Rows | slice
     of_driven: Rows | slice
-    passable: Array
+    passable: list[float]
+    whole: bool
     twice: str
     age: StampAge
 
@@ -111,6 +115,8 @@ class JointStateBuffer:
         self.passive = self._positions[self._n:]
         # When the oldest positions had been received that were taken last.
         self._taken = -math.inf
+        # When the last message came if it was about all driven joints, and of when that is true.
+        self._whole = self._surely = -math.inf
         self._plans: dict[tuple[str, ...], Plan] = {}
         self._speeds = np.full(self._n, math.inf) if speeds is None else speeds
         self._endless = np.zeros(self._n, dtype=bool) if endless is None else endless
@@ -119,6 +125,10 @@ class JointStateBuffer:
         self.contradiction, self._contradicted = '', -math.inf
         self._ignored, self._ignored_at = '', -math.inf
         self._clock = -math.inf
+        # Who has spoken last, where in its messages the joints are, and their positions then.
+        self._speaker: Plan | None = None
+        self._window = slice(0)
+        self._last: Sequence[float] = ()
 
     def forget(self) -> None:
         """Forget what contradicted itself."""
@@ -128,6 +138,7 @@ class JointStateBuffer:
         """Take what was heard of driven joints for too old; where they are next is no jump."""
         for times in (self._received, self._measured, self._true):
             times[:self._n] = -math.inf
+        self._whole = self._surely = -math.inf
 
     def lasting(self, now: float) -> str:
         """Return the contradiction that was noticed within the last second, if any."""
@@ -184,30 +195,54 @@ class JointStateBuffer:
         self._clock = clock
         # A clock that has not begun says nothing about stamps.
         fault = plan.age.fault(stamp, clock) if clock > 0.0 else ''
-        if fault:
-            return fault
-        rows: Rows | slice = plan.rows
+        return fault or self._take_positions(plan, positions, now, clock)
+
+    def _take_positions(self, plan: Plan, positions: Sequence[float] | Array, now: float,
+                        clock: float) -> str:
+        """Take the positions of a message; return what is wrong with them, or nothing."""
+        if self._is_usual(plan, positions):
+            if not plan.age.overtaken:
+                self._last = tuple(positions[self._window])
+                self._keep(plan, plan.rows, self._last, now, clock)
+            return ''
         values = np.asarray(positions, dtype=float)[plan.source]
         known = np.abs(values) <= LARGEST
         if not known[plan.of_driven].all():
-            bad = ', '.join(self._names[row] for row in self._numbers[rows][~known])
+            bad = ', '.join(self._names[row] for row in self._numbers[plan.rows][~known])
             return f'position not finite, or beyond {LARGEST:g}: {bad}'
         self._check_motion(plan, values, now, clock)
         if plan.age.overtaken:
             return ''
-        if len(self.passive) and not known.all():
-            # Some drivers know no position of joints that are not theirs to drive.
-            rows, values = self._numbers[rows][known], values[known]
+        # Some drivers know no position of joints that are not theirs to drive.
+        self._keep(plan, self._numbers[plan.rows][known], values[known], now, clock)
+        self._speaker = None
+        if isinstance(plan.source, slice) and known.all():
+            self._speaker, self._window, self._last = plan, plan.source, values.tolist()
+        return ''
+
+    def _is_usual(self, plan: Plan, positions: Sequence[float] | Array) -> bool:
+        """Say whether who has spoken last says that no joint has moved far since."""
+        if plan is not self._speaker:
+            return False
+        for position, last, most in zip(positions[self._window], self._last, plan.passable):
+            if not -most <= position - last <= most:
+                return False
+        return True
+
+    def _keep(self, plan: Plan, rows: Rows | slice, values: Sequence[float] | Array, now: float,
+              clock: float) -> None:
+        """Take the positions of some rows."""
+        true = now - plan.age.age
+        self._whole, self._surely = (now, true) if plan.whole else (-math.inf, -math.inf)
         self._positions[rows] = values
         self._received[rows] = now
         self._measured[rows] = clock
-        self._true[rows] = now - plan.age.age
-        return ''
+        self._true[rows] = true
 
     def missing(self, now: float, timeout: float) -> list[str]:
         """Return the driven joints whose positions are older than `timeout` seconds."""
         oldest = now - timeout
-        if not self._n or self._true[:self._n].min() >= oldest:
+        if self._surely >= oldest or not self._n or self._true[:self._n].min() >= oldest:
             return []
         return [self._names[row] for row in np.flatnonzero(self._true[:self._n] < oldest)]
 
@@ -218,18 +253,19 @@ class JointStateBuffer:
 
     def take_complete(self) -> bool:
         """Return True once after every driven joint got a new position."""
+        if self._whole > self._taken:
+            self._taken = self._whole
+            return True
         received = self._received[:self._n]
         if received.min(initial=math.inf) <= self._taken:
             return False
         self._taken = received.max(initial=-math.inf)
         return True
 
-    def _check_motion(self, plan: 'Plan', values: Array, now: float, clock: float) -> None:
+    def _check_motion(self, plan: Plan, values: Array, now: float, clock: float) -> None:
         """Notice joints that are farther away than they can have moved since."""
         rows = plan.driven
         moved = np.abs(values[plan.of_driven] - self._positions[rows])
-        if (moved <= plan.passable).all():
-            return
         if self._turns:
             moved = np.abs(motion(moved, self._endless[rows]))
         passed = np.minimum(clock - self._measured[rows], LONG)
@@ -244,12 +280,13 @@ class JointStateBuffer:
         """Keep a contradiction; the first one is told."""
         self.contradiction, self._contradicted = self.contradiction or what, now
 
-    def _plan(self, names: tuple[str, ...]) -> 'Plan':
+    def _plan(self, names: tuple[str, ...]) -> Plan:
         """Return what is sorted out once for a publisher."""
         found = [(index, self._rows[name]) for index, name in enumerate(names)
                  if name in self._rows]
         rows = np.array([row for _, row in found], dtype=np.intp)
         driven = rows[rows < self._n]
+        speeds = [*self._speeds.tolist(), *[math.inf] * len(self.passive)]
         twice = [name for name in self._rows if names.count(name) > 1]
         # A publisher that changes its names all the time must not fill the memory.
         if len(self._plans) >= 100:
@@ -257,8 +294,8 @@ class JointStateBuffer:
         self._plans[names] = Plan(
             _sliced(np.array([index for index, _ in found], dtype=np.intp)), _sliced(rows),
             _sliced(driven), _sliced(np.flatnonzero(rows < self._n)),
-            self._speeds[driven] * min(self._late, 1.0) + self._tolerance, ', '.join(twice),
-            StampAge(self._late))
+            [min(speeds[row] * min(self._late, 1.0) + self._tolerance, 1.0) for row in rows],
+            len(driven) == self._n, ', '.join(twice), StampAge(self._late))
         return self._plans[names]
 
 

@@ -15,7 +15,6 @@
 """The loop: joint states and odometry in, velocities out, and nothing else."""
 
 from collections.abc import Callable
-from itertools import chain
 import math
 import time
 import traceback
@@ -45,6 +44,11 @@ from tp_controller.nodes.wire import JointStateReader
 
 # A shorter silence of the loop is not told from the jitter of a busy machine [s].
 SHORTEST_STALL = 0.05
+# Of joint states that may have waited for longer only the newest is used [s]. To look whether
+# there are others takes 8 µs; where every cycle does it, 0.8 % of the states are not answered.
+LONGEST_WAIT = 2e-3
+# A shorter time between two cycles is none in which nothing waited [s].
+SHORTEST_PAUSE = 1e-4
 LATE_CYCLE = 'no cycle was completed within watchdog_timeout'
 INACTIVE = 'inactive; activate the node to go on'
 
@@ -114,6 +118,8 @@ class ControlLoop:
         self.figures = Figures(1.0 / self._rate if self._rate > 0.0 else math.inf)
         self._resting, self._noted = False, 0
         self._heard = self.completed = self._received = self._last_cycle = boot_time()
+        # When the loop had nothing to do last.
+        self._busy_since = self._heard
         self._simulated = node.get_parameter('use_sim_time').value
         self._last_robot_time = self._robot_time()
         self._stall = max(self._timeout, SHORTEST_STALL)
@@ -209,10 +215,19 @@ class ControlLoop:
         """Take joint positions, all that wait; without a timer they start the cycle."""
         if not self.active or self._stood_still():
             return
-        for each in chain((raw,), waiting(self._states)):
-            self._put(each)
+        self._put(raw)
+        if self._is_behind(boot_time()):
+            for each in waiting(self._states):
+                self._put(each)
         if self._rate == 0.0 and self._buffer.take_complete():
             self._cycle()
+
+    def _is_behind(self, now: float) -> bool:
+        """Say whether joint states may have waited for longer than they should."""
+        pause = now - self.completed
+        if pause >= SHORTEST_PAUSE:
+            self._busy_since = now
+        return max(pause, now - self._busy_since) > LONGEST_WAIT
 
     def _put(self, raw: bytes) -> None:
         """Take joint positions, or say why not."""

@@ -64,4 +64,3 @@ class SharedController(Controller):
     set_gain = _alone(Controller.set_gain)
     set_tolerance = _alone(Controller.set_tolerance)
     configuration = _alone(Controller.configuration)
-    goal_poses = _alone(Controller.goal_poses)

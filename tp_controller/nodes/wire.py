@@ -25,7 +25,6 @@ import struct
 import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from tp_controller.model.spatial import Array
 
 # Common Data Representation (OMG, DDS-XTypes 7.4.1), little-endian, as every ROS 2 middleware on
 # such a machine uses it: a header of four bytes, then the fields, each aligned to its size.
@@ -46,7 +45,7 @@ class JointStateReader:
         # How frame and names lie in a message, what is there then, and the names.
         self._known: list[tuple[struct.Struct, tuple[object, ...], tuple[str, ...]]] = []
 
-    def read(self, raw: bytes) -> tuple[Sequence[str], Sequence[float] | Array, float]:
+    def read(self, raw: bytes) -> tuple[Sequence[str], Sequence[float], float]:
         """
         Return what is in a serialized joint state.
 
@@ -58,7 +57,7 @@ class JointStateReader:
         Returns
         -------
         names : sequence of str
-        positions : sequence of float or ndarray
+        positions : sequence of float
             [rad or m]
         stamp : float
             [s]
@@ -93,9 +92,9 @@ class JointStateReader:
             self._known.append((layout, layout.unpack_from(raw, BEGIN), tuple(message.name)))
 
 
-def _doubles(raw: bytes, at: int) -> Array:
+def _doubles(raw: bytes, at: int) -> tuple[float, ...]:
     """Return the sequence of doubles whose count is at an index."""
     count, = COUNT.unpack_from(raw, at)
     begin = at + COUNT.size
     begin += -(begin - HEADER) % 8 if count else 0
-    return np.frombuffer(raw, dtype='<f8', count=count, offset=begin)
+    return struct.unpack_from(f'<{count}d', raw, begin)
