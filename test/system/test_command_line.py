@@ -40,15 +40,12 @@ import pytest
 from robots import CONFIG, panda, PANDA_TOOL
 from tp_controller.cli.goal import _reach
 from tp_controller.cli.main import (
+    COMMANDS,
     controller_node,
-    DEMO_EXAMPLES,
     EXAMPLES,
-    GOAL_EXAMPLES,
     main,
     make_parser,
     simulator_node,
-    STATUS_EXAMPLES,
-    VIEW_EXAMPLES,
     watchdog_node,
 )
 from tp_controller.cli.status import table
@@ -355,8 +352,8 @@ def test_an_error_is_shown_with_its_unit_and_a_ratio_without(capsys, unit, shown
 @pytest.mark.parametrize('numbers', [('-1', '-2.5', '-.5'), ('-1e-3', '-2E+1', '-0.5e2')])
 def test_negative_numbers_are_numbers_however_they_are_written(monkeypatch, numbers):
     taken = []
-    monkeypatch.setattr('tp_controller.cli.main.send_goal',
-                        lambda options: taken.append(options.xyz) or 0)
+    monkeypatch.setitem(COMMANDS, 'goal', COMMANDS['goal']._replace(
+        run=lambda options: taken.append(options.xyz) or 0))
     assert main(['goal', 'tool', '--xyz', *numbers, '--frame', 'base']) == 0
     assert taken == [[float(number) for number in numbers]]
 
@@ -404,9 +401,8 @@ def test_help_is_shown(capsys, command):
 
 def examples():
     """Return every example line of the help texts."""
-    lines = [line.strip() for text in (EXAMPLES, DEMO_EXAMPLES, GOAL_EXAMPLES, STATUS_EXAMPLES,
-                                        VIEW_EXAMPLES)
-             for line in text.splitlines()]
+    texts = [EXAMPLES, *[command.examples for command in COMMANDS.values()]]
+    lines = [line.strip() for text in texts for line in text.splitlines()]
     # What stands after two spaces tells what the command is for.
     return [re.split(r'\s{2,}', line)[0] for line in lines if line.startswith('tp_controller ')]
 
@@ -423,7 +419,7 @@ def test_every_example_of_the_help_is_a_valid_command(capsys, line):
 
 def test_the_ros2_example_of_the_help_names_a_message_and_its_fields(domain):
     from geometry_msgs.msg import PointStamped
-    text = re.search(r'PointStamped \\\n\s*"(.*)"', GOAL_EXAMPLES)[1]
+    text = re.search(r'PointStamped \\\n\s*"(.*)"', COMMANDS['goal'].examples)[1]
     (field, values), = yaml.safe_load(text).items()
     point = getattr(PointStamped(), field)
     for axis, value in values.items():

@@ -90,15 +90,20 @@ BESIDE = ('plots', 'bags', 'nodes', 'view', 'demos', 'cli')
 ROS_PACKAGE_OF_MODULE = {'tf2_ros': 'tf2_ros_py'}
 
 
+def arguments_of_setup(folder):
+    """Return the arguments of setup() in the setup.py of a folder."""
+    arguments = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr(setuptools, 'setup', arguments.update)
+        runpy.run_path('setup.py')
+    return arguments
+
+
 @pytest.fixture(scope='module')
 def metadata():
     """Return the arguments of setup()."""
-    arguments = {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(ROOT)
-        patch.setattr(setuptools, 'setup', arguments.update)
-        runpy.run_path(str(ROOT / 'setup.py'))
-    return arguments
+    return arguments_of_setup(ROOT)
 
 
 @pytest.fixture(scope='module')
@@ -147,6 +152,7 @@ def test_citation_names_this_version(metadata):
     assert citation['title'] == metadata['name']
     assert citation['version'] == metadata['version']
     assert citation['license'] == metadata['license']
+    assert citation['keywords'] == metadata['keywords']
     assert citation['authors'] == [{'name': metadata['maintainer']}]
 
 
@@ -193,6 +199,12 @@ def test_ros_is_an_extra(metadata):
 def test_every_subpackage_is_shipped(metadata):
     folders = {path.parent.relative_to(ROOT) for path in (ROOT / PACKAGE).rglob('*.py')}
     assert {'.'.join(folder.parts) for folder in folders} == set(metadata['packages'])
+
+
+def test_every_source_in_cpp_is_compiled(metadata):
+    sources = [source for extension in metadata['ext_modules'] for source in extension.sources]
+    assert sorted(sources) == sorted(str(path.relative_to(ROOT))
+                                     for path in (ROOT / PACKAGE).rglob('*.cpp'))
 
 
 def test_annotations_are_shipped_by_an_old_setuptools_too(metadata):
@@ -354,12 +366,33 @@ def test_wheel_holds_every_file(wheel):
         assert modes[f'lib/{PACKAGE}/{name}'] & stat.S_IXUSR
 
 
-@pytest.mark.skipif(not any(map(shutil.which, ('c++', 'g++', 'clang++'))), reason='no compiler')
-def test_wheel_holds_the_compiled_core_for_all_later_versions_of_python(wheel, site_packages):
+def test_wheel_says_what_the_package_is_without_links_to_what_is_not_there(wheel):
     with zipfile.ZipFile(wheel) as archive:
-        core, = [name for name in archive.namelist() if '/solver/core' in name]
+        file, = [name for name in archive.namelist() if name.endswith('.dist-info/METADATA')]
+        header, _, text = archive.read(file).decode().replace('\r\n', '\n').partition('\n\n')
+    assert 'Description-Content-Type: text/markdown' in header.splitlines()
+    readme = (ROOT / 'README.md').read_text(encoding='utf-8')
+    sections = re.findall('^#.*', readme, re.MULTILINE)
+    assert re.findall('^#.*', text, re.MULTILINE) == sections[:-1]
+    assert text.count('```') == readme.count('```')
+    assert all(link.startswith('https://') for link in re.findall(r'\]\((.*?)\)', text))
+
+
+def test_setup_py_can_be_a_link(metadata, tmp_path):
+    # As with `colcon build --symlink-install`, where README.md is not beside the link.
+    (tmp_path / 'setup.py').symlink_to(ROOT / 'setup.py')
+    assert arguments_of_setup(tmp_path)['long_description'] == metadata['long_description']
+
+
+@pytest.mark.skipif(not any(map(shutil.which, ('c++', 'g++', 'clang++'))), reason='no compiler')
+def test_wheel_holds_all_compiled_modules_for_all_later_versions_of_python(
+        wheel, site_packages, metadata):
+    with zipfile.ZipFile(wheel) as archive:
+        built = [name for name in archive.namelist() if name.endswith('.so')]
+    names = [extension.name.replace('.', '/') for extension in metadata['ext_modules']]
+    assert sorted(name.partition('.')[0] for name in built) == sorted(names)
     if sys.version_info >= (3, 11) and not sysconfig.get_config_var('Py_GIL_DISABLED'):
-        assert core.endswith('/core.abi3.so') and '-cp311-abi3-' in wheel.name
+        assert all(name.endswith('.abi3.so') for name in built) and '-cp311-abi3-' in wheel.name
     assert solver_of(site_packages) == 'compiled'
 
 

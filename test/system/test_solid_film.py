@@ -19,21 +19,48 @@ from importlib.util import find_spec
 import numpy as np
 from PIL import Image
 import pytest
-from robots import panda
-from tp_controller import Stack, TpControllerError
+from robots import CONFIG, panda
+from tp_controller import Robot, Stack, TpControllerError
 from tp_controller.demos import film
-from tp_controller.demos.motion import Motion
-from tp_controller.view.browser import find_chromium, open_page
+from tp_controller.demos.motion import FixedObject, Motion
+from tp_controller.model.shapes import Box
+from tp_controller.view.browser import chromium_flags, find_chromium, open_page, UNLIMITED
 
 STACK = """\
 - clear: {type: keep_out, frame: panda_hand_tcp, shape: {cylinder: [0.1, 0.8]},
           at: [0.6, 0.3, 0.4]}
 - tool: {type: position, frame: panda_hand_tcp}
 """
+# The parts of a film apart from each other, seen from the front, about a robot on the left.
+APART = """\
+- out: {type: keep_out, frame: tool, shape: {box: [0.4, 0.4, 0.4]}, at: [0.0, 2.0, 0.2]}
+- in: {type: keep_in, frame: tool, shape: {box: [0.6, 0.6, 0.6]}, at: [0.0, 3.0, 0.3]}
+- seen: {type: field_of_view, frame: tool, half_angle: 0.4, target: [5.0, 0.0, 0.5]}
+- tool: {type: pose, frame: tool}
+"""
+# Size of the band with the caption [pixels].
+BAND = 54
+# Pictures until nothing else is drawn any more.
+TRIES = 100
 
 pytestmark = [
     pytest.mark.skipif(find_spec('viser') is None, reason='needs viser'),
     pytest.mark.skipif(find_chromium() is None, reason='needs a Chromium on the PATH')]
+
+
+def pictures_of(motion, folder, monkeypatch, capsys):
+    """Return the pictures (h, w, 3) of the film of a motion, captions included."""
+    monkeypatch.delenv(film.CHOICE)
+    path = film.write_film(folder / 'film.webp', motion)
+    # Drawn with lines, it would say so.
+    assert capsys.readouterr().err == ''
+    with Image.open(path) as picture:
+        assert picture.size == film.SIZE and picture.n_frames == len(motion.times)
+        pictures = []
+        for frame in range(picture.n_frames):
+            picture.seek(frame)
+            pictures.append(np.asarray(picture.convert('RGB')).astype(int))
+    return pictures
 
 
 def share(picture, colour, tolerance):
@@ -43,29 +70,118 @@ def share(picture, colour, tolerance):
 
 def test_film_shows_a_solid_robot_that_moves_its_goal_and_an_obstacle(
         tmp_path, monkeypatch, capsys):
-    monkeypatch.delenv(film.CHOICE)
     robot = panda()
     q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]) + np.outer([0.0, 1.0], [0.6, *6 * [0.0]])
-    path = film.write_film(tmp_path / 'film.webp', Motion(
+    first, last = pictures = [picture[:-BAND] for picture in pictures_of(Motion(
         'title', robot, np.array([0.0, 1.0]), q, Stack.from_yaml(STACK, robot),
-        ('panda_hand_tcp',), goals=[(0.5, 'tool', [0.4, -0.3, 0.5])]))
-    assert capsys.readouterr().err == ''
-    with Image.open(path) as picture:
-        assert picture.size == film.SIZE and picture.n_frames == 2
-        pictures = []
-        for frame in range(2):
-            picture.seek(frame)
-            # Without the caption.
-            pictures.append(np.asarray(picture.convert('RGB')).astype(int)[:640])
-    first, last = pictures
+        ('panda_hand_tcp',), goals=[(0.5, 'tool', [0.4, -0.3, 0.5])]),
+        tmp_path, monkeypatch, capsys)]
     moved = np.abs(first - last).max(axis=2) > 40
     assert 0.03 < moved.mean() < 0.5
     # Nothing of it is cut off at an edge.
-    assert not any(edge.any() for edge in (moved[0], moved[:, 0], moved[:, -1]))
+    assert not any(edge.any() for edge in (moved[0], moved[-1], moved[:, 0], moved[:, -1]))
     brown = [(each[..., 0] > each[..., 2] + 60) & (each[..., 1] > 60) for each in pictures]
     assert all(0.02 < each.mean() < 0.3 for each in brown)
     orange = [share(each, (200, 90, 15), 60) for each in pictures]
     assert orange[1] > orange[0] + 0.01
+
+
+def test_a_browser_that_still_shows_the_page_of_a_demo_does_not_get_into_its_film():
+    from tp_controller.demos import film_solid
+    from tp_controller.view.server import PORTS
+    # It connects again to whatever is at the address of the page.
+    with film_solid._server() as server:
+        assert server.get_port() not in PORTS
+
+
+def test_every_part_is_where_it_belongs(tmp_path, monkeypatch, capsys):
+    robot = Robot.from_file(CONFIG / 'robots' / 'mobile_arm.urdf', base='planar')
+    q = np.tile(robot.neutral(), (2, 1))
+    q[0, 1] = -1.0
+    motion = Motion(
+        'title', robot, np.array([0.0, 1.0]), q, Stack.from_yaml(APART, robot), ('tool',),
+        goals=[(0.0, 'tool', [0.5, -1.8, 0.6, 0.0, 0.0, 0.0, 1.0])],
+        objects=(FixedObject('base_link', Box(0.3, 0.3, 0.3), (0.0, 0.8, 0.15)),),
+        carried=(('laser', 'tool'),), view=(0.0, 30.0))
+    from tp_controller.demos import film_solid
+    camera = film_solid._camera(motion, [0, 1], 4.0 / 3.0)
+    before, after = pictures_of(motion, tmp_path, monkeypatch, capsys)
+    state = robot.state(q[1])
+    tool, laser = state.position('tool'), state.position('laser')
+
+    def colour(point, picture=after):
+        """Return red, green and blue where a point (3,) is seen."""
+        right, down, forward = (np.array(point) - camera.position) @ camera.R
+        scale = film.SIZE[1] / 2.0 / np.tan(film_solid.FIELD / 2.0) / forward
+        x = round(film.SIZE[0] / 2.0 + scale * right)
+        y = round(film.SIZE[1] / 2.0 + scale * down)
+        return np.median(picture[y - 1:y + 2, x - 1:x + 2], axis=(0, 1)).tolist()
+
+    def is_like(found, expected):
+        """Say whether it is a colour, in light or in shadow."""
+        found, expected = (np.array(each) / np.linalg.norm(each) for each in (found, expected))
+        return found @ expected > 0.985
+
+    axes = 0.05 * camera.distance * np.eye(3)
+    goal = np.array([0.5, -1.8, 0.6])
+    assert is_like(colour(goal), (213, 94, 0))
+    for axis, shade in zip(axes, ((204, 0, 0), (85, 204, 51), (0, 0, 204))):
+        assert is_like(colour(goal + axis), shade), shade
+    assert is_like(colour((0.2, 2.0, 0.2)), (176, 122, 66))
+    assert is_like(colour((0.15, 0.8, 0.15)), (204, 121, 167))
+    assert is_like(colour((0.15, -0.2, 0.15), before), (204, 121, 167))
+    assert is_like(colour(0.5 * (tool + laser)), (204, 121, 167))
+    # A thin line.
+    red, _, blue = colour(tool - (0.0, 0.5, 0.0))
+    assert blue - red > 80
+    # The front of the base, which comes.
+    assert is_like(colour((0.25, 0.0, 0.15)), (51, 74, 99))
+    assert is_like(colour((0.25, -1.0, 0.15), before), (51, 74, 99))
+    assert min(colour((0.25, -1.0, 0.15))) > 150
+    # Green is seen through, as blue is; the ground is grey.
+    red, green, _ = colour((0.0, 3.0, 0.3))
+    assert green - red > 12
+    red, _, blue = colour(tool + (0.0, 0.0, 0.3))
+    assert blue - red > 20
+    ground = colour((0.5, -0.4, 0.0))
+    assert max(ground) - min(ground) < 20 and 150 < min(ground) < 250
+
+
+def test_nothing_is_drawn_but_the_pictures():
+    playwright = pytest.importorskip('playwright.sync_api')
+    from tp_controller.demos import film_solid
+    from tp_controller.view.server import address
+    camera = film_solid.Camera(np.array([0.0, 0.0, 3.0]), np.diag([1.0, -1.0, -1.0]), 3.0)
+    with film_solid._server() as server, playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=find_chromium(),
+                                         args=[*chromium_flags(), UNLIMITED])
+        page = browser.new_page(viewport={'width': 160, 'height': 120})
+        page.goto(address(server))
+        client = film_solid._client(server, HeadlessPage())
+
+        def picture():
+            """Take a picture, after something has changed."""
+            server.scene.add_icosphere('/ball', 0.1)
+            film_solid._picture(client, HeadlessPage(), camera, (80, 60))
+            return page.evaluate('window.__viserTestpoints.rendererInfo.render.frame')
+
+        page.wait_for_function(
+            "document.querySelector('#root').getBoundingClientRect().top > innerHeight")
+        # What was begun before that is drawn to its end.
+        first = picture()
+        for _ in range(TRIES):
+            before, first = first, picture()
+            if first == before + 1:
+                break
+        assert [picture() - first for _ in range(4)] == [1, 2, 3, 4]
+        browser.close()
+
+
+class HeadlessPage:
+    """A page that never ends."""
+
+    def check(self):
+        """Find no fault."""
 
 
 def test_a_browser_that_ends_says_what_it_said_last():

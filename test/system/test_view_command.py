@@ -52,7 +52,9 @@ def children_of(pid):
             Path(f'/proc/{pid}/task/{pid}/children').read_text().split()]
 
 
-def test_view_prints_the_address_first_and_ctrl_c_ends_all_that_it_started(environment):
+def test_view_says_where_it_is_and_how_to_send_goals_and_ctrl_c_ends_all(environment):
+    another_terminal = {name: value for name, value in environment.items()
+                        if name not in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')}
     with subprocess.Popen([sys.executable, '-m', 'tp_controller', 'view'], env=environment,
                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                           preexec_fn=hear_ctrl_c) as process:
@@ -63,6 +65,11 @@ def test_view_prints_the_address_first_and_ctrl_c_ends_all_that_it_started(envir
                 assert b'<html' in answer.read()
             while len(children := children_of(process.pid)) < 2:
                 assert process.poll() is None, process.stderr.read()
+            assert 'another terminal' in process.stdout.readline()
+            lines = ''.join(process.stdout.readline() for _ in range(2))
+            sent = subprocess.run(['bash', '-e', '-c', f'{lines.rstrip()} --wait 60'],
+                                  env=another_terminal, capture_output=True, text=True)
+            assert sent.stdout == 'goal sent to task tool\n', sent.stderr
             process.send_signal(signal.SIGINT)
             assert process.wait(2.0 * DEADLINE) == 130
         finally:

@@ -166,12 +166,12 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
     faults = _refusals(setup)
     with Spreader(setup, jobs, backend) as spreader:
         with progress(samples, 'samples') as shown:
-            glimpses = spreader.map(glimpse, seeds[0].spawn(samples), shown.advance)
+            glimpses = spreader.spread(glimpse, seeds[0].spawn(samples), shown.advance)
         found: list[Run] = []
         if not faults:
             with progress(runs, 'closed loops') as shown:
-                found = spreader.map(closed_loop, list(enumerate(seeds[1].spawn(runs))),
-                                     shown.advance)
+                found = spreader.spread(closed_loop, list(enumerate(seeds[1].spawn(runs))),
+                                        shown.advance)
     timing = None
     if not faults and runs:
         try:

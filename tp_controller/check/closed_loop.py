@@ -200,7 +200,7 @@ class Loop:
         command = self.controller.update(self.simulator.q, self.now)
         if self.extremes is not None:
             watch(self.extremes, self.setup, self.simulator.q, command.velocity, self.commanded,
-                   self.number)
+                  self.number)
         self.follow(command)
         return command
 
@@ -293,7 +293,7 @@ def closed_loop(setup: Setup, numbered: tuple[int, np.random.SeedSequence]) -> R
 
 
 def _valid(setup: Setup, random: np.random.Generator, around: Array,
-             far: float) -> tuple[Array, dict[str, bool]]:
+           far: float) -> tuple[Array, dict[str, bool]]:
     """
     Return a configuration that tasks with bounds, or with a goal of the stack, allow.
 
@@ -365,7 +365,7 @@ def _task_run(task: TaskReport, since: float, possible: bool) -> TaskRun:
 
 
 def watch(extremes: Extremes, setup: Setup, q: Array, velocity: Array, previous: Array,
-           number: int) -> None:
+          number: int) -> None:
     """Note what a command does, the one before being `previous`."""
     robot, period = setup.robot, setup.period
     change = np.abs(velocity - previous)

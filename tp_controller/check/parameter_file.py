@@ -224,7 +224,7 @@ def _settings(given: Mapping[str, Any]) -> Settings:
     rate = _number(given, 'rate', RATE)
     period = 1.0 / rate if rate > 0.0 else _number(given, 'state_timeout', STATE_TIMEOUT)
     values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
-              for name, value in given.items() if name in SETTINGS}
+                              for name, value in given.items() if name in SETTINGS}
     if values.get('weights') in ((), (1.0,)):
         # They stand for equal weights of any number of joints.
         del values['weights']

@@ -80,7 +80,8 @@ class TaskResult:
     """One task, in samples and in closed loops; null where a number is about other types."""
 
     name: str = _said('task')
-    type: str = _said('its type')
+    # The name that it has in the JSON file.
+    type: str = _said('its type')  # noqa: A003
     level: int = _said('from 1; 0 where it is disabled')
     gain_period: float | None = _said('gain times period')
     singular: float | None = _said('share of samples in which its smallest singular value is '

@@ -78,8 +78,8 @@ class Spreader:
         """End it."""
         self._opened.close()
 
-    def map(self, work: Callable[[Setup, Seed], Made], seeds: Sequence[Seed],
-            advance: Callable[[], None]) -> list[Made]:
+    def spread(self, work: Callable[[Setup, Seed], Made], seeds: Sequence[Seed],
+               advance: Callable[[], None]) -> list[Made]:
         """
         Return what work gives for each seed, in their order.
 

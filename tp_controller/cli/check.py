@@ -19,13 +19,22 @@ from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
+from tp_controller.cli.command import Command
 from tp_controller.cli.progress import progress
 from tp_controller.cli.values import positive_number
 from tp_controller.errors import SettingsError, unknown
 
-if TYPE_CHECKING:
-    # Imported with the first check: the help needs none of it.
+if TYPE_CHECKING:  # Imported with the first check: the help needs none of it.
     from tp_controller.check import CheckReport
+EXAMPLES = """\
+examples:
+  tp_controller check stack.yaml --robot robot.urdf --rate 200
+  tp_controller check --params-file package://tp_controller/config/demo.yaml
+  tp_controller check stack.yaml --robot robot.urdf --base differential --runs 100 --jobs -1
+  tp_controller check --params-file controller.yaml --strict --json check.json --html check.html
+
+Exit status: 0 nothing is wrong, 1 something is, 2 an argument is not valid.
+"""
 
 
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:
@@ -149,3 +158,10 @@ def _count(text: str) -> int:
 def _jobs(text: str) -> int:
     """Return a number of processes: from 1 on, or -1."""
     return -1 if text.strip() == '-1' else _count(text)
+
+
+COMMAND = Command(
+    'say what is wrong or doubtful with a stack, before a robot moves',
+    'Say what is wrong or doubtful with a stack, before a robot moves: at random configurations, '
+    'then in closed loops with random starts and goals. No ROS is needed.',
+    EXAMPLES, add_check_arguments, run_check)

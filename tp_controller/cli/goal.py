@@ -20,12 +20,12 @@ import sys
 import time
 from typing import Any, TYPE_CHECKING
 
+from tp_controller.cli.command import Command
 from tp_controller.cli.values import finite_number, positive_number
 from tp_controller.model.rpy import quaternion_from_rpy
 from tp_controller.nodes.discovery import announce_often
 
-if TYPE_CHECKING:
-    # Imported when a goal is sent: the help needs no ROS.
+if TYPE_CHECKING:  # Imported when a goal is sent: the help needs no ROS.
     from tp_controller.nodes.client import Client
 
 # Velocities time out at the controller, so they are repeated at this period [s].
@@ -34,6 +34,20 @@ TURN = 2.0 * math.pi
 # {part of a goal: the option that gives it}
 OPTIONS = {'xyz': '--xyz', 'quat_xyzw': '--rpy/--quat', 'joints': '--joint',
            'velocities': '--velocity', 'linear': '--linear', 'angular': '--angular'}
+EXAMPLES = """\
+examples:
+  tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 180 0 0 --deg
+  tp_controller goal tool --xyz 0 0 0.1 --quat 0 0 0 1 --frame panda_hand_tcp
+  tp_controller goal elbow --xyz 0 0 0.6 --reach 10
+  tp_controller goal posture --joint panda_joint4=-2.0 --joint panda_joint6=1.8
+  tp_controller goal posture --joint panda_joint4=-115 --deg
+  tp_controller goal swing --velocity joint1=0.3 --for 2
+  tp_controller goal carry --linear 0.1 0 0 --for 3
+
+The same with the ros2 command:
+  ros2 topic pub --once /tp_controller/elbow/goal geometry_msgs/msg/PointStamped \\
+      "{point: {x: 0.0, y: 0.0, z: 0.6}}"
+"""
 
 
 def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
@@ -173,3 +187,10 @@ def _assignment(text: str) -> tuple[str, float]:
     if not equals or not name:
         raise argparse.ArgumentTypeError(f'{text!r} is not of the form NAME=VALUE')
     return name, finite_number(value)
+
+
+COMMAND = Command(
+    'send a goal to a task of a running controller',
+    'Send a goal to a task of a running controller. What the task takes decides the message: a '
+    'point needs --xyz, an orientation --rpy or --quat, a pose both.',
+    EXAMPLES, add_goal_arguments, send_goal)

@@ -20,21 +20,13 @@ from collections.abc import Sequence
 from enum import Enum
 import importlib
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 import sys
 from textwrap import wrap
 from types import ModuleType
 from typing import NoReturn
 
 import argcomplete
-from tp_controller.cli.check import add_check_arguments, run_check
-from tp_controller.cli.goal import add_goal_arguments, send_goal
-from tp_controller.cli.plot import add_plot_arguments, plot
-from tp_controller.cli.plot import EXAMPLES as PLOT_EXAMPLES
-from tp_controller.cli.record import add_record_arguments, record
-from tp_controller.cli.record import EXAMPLES as RECORD_EXAMPLES
-from tp_controller.cli.status import add_status_arguments, show_status
-from tp_controller.cli.view import add_view_arguments, show_view
+from tp_controller.cli import check, demo, goal, plot, record, status, view
 from tp_controller.errors import TpControllerError
 from tp_controller.nodes.discovery import announce_often
 
@@ -52,6 +44,9 @@ examples:
   tp_controller record run               what they do, to files
   tp_controller plot run                 plots and a report of a recording
 """
+COMMANDS = {
+    'demo': demo.COMMAND, 'goal': goal.COMMAND, 'status': status.COMMAND, 'check': check.COMMAND,
+    'view': view.COMMAND, 'record': record.COMMAND, 'plot': plot.COMMAND}
 HELP_WIDTH = 95
 # {optional packages: what is said where one is missing}
 CURES = {
@@ -62,62 +57,6 @@ CURES = {
     ('dask', 'distributed'): "the backend dask needs it: pip install 'dask[distributed]'",
     ('ray',): 'the backend ray needs it: pip install ray',
 }
-DEMOS = {
-    'panda': 'a 7-DoF arm over ROS 2 topics (default)',
-    'mobile': 'an arm on wheels carries a tray past obstacles',
-    'underwater': 'a vehicle with an arm works on a panel',
-    'two_arms': 'two hands carry one object',
-    'drill': 'drilling, five rows, above inequality tasks',
-    'lab1': 'null-space motion',
-    'lab2': 'two tasks in both orders',
-}
-DEMO_EXAMPLES = """\
-examples:
-  tp_controller demo                         figures and film go to ./tp_demo/panda
-  tp_controller demo --output figures
-  tp_controller demo underwater              a vehicle with an arm, beside a riser
-  tp_controller demo --view                  the same, live on a page in the browser, too
-  tp_controller demo lab2 --seed 3           exercise 2 of the lab with other random goals
-
-The demos panda, mobile, underwater and two_arms start a controller and a simulator of their own,
-which talk on this machine only, in a ROS domain of their own. drill, lab1 and lab2 need no ROS.
-"""
-GOAL_EXAMPLES = """\
-examples:
-  tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 180 0 0 --deg
-  tp_controller goal tool --xyz 0 0 0.1 --quat 0 0 0 1 --frame panda_hand_tcp
-  tp_controller goal elbow --xyz 0 0 0.6 --reach 10
-  tp_controller goal posture --joint panda_joint4=-2.0 --joint panda_joint6=1.8
-  tp_controller goal posture --joint panda_joint4=-115 --deg
-  tp_controller goal swing --velocity joint1=0.3 --for 2
-  tp_controller goal carry --linear 0.1 0 0 --for 3
-
-The same with the ros2 command:
-  ros2 topic pub --once /tp_controller/elbow/goal geometry_msgs/msg/PointStamped \\
-      "{point: {x: 0.0, y: 0.0, z: 0.6}}"
-"""
-CHECK_EXAMPLES = """\
-examples:
-  tp_controller check stack.yaml --robot robot.urdf --rate 200
-  tp_controller check --params-file package://tp_controller/config/demo.yaml
-  tp_controller check stack.yaml --robot robot.urdf --base differential --runs 100 --jobs -1
-  tp_controller check --params-file controller.yaml --strict --json check.json --html check.html
-
-Exit status: 0 nothing is wrong, 1 something is, 2 an argument is not valid.
-"""
-STATUS_EXAMPLES = """\
-examples:
-  tp_controller status                       all controllers, until Ctrl-C
-  tp_controller status --once                one table
-  tp_controller status --node left/tp_controller --node right/tp_controller
-"""
-VIEW_EXAMPLES = """\
-examples:
-  tp_controller view                         the Panda demo, on a page at http://127.0.0.1:8080
-  tp_controller view --demo conflict         two tasks in conflict: exchange them on the page
-  tp_controller view --node tp_controller    a controller that runs already
-  tp_controller view --node left/tp_controller --port 9000
-"""
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -128,64 +67,8 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--version', action=_Version)
     commands = parser.add_subparsers(dest='command', required=True, metavar='command')
-    demo = commands.add_parser(
-        'demo', help='run a demonstration and write its figures', epilog=DEMO_EXAMPLES,
-        description='Run a demonstration, print a table and write figures.',
-        formatter_class=argparse.RawDescriptionHelpFormatter)
-    demo.add_argument('name', nargs='?', default='panda',
-                      choices=tuple(DEMOS),
-                      help='; '.join(f'{name}: {what}' for name, what in DEMOS.items()))
-    demo.add_argument('--output', type=Path, default=Path('tp_demo'), metavar='FOLDER',
-                      help='where the folder with the figures goes, which has the name '
-                      'of the demo (default: ./tp_demo)')
-    demo.add_argument('--seed', type=_seed, default=1,
-                      help='seed of the random goals of lab2 (default: 1)')
-    demo.add_argument('--view', action='store_true',
-                      help='show it on a page in the browser while it runs, too (demos over '
-                      'ROS 2)')
-    demo.set_defaults(run=_demo)
-    goal = commands.add_parser(
-        'goal', help='send a goal to a task of a running controller', epilog=GOAL_EXAMPLES,
-        description='Send a goal to a task of a running controller. What the task takes decides '
-        'the message: a point needs --xyz, an orientation --rpy or --quat, a pose both.',
-        formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_goal_arguments(goal)
-    goal.set_defaults(run=send_goal)
-    status = commands.add_parser(
-        'status', help='show what running controllers do, live', epilog=STATUS_EXAMPLES,
-        description='Show the tasks of running controllers, until Ctrl-C: how far each is from '
-        'its goal, and what limits it.', formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_status_arguments(status)
-    status.set_defaults(run=show_status)
-    check = commands.add_parser(
-        'check', help='say what is wrong or doubtful with a stack, before a robot moves',
-        epilog=CHECK_EXAMPLES, description='Say what is wrong or doubtful with a stack, before a '
-        'robot moves: at random configurations, then in closed loops with random starts and '
-        'goals. No ROS is needed.', formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_check_arguments(check)
-    check.set_defaults(run=run_check)
-    view = commands.add_parser(
-        'view', help='show a controller on a page in the browser, and change what it does',
-        epilog=VIEW_EXAMPLES, description='Show a controller on a page in the browser: the robot, '
-        'goals that can be dragged, the stack, plots. Without --node a demo is started, too.',
-        formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_view_arguments(view)
-    view.set_defaults(run=show_view)
-    recording = commands.add_parser(
-        'record', help='record what running controllers do', epilog=RECORD_EXAMPLES,
-        description='Record all topics of running controllers, until Ctrl-C, to a folder that '
-        'ros2 bag, PlotJuggler, Foxglove and tp_controller plot read.',
-        formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_record_arguments(recording)
-    recording.set_defaults(run=record)
-    plots = commands.add_parser(
-        'plot', help='draw what was recorded', epilog=PLOT_EXAMPLES,
-        description='Draw the plots of a recording: errors with what limits the tasks, velocities '
-        'against their limits, the path of the tool; and write a report that has all of them in '
-        'one HTML file, with the motion to be replayed.',
-        formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_plot_arguments(plots)
-    plots.set_defaults(run=plot)
+    for name, command in COMMANDS.items():
+        command.add_to(commands, name)
     return parser
 
 
@@ -278,13 +161,6 @@ def _lacks(error: ModuleNotFoundError) -> int:
     return 1
 
 
-def _seed(text: str) -> int:
-    """Return a seed of the command line."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
-    return int(text)
-
-
 def _mark_numbers(arguments: Sequence[str]) -> list[str]:
     """Return arguments, negative numbers with a space: argparse takes -1e-3 for an option."""
     return [f' {text}' if text.startswith('-') and _is_number(text) else text
@@ -315,30 +191,6 @@ class _Version(argparse.Action):
         except PackageNotFoundError:
             print('not installed')
         parser.exit()
-
-
-def _demo(options: argparse.Namespace) -> int:
-    """Run the demonstration that was named."""
-    # Each in a folder of its own, or one would write over the pictures of another.
-    folder = options.output / options.name
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        print(f'tp_controller: --output: {error}', file=sys.stderr)
-        return 2
-    # Imported here: figures take a second to import, and goals do not need them.
-    if options.name == 'drill':
-        from tp_controller.demos.drill import drill
-        passed = drill(folder)
-    elif options.name in ('lab1', 'lab2'):
-        from tp_controller.demos.lab import lab1, lab2
-        passed = lab1(folder) if options.name == 'lab1' else lab2(folder, options.seed)
-    else:
-        from tp_controller.demos.ros_demos import run_demo
-        from tp_controller.demos.scenarios import DEMOS as ROS_DEMOS
-        announce_often()
-        passed = run_demo(ROS_DEMOS[options.name], folder, options.view)
-    return 0 if passed else 1
 
 
 if __name__ == '__main__':

@@ -20,11 +20,11 @@ from pathlib import Path
 import sys
 from typing import TYPE_CHECKING, TypeAlias
 
+from tp_controller.cli.command import Command
 from tp_controller.cli.progress import progress
 from tp_controller.errors import TpControllerError
 
-if TYPE_CHECKING:
-    # Imported with the first recording: the help needs none of it.
+if TYPE_CHECKING:  # Imported with the first recording: the help needs none of it.
     from tp_controller.bags.history import History
     from tp_controller.model.robot import Robot
 
@@ -141,3 +141,11 @@ def _replay(history: 'History', robot: 'MaybeRobot', remarks: list[str]) -> str:
         remarks.append(f"no replay: {error.name} is missing; pip install '.[view]'")
         return ''
     return replay_page(history, robot)
+
+
+COMMAND = Command(
+    'draw what was recorded',
+    'Draw the plots of a recording: errors with what limits the tasks, velocities against their '
+    'limits, the path of the tool; and write a report that has all of them in one HTML file, '
+    'with the motion to be replayed.',
+    EXAMPLES, add_plot_arguments, plot)

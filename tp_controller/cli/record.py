@@ -24,12 +24,12 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from tp_controller.cli.command import Command
 from tp_controller.cli.values import positive_number
 from tp_controller.errors import TpControllerError
 from tp_controller.nodes.discovery import announce_often
 
-if TYPE_CHECKING:
-    # Imported when a recording starts: the help needs no ROS.
+if TYPE_CHECKING:  # Imported when a recording starts: the help needs no ROS.
     from tp_controller.bags.writer import BagWriter
     from tp_controller.nodes.bag_recorder import BagRecorder
 
@@ -184,3 +184,10 @@ def _summary(bag: 'BagWriter', recorder: 'BagRecorder', seconds: float) -> str:
 def _listed(counts: Mapping[str, int]) -> str:
     """Return how many messages of each topic were written."""
     return ', '.join(f'{topic} {counts[topic]}' for topic in sorted(counts))
+
+
+COMMAND = Command(
+    'record what running controllers do',
+    'Record all topics of running controllers, until Ctrl-C, to a folder that ros2 bag, '
+    'PlotJuggler, Foxglove and tp_controller plot read.',
+    EXAMPLES, add_record_arguments, record)

@@ -21,12 +21,12 @@ import shutil
 import sys
 from typing import TYPE_CHECKING
 
+from tp_controller.cli.command import Command
 from tp_controller.cli.values import positive_number
 from tp_controller.errors import TpControllerError
 from tp_controller.nodes.discovery import announce_often
 
-if TYPE_CHECKING:
-    # Imported with the first status: the help needs no ROS.
+if TYPE_CHECKING:  # Imported with the first status: the help needs no ROS.
     from tp_controller.nodes.watch import Heard, Watch
 
 # To the first line, and clear what is below it.
@@ -38,6 +38,12 @@ HIDE, SHOW = '\x1b[?25l', '\x1b[?25h'
 COLUMNS = (('task', 14), ('level', 8), ('error', 24), ('status', 10))
 # After which time without a message a controller is called silent [s].
 OLD = 2.0
+EXAMPLES = """\
+examples:
+  tp_controller status                       all controllers, until Ctrl-C
+  tp_controller status --once                one table
+  tp_controller status --node left/tp_controller --node right/tp_controller
+"""
 
 
 def add_status_arguments(parser: argparse.ArgumentParser) -> None:
@@ -150,3 +156,10 @@ def _show_live(watch: 'Watch', period: float) -> None:
         print()
     finally:
         print(SHOW, end='', flush=True)
+
+
+COMMAND = Command(
+    'show what running controllers do, live',
+    'Show the tasks of running controllers, until Ctrl-C: how far each is from its goal, and '
+    'what limits it.',
+    EXAMPLES, add_status_arguments, show_status)

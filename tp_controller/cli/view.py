@@ -18,17 +18,18 @@ import argparse
 from contextlib import ExitStack
 import os
 from pathlib import Path
+import shlex
 import sys
 import tempfile
 from typing import NoReturn, TYPE_CHECKING
 
+from tp_controller.cli.command import Command
 from tp_controller.demos.processes import ended_by_sigterm, own_domain, start_nodes
-from tp_controller.demos.scenarios import goal_fields
+from tp_controller.demos.scenarios import Goal, goal_fields
 from tp_controller.nodes.discovery import announce_often
 from tp_controller.resources import load_yaml, package_share
 
-if TYPE_CHECKING:
-    # Imported when there is a page: the help needs neither it nor ROS.
+if TYPE_CHECKING:  # Imported when there is a page: the help needs neither it nor ROS.
     import viser
 
 LOCAL = '127.0.0.1'
@@ -36,6 +37,17 @@ CONTROLLER = 'tp_controller'
 # {name: parameter file of the nodes}
 DEMOS = {'panda': 'demo', 'conflict': 'conflict', 'mobile': 'mobile', 'underwater': 'underwater',
          'two_arms': 'two_arms'}
+# What another terminal needs to hear the nodes of a demo.
+DOMAIN = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
+# Keys of a goal in a file that options of `tp_controller goal` are named after.
+GOAL_OPTIONS = ('xyz', 'rpy', 'linear', 'angular', 'for')
+EXAMPLES = """\
+examples:
+  tp_controller view                         the Panda demo, on a page at http://127.0.0.1:8080
+  tp_controller view --demo conflict         two tasks in conflict: exchange them on the page
+  tp_controller view --node tp_controller    a controller that runs already
+  tp_controller view --node left/tp_controller --port 9000
+"""
 
 
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,10 +87,12 @@ def show_view(options: argparse.Namespace) -> NoReturn:
         print(f'page: {address(server)}  (Ctrl-C ends it)', flush=True)
         if exposure(options.host):
             print(f'warning: {exposure(options.host)}', file=sys.stderr)
+        goals: list[Goal | list[Goal]] = []
         if options.node is None:
             _start_demo(stack, _file(options.demo, ''))
-        _show(stack, server, options.node or CONTROLLER,
-              _file(options.demo, '_goals') if options.node is None else None)
+            goals = load_yaml(_file(options.demo, '_goals').read_text())
+            print(_how_to_send(_at_once(goals[-1])[0]), flush=True)
+        _show(stack, server, options.node or CONTROLLER, _at_once(goals[0]) if goals else [])
 
 
 def _start_demo(stack: ExitStack, parameters: Path) -> None:
@@ -97,16 +111,38 @@ def _file(demo: str, ending: str) -> Path:
     return package_share() / 'config' / f'{DEMOS[demo]}{ending}.yaml'
 
 
+def _at_once(step: Goal | list[Goal]) -> list[Goal]:
+    """Return the goals of a step, which is one goal or several."""
+    return step if isinstance(step, list) else [step]
+
+
+def _how_to_send(goal: Goal) -> str:
+    """Return the lines that send a goal from another terminal."""
+    words = [*_this_command(), 'goal', goal['task']]
+    for key in GOAL_OPTIONS:
+        if key in goal:
+            values = goal[key] if isinstance(goal[key], list) else [goal[key]]
+            words += [f'--{key}', *map(str, values)]
+    variables = ' '.join(f'{name}={shlex.quote(os.environ[name])}' for name in DOMAIN)
+    return ('to send goals, paste into another terminal:\n'
+            f'  export {variables}\n  {shlex.join(words)}')
+
+
+def _this_command() -> list[str]:
+    """Return the words by which this command is found in any folder and environment."""
+    if os.path.basename(sys.argv[0]) == 'tp_controller':
+        return [os.path.abspath(sys.argv[0])]
+    return [sys.executable, '-m', 'tp_controller']
+
+
 def _show(stack: ExitStack, server: 'viser.ViserServer', controller: str,
-          goals: Path | None) -> NoReturn:
-    """Show a controller on the page of a server, on the way to the first goals of a file."""
+          goals: list[Goal]) -> NoReturn:
+    """Show a controller on the page of a server, on the way to goals."""
     from tp_controller.nodes.client import Client
     from tp_controller.view.page import show_page
     client = stack.enter_context(Client(controller))
-    if goals is not None:
-        step = load_yaml(goals.read_text())[0]
-        for goal in step if isinstance(step, list) else [step]:
-            client.send(goal['task'], **goal_fields(goal))
+    for goal in goals:
+        client.send(goal['task'], **goal_fields(goal))
     show_page(server, client)
 
 
@@ -115,3 +151,10 @@ def _port(text: str) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= 65535:
         raise argparse.ArgumentTypeError(f'{text!r} is no port: a whole number from 1 to 65535')
     return int(text)
+
+
+COMMAND = Command(
+    'show a controller on a page in the browser, and change what it does',
+    'Show a controller on a page in the browser: the robot, goals that can be dragged, the '
+    'stack, plots. Without --node a demo is started, too.',
+    EXAMPLES, add_view_arguments, show_view)

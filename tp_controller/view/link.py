@@ -167,7 +167,7 @@ class Link:
         """Take a task into the stack, or leave it out."""
         self._request(SetBool, f'{task}/enable', SetBool.Request(data=enabled), told)
 
-    def set(self, values: Mapping[str, Any], told: Told) -> None:
+    def set_parameters(self, values: Mapping[str, Any], told: Told) -> None:
         """Set parameters of the controller, all or none, each with its reason if refused."""
         parameters: list[ParameterMessage] = [
             Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]

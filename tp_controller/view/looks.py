@@ -24,6 +24,7 @@ from tp_controller.model.dh import LINK_RADIUS
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, pose, rotation_from_rpy
 from tp_controller.model.urdf import MOVING, parse
+from tp_controller.tasks.aim import pose_along
 from tp_controller.view.borrowed import carriers, lender
 from tp_controller.view.meshes import load_mesh, mesh_path
 from tp_controller.view.parts import Colour, LINK_COLOUR, Part
@@ -182,15 +183,14 @@ def _rod(end: Array, radius: float) -> list[Part]:
     length = math.sqrt(end.dot(end))
     if length < SHORT:
         return []
-    R = _rotation_to(end / length)
-    return [Part('cylinder', (radius, length), pose(R, 0.5 * end)),
-            Part('sphere', (radius,), pose(R, end))]
+    return [Part('cylinder', (radius, length), pose_along(end / length, 0.5 * end)),
+            Part('sphere', (radius,), pose_along(end / length, end))]
 
 
 def _joint(joint: Element, radius: float) -> list[Part]:
     """Return a joint, on the link that it moves: a drum about its axis; a box if it slides."""
     axis = _vector(joint.find('axis'), 'xyz', '1 0 0')
-    T = pose(_rotation_to(axis / np.linalg.norm(axis)), np.zeros(3))
+    T = pose_along(axis / np.linalg.norm(axis), np.zeros(3))
     if joint.get('type') == 'prismatic':
         side = 2.0 * HUB[0] * radius
         limit = joint.find('limit')
@@ -201,14 +201,6 @@ def _joint(joint: Element, radius: float) -> list[Part]:
             parts += _rod(-travel * T[:3, 2], 0.6 * radius)
         return parts
     return [Part('cylinder', (HUB[0] * radius, HUB[1] * radius), T, JOINT_COLOUR)]
-
-
-def _rotation_to(direction: Array) -> Array:
-    """Return a rotation whose z axis is a direction (3,)."""
-    side = np.eye(3)[np.abs(direction).argmin()]
-    x = np.cross(side, direction)
-    x /= np.linalg.norm(x)
-    return np.column_stack((x, np.cross(direction, x), direction))
 
 
 def _above(link: str, parents: Mapping[str, str]) -> list[str]:

@@ -23,8 +23,7 @@ from tp_controller.model.spatial import Array, pose, rotation_from_quaternion
 from tp_controller.view.parts import add_part, Colour, Part, place
 import viser
 
-if TYPE_CHECKING:
-    # Recordings are shown without ROS; their markers have the same fields.
+if TYPE_CHECKING:  # Recordings are shown without ROS; their markers have the same fields.
     from visualization_msgs.msg import Marker
 
 TASKS = '/tasks'

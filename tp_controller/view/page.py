@@ -24,12 +24,12 @@ from tp_controller.errors import TpControllerError
 from tp_controller.nodes.client import Client
 from tp_controller.nodes.parameters import TASKS
 from tp_controller.tasks import task_types
-from tp_controller.view.gizmos import Gizmos, places_of, Topics
+from tp_controller.view.gizmos import Gizmos
 from tp_controller.view.joint_sliders import JointSliders
 from tp_controller.view.link import Link
 from tp_controller.view.markers import MarkerScene
+from tp_controller.view.places import places_of, Topics
 from tp_controller.view.plots import Plots
-from tp_controller.view.reorder import moved, stack_text
 from tp_controller.view.scene import (
     add_surroundings,
     camera_pose,
@@ -38,6 +38,7 @@ from tp_controller.view.scene import (
     tip,
     Trail,
 )
+from tp_controller.view.stack_changes import StackChanges
 from tp_controller.view.stack_panel import assign, StackPanel
 import viser
 from visualization_msgs.msg import Marker
@@ -78,7 +79,8 @@ class Page:
         self._head = ''
         add_surroundings(server.scene)
         self._markers = MarkerScene(server.scene)
-        self.gizmos = Gizmos(server.scene, link.client.publish)
+        self._changes = StackChanges(link, self._tell)
+        self.gizmos = Gizmos(server.scene, link.client.publish, self._changes.set_key)
         self._trail = Trail(server.scene, '/path')
         self._topics: Topics = {}
         self._drawn: Sequence[Marker] = ()
@@ -99,9 +101,9 @@ class Page:
         with tabs.add_tab('Stack', viser.Icon.LIST_NUMBERS):
             self.stack = StackPanel(
                 gui, lambda task, on: later(lambda: link.enable(task, on, self._tell)),
-                lambda task, step: later(lambda: self._move(task, step)),
-                lambda task, gain: later(lambda: link.set({f'{TASKS}{task}.gain': gain},
-                                                          self._tell)))
+                lambda task, step: later(lambda: self._changes.move(task, step)),
+                lambda task, gain: later(lambda: link.set_parameters(
+                    {f'{TASKS}{task}.gain': gain}, self._tell)))
         with tabs.add_tab('Joints', viser.Icon.ADJUSTMENTS):
             self.joints = JointSliders(
                 gui, lambda name, value: later(lambda: self.joints.move(name, value)))
@@ -117,6 +119,7 @@ class Page:
         """Take in what has happened, act on what was done in browsers, and show how it is."""
         while not self._waiting.empty():
             self._act(self._waiting.get())
+        self._changes.update()
         self.link.update()
         watched = bool(self.server.get_clients())
         self.link.look(watched)
@@ -141,29 +144,18 @@ class Page:
     def _tell(self, worked: bool, text: str) -> None:
         """Say what was refused."""
         if worked:
-            self._notice_until = 0.0
+            self._clear_notice()
             return
         self._notice_until = time.monotonic() + NOTICE_SECONDS
         self.notice.content = (
             '<div data-notice="refused" style="margin:4px 12px;padding:6px 10px;border-radius:'
             f'4px;background:#fdecea;color:#8c1d18;font-size:0.9em">{escape(text)}</div>')
 
-    def _move(self, task: str, step: int) -> None:
-        """Give a task another place in the order; its goal and its gain stay."""
-        source = str(self.link.values.get('stack', ''))
-        text = stack_text(source)
-        other = moved(text, task, step)
-        if other == text:
-            return
-        gains = {f'{TASKS}{name}.gain': gain for name, gain in self.link.gains().items()}
-
-        def told(worked: bool, reason: str) -> None:
-            self._tell(worked, reason)
-            if worked and gains:
-                # A stack comes with the gains that it was written with.
-                self.link.set(gains, self._tell)
-
-        self.link.set({'stack': other}, told)
+    def _clear_notice(self) -> None:
+        """Say no more what was refused."""
+        if self._notice_until:
+            self._notice_until = 0.0
+            self.notice.content = ''
 
     def _show_robot(self) -> None:
         """Show the robot where it is, and what is drawn of its tasks."""
@@ -187,7 +179,7 @@ class Page:
         """Show what can be dragged."""
         for group, chosen in self.handles.items():
             self.gizmos.shown[group] = chosen.value
-        self.gizmos.follow(places_of(markers, self._topics))
+        self.gizmos.follow(places_of(markers, self._topics, self._changes.numbers))
 
     def _send_goals(self) -> None:
         """Send what was dragged."""
@@ -224,6 +216,7 @@ class Page:
         """Show the stack, and what the controller does."""
         link = self.link
         self._topics = link.client.tasks()
+        self._changes.read()
         self.stack.show(link.rows, link.gains())
         self._show_refusals()
         if link.robot is not None and self._robot is not None:
@@ -239,9 +232,8 @@ class Page:
                 f'{escape(link.client.controller)}</b>: <span style="color:{colour}">'
                 f'{escape(head)}</span></div>')
         self.start_button.disabled = link.running
-        if self._notice_until and now > self._notice_until:
-            self._notice_until = 0.0
-            self.notice.content = ''
+        if now > self._notice_until:
+            self._clear_notice()
 
     def _show_refusals(self) -> None:
         """Say why a goal was refused."""
@@ -254,7 +246,7 @@ class Page:
         """Return the tasks whose goals are positions of joints."""
         kinds = task_types()
         return [row.name for row in self.link.rows
-                if row.type in kinds and kinds[row.type].goal_type == 'joints']
+                if row.kind in kinds and kinds[row.kind].goal_type == 'joints']
 
 
 def show_page(server: viser.ViserServer, client: Client) -> NoReturn:

@@ -35,8 +35,8 @@ class Row:
 
     Attributes
     ----------
-    name, type, level : str
-        The level is ``1``, ``2`` …, or ``disabled``.
+    name, kind, level : str
+        The kind is its type, the level ``1``, ``2`` …, or ``disabled``.
     status : str
         ``reached``, ``moving``, ``limited`` …
     errors : tuple of (str, float)
@@ -53,7 +53,7 @@ class Row:
     """
 
     name: str
-    type: str
+    kind: str
     level: str
     status: str
     errors: tuple[tuple[str, float], ...]
@@ -71,7 +71,7 @@ class Row:
 
     def error_text(self) -> str:
         """Return the errors, in units that suit their size."""
-        return ', '.join(_error(unit, value) for unit, value in self.errors)
+        return ', '.join(quantity(unit, value) for unit, value in self.errors)
 
 
 def rows_of(message: DiagnosticArray) -> list[Row]:
@@ -94,10 +94,10 @@ def _row(name: str, values: Mapping[str, str]) -> Row:
                values.get('goal warning', ''))
 
 
-def _error(unit: str, error: float) -> str:
-    """Return an error with its unit."""
-    if math.isnan(error):
+def quantity(unit: str, value: float) -> str:
+    """Return a value with its unit, or with one that suits its size."""
+    if math.isnan(value):
         return '-'
     shown, factor = SHOWN.get(unit, (unit, 1.0))
-    text = f'{factor * error:.1f}' if unit in SHOWN else f'{error:.4g}'
+    text = f'{factor * value:.1f}' if unit in SHOWN else f'{value:.4g}'
     return text if unit == '1' else f'{text}{"" if shown.startswith("°") else " "}{shown}'

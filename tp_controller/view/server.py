@@ -112,6 +112,18 @@ def free_port(host: str) -> int:
                             f'{_fault(host, PORTS[0])}')
 
 
+def unused_port() -> int:
+    """
+    Return a port that is free, and where no browser looks for a page.
+
+    One that showed a page before connects again to whatever is at its address.
+    """
+    with socket.socket() as tried:
+        tried.bind((LOCAL, 0))
+        port: int = tried.getsockname()[1]
+    return port if port not in PORTS else unused_port()
+
+
 def check_port(host: str, port: int) -> None:
     """Raise `TpControllerError` where a port cannot be listened on."""
     fault = _fault(host, port)

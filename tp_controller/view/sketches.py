@@ -34,7 +34,7 @@ CORNERS = 48
 # Of the axes of a goal and the ball at its origin, in shares of the size of what is seen.
 AXES, BALL = (0.07, 0.005), 0.013
 # How long a cone is at most, in shares of that size.
-LONGEST_CONE = 0.25
+LONGEST_CONE = 0.14
 
 
 def shape_part(shape: Shape, T: Array, colour: Colour, opacity: float = 1.0) -> Part | None:
@@ -47,6 +47,26 @@ def shape_part(shape: Shape, T: Array, colour: Colour, opacity: float = 1.0) -> 
         radius, half = shape.half.tolist()
         return Part('cylinder', (radius, 2.0 * half), T, colour, opacity)
     return None
+
+
+def extent(sketch: Sketch, size: float) -> Array:
+    """
+    Return points (k, 3) between which a sketch is drawn; none of a body or a path [m].
+
+    Parameters
+    ----------
+    sketch : Sketch
+        Of a task.
+    size : float
+        See `SketchScene`.
+
+    """
+    if isinstance(sketch, Cone):
+        return _rim(sketch, size) @ sketch.T[:3, :3].T + sketch.T[:3, 3]
+    if not isinstance(sketch, Triad | Dot):
+        return np.empty((0, 3))
+    T, length = _pose(sketch), AXES[0] if isinstance(sketch, Triad) else BALL
+    return T[:3, 3] + size * np.concatenate((length * T[:3, :3].T, -BALL * T[:3, :3].T))
 
 
 class SketchScene:
@@ -142,17 +162,21 @@ def _body(scene: viser.SceneApi, name: str, sketch: Body,
 
 def _cone(scene: viser.SceneApi, name: str, sketch: Cone, size: float) -> viser.SceneNodeHandle:
     """Add the surface of a cone."""
-    angles = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
-    length = min(sketch.length, LONGEST_CONE * size)
-    across = length * np.sin(sketch.half_angle)
-    rim = np.column_stack((across * np.cos(angles), across * np.sin(angles),
-                           np.full(CORNERS, length * np.cos(sketch.half_angle))))
     numbers = 1 + np.arange(CORNERS)
     return scene.add_mesh_simple(
-        name, np.concatenate((np.zeros((1, 3)), rim)),
+        name, np.concatenate((np.zeros((1, 3)), _rim(sketch, size))),
         np.column_stack((np.zeros(CORNERS, dtype=int), numbers, np.roll(numbers, -1))),
         color=CONE_COLOUR, opacity=SEEN_THROUGH, side='double', cast_shadow=False,
         receive_shadow=False)
+
+
+def _rim(sketch: Cone, size: float) -> Array:
+    """Return points (k, 3) of the rim of a cone, in its own axes."""
+    angles = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
+    length = min(sketch.length, LONGEST_CONE * size)
+    across = length * np.sin(sketch.half_angle)
+    return np.column_stack((across * np.cos(angles), across * np.sin(angles),
+                            np.full(CORNERS, length * np.cos(sketch.half_angle))))
 
 
 def _path(scene: viser.SceneApi, name: str, sketch: Path, size: float) -> viser.SceneNodeHandle:

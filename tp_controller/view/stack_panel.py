@@ -29,10 +29,12 @@ COLOURS = {'reached': '#2e9e5b', 'satisfied': '#2e9e5b', 'moving': '#2f7fd1',
            'disabled': '#b8bec6'}
 DONE = ('reached', 'satisfied')
 UP, DOWN = '▲ up', '▼ down'
+GAIN = 'gain'
 # For how long what somebody has chosen is shown, whatever the status says [s].
 PATIENCE = 1.0
 
 Value = TypeVar('Value')
+Gain = float | list[float]
 
 
 class StackPanel:
@@ -47,7 +49,7 @@ class StackPanel:
     move : callable
         Told the name of a task, and by how many places it is to move: -1 is up.
     set_gain : callable
-        Told the name of a task, and its gain.
+        Told the name of a task, and its gain: one number, or a list with one for each row.
 
     Attributes
     ----------
@@ -58,12 +60,12 @@ class StackPanel:
 
     def __init__(self, gui: viser.GuiApi, enable: Callable[[str, bool], None],
                  move: Callable[[str, int], None],
-                 set_gain: Callable[[str, float], None]) -> None:
+                 set_gain: Callable[[str, Gain], None]) -> None:
         self._gui, self._enable, self._move, self._set_gain = gui, enable, move, set_gain
         self._folder = gui.add_folder(None)
         self.rows: dict[str, TaskRow] = {}
 
-    def show(self, rows: Sequence[Row], gains: Mapping[str, float | list[float]]) -> None:
+    def show(self, rows: Sequence[Row], gains: Mapping[str, Gain]) -> None:
         """
         Show the tasks.
 
@@ -98,14 +100,14 @@ class TaskRow:
     enabled : viser.GuiCheckboxHandle
     order : viser.GuiButtonGroupHandle
         Two buttons.
-    gain : viser.GuiNumberHandle or None
-        Of a task whose gain is one number.
+    gains : list of viser.GuiNumberHandle
+        One, or one for each row of the task, as the gain has it.
 
     """
 
     def __init__(self, gui: viser.GuiApi, parent: viser.GuiFolderHandle, row: Row,
                  enable: Callable[[str, bool], None], move: Callable[[str, int], None],
-                 set_gain: Callable[[str, float], None]) -> None:
+                 set_gain: Callable[[str, Gain], None]) -> None:
         self._gui, self._name, self._set_gain = gui, row.name, set_gain
         self._chosen = {'enabled': -math.inf, 'gain': -math.inf}
         self._content = self._label = ''
@@ -116,7 +118,9 @@ class TaskRow:
             self.text = gui.add_html('', order=0.0)
             self.enabled = gui.add_checkbox('enabled', row.enabled, order=2.0)
             self.order = gui.add_button_group('priority', (UP, DOWN), order=1.0)
-        self.gain: viser.GuiNumberHandle[float] | None = None
+        self._inputs: viser.GuiFolderHandle | None = None
+        self._by_row = False
+        self.gains: list[viser.GuiNumberHandle[float]] = []
 
         @self.enabled.on_update
         def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
@@ -128,9 +132,9 @@ class TaskRow:
         def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
             move(self._name, -1 if event.target.value == UP else 1)
 
-    def show(self, row: Row, place: int, gain: float | list[float] | None) -> None:
+    def show(self, row: Row, place: int, gain: Gain | None) -> None:
         """Show what is known of the task."""
-        label = f'{place + 1} · {row.name}  ({row.type})'
+        label = f'{place + 1} · {row.name}  ({row.kind})'
         if label != self._label:
             self._label = self.folder.label = label
         if place != self._place:
@@ -150,23 +154,38 @@ class TaskRow:
         """Say whether nobody has chosen something a moment ago."""
         return time.monotonic() - self._chosen[what] > PATIENCE
 
-    def _show_gain(self, gain: float | list[float] | None) -> None:
-        """Show a gain that is one number."""
-        if not isinstance(gain, float):
-            return
-        if self.gain is None:
-            with self.folder:
-                self.gain = self._gui.add_number('gain', gain, min=0.0, step=0.1, order=3.0,
-                                                 hint='1/s')
-            self.gain.on_update(self._on_gain)
-        elif self._settled('gain') and self.gain.value != gain:
-            assign(self.gain, gain)
+    def _show_gain(self, gain: Gain | None) -> None:
+        """Show a gain, with inputs for its numbers."""
+        values = gain if isinstance(gain, list) else [] if gain is None else [gain]
+        by_row = isinstance(gain, list)
+        if len(values) != len(self.gains) or by_row != self._by_row:
+            self._by_row = by_row
+            self._build_gains(values)
+        elif self._settled('gain'):
+            for handle, value in zip(self.gains, values):
+                if handle.value != value:
+                    assign(handle, value)
+
+    def _build_gains(self, values: Sequence[float]) -> None:
+        """Have other inputs for the gain; those of rows are in a folder that is closed."""
+        if self._inputs is not None:
+            self._inputs.remove()
+        with self.folder:
+            self._inputs = self._gui.add_folder(GAIN if self._by_row else None, order=3.0,
+                                                expand_by_default=False)
+        with self._inputs:
+            self.gains = [self._gui.add_number(
+                f'row {number}' if self._by_row else GAIN, value, min=0.0, step=0.1, hint='1/s')
+                for number, value in enumerate(values, 1)]
+        for handle in self.gains:
+            handle.on_update(self._on_gain)
 
     def _on_gain(self, event: viser.GuiEvent[viser.GuiNumberHandle[float]]) -> None:
         """Take a gain that somebody has chosen."""
         if event.client_id is not None:
             self._chosen['gain'] = time.monotonic()
-            self._set_gain(self._name, float(event.target.value))
+            values = [float(handle.value) for handle in self.gains]
+            self._set_gain(self._name, values if self._by_row else values[0])
 
 
 def assign(handle: viser.GuiInputHandle[Value], value: Value) -> None:

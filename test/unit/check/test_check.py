@@ -451,6 +451,7 @@ def test_progress_is_told_of_every_part():
     told = []
 
     class Shown:
+
         def __init__(self, total, what):
             told.append([what, total, 0])
 

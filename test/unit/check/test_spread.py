@@ -79,7 +79,7 @@ def test_a_process_builds_a_robot_once():
                   start_configuration(robot))
     parts = []
     with Spreader(setup, 2, 'loky') as spreader:
-        found = spreader.map(process_of, list(range(40)), lambda: parts.append(1))
+        found = spreader.spread(process_of, list(range(40)), lambda: parts.append(1))
     assert [seed for *_, seed in found] == list(range(40)) and len(parts) == 40
     assert os.getpid() not in {process for process, *_ in found}
     setups = {process: {each for other, each, *_ in found if other == process}

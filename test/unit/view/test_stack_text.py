@@ -12,13 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Another order of tasks changes nothing else in the text of a stack."""
+"""What is changed in the text of a stack changes nothing else there."""
 
 import itertools
 
 import pytest
 from tp_controller.errors import TpControllerError
-from tp_controller.view.reorder import levels, moved, stack_text
+from tp_controller.resources import load_yaml
+from tp_controller.view.stack_text import moved, numbers, stack_text, with_number
 import yaml
 
 TEXT = """\
@@ -32,10 +33,6 @@ TEXT = """\
     target: {joint1: 0.1}
 """
 NAMES = [['first'], ['left', 'right'], ['third']]
-
-
-def test_levels_are_named_in_order_of_priority():
-    assert levels(TEXT) == NAMES
 
 
 def test_a_level_moves_with_its_comments_and_its_neighbours_stay_as_they_are():
@@ -83,6 +80,50 @@ def test_stacks_in_other_notations_keep_what_they_say(text, task, order):
 def test_what_cannot_be_moved_is_said(text, said):
     with pytest.raises(TpControllerError, match=said):
         moved(text, 'fourth', 1)
+
+
+def test_numbers_are_those_of_the_stack_and_the_defaults_of_the_types():
+    found = numbers("""\
+- [apart: {type: self_collision, distance: 0.04}, eye: {type: field_of_view, half_angle: 1}]
+- tip: {type: position, gain: [1.0, 2.0, 3.0], axes: xyz}
+- own: {type: of_another_package, distance: 0.1}
+- broken
+""")
+    assert found['apart']['distance'] == 0.04 and found['apart']['within'] == 0.2
+    assert found['eye']['half_angle'] == 1.0
+    assert set(found) == {'apart', 'eye', 'tip'} and 'gain' not in found['tip']
+
+
+@pytest.mark.parametrize('task, key, line', [
+    ('first', 'gain', '- first: {type: pose, frame: tip, gain: 0.25}  # at the end of a line'),
+    ('left', 'gain', '- [left: {type: position, gain: 0.25, frame: tip}, '
+                     'right: {type: position, frame: tool}]'),
+    ('third', 'gain', '    gain: 0.25')])
+def test_a_number_changes_where_it_is_or_is_added_and_nothing_else(task, key, line):
+    text = with_number(TEXT, task, key, 0.25)
+    changed = set(text.splitlines()) - set(TEXT.splitlines())
+    assert changed == {line}
+    assert numbers(text)[task][key] == 0.25
+    assert [entry for entry in yaml.safe_load(text) if task not in str(entry)] == [
+        entry for entry in yaml.safe_load(TEXT) if task not in str(entry)]
+
+
+@pytest.mark.parametrize('text', [
+    '[{a: {type: posture}}, {b: {type: posture, gain: 1.0}}]',
+    '- a: &same {type: posture, gain: 1.0}\n- b: *same\n',
+    '- a: {type: posture}\n- b:\n    type:  # of several lines\n      posture\n    gain: 3\n'])
+@pytest.mark.parametrize('value', [0.25, 1e-5])
+def test_stacks_in_other_notations_get_the_number_of_one_task(text, value):
+    entries = yaml.safe_load(text)
+    entries[1] = {'b': {**entries[1]['b'], 'gain': value}}
+    assert load_yaml(with_number(text, 'b', 'gain', value)) == entries
+
+
+@pytest.mark.parametrize('text, said', [
+    (TEXT, "no task 'fourth'"), ('a: 1\n', 'no list'), ('- [', 'cannot be read')])
+def test_number_that_cannot_be_set_is_said(text, said):
+    with pytest.raises(TpControllerError, match=said):
+        with_number(text, 'fourth', 'gain', 1.0)
 
 
 def test_text_of_a_file_is_its_content_and_a_missing_file_is_said(tmp_path):

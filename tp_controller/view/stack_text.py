@@ -12,13 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Another order of the tasks in the text of a stack; everything else of it stays as it is."""
+"""Changes to the text of a stack; everything else of it stays as it is."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from tp_controller.errors import TpControllerError
 from tp_controller.resources import load_yaml, read_source, YamlLoader
+from tp_controller.tasks import task_types
 from tp_controller.tasks.stack import is_stack
 import yaml
 
@@ -45,11 +46,6 @@ def stack_text(source: str) -> str:
         return read_source(source, is_stack)
     except (OSError, ValueError) as error:
         raise TpControllerError(f'the text of the stack is not at hand here: {error}') from error
-
-
-def levels(text: str) -> list[list[str]]:
-    """Return the names of the tasks of each level, the highest priority first."""
-    return [_names(entry) for entry in _entries(text)]
 
 
 def moved(text: str, task: str, step: int) -> str:
@@ -84,13 +80,85 @@ def moved(text: str, task: str, step: int) -> str:
     if place is None:
         raise TpControllerError(f'the stack has no task {task!r}')
     order.insert(min(max(place + step, 0), len(order) - 1), order.pop(place))
-    wanted = [entries[number] for number in order]
-    arranged = _arranged(text, order)
     # Where there is more than a plain list, as anchors, lines cannot be moved about.
-    if arranged is not None and _says(arranged, wanted):
-        return arranged
-    return yaml.safe_dump(wanted, sort_keys=False, width=WIDTH, allow_unicode=True,
+    return _as_written(_arranged(text, order), [entries[number] for number in order])
+
+
+def numbers(text: str) -> dict[str, dict[str, float]]:
+    """Return {task: {key: number}} of the keys that are one number, default values included."""
+    kinds = task_types()
+    found: dict[str, dict[str, float]] = {}
+    for name, keys in (item for part in _parts(_entries(text)) for item in part.items()):
+        kind = kinds.get(str(keys.get('type'))) if isinstance(keys, dict) else None
+        if kind is not None:
+            found[str(name)] = {key: float(value)
+                                for key, value in {**kind.accepted_keys(), **keys}.items()
+                                if isinstance(value, (int, float)) and not isinstance(value, bool)}
+    return found
+
+
+def with_number(text: str, task: str, key: str, value: float) -> str:
+    """
+    Return a stack with another number for a key of a task.
+
+    Parameters
+    ----------
+    text : str
+        YAML list.
+    task, key : str
+        The key is added where the task does not have it.
+    value : float
+        Not a default, but what the stack then says.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    TpControllerError
+        The stack has no such task, or cannot be read.
+
+    """
+    entries = _entries(text)
+    part = next((part for part in _parts(entries) if isinstance(part.get(task), dict)), None)
+    if part is None:
+        raise TpControllerError(f'the stack has no task {task!r}')
+    part[task] = {**part[task], key: value}
+    return _as_written(_replaced(text, task, key, value), entries)
+
+
+def _as_written(text: str | None, entries: object) -> str:
+    """Return a text if it says what the entries are, else the entries in YAML's own manner."""
+    if text is not None and _says(text, entries):
+        return text
+    return yaml.safe_dump(entries, sort_keys=False, width=WIDTH, allow_unicode=True,
                           default_flow_style=None)
+
+
+def _replaced(text: str, task: str, key: str, value: float) -> str | None:
+    """Return the text with a number for a key; None where it cannot be told where that is."""
+    nodes = next((keys for name, keys in _nodes(yaml.compose(text, Loader=YamlLoader))
+                  if name == task), None)
+    if nodes is None or not nodes.value:
+        return None
+    for name, node in nodes.value:
+        if name.value == key:
+            return f'{text[:node.start_mark.index]}{value!r}{text[node.end_mark.index:]}'
+    end = nodes.value[0][1].end_mark.index
+    between = ', ' if nodes.flow_style else '\n' + ' ' * nodes.start_mark.column
+    return f'{text[:end]}{between}{key}: {value!r}{text[end:]}'
+
+
+def _nodes(node: yaml.Node | None) -> Iterator[tuple[str, yaml.MappingNode]]:
+    """Yield the names and the keys of tasks, which may be in lists in lists."""
+    if isinstance(node, yaml.SequenceNode):
+        for part in node.value:
+            yield from _nodes(part)
+    elif isinstance(node, yaml.MappingNode):
+        for name, keys in node.value:
+            if isinstance(keys, yaml.MappingNode):
+                yield name.value, keys
 
 
 def _arranged(text: str, order: Sequence[int]) -> str | None:
@@ -143,5 +211,11 @@ def _says(text: str, wanted: object) -> bool:
 
 def _names(entry: object) -> list[str]:
     """Return the names of the tasks of an entry, which may be a list."""
-    parts = entry if isinstance(entry, list) else [entry]
-    return [str(name) for part in parts if isinstance(part, dict) for name in part]
+    return [str(name) for part in _parts([entry]) for name in part]
+
+
+def _parts(entries: Sequence[object]) -> Iterator[dict[Any, Any]]:
+    """Yield what names tasks: an entry, or one of several that share a level."""
+    for entry in entries:
+        yield from (part for part in (entry if isinstance(entry, list) else [entry])
+                    if isinstance(part, dict))
