@@ -16,7 +16,7 @@
 Make the films of the documentation anew, docs/images/<name>.webp, from runs of the demos.
 
 ``python docs/films.py`` makes all of them, ``python docs/films.py panda drill`` only those two. A
-film takes about two minutes. It needs ROS 2, viser and a Chromium.
+film takes about half a minute, beside the run itself. It needs ROS 2, viser and a Chromium.
 """
 
 import argparse

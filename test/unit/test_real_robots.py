@@ -181,6 +181,7 @@ def bridge(monkeypatch):
     source, = re.findall(r'<!-- file: kortex_bridge.py -->\n```python\n(.*?)```', page, re.DOTALL)
 
     class JointSpeeds:
+
         def __init__(self):
             self.joint_speeds = self
             self.joints = []

@@ -57,6 +57,8 @@ VIEW = (-40.0, 25.0)
 LOWER = {'markers': 'angle between marker and camera [rad]',
          'mobile': 'manipulability, share of its minimum [1]',
          'joints': 'joint nearest to its limit: distance [rad]'}
+SAID = {'markers': 'markers in view', 'mobile': 'away from singularities',
+        'joints': 'away from joint limits'}
 
 
 def drill(folder: str | Path) -> bool:
@@ -234,7 +236,7 @@ def _captions(motion: Recording) -> Iterator[tuple[float, str]]:
     for sample, now in enumerate(motion.times.tolist()):
         outside = [name for name, values in motion.outside.items()
                    if values[sample] > tolerances[name]]
-        text = f'relaxed below the drill: {", ".join(outside)}' if outside \
+        text = f'relaxed: {", ".join(SAID[name] for name in outside)}' if outside \
             else 'the drill and all tasks below are satisfied'
         if text != shown:
             shown = text

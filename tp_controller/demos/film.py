@@ -18,6 +18,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import os
 from pathlib import Path
 import sys
+from textwrap import wrap
 
 import matplotlib
 import numpy as np
@@ -99,17 +100,32 @@ def _captioned(motion: Motion, samples: Sequence[int],
     """Yield pictures with title, caption and time."""
     speed = (motion.times[-1] - motion.times[0]) / _seconds(motion.times)
     fast = f'   {speed:.1f} × real time' if speed > 1.05 else ''
-    large, small = (ImageFont.truetype(FONT, size) for size in (LARGE, SMALL))
+    small = ImageFont.truetype(FONT, SMALL)
     for sample, picture in zip(samples, pictures):
         draw = ImageDraw.Draw(picture, 'RGBA')
         width, height = picture.size
         top = height - LARGE - 2 * MARGIN
         draw.rectangle((0, top, width, height), fill=PAPER)
         middle = (top + height) // 2
-        draw.text((MARGIN, middle), motion.caption(sample) or motion.title, INK, large, 'lm')
-        draw.text((width - MARGIN, middle), f't = {motion.times[sample]:4.1f} s{fast}', INK, small,
-                  'rm')
+        clock = f't = {max(motion.times[sample], 0.0):4.1f} s{fast}'
+        draw.text((width - MARGIN, middle), clock, INK, small, 'rm')
+        text, font = _fitted(draw, motion.caption(sample) or motion.title,
+                             width - 3 * MARGIN - draw.textlength(clock, small))
+        draw.text((MARGIN, middle), text, INK, font, 'lm', spacing=2)
         yield picture
+
+
+def _fitted(draw: ImageDraw.ImageDraw, text: str,
+            width: float) -> tuple[str, ImageFont.FreeTypeFont]:
+    """Return a text in one or two lines of a width [pixels], and the font for it."""
+    large, small = (ImageFont.truetype(FONT, size) for size in (LARGE, SMALL))
+    if draw.textlength(text, large) <= width:
+        return text, large
+    # Letters differ in width: a line takes fewer than on the average.
+    letters = int(0.95 * len(text) * width / draw.textlength(text, small))
+    lines = [text] if draw.textlength(text, small) <= width \
+        else wrap(text, letters, max_lines=2, placeholder=' …')
+    return '\n'.join(lines), small
 
 
 def save_animation(path: str | Path, pictures: Sequence[Image.Image],

@@ -14,7 +14,7 @@
 
 """Pictures of a moving robot that is solid, from a page in a headless Chromium."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 import io
 from itertools import product
@@ -28,19 +28,25 @@ from tp_controller.demos.outlines import outline
 from tp_controller.demos.processes import ended_by_sigterm
 from tp_controller.errors import TpControllerError
 from tp_controller.model.spatial import Array, pose
+from tp_controller.tasks.aim import pose_along
+from tp_controller.tasks.sketch import Sketch
 from tp_controller.view.browser import find_chromium, HeadlessPage, open_page
 from tp_controller.view.camera import Camera, camera_for, FIELD
 from tp_controller.view.looks import looks_of
 from tp_controller.view.parts import add_part, Colour, Part, place, wxyz
 from tp_controller.view.scene import add_surroundings, RobotScene, Trail
-from tp_controller.view.server import address, open_server
-from tp_controller.view.sketches import shape_part, SketchScene
+from tp_controller.view.server import address, open_server, unused_port
+from tp_controller.view.sketches import extent, shape_part, SketchScene
 import viser
 
 # Chromium starts within 2 s; a picture takes 0.2 s, on a machine that is busy ten times that [s].
 START_SECONDS, PICTURE_SECONDS, POLL = 60.0, 60.0, 0.1
-# Of the window, which is drawn as well: pictures have a size of their own [pixels].
+# Of the window: pictures have a size of their own [pixels].
 WINDOW = 160, 120
+# The window itself need not be drawn: viser draws what is in view, over and over for 0.25 s.
+OUT_OF_VIEW = '<style>#root { position: fixed; top: 300vh; }</style>'
+# Pictures of the start after which it is taken as it is.
+MOST_TRIES = 20
 CARRIED_COLOUR: Colour = (204, 121, 167)
 BAR_RADIUS = 0.018
 # Half the size of a mesh of which the corners are not known here, with colours of its own [m].
@@ -79,8 +85,8 @@ def solid_pictures(motion: Motion, samples: Sequence[int],
     if program is None:
         raise TpControllerError(NO_CHROMIUM)
     with ended_by_sigterm() as all_started, _server() as server:
-        camera = camera_for(_seen(motion, samples), motion.view, size[0] / size[1])
-        stage = _Stage(server.scene, motion, camera.distance)
+        camera = _camera(motion, samples, size[0] / size[1])
+        stage = _Stage(server.scene, motion, motion.enlarged * camera.distance)
         _add_lights(server.scene, camera)
         with open_page(program, address(server), *WINDOW) as page:
             all_started()
@@ -88,6 +94,8 @@ def solid_pictures(motion: Motion, samples: Sequence[int],
             for sample in samples:
                 with server.atomic():
                     stage.show(sample)
+                if sample == samples[0]:
+                    _wait_until_still(lambda: _picture(client, page, camera, size))
                 yield _picture(client, page, camera, size)
 
 
@@ -146,16 +154,25 @@ def _bar(ends: Array) -> Part:
     """Return a bar between two points (2, 3)."""
     way = ends[1] - ends[0]
     length = float(np.linalg.norm(way))
-    z = way / length
-    side = np.eye(3)[np.abs(z).argmin()]
-    x = np.cross(side, z) / np.linalg.norm(np.cross(side, z))
-    return Part('cylinder', (BAR_RADIUS, length), pose(
-        np.column_stack((x, np.cross(z, x), z)), ends.mean(axis=0)), CARRIED_COLOUR)
+    return Part('cylinder', (BAR_RADIUS, length), pose_along(way / length, ends.mean(axis=0)),
+                CARRIED_COLOUR)
 
 
-def _seen(motion: Motion, samples: Sequence[int]) -> Array:
-    """Return points (k, 3) all of which are to be in the picture [m]."""
+def _camera(motion: Motion, samples: Sequence[int], aspect: float) -> Camera:
+    """Return a camera that has everything in its picture; from afar, goals are drawn larger."""
+    points, sketches = _seen(motion, samples)
+    camera = camera_for(points, motion.view, aspect)
+    for _ in range(2):
+        camera = camera_for(np.concatenate(
+            [points, *(extent(sketch, motion.enlarged * camera.distance) for sketch in sketches)]),
+            motion.view, aspect)
+    return camera
+
+
+def _seen(motion: Motion, samples: Sequence[int]) -> tuple[Array, list[Sketch]]:
+    """Return points (k, 3) [m] and sketches all of which are to be in the picture."""
     playback, points = Playback(motion), []
+    sketches: list[Sketch] = []
     corners = {link: np.concatenate([_corners(part) for part in parts])
                for link, parts in looks_of(motion.robot).parts.items() if parts}
     for sample in samples:
@@ -164,10 +181,13 @@ def _seen(motion: Motion, samples: Sequence[int]) -> Array:
         for link, own in corners.items():
             T = state.pose(link)
             points.append(own @ T[:3, :3].T + T[:3, 3])
-        points += [*playback.goals(), *map(state.position, motion.frames)]
+        points += [state.position(frame)[np.newaxis] for frame in motion.frames]
+        points += [outline(each.shape, state.pose(each.frame) @ pose(np.eye(3), each.at))
+                   for each in motion.objects]
         points += [outline(body.shape, body.T) for body in playback.bodies()]
-    seen = np.concatenate([np.atleast_2d(each) for each in points])
-    return seen[np.isfinite(seen).all(axis=1)]
+        sketches += [sketch for parts in playback.sketches().values() for sketch in parts]
+    seen = np.concatenate(points)
+    return seen[np.isfinite(seen).all(axis=1)], sketches
 
 
 def _corners(part: Part) -> Array:
@@ -190,12 +210,13 @@ def _corners(part: Part) -> Array:
 
 @contextmanager
 def _server() -> Iterator[viser.ViserServer]:
-    """Run a server for this machine alone, on any port that is free."""
+    """Run a server for this machine alone, on a port where no page is looked for."""
     # Chromium opens a connection in advance, and closes it unused: no fault.
     log = logging.getLogger('websockets.server')
     level = log.level
     log.setLevel(logging.CRITICAL)
-    server = open_server()
+    server = open_server(port=unused_port())
+    server.gui.add_html(OUT_OF_VIEW)
     try:
         yield server
     finally:
@@ -219,6 +240,15 @@ def _client(server: viser.ViserServer, page: HeadlessPage) -> viser.ClientHandle
             return clients[0]
         page.check()
     raise TpControllerError(f'Chromium did not open the page within {START_SECONDS:.0f} s')
+
+
+def _wait_until_still(take: Callable[[], Image.Image]) -> None:
+    """Take pictures until two are the same: meshes are read beside what is drawn."""
+    picture = take()
+    for _ in range(MOST_TRIES):
+        before, picture = picture, take()
+        if picture == before:
+            return
 
 
 def _picture(client: viser.ClientHandle, page: HeadlessPage, camera: Camera,

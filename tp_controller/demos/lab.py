@@ -40,8 +40,9 @@ Point = Sequence[float] | Array
 PERIOD = 1.0 / 60.0
 START = (0.0, 0.6, 0.3)
 TOOL = 'link3'
-# Of the film: nearly from above, and below the links, which are round [deg, m].
-VIEW, GROUND = (-90.0, 55.0), -0.12
+# Of the film: nearly from above, below the links, which are round, and goals thicker than they
+# are [deg, m].
+VIEW, GROUND, ENLARGED = (-90.0, 55.0), -0.12, 2.3
 GOAL_TIME = 10.0
 GOALS = 6
 # End-effector goals [m]: the first cannot be reached with joint 1 at zero, the second can.
@@ -313,4 +314,5 @@ def _film(path: Path, motion: Recording, title: str) -> Path:
     captions = [(now, f'{title}: goal {number} of {len(goals)}' if len(goals) > 1 else title)
                 for number, (now, *_) in enumerate(goals, 1)]
     return write_film(path, Motion(title, motion.robot, motion.times, motion.q, motion.stack,
-                                   (TOOL,), goals, captions, view=VIEW, ground=GROUND))
+                                   (TOOL,), goals, captions, view=VIEW, ground=GROUND,
+                                   enlarged=ENLARGED))

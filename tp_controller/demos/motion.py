@@ -76,6 +76,8 @@ class Motion:
         Azimuth and elevation of the viewer [deg].
     ground : float
         Height of the ground [m].
+    enlarged : float
+        How much larger than usual goals are drawn.
 
     """
 
@@ -91,6 +93,7 @@ class Motion:
     carried: tuple[tuple[str, str], ...] = ()
     view: tuple[float, float] = (-45.0, 25.0)
     ground: float = 0.0
+    enlarged: float = 1.0
 
     def caption(self, sample: int) -> str:
         """Return the text at a sample."""
@@ -134,11 +137,12 @@ class Playback:
 
     def sketches(self) -> Mapping[str, list[Sketch]]:
         """Return {task: what is shown of it}: goals that were given, regions, and views."""
-        return {name: [sketch for sketch in task.sketch(self.state)
-                       if self._is_shown(name, sketch)] for name, task in self._tasks.items()}
+        return {name: [_without_axes(sketch) if task.goal_type == 'point' else sketch
+                       for sketch in task.sketch(self.state) if self._is_shown(name, sketch)]
+                for name, task in self._tasks.items()}
 
     def goals(self) -> list[Array]:
-        """Return the goals (3,) that are places [m]."""
+        """Return goals that are places, as points (3,) [m]."""
         return [sketch.T[:3, 3] if isinstance(sketch, Triad) else sketch.p
                 for parts in self.sketches().values() for sketch in parts
                 if isinstance(sketch, Triad | Dot)]
@@ -160,3 +164,8 @@ class Playback:
         if isinstance(sketch, Body):
             return sketch.part != 'sphere'
         return isinstance(sketch, Cone) and self._tasks[name].bounded
+
+
+def _without_axes(sketch: Sketch) -> Sketch:
+    """Return a point for axes: a goal that is a point has no orientation."""
+    return Dot(sketch.part, sketch.T[:3, 3]) if isinstance(sketch, Triad) else sketch

@@ -40,8 +40,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.plots.curves import plot_errors, plot_tool_path, plot_velocities
 from tp_controller.tasks.frame import FrameTask
 
-if TYPE_CHECKING:
-    # Imported when a demo starts: nothing else here needs ROS.
+if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
     from tp_controller.nodes.client import Client
     from tp_controller.nodes.recorder import Recorder
 

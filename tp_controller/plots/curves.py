@@ -22,7 +22,8 @@ is touched, and figures can be made in any thread.
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from textwrap import fill
+import re
+from textwrap import wrap
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -48,10 +49,12 @@ from tp_controller.plots.drawing import (
 )
 
 STYLES = ('-', '--', ':', '-.')
-# Height of a line of a legend [in].
-LEGEND_LINE = 0.24
-# Longest line of a reason [characters].
-LEGEND_WIDTH = 34
+# Height of an entry of a legend, and of each further line of it [in].
+LEGEND_LINE, NEXT_LINE = 0.24, 0.17
+# Longest line of a cause [characters], and how many lines it has.
+LEGEND_WIDTH, LEGEND_LINES = 34, 3
+# Causes each of which would do, in one sentence, and a limit among them.
+TOGETHER, LIMIT = re.compile(r'blocked by (.+) together'), re.compile(r'the (.+ limit) of (.+)')
 
 
 def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str, Array]], *,
@@ -70,7 +73,8 @@ def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str,
         Name, unit and values; not a number where there is no error. A name keeps its colour on
         every axis.
     reasons : {str: sequence of str (T,)}, optional
-        What limits each task; empty where nothing does.
+        What limits each task, several causes with a semicolon in between; empty where nothing
+        does.
     title : str
         Of the whole figure.
     changes : sequence of float
@@ -87,7 +91,10 @@ def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str,
     units = list(dict.fromkeys(unit for _, unit, _ in errors))
     changes = list(changes)
     limited = {name: texts for name, texts in (reasons or {}).items() if any(texts)}
-    heights = [1.9] * len(units) + [LEGEND_LINE * (2 + len(COLOURS))] * bool(limited)
+    legend = _legend_of(times, limited)
+    further = sum(label.count('\n') for label in legend.values())
+    heights = [1.9] * len(units) + [NEXT_LINE * further + LEGEND_LINE * max(
+        3 + len(legend), 2 + 2 * len(limited))] * bool(limited)
     figure, axes = _figure(title, len(heights), 2.0 + sum(heights), heights)
     for axis, unit in zip(axes, units):
         curves = [(name, np.abs(values)) for name, kind, values in errors if kind == unit]
@@ -100,7 +107,7 @@ def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str,
         _set_error_range(axis, [values for _, values in curves], log)
         _legend(axis)
     if limited:
-        _add_reasons(axes[-1], times, limited)
+        _add_reasons(axes[-1], times, limited, legend)
         _mark_changes(axes[-1], changes)
         _legend(axes[-1])
     _finish_time_axes(figure, axes, times)
@@ -284,27 +291,54 @@ def _add_coloured_path(scene: Scene, points: Array, values: Array) -> LineCollec
     return collection
 
 
-def _add_reasons(axis: Axes, times: Array, reasons: Mapping[str, Sequence[str]]) -> None:
-    """Draw what limits each task (T,) as bands, a row for a task and a colour for a reason."""
-    times = np.asarray(times, dtype=float)
-    ends = np.append(times[1:], times[-1])
-    lasting = Counter[str]()
+def _legend_of(times: Array, reasons: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Return {cause: label} of those of which most is drawn, one for each colour."""
+    drawn = Counter[str]()
     for texts in reasons.values():
-        for text, duration in zip(texts, ends - times):
-            lasting[text] += duration
-    del lasting['']
-    shown = [text for text, _ in lasting.most_common(len(COLOURS))]
+        for text, duration in zip(texts, np.diff(times, append=times[-1])):
+            causes = _causes(text)
+            for cause in causes:
+                drawn[cause] += duration / len(causes)
+    return {cause: '\n'.join(wrap(cause, LEGEND_WIDTH, max_lines=LEGEND_LINES, placeholder=' …'))
+            for cause, _ in drawn.most_common(len(COLOURS))}
+
+
+def _causes(reason: str) -> list[str]:
+    """Return what a reason is made of."""
+    causes: list[str] = []
+    for part in filter(None, reason.split('; ')):
+        several = TOGETHER.fullmatch(part)
+        causes += map(_cause, re.split(', | and ', several[1])) if several else [part]
+    return causes
+
+
+def _cause(name: str) -> str:
+    """Return the sentence for one of several causes, as it is for one alone."""
+    limit = LIMIT.fullmatch(name)
+    return f'{limit[2]} at its {limit[1]}' if limit else f'blocked by {name}'
+
+
+def _add_reasons(axis: Axes, times: Array, reasons: Mapping[str, Sequence[str]],
+                 legend: Mapping[str, str]) -> None:
+    """Draw what limits each task (T,) as bands, a row for a task and a colour for a cause."""
+    lasts = np.diff(times, append=times[-1])
+    colours, others = dict(zip(legend, COLOURS)), False
     for row, texts in enumerate(reasons.values()):
-        for text in dict.fromkeys(texts):
-            if text:
-                where = np.flatnonzero(np.array(texts, dtype=object) == text)
+        for text in filter(None, dict.fromkeys(texts)):
+            where = np.flatnonzero(np.array(texts, dtype=object) == text)
+            causes = _causes(text)
+            # Those that a task has at once share its row, always in the same order.
+            causes.sort(key=lambda cause: list(legend).index(cause) if cause in legend
+                        else len(legend))
+            for index, cause in enumerate(causes):
+                others = others or cause not in legend
                 axis.broken_barh(
-                    np.column_stack([times[where], ends[where] - times[where]]).tolist(),
-                    (row - 0.4, 0.8), linewidth=0.0,
-                    color=COLOURS[shown.index(text)] if text in shown else FAINT)
-    for text, colour in zip(shown, COLOURS):
-        axis.plot([], [], color=colour, linewidth=6.0, label=fill(text, LEGEND_WIDTH))
-    if len(lasting) > len(shown):
+                    np.column_stack([np.asarray(times)[where], lasts[where]]).tolist(),
+                    (row - 0.4 + 0.8 * index / len(causes), 0.8 / len(causes)), linewidth=0.0,
+                    color=colours.get(cause, FAINT))
+    for cause, label in legend.items():
+        axis.plot([], [], color=colours[cause], linewidth=6.0, label=label)
+    if others:
         axis.plot([], [], color=FAINT, linewidth=6.0, label='other')
     axis.set_yticks(range(len(reasons)), list(reasons))
     axis.set_ylim(len(reasons) - 0.4, -0.6)

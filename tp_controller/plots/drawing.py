@@ -27,8 +27,7 @@ from numpy.typing import ArrayLike
 from tp_controller.files import new_file
 from tp_controller.model.spatial import Array
 
-if TYPE_CHECKING:
-    # Not found where several versions of matplotlib are mixed; what is flat needs none of it.
+if TYPE_CHECKING:  # Not found where versions of matplotlib are mixed; what is flat needs no such.
     from mpl_toolkits.mplot3d import Axes3D
 
 
@@ -48,8 +47,8 @@ FLAT = 1e-6
 # by how much more others.
 LEAST_SIDE = 0.5
 ZOOM, ENLARGED = 0.9, 0.1
-# Ticks of the longest side.
-TICKS = 6
+# Ticks of the longest side, and how far the names of sides are from them, beyond numbers [pt].
+TICKS, LABEL_PADS = 6, (9.0, 9.0, 6.0)
 
 
 @dataclass(frozen=True)
@@ -112,8 +111,9 @@ def _add_height(axis: 'Axes3D', bottom: float, half: Array) -> None:
     # A cube has the longest diagonal: what is flatter, or thinner, may be drawn larger.
     shape = half / half.max()
     axis.set_box_aspect(shape, zoom=ZOOM * (np.sqrt(3.0) / np.linalg.norm(shape)) ** ENLARGED)
-    for each, side in zip((axis.xaxis, axis.yaxis, axis.zaxis), shape):
+    for each, side, pad in zip((axis.xaxis, axis.yaxis, axis.zaxis), shape, LABEL_PADS):
         each.set_major_locator(MaxNLocator(max(round(TICKS * side), 2)))
+        each.labelpad = pad
     axis.view_init(elev=22.0, azim=-55.0)
 
 

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from robots import CONFIG, REPOSITORY
 from tp_controller import Controller, GoalError, KinematicSimulator, Settings
-from tp_controller.cli.main import DEMOS as DESCRIBED
+from tp_controller.cli.demo import DEMOS as DESCRIBED
 from tp_controller.demos import ros_demos
 from tp_controller.demos.scenarios import DEMOS, goal_fields, node_parameters
 from tp_controller.model.simulator import initial_positions

@@ -24,7 +24,8 @@ from tp_controller.demos import film, film_lines, film_solid
 from tp_controller.demos.motion import FixedObject, Motion, Playback
 from tp_controller.model.shapes import Box
 from tp_controller.plots import drawing
-from tp_controller.tasks.sketch import Body, Triad
+from tp_controller.tasks.sketch import Body, Dot
+from tp_controller.view.sketches import extent
 
 TIMES = np.linspace(0.0, 10.0, 300)
 TOOL = '- tool: {{type: position, frame: {}}}\n'
@@ -116,6 +117,39 @@ def test_caption_is_that_of_the_last_step_that_began():
     assert at == {0.0: '', 2.1: 'first', 4.9: 'first', 9.0: 'second'}
 
 
+def band(path, frame):
+    """Return whether each pixel (54, w) of the band below a picture has ink on it."""
+    with Image.open(path) as picture:
+        picture.seek(frame)
+        return np.asarray(picture.convert('L'))[-54:] < 110
+
+
+def test_caption_of_each_step_and_the_time_are_below_the_picture(tmp_path):
+    robot = planar()
+    path = film.write_film(tmp_path / 'arm.webp', motion_of(
+        robot, swing(robot)[:3], TIMES[:3], captions=[
+            (TIMES[1], 'second'), (TIMES[2], 'the third step, which has a very long caption: ' + (
+                'it has to leave as much of the band as the time needs for itself'))]))
+    inks = [band(path, frame) for frame in range(3)]
+    clock = [np.flatnonzero(ink.any(axis=0))[-1] for ink in inks]
+    assert max(clock) < film.SIZE[0] and min(clock) > film.SIZE[0] - 20
+    # Title, caption, and one in two lines.
+    ends = []
+    for ink in inks:
+        columns = np.flatnonzero(ink.any(axis=0))
+        assert 8 < columns[0] < 24
+        gap = np.diff(columns)
+        ends.append(columns[gap.argmax()])
+        assert gap.max() > 20
+        assert not ink[:2].any() and not ink[-1].any()
+    assert ends[0] < ends[1] < ends[2] > 600
+    # A blank row between the two lines.
+    rows = inks[2][:, :ends[2] + 1].any(axis=1)
+    first, last = np.flatnonzero(rows)[[0, -1]]
+    assert not rows[first:last].all()
+    assert inks[0][:, :ends[0]].any(axis=1).sum() < rows.sum()
+
+
 def test_playback_shows_goals_from_when_they_are_given_and_regions_throughout():
     robot = Robot.from_file(CONFIG / 'robots' / 'mobile_arm.urdf', base='planar')
     motion = motion_of(robot, np.tile(robot.neutral(), (300, 1)), stack=AROUND, frame='tool',
@@ -127,7 +161,8 @@ def test_playback_shows_goals_from_when_they_are_given_and_regions_throughout():
     goal, = playback.goals()
     np.testing.assert_allclose(goal, [1.0, 2.0, 0.5])
     shown = [type(sketch) for parts in playback.sketches().values() for sketch in parts]
-    assert shown.count(Triad) == 1 and shown.count(Body) == 2
+    # A point, without axes that would turn with the tool.
+    assert shown.count(Dot) == 1 and shown.count(Body) == 2 and len(shown) == 3
     # The stack of the motion stays as it was.
     assert motion.stack.tasks['tool'].goal is None
 
@@ -153,7 +188,9 @@ def test_all_that_a_solid_film_shows_is_in_its_picture():
     robot = planar()
     motion = motion_of(robot, swing(robot), goals=[(0.0, 'tool', [2.0, 2.0, 0.0])],
                        objects=(FixedObject('link3', Box(0.1, 0.1, 0.1)),))
-    seen = film_solid._seen(motion, film.shown_samples(TIMES))
+    samples = film.shown_samples(TIMES)
+    seen, sketches = film_solid._seen(motion, samples)
+    seen = np.concatenate([seen, *(extent(sketch, 1.0) for sketch in sketches)])
     assert seen.max(axis=0) == pytest.approx([2.0, 2.0, 0.1], abs=0.2)
     for view in ((-90.0, 90.0), (-45.0, 25.0), (130.0, -20.0)):
         camera = film_solid.camera_for(seen, view, 4.0 / 3.0)

@@ -90,6 +90,44 @@ def test_what_limits_a_task_is_a_band_as_long_as_it_lasts(tmp_path):
     assert len(picture) == len(drawn(tool=half)) > len(drawn(tool=none))
 
 
+@pytest.mark.parametrize('text, colours', [
+    ('blocked by tool', 1), ('blocked by tool; slowed by damping', 2),
+    ('blocked by tool, the velocity limit of joint 4 and elbow together', 3)])
+def test_causes_at_once_share_the_row_of_their_task(tmp_path, text, colours):
+    def drawn(reason):
+        picture = pixels(plots.plot_errors(
+            tmp_path / 'errors.png', TIMES, [('tool', 'm', np.zeros(len(TIMES)))],
+            reasons={'elbow': [reason] * len(TIMES)}))
+        # The last colour is that of text, too.
+        return np.array([count(picture, colour) for colour in drawing.COLOURS[:-1]])
+
+    bands = drawn(text)
+    # The line of the error has the first colour.
+    bands[0] -= drawn('')[0]
+    assert (bands[:colours] > 1000).all() and not (bands[colours:] > 200).any()
+    assert bands[:colours].max() < 1.2 * bands[:colours].min()
+
+
+def test_a_limit_among_several_causes_has_the_colour_that_it_has_alone():
+    assert plots._causes('blocked by tool, the velocity limit of joint 4 and elbow together') == [
+        'blocked by tool', 'joint 4 at its velocity limit', 'blocked by elbow']
+
+
+def test_figure_is_as_high_as_the_legend_of_long_causes_needs(tmp_path):
+    def drawn(name):
+        texts = [f'{name} {int(time)}' for time in TIMES]
+        path = plots.plot_errors(tmp_path / 'errors.png', TIMES, ERRORS, reasons={'tool': texts})
+        assert_shows_something(path)
+        return pixels(path)
+
+    short, long = drawn('cause'), drawn('cause with a name so long that it needs another line')
+    assert len(long) > len(short) + 100
+    # The time axis is at the bottom, not pushed up by the legend.
+    for picture in (short, long):
+        axis = np.flatnonzero((picture < 0.1).all(axis=2).mean(axis=1) > 0.4)
+        assert len(picture) - axis[-1] < 70
+
+
 def test_more_reasons_than_colours_share_one(tmp_path):
     texts = [f'reason {int(time)}' for time in TIMES]
     picture = pixels(plots.plot_errors(tmp_path / 'errors.png', TIMES, ERRORS,
