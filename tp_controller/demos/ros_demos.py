@@ -193,6 +193,8 @@ def _carry_out(client: 'Client', nodes: Sequence[NodeProcess], step: Sequence[Go
     client.wait(reached, GOAL_SECONDS)
     # Asked all the same, or a velocity would not be repeated.
     client.wait(lambda: reached() and False, LINGER_SECONDS)
+    # A controller that stopped meanwhile, as where joint states come late, goes on by itself.
+    client.wait(reached, began + GOAL_SECONDS - time.monotonic())
     return [_outcome(client, title, task, task in titles) for task, title in zip_longest(
         client.task_names(), titles.values(), fillvalue='')]
 
@@ -200,7 +202,8 @@ def _carry_out(client: 'Client', nodes: Sequence[NodeProcess], step: Sequence[Go
 def _outcome(client: 'Client', title: str, task: str, asked: bool) -> TaskOutcome:
     """Return what became of a task."""
     status = client.task_status(task)
-    return TaskOutcome(title, task, _errors(status), status['status'], asked, status['reason'])
+    return TaskOutcome(title, task, _errors(status), status['status'], asked,
+                       status['reason'] or client.stop_reason())
 
 
 def _errors(status: Mapping[str, str]) -> str:
