@@ -31,7 +31,6 @@ GOAL = (0.5, 0.2, -0.4)
 # {method: what the fault says}, for all that is called in a cycle.
 CALLED = {'start': 'start raised', 'value': 'start raised', 'evaluate': 'evaluate raised',
           'make_evaluation': 'evaluate raised', 'error': 'evaluate raised',
-          'error_and_jacobian': 'evaluate raised',
           'jacobian': 'evaluate raised', 'velocity': 'evaluate raised',
           'feed_forward': 'evaluate raised'}
 # {what is wrong: (what evaluate makes of a good answer, what the fault says)}

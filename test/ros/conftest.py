@@ -29,6 +29,8 @@ else:
         import rosidl_generator_py  # noqa: F401
     from harness import Harness
     from rclpy.executors import SingleThreadedExecutor
+    from tp_controller.nodes import controller_node
+    from tp_controller.nodes.log import Log
     from tp_controller.nodes.runner import make_executor
 
 
@@ -61,6 +63,20 @@ def standard_executor(context):
 
 
 @pytest.fixture
-def log(capfd):
-    """Return a function that returns all that was logged since the last time."""
-    return lambda: capfd.readouterr().err
+def log(capfd, monkeypatch):
+    """Return a function that returns all that was logged since the last time, and is due."""
+    logs = []
+
+    class Kept(Log):
+
+        def __init__(self, logger):
+            super().__init__(logger)
+            logs.append(self)
+
+    def read():
+        for each in logs:
+            each.flush()
+        return capfd.readouterr().err
+
+    monkeypatch.setattr(controller_node, 'Log', Kept)
+    return read

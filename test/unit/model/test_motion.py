@@ -111,22 +111,29 @@ KINDS = {'pose': ['x', 'rx', 'z'], 'position': ['y', 'z'], 'orientation': ['z']}
 
 @pytest.mark.parametrize('kind', KINDS)
 @given(seed=seeds, name=st.sampled_from(['chain', 'floating', 'baxter', 'Panda']),
-       some=st.booleans(), moving=st.booleans())
-def test_tasks_about_frames_are_those_of_the_reference(kind, seed, name, some, moving):
+       some=st.booleans(), moving=st.booleans(), gains=st.booleans(), fed=st.booleans())
+def test_tasks_about_frames_are_those_of_the_reference(kind, seed, name, some, moving, gains,
+                                                       fed):
     rng, its = np.random.default_rng(seed), robot(name)
     frame, reference = rng.choice(its.frame_names, 2)
+    rows = len(KINDS[kind]) if some else 6 if kind == 'pose' else 3
     keys = {'frame': str(frame), **({'reference': str(reference)} if moving else {}),
-            **({'axes': KINDS[kind]} if some else {})}
+            **({'axes': KINDS[kind]} if some else {}),
+            'gain': rng.uniform(0.1, 9.0, rows) if gains else rng.uniform(0.1, 9.0)}
     one, other = (Task.types[kind](its, 'task', **keys) for _ in range(2))
     other.in_one_call = False
     T = pose(rotation_from_vector(rng.normal(size=3)), rng.normal(size=3))
     for task in (one, other):
         task.goal = {'pose': T, 'position': T[:3, 3], 'orientation': T[:3, :3]}[kind]
+        if fed:
+            task.set_feed_forward(np.arange(1.0, 7.0), 0.0)
     # Some states, one after the other: the direction of a turn is remembered.
     for _ in range(3):
         here = its.state(*anywhere(its, rng))
-        for found, expected in zip(one.error_and_jacobian(here), other.error_and_jacobian(here)):
-            assert np.abs(found - expected).max() < 1e-9
+        found, expected = one.evaluate(here, 0.0), other.evaluate(here, 0.0)
+        assert np.abs(found.error - expected.error).max() < 1e-9
+        assert np.abs(found.level.J - expected.level.J).max() < 1e-9
+        assert np.abs(found.level.v - expected.level.v).max() < 1e-8
 
 
 @given(seed=seeds, angle=st.one_of(st.floats(0.0, 1e-6), st.floats(0.0, np.pi),
@@ -142,7 +149,7 @@ def test_turns_are_exact_however_small_or_large(seed, angle):
     # In the direction of `vector`, where both are equally long.
     task._rotation_error.previous = vector
     task.goal = rotation_from_vector(vector).dot(R)
-    error = task.error_and_jacobian(here)[0]
+    error = task.evaluate(here, 0.0).error
     assert np.abs(rotation_from_vector(error).dot(R) - task.goal).max() < 1e-14
     assert np.abs(error - vector).max() < 1e-13 or np.abs(
         shorter_rotation(error, vector) - vector).max() < 1e-7
@@ -161,7 +168,7 @@ def test_a_type_that_evaluates_in_its_own_way_is_asked():
     here = its.state(its.neutral())
     task = Shifted(its, 'task', frame=robots.PANDA_TOOL)
     task.goal = here.position(robots.PANDA_TOOL)
-    assert np.array_equal(task.error_and_jacobian(here)[0], np.ones(3))
+    assert np.array_equal(task.evaluate(here, 0.0).error, np.ones(3))
     assert Renamed.in_one_call and Pose.in_one_call and not Shifted.in_one_call
 
 
@@ -189,12 +196,13 @@ def test_what_does_not_fit_is_refused():
     motion = its.state(its.neutral()).motion
     index, n = its.kinematics.frame_index(robots.PANDA_TOOL), its.n
     whole, m = np.eye(4), 6
-    rows, turn, error, J = bytes(range(6)), np.empty(3), np.empty(m), np.empty((m, n))
-    fits = [index, -1, rows, whole, None, turn, error, J]
+    rows, turn, J, gain = bytes(range(6)), np.empty(3), np.empty((m, n)), np.array(2.0)
+    fits = [index, -1, rows, whole, None, turn, gain, np.empty(m), J, np.empty(m)]
     assert motion.observe(*fits) is True
     for place, wrong in ((0, 10 ** 6), (0, -1), (3, np.eye(2)), (3, whole[0]), (3, None),
                          (4, np.full(3, np.nan)), (4, np.zeros(2)), (5, None), (5, np.empty(2)),
-                         (6, np.empty(5)), (7, np.empty((m, n + 1))), (7, J.T), (7, J[::-1]),
+                         (6, np.ones(5)), (6, 2.0), (6, np.ones((6, 1))), (7, np.empty(5)),
+                         (8, np.empty((m, n + 1))), (8, J.T), (8, J[::-1]), (9, np.empty(7)),
                          (2, bytes([6] * 6)), (3, whole[:3, 3].copy())):
         given_ = [*fits]
         given_[place] = wrong
