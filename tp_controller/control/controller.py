@@ -14,9 +14,8 @@
 
 """The controller: joint positions in, joint velocities and a report out."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any, ParamSpec, TypeVar
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,12 +47,8 @@ from tp_controller.tasks.pose import parse_pose
 from tp_controller.tasks.stack import Groups, levels_of, shared_levels, Stack
 from tp_controller.tasks.task import Evaluation, Goal, Task
 
-Given = ParamSpec('Given')
-Returned = TypeVar('Returned')
 
-
-@dataclass(frozen=True, eq=False)
-class Command:
+class Command(NamedTuple):
     """
     What one cycle gives.
 
@@ -413,7 +408,7 @@ class Controller:
         self._state = state
         state.velocity = self._velocity
         if not self._started:
-            self._without_faulty(self._start, state)
+            self._start(state)
         if self._last_update is None:
             elapsed = self._settings.period
         elif elapsed is None:
@@ -436,21 +431,28 @@ class Controller:
 
     def _start(self, state: RobotState) -> None:
         """Give tasks without a goal the value they have now, once."""
-        self.stack.start(state)
-        self._started = True
+        while not self._started:
+            try:
+                self.stack.start(state)
+                self._started = True
+            except EvaluationError as error:
+                self._switch_off(error)
 
-    def _without_faulty(self, method: Callable[Given, Returned], *arguments: Given.args,
-                        **keys: Given.kwargs) -> Returned:
-        """Return what a method does with the stack, without the tasks that fail, or raise."""
+    def _evaluate(self, state: RobotState, now: float) -> list[list[Evaluation]]:
+        """Return what the tasks demand at a state."""
         while True:
             try:
-                return method(*arguments, **keys)
+                return self.stack.evaluate(state, now)
             except EvaluationError as error:
-                if self._settings.task_faults == STOP:
-                    raise
-                before = self.stack.active
-                self.stack.switch_off(error.task, error.reason)
-                self._announce_stack(before)
+                self._switch_off(error)
+
+    def _switch_off(self, error: EvaluationError) -> None:
+        """Go on without a task that fails, or raise."""
+        if self._settings.task_faults == STOP:
+            raise error
+        before = self.stack.active
+        self.stack.switch_off(error.task, error.reason)
+        self._announce_stack(before)
 
     def _before_change(self) -> RobotState | None:
         """
@@ -466,7 +468,7 @@ class Controller:
     def _cycle(self, state: RobotState, now: float, elapsed: float
                ) -> tuple[list[list[Evaluation]], Cycle]:
         """Return what is to be solved at a state."""
-        evaluations = self._without_faulty(self.stack.evaluate, state, now)
+        evaluations = self._evaluate(state, now)
         bounds = self._limits.at(state.positions, self._velocity, elapsed)
         return evaluations, Cycle(levels_of(evaluations), bounds, self._options, self._time.mean,
                                   self._speed_cap, self._memory)

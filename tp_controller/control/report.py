@@ -190,7 +190,11 @@ class Report:
         self._robot, self._evaluations, self._disabled = robot, evaluations, disabled
         self._faults = faults
         self._cycle, self._outcome, self._place = cycle, outcome, place
-        self._solution = outcome.solution.moved_to(outcome.velocity)
+
+    @cached_property
+    def _solution(self) -> Solution:
+        """Return how the stack was carried out, with the velocity that is commanded."""
+        return self._outcome.solution.moved_to(self._outcome.velocity)
 
     @cached_property
     def _causes(self) -> Causes:

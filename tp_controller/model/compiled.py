@@ -45,9 +45,10 @@ class Motion(Protocol):
         """Fill in J (6, n) of a frame, as `RobotState.jacobian`."""
 
     def observe(self, frame: int, reference: int, rows: bytes, goal: Array,
-                previous: Array | None, turn: Array | None, error: Array, J: Array) -> bool:
+                previous: Array | None, turn: Array | None, gain: Array, error: Array, J: Array,
+                v: Array) -> bool:
         """
-        Fill in error (m,) and J (m, n) of a task about a frame, in the axes of the reference.
+        Fill in error, J and v of a task about a frame, in the axes of the reference.
 
         Returns False where something does not fit: the reference says what is wrong.
 
@@ -62,8 +63,10 @@ class Motion(Protocol):
         previous, turn : ndarray (3,) or None
             Turn that was followed before, and the one to be followed now, which is filled in
             where the goal has a rotation [rad].
-        error, J : ndarray (m,), (m, n)
-            Filled in.
+        gain : ndarray () or (m,)
+            [1/s]
+        error, J, v : ndarray (m,), (m, n), (m,)
+            Filled in; v = gain ∘ error.
 
         """
 

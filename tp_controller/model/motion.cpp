@@ -362,24 +362,25 @@ class Limits {
 
 // Numbers that a matrix holds, row by row; none where the object is no matrix.
 std::vector<double> rows_of(PyObject *object, Py_ssize_t columns) {
-  const Buffer buffer(object, 2);
+  const Buffer buffer(object);
+  const Py_ssize_t rows = buffer.rows(2);
   std::vector<double> found;
-  if (!buffer.is(buffer.rows(), columns)) return found;
-  found.resize(size_t(buffer.rows() * columns));
+  if (!buffer.is(rows, columns)) return found;
+  found.resize(size_t(rows * columns));
   buffer.copy_rows(found.data());
   return found;
 }
 
 std::vector<double> numbers_of(PyObject *object) {
-  const Buffer buffer(object, 1);
-  std::vector<double> found(buffer.rows() < 0 ? 0 : size_t(buffer.rows()));
+  const Buffer buffer(object);
+  std::vector<double> found(size_t(std::max(buffer.rows(1), Py_ssize_t(0))));
   if (!found.empty()) buffer.copy(found.data());
   return found;
 }
 
 // Up to MOST numbers of an array; false where it has another size or numbers beyond `largest`.
 bool read(PyObject *object, Py_ssize_t size, double largest, double *found) {
-  const Buffer buffer(object, 1);
+  const Buffer buffer(object);
   if (!buffer.is(size)) return false;
   buffer.copy(found);
   for (Py_ssize_t i = 0; i < size; ++i)
@@ -504,15 +505,15 @@ struct Goal {
 
   bool read(PyObject *object) {
     double T[16];
-    const Buffer line(object, 1), matrix(object, 2);
-    if (line.is(3)) {
-      line.copy(p);
+    const Buffer given(object);
+    if (given.is(3)) {
+      given.copy(p);
       is_position = true;
-    } else if (matrix.is(3, 3)) {
-      matrix.copy_rows(R);
+    } else if (given.is(3, 3)) {
+      given.copy_rows(R);
       is_rotation = true;
-    } else if (matrix.is(4, 4)) {
-      matrix.copy_rows(T);
+    } else if (given.is(4, 4)) {
+      given.copy_rows(T);
       for (int i = 0; i < 3; ++i) {
         std::copy(T + 4 * i, T + 4 * i + 3, R + 3 * i);
         p[i] = T[4 * i + 3];
@@ -523,20 +524,23 @@ struct Goal {
   }
 };
 
-// observe(frame, reference, rows, goal, previous, turn, error, J): fill in error (m,) and J (m, n)
-// of some rows (bytes) of a twist, and the turn (3,) that is left where the goal has a rotation.
-// `previous`: the turn of the cycle before, or None. False where something does not fit.
+// observe(frame, reference, rows, goal, previous, turn, gain, error, J, v): fill in error (m,),
+// J (m, n) and v = gain error (m,) of some rows (bytes) of a twist, and the turn (3,) that is left
+// where the goal has a rotation. `previous`: the turn of the cycle before, or None; `gain`: () or
+// (m,). False where something does not fit.
 PyObject *observe(PyObject *self, PyObject *const *given, Py_ssize_t count) {
-  if (count != 8) return refuse("observe(frame, reference, rows, goal, previous, turn, error, J)");
+  if (count != 10)
+    return refuse("observe(frame, reference, rows, goal, previous, turn, gain, error, J, v)");
   Motion &motion = of<Motion>(self);
   const long frame = frame_of(motion, given[0]), reference = frame_of(motion, given[1]);
   char *rows;
   Py_ssize_t m;
   if (PyBytes_AsStringAndSize(given[2], &rows, &m) != 0) return nullptr;
   Goal goal;
-  const Output error(given[6]), J(given[7]);
-  if (frame < 0 || !goal.read(given[3]) || !error.is(m) || !J.is(m, motion.n))
-    return Py_NewRef(Py_False);
+  const Buffer gain(given[6]);
+  const Output error(given[7]), J(given[8]), v(given[9]);
+  if (frame < 0 || !goal.read(given[3]) || !(gain.is_number() || gain.is(m)) || !error.is(m)
+      || !J.is(m, motion.n) || !v.is(m)) return Py_NewRef(Py_False);
   double e[6] = {};
   const double *all = motion.observe(int(frame), int(reference), goal.p, goal.R,
                                      goal.is_rotation, e);
@@ -555,6 +559,7 @@ PyObject *observe(PyObject *self, PyObject *const *given, Py_ssize_t count) {
     if (row < 0 || row > 5 || !(row < 3 ? goal.is_position : goal.is_rotation))
       return Py_NewRef(Py_False);
     error.p()[i] = e[row];
+    v.p()[i] = (gain.is_number() ? gain.number() : gain.at(i)) * e[row];
     std::copy(all + size_t(row) * motion.n, all + size_t(row + 1) * motion.n,
               J.p() + i * motion.n);
   }
@@ -588,7 +593,7 @@ PyObject *make_limits(PyTypeObject *type, PyObject *given, PyObject *) {
 PyObject *limits_at(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   const Limits &limits = of<Limits>(self);
   const Py_ssize_t n = Py_ssize_t(limits.lower.size());
-  const Buffer q(count == 4 ? given[0] : nullptr, 1), previous(count == 4 ? given[1] : nullptr, 1);
+  const Buffer q(count == 4 ? given[0] : nullptr), previous(count == 4 ? given[1] : nullptr);
   const Output rows(count == 4 ? given[3] : nullptr);
   if (!q.is(n) || !previous.is(n) || !rows.is(Limits::ROWS, n))
     return refuse("at(q, previous, elapsed, rows)");

@@ -15,7 +15,6 @@
 """The robot at one configuration: poses, Jacobians and the centre of mass of its links."""
 
 from collections.abc import Sequence
-import math
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -83,21 +82,29 @@ class RobotState:
             Wrong shape, not finite or no quaternion; the state stays what it was.
 
         """
-        kinematics = self._kinematics
-        checked = _positions(q, kinematics.coordinate_names, 'q')
-        if kinematics.base.moves:
-            checked = kinematics.base.check(checked)
+        kinematics, offset, placement = self._kinematics, self._offset, None
         if passive is not None and kinematics.passive_names:
-            self._offset = kinematics.offset_at(
-                _positions(passive, kinematics.passive_names, 'passive'))
+            offset = kinematics.offset_at(_positions(passive, kinematics.passive_names, 'passive'))
+        if self.motion is None or kinematics.base.moves:
+            checked = _positions(q, kinematics.coordinate_names, 'q')
+            if kinematics.base.moves:
+                checked = kinematics.base.check(checked)
+                placement = kinematics.base.placement(checked)
+        else:
+            # What is compiled checks them itself.
+            checked = _array(q, kinematics.coordinate_names, 'q')
+        if self.motion is not None:
+            try:
+                self.motion.move(checked, offset, placement)
+            except ValueError:
+                _positions(q, kinematics.coordinate_names, 'q')
+                raise
         self.q, self.positions = checked, kinematics.positions(checked)
+        self._offset = offset
         self._placements.clear()
         self._jacobians.clear()
         self._center_of_mass = None
         self._is_evaluated = False
-        if self.motion is not None:
-            placement = kinematics.base.placement(checked) if kinematics.base.moves else None
-            self.motion.move(checked, self._offset, placement)
 
     def rotation(self, frame: str) -> Array:
         """Return R_root_frame (3, 3)."""
@@ -239,16 +246,20 @@ class RobotState:
 
 def _positions(values: ArrayLike, names: Sequence[str], what: str) -> Array:
     """Return joint positions as a protected array, one for each name."""
-    try:
-        positions = np.array(values, dtype=float)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise RobotError(f'{what} needs {len(names)} positions ({", ".join(names)}): '
-                         f'{error}') from error
+    positions = _array(values, names, what)
     if positions.shape != (len(names),):
         raise RobotError(f'{what} needs {len(names)} positions ({", ".join(names)}), '
                          f'got an array of shape {positions.shape}')
-    if not math.hypot(*positions.tolist()) <= LARGEST:
-        bad = [name for name, value in zip(names, positions) if not abs(value) <= LARGEST]
-        raise RobotError(f'{what} is not finite for {", ".join(bad or names)}, or beyond '
-                         f'{LARGEST:g}')
-    return read_only(positions)
+    bad = [name for name, value in zip(names, positions.tolist()) if not abs(value) <= LARGEST]
+    if bad:
+        raise RobotError(f'{what} is not finite for {", ".join(bad)}, or beyond {LARGEST:g}')
+    return positions
+
+
+def _array(values: ArrayLike, names: Sequence[str], what: str) -> Array:
+    """Return numbers as a protected array."""
+    try:
+        return read_only(np.array(values, dtype=float))
+    except (TypeError, ValueError, OverflowError) as error:
+        raise RobotError(f'{what} needs {len(names)} positions ({", ".join(names)}): '
+                         f'{error}') from error

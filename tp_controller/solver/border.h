@@ -41,31 +41,39 @@ class Held {
   PyObject *object_;
 };
 
+inline bool is_double(const Py_buffer &view) {
+  return view.format && view.format[0] == 'd' && view.format[1] == '\0';
+}
+
 // An array of doubles that Python owns.
 class Buffer {
  public:
-  Buffer(PyObject *object, int dimensions, bool writable = false) {
+  explicit Buffer(PyObject *object, bool writable = false) {
     const int flags = PyBUF_STRIDES | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0);
     if (!object || PyObject_GetBuffer(object, &view_, flags) != 0) {
       PyErr_Clear();
       return;
     }
     held_ = true;
-    fits_ = view_.ndim == dimensions && view_.itemsize == sizeof(double) && view_.format
-        && std::strcmp(view_.format, "d") == 0;
-    for (int d = 0; fits_ && d < dimensions; ++d) fits_ = view_.shape[d] <= MOST;
+    fits_ = is_double(view_);
+    for (int d = 0; fits_ && d < view_.ndim; ++d) fits_ = view_.shape[d] <= MOST;
   }
   Buffer(const Buffer &) = delete;
   ~Buffer() {
     if (held_) PyBuffer_Release(&view_);
   }
 
-  bool is(Py_ssize_t rows) const { return fits_ && view_.shape[0] == rows; }
+  bool is_number() const { return fits_ && view_.ndim == 0; }
+  bool is(Py_ssize_t size) const { return fits_ && view_.ndim == 1 && view_.shape[0] == size; }
   bool is(Py_ssize_t rows, Py_ssize_t columns) const {
-    return is(rows) && view_.shape[1] == columns;
+    return fits_ && view_.ndim == 2 && view_.shape[0] == rows && view_.shape[1] == columns;
   }
-  Py_ssize_t rows() const { return fits_ ? view_.shape[0] : -1; }
+  // How long it is; −1 where it is none of so many dimensions.
+  Py_ssize_t rows(int dimensions) const {
+    return fits_ && view_.ndim == dimensions ? view_.shape[0] : -1;
+  }
 
+  double number() const { return number(0); }
   double at(Py_ssize_t i) const { return number(i * view_.strides[0]); }
 
   void copy(double *to) const {
@@ -105,8 +113,7 @@ class Output {
       return;
     }
     held_ = true;
-    fits_ = view_.itemsize == sizeof(double) && view_.format
-        && std::strcmp(view_.format, "d") == 0;
+    fits_ = is_double(view_);
   }
   Output(const Output &) = delete;
   ~Output() {

@@ -20,6 +20,7 @@ it leaves to the reference, which is counted. The environment variable ``TP_CONT
 chooses: ``python``, or ``compiled``, which fails where there is no core.
 """
 
+from functools import cached_property
 from importlib import import_module
 import os
 from struct import Struct
@@ -149,8 +150,12 @@ class Record:
 
     def __init__(self, record: bytes, n: int, count: int) -> None:
         self._record, self._n, self._count = record, n, count
-        self._numbers = np.frombuffer(record)
         self._found: dict[int, LevelStep] = {}
+
+    @cached_property
+    def _numbers(self) -> Array:
+        """Return the doubles."""
+        return np.frombuffer(self._record)
 
     def bends(self) -> list[float]:
         """Return `LevelStep.bend` of each level."""

@@ -1544,7 +1544,7 @@ bool finite(const double *values, int count) {
 }
 
 const double *read(Arena &arena, PyObject *object, int size) {
-  const Buffer buffer(object, 1);
+  const Buffer buffer(object);
   need(buffer.is(size));
   double *found = arena.take(size);
   buffer.copy(found);
@@ -1589,9 +1589,9 @@ Level read_level(Arena &arena, PyObject *object, int n) {
   level.scale = PyUnicode_CompareWithASCIIString(mode, "scale") == 0;
   level.is_identity = is_true(identity);
   {
-    const Buffer buffer(J, 2);
-    need(buffer.rows() >= 0);
-    level.m = int(buffer.rows());
+    const Buffer buffer(J);
+    need(buffer.rows(2) >= 0);
+    level.m = int(buffer.rows(2));
     need(buffer.is(level.m, n) && !(level.is_identity && (level.m != n || level.bounded)));
     if (!level.is_identity) {
       double *rows = arena.take(size_t(level.m) * n);
@@ -1700,7 +1700,7 @@ class Cycle {
       read_bounds(arena, given[1], given[2], solver_.n(), lower, upper);
     if (given[4] != Py_None) cap = read(arena, given[4], solver_.n());
     for (int j = 0; cap && j < solver_.n(); ++j) need(cap[j] >= 0.0);
-    const Buffer velocity(given[6], 1, true);
+    const Buffer velocity(given[6], true);
     need(velocity.is(solver_.n()));
     solver_.solve(lower, upper, number(given[3]), cap);
     velocity.fill(solver_.x);
@@ -1743,7 +1743,7 @@ PyObject *solve(PyObject *self, PyObject *const *given, Py_ssize_t count) {
 
 bool read_weights(PyObject *object, int n, std::vector<double> &weights) {
   if (object == Py_None) return true;
-  const Buffer buffer(object, 1);
+  const Buffer buffer(object);
   if (!buffer.is(n)) return false;
   for (int j = 0; j < n; ++j) weights.push_back(buffer.at(j));
   return true;

@@ -23,13 +23,20 @@ from tp_controller.model.compiled import Motion
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, skew
 from tp_controller.model.state import RobotState
+from tp_controller.solver.level import Level
 from tp_controller.tasks.keys import finite_vector, Gain, has_shape, Keys, Tolerance
-from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Task
+from tp_controller.tasks.task import (
+    DEFAULT_GAIN,
+    DEFAULT_MODE,
+    DEFAULT_TIMEOUT,
+    Evaluation,
+    Task,
+)
 
 Axes: TypeAlias = str | Sequence[str]
 SomeTask = TypeVar('SomeTask', bound='FrameTask')
 # What a type evaluates.
-EVALUATED = {'error', 'jacobian', 'position', 'rotation'}
+EVALUATED = {'error', 'jacobian', 'position', 'rotation', 'velocity'}
 TWIST_AXES: tuple[str, ...] = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 
@@ -214,17 +221,20 @@ class FrameTask(MovingGoalTask):
         """Return J (rows, n) of the twist of the frame relative to the reference frame."""
         return self._motion.jacobian(state)[self._twist_rows]
 
-    def error_and_jacobian(self, state: RobotState) -> tuple[Array, Array]:
-        """Return both, from one call where the type and the robot are compiled."""
+    def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
+        """Return the `Evaluation` at a state, by one call where type and robot are compiled."""
         if self.in_one_call and state.motion is not None:
-            error, J = np.empty(self.rows), np.empty((self.rows, self.robot.n))
-            if self._observe(state.motion, error, J):
-                return error, J
-        return self.error(state), self.jacobian(state)
+            error, v = np.empty(self.rows), np.empty(self.rows)
+            J = np.empty((self.rows, self.robot.n))
+            if self._observe(state.motion, error, J, v):
+                if self._feed_forward is not None:
+                    v = self.velocity(error, now)
+                return Evaluation(self, Level(J, v, self.mode), error, self.row_names)
+        return super().make_evaluation(state, now)
 
-    def _observe(self, motion: Motion, error: Array, J: Array) -> bool:
-        """Fill in error (rows,) and J (rows, n); return whether that was possible."""
-        return motion.observe(*self._observed, self.goal, None, None, error, J)
+    def _observe(self, motion: Motion, error: Array, J: Array, v: Array) -> bool:
+        """Fill in error, J and v = gain ∘ error; return whether that was possible."""
+        return motion.observe(*self._observed, self.goal, None, None, self.gain, error, J, v)
 
     def in_rows(self, feed_forward: Array) -> Array:
         """Return the rows of a twist (6,) that count."""

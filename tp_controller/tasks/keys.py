@@ -140,10 +140,12 @@ def parse_mode(mode: str) -> str:
     return mode
 
 
-def parse_gain(gain: Gain, rows: int | None) -> float | Array:
-    """Return the gain as a float, or as an array with one for each row (None: not known)."""
+def parse_gain(gain: Gain, rows: int | None) -> Array:
+    """Return the gain as an array of one number (), or one for each row (None: not known)."""
+    if isinstance(gain, np.ndarray) and gain.ndim == 0:
+        gain = gain.item()
     if not isinstance(gain, (list, tuple, np.ndarray)):
-        return positive(gain)
+        return np.array(positive(gain))
     if rows is not None and len(gain) != rows:
         raise ValueError(f'needs one number, or one for each of the {rows} rows, '
                          f'got {len(gain)}')

@@ -99,11 +99,11 @@ class TurningTask(Task):
 class TurningFrameTask(TurningTask, FrameTask):
     """A task that turns a frame to an orientation, whatever else it does."""
 
-    def _observe(self, motion: Motion, error: Array, J: Array) -> bool:
-        """Fill in error (rows,) and J (rows, n); return whether that was possible."""
+    def _observe(self, motion: Motion, error: Array, J: Array, v: Array) -> bool:
+        """Fill in error, J and v = gain ∘ error; return whether that was possible."""
         turn = np.empty(3)
         observed = motion.observe(*self._observed, self.goal, self._rotation_error.previous, turn,
-                                  error, J)
+                                  self.gain, error, J, v)
         if observed:
             self._rotation_error.previous = turn
         return observed

@@ -73,7 +73,7 @@ class SpeedLimit(BoundedTask):
         keys.raise_faults(name)
         self._most = bounds
         # It is the speed itself that is bounded: there is no distance to a bound.
-        self.gain = 0.0
+        self.gain = np.zeros(())
         self._parts = [slice(0, 3) if unit == 'm' else slice(3, 6) for unit in limits]
         self._motion = RelativeFrame(robot, self.frame, self.reference)
 

@@ -236,14 +236,10 @@ class Task(ABC):
 
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
-        error, J = self.error_and_jacobian(state)
+        error = self.error(state)
         return Evaluation(
-            self, Level(J, self.velocity(error, now), self.mode, is_identity=self.every_joint),
-            error, self.row_names)
-
-    def error_and_jacobian(self, state: RobotState) -> tuple[Array, Array]:
-        """Return both: all that a cycle needs of a state."""
-        return self.error(state), self.jacobian(state)
+            self, Level(self.jacobian(state), self.velocity(error, now), self.mode,
+                        is_identity=self.every_joint), error, self.row_names)
 
     def set_gain(self, gain: Gain) -> None:
         """Take another gain, as the key of this name; ValueError where it can be none."""

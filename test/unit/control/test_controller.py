@@ -732,6 +732,7 @@ def test_gain_that_is_set_again_is_no_change():
     controller._transition.announce = announced.append
     for gain in (2.0, 2.0, [2.0, 3.0], [2.0, 3.0]):
         controller.set_gain('tip', gain)
+        controller.set_gain('tip', controller.stack.tasks['tip'].gain)
     assert announced == [1, 1]
     # Whether a goal counts as reached moves nothing; nor does a task that is left out.
     controller.set_tolerance('tip', 0.5)
