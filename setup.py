@@ -113,7 +113,7 @@ setup(
         'docs': docs,
         # playwright drives the Chromium that is there; it brings none.
         'test': [*plots, *record, *view, *check, 'dask[distributed]', *docs, 'pytest',
-                 'hypothesis', 'playwright', 'example-robot-data', 'ruff<0.18', 'mypy<2.5',
+                 'pytest-xdist', 'hypothesis', 'playwright', 'example-robot-data', 'ruff<0.18', 'mypy<2.5',
                  'types-PyYAML',
                  'catkin_pkg', 'setuptools>=70.1'],
     },
