@@ -17,6 +17,7 @@
 import inspect
 from itertools import repeat
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from tp_controller import Controller, EvaluationError, GoalError, Settings, Stac
 from tp_controller.control.sketcher import Sketcher
 from tp_controller.solver.level import Level
 from tp_controller.tasks import BoundedTask, Evaluation, guard, Keys, Posture, Task
+from tp_controller.tasks.sketch import Dot
 
 N = 3
 GOAL = (0.5, 0.2, -0.4)
@@ -460,6 +462,34 @@ def test_task_that_draws_without_end_is_drawn_in_part(monkeypatch):
     run(controller)
     monkeypatch.setattr(task, 'sketch', lambda state: repeat(None))
     assert 0 < len(Sketcher(robot, pytest.fail).sketch(controller)['faulty']) < 1000
+
+
+def test_task_that_takes_too_long_to_draw_is_not_drawn_any_more(monkeypatch):
+    robot, refused, clock, drawn = robots.planar(), [], SimpleNamespace(now=0.0, step=0.0), []
+    monkeypatch.setattr('tp_controller.control.sketcher.time',
+                        SimpleNamespace(monotonic=lambda: clock.now))
+    sketcher = Sketcher(robot, lambda *told: refused.append(told))
+    controller, task = controller_of()
+    run(controller)
+
+    def sketch(state):
+        clock.now += clock.step
+        drawn.append(clock.now)
+        return [Dot('frame', np.zeros(3))]
+
+    monkeypatch.setattr(task, 'sketch', sketch)
+    # Now and then it may: the machine may have stood still.
+    for clock.step in (0.3, 0.3, 0.1, 0.3, 0.3):
+        assert len(sketcher.sketch(controller)['faulty']) == 1
+    assert not refused
+    sketcher.sketch(controller)
+    assert refused == [('faulty', 'sketch took more than 0.2 s, 3 times in a row')]
+    assert sketcher.sketch(controller)['faulty'] == [] and len(drawn) == 6
+    # Another task of that name is tried again.
+    other, task = controller_of()
+    run(other)
+    monkeypatch.setattr(task, 'sketch', sketch)
+    assert len(sketcher.sketch(other)['faulty']) == 1 and len(refused) == 1
 
 
 def test_reason_is_found_without_a_task_that_cannot_be_tried_elsewhere(monkeypatch):

@@ -14,8 +14,10 @@
 
 """Pictures of the tasks of a controller, made beside its cycles."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from itertools import islice
+import time
 from typing import TypeAlias
 
 from numpy.typing import ArrayLike
@@ -28,6 +30,9 @@ from tp_controller.tasks.task import Task
 Place: TypeAlias = tuple[ArrayLike, ArrayLike | None]
 # How many parts of a task are drawn.
 MOST_PARTS = 200
+# A task that takes longer than this, so many times in a row, is not drawn any more [s]: what else
+# is told about the controller would be late. Those of this package take milliseconds.
+SOON, PATIENCE = 0.2, 3
 
 
 class Sketcher:
@@ -47,6 +52,8 @@ class Sketcher:
 
     def __init__(self, robot: Robot, refused: Callable[[str, str], object]) -> None:
         self._state, self._refused = robot.state(robot.neutral()), refused
+        # How many times in a row each task has taken too long.
+        self._late: Counter[Task] = Counter()
 
     def sketch(self, controller: Controller, place: Place | None = None
                ) -> Mapping[str, list[Sketch]]:
@@ -77,13 +84,28 @@ class Sketcher:
         if place is None:
             return {}
         self._state.update(*place)
+        # Tasks of another stack get a chance of their own.
+        for task in self._late.keys() - set(controller.stack.tasks.values()):
+            del self._late[task]
         return {task.name: self._parts(task) for task in controller.stack.active_tasks}
 
     def _parts(self, task: Task) -> list[Sketch]:
-        """Return what can be drawn of a task; nothing where it fails."""
+        """Return what can be drawn of a task; nothing where it fails or takes too long."""
+        if self._late[task] >= PATIENCE:
+            return []
+        began = time.monotonic()
         try:
-            return list(islice(task.probe().sketch(self._state), MOST_PARTS))
+            parts = list(islice(task.probe().sketch(self._state), MOST_PARTS))
         except Exception as error:
             # Of a type of another package; it is carried out all the same.
             self._refused(task.name, raised(Task.sketch, error))
             return []
+        self._check_time(task, time.monotonic() - began)
+        return parts
+
+    def _check_time(self, task: Task, took: float) -> None:
+        """Count how often a task takes too long."""
+        self._late[task] = self._late[task] + 1 if took > SOON else 0
+        if self._late[task] == PATIENCE:
+            self._refused(task.name, f'sketch took more than {SOON:g} s, {PATIENCE} times in a '
+                                     'row')
