@@ -113,9 +113,8 @@ setup(
         'docs': docs,
         # playwright drives the Chromium that is there; it brings none.
         'test': [*plots, *record, *view, *check, 'dask[distributed]', *docs, 'pytest',
-                 'pytest-xdist', 'hypothesis', 'playwright', 'example-robot-data', 'ruff<0.18', 'mypy<2.5',
-                 'types-PyYAML',
-                 'catkin_pkg', 'setuptools>=70.1'],
+                 'pytest-xdist', 'hypothesis', 'playwright', 'example-robot-data', 'ruff<0.18',
+                 'mypy<2.5', 'types-PyYAML', 'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',
     zip_safe=False,
