@@ -43,7 +43,7 @@ peers = ['pin-pink', 'mink', 'embodik; python_version < "3.13"', 'example-robot-
 LIMITED = sys.version_info >= (3, 11) and not sysconfig.get_config_var('Py_GIL_DISABLED')
 # Modules with a source of their name, in C++. Each does no more than Python does in its place
 # where there is no compiler, but faster.
-compiled = ['solver.core', 'model.motion']
+compiled = ['solver.core', 'model.motion', 'tasks.rows']
 extensions = [
     Extension(
         f'{package_name}.{name}', [f'{package_name}/{name.replace(".", "/")}.cpp'],

@@ -73,8 +73,13 @@ class Buffer {
     return fits_ && view_.ndim == dimensions ? view_.shape[0] : -1;
   }
 
+  Py_ssize_t columns() const { return view_.shape[1]; }
+
   double number() const { return number(0); }
   double at(Py_ssize_t i) const { return number(i * view_.strides[0]); }
+  double at(Py_ssize_t i, Py_ssize_t j) const {
+    return number(i * view_.strides[0] + j * view_.strides[1]);
+  }
 
   void copy(double *to) const {
     for (Py_ssize_t i = 0; i < view_.shape[0]; ++i) to[i] = at(i);
@@ -84,7 +89,7 @@ class Buffer {
     const Py_ssize_t columns = view_.shape[1];
     for (Py_ssize_t i = 0; i < view_.shape[0]; ++i)
       for (Py_ssize_t j = 0; j < columns; ++j)
-        to[i * columns + j] = number(i * view_.strides[0] + j * view_.strides[1]);
+        to[i * columns + j] = at(i, j);
   }
 
   void fill(const double *from) const {

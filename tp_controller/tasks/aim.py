@@ -68,9 +68,9 @@ def parse_direction(values: ArrayLike, what: str) -> Array:
 def across(axis: Array) -> Array:
     """Return two unit vectors (2, 3) at right angles to an axis (3,) and to each other."""
     other = np.eye(3)[np.abs(axis).argmin()]
-    first = np.cross(axis, other)
+    first = skew(axis).dot(other)
     first /= math.sqrt(first.dot(first))
-    return np.array([first, np.cross(axis, first)])
+    return np.array([first, skew(axis).dot(first)])
 
 
 def pose_along(axis: Array, p: Array) -> Array:
@@ -84,7 +84,7 @@ def turn_between(start: Array, end: Array) -> Array:
 
     Of opposite ones any half turn is the shortest; it is one of them.
     """
-    normal = np.cross(start, end)
+    normal = skew(start).dot(end)
     sine, cosine = math.sqrt(normal.dot(normal)), start.dot(end)
     if sine > SHORTEST:
         return normal * (math.atan2(sine, cosine) / sine)

@@ -24,6 +24,7 @@ from tp_controller.errors import GoalError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
+from tp_controller.solver.compiled import part
 from tp_controller.solver.level import Level
 from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
 from tp_controller.tasks.task import DEFAULT_TIMEOUT, Evaluation, Goal, Task
@@ -38,6 +39,8 @@ RETURN_JOINT_SPEED = 0.5
 # smoothly: at half of that it may get away at `DRIFT` [unit/rad, unit/s].
 FAR, STILL, DRIFT = 1.0, 2e-2, 1e-2
 TINY = 1e-12
+# What is compiled of this file; None where the reference runs, or it was not built.
+ROWS = part('tp_controller.tasks.rows')
 
 
 @dataclass(slots=True, eq=False)
@@ -169,49 +172,33 @@ class BoundedTask(Task):
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
         seen = self.observe_rows(state)
-        value, J = seen.value, seen.J
-        error = self._distance_back(value)
         self._remember(Moment(now, state.q, seen))
-        moved = np.sqrt((J * J).sum(axis=1))
-        motion, curved = self.own_motion(state, now), self._curved(seen, state.velocity)
-        back = np.minimum(self.return_speed, RETURN_JOINT_SPEED * moved)
-        lower = np.minimum(self.gain * (self.lower - value), back) - motion
-        upper = np.maximum(self.gain * (self.upper - value), -back) - motion
-        if error.any():
-            lost = _drift(error, moved)
-            lower, upper = lower - lost, upper + lost
-        # Only what leads outwards needs a margin, as far as there is any.
-        level = Level(J, lower=np.minimum(lower - np.minimum(curved, 0.0), upper),
-                      upper=np.maximum(upper - np.maximum(curved, 0.0), lower))
-        return Evaluation(self, level, error, seen.names)
+        motion, before = self.own_motion(state, now), self._rows_before(seen)
+        error, least, most = (np.empty(len(seen.value)) for _ in range(3))
+        if ROWS is None or not ROWS.bound(
+                seen.value, seen.J, before, state.velocity, self.lower, self.upper, self.gain,
+                self.return_speed, motion, self.jump, error, least, most):
+            error, least, most = bounds_of(
+                seen.value, seen.J, before, state.velocity, self.lower, self.upper, self.gain,
+                self.return_speed, motion, self.jump)
+        return Evaluation(self, Level(seen.J, lower=least, upper=most), error, seen.names)
 
     def _distance_back(self, value: Array) -> Array:
         """Return the distance back to the bounds (m,), with its sign; zero inside."""
-        return np.minimum(np.maximum(value, self.lower), self.upper) - value
+        return distance_back(value, self.lower, self.upper)
 
-    def _curved(self, seen: Observation, velocity: Array) -> Array:
-        """Return the speed (m,) that the change of J adds until the next cycle."""
-        J = seen.J
+    def _rows_before(self, seen: Observation) -> Array:
+        """Return J (m, n) as it was in the last cycle; rows that were not there as they are."""
         if self._before is None:
-            return np.zeros(len(J))
+            return seen.J
         before = self._before.seen
         if seen.keys is None or before.keys is None or seen.keys == before.keys:
-            return 0.5 * self.change(J, before.J).dot(velocity)
-        known = [key in before.keys for key in seen.keys]
-        rows = [before.keys.index(key) for key in seen.keys if key in before.keys]
-        curved = np.zeros(len(J))
-        curved[known] = 0.5 * self.change(J[known], before.J[rows]).dot(velocity)
-        return curved
-
-    def change(self, J: Array, J_before: Array) -> Array:
-        """
-        Return by how much rows (k, n) of the Jacobian have turned since the last cycle.
-
-        Not at all where they have jumped, as where the nearest point changes sides.
-        """
-        change = J - J_before
-        change[(change * change).sum(axis=1) > self.jump ** 2 * (J * J).sum(axis=1)] = 0.0
-        return change
+            return before.J
+        J, places = seen.J.copy(), {key: row for row, key in enumerate(before.keys)}
+        for row, key in enumerate(seen.keys):
+            if key in places:
+                J[row] = before.J[places[key]]
+        return J
 
     def _remember(self, moment: Moment) -> None:
         """Keep what was seen for the next cycle; a task may be evaluated twice in one."""
@@ -244,6 +231,51 @@ class BoundedTask(Task):
         """Return for each unit how far outside the value is; see `Task`."""
         return tuple((float(np.abs(error[rows]).max(initial=0.0)), unit, tolerance)
                      for rows, unit, tolerance in self.groups)
+
+
+def bounds_of(value: Array, J: Array, before: Array, velocity: Array, lower: float | Array,
+              upper: float | Array, gain: Array, return_speed: float, motion: float | Array,
+              jump: float) -> tuple[Array, Array, Array]:
+    """
+    Return what a task with bounds demands of its rows; see `BoundedTask`.
+
+    rows.cpp does the same in one call.
+
+    Parameters
+    ----------
+    value, J, before : ndarray (m,), (m, n), (m, n)
+        What is bounded, its Jacobian, and the same in the last cycle.
+    velocity : ndarray (n,)
+        Of the joints [rad/s or m/s].
+    lower, upper, gain, return_speed, jump
+        See `BoundedTask`.
+    motion : float or ndarray (m,)
+        How fast the value changes while the robot stands still.
+
+    Returns
+    -------
+    error : ndarray (m,)
+        The distance back to the bounds.
+    least, most : ndarray (m,)
+        Bounds of J q_dot.
+
+    """
+    error, moved = distance_back(value, lower, upper), np.sqrt((J * J).sum(axis=1))
+    back, lost = np.minimum(return_speed, RETURN_JOINT_SPEED * moved), _drift(error, moved)
+    least = np.minimum(gain * (lower - value), back) - motion - lost
+    most = np.maximum(gain * (upper - value), -back) - motion + lost
+    change = J - before
+    # Not where a row has jumped, as where the nearest point changes sides.
+    change[(change * change).sum(axis=1) > jump ** 2 * (J * J).sum(axis=1)] = 0.0
+    curved = 0.5 * change.dot(velocity)
+    # Only what leads outwards needs a margin, as far as there is any.
+    return error, np.minimum(least - np.minimum(curved, 0.0), most), \
+        np.maximum(most - np.maximum(curved, 0.0), least)
+
+
+def distance_back(value: Array, lower: float | Array, upper: float | Array) -> Array:
+    """Return the distance back to the bounds (m,), with its sign; zero inside."""
+    return np.minimum(np.maximum(value, lower), upper) - value
 
 
 def _drift(back: Array, moved: Array) -> Array:

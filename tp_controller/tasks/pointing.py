@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.errors import unknown
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import Array
+from tp_controller.model.spatial import Array, skew
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
 from tp_controller.tasks.aim import across, AimedTask, AIMS, Axis, parse_axis, turn_between
@@ -178,7 +178,7 @@ class LookAt(AxisTask):
         cosine, sine = UP.dot(up), UP.dot(side)
         reach = cosine * cosine + sine * sine
         weight = min(1.0, reach / STEEP ** 2)
-        row = sine * np.cross(up, UP) - cosine * np.cross(side, UP)
+        row = skew(sine * up - cosine * side).dot(UP)
         row *= weight / max(reach, TINY)
         return (np.append(error, weight * math.atan2(sine, cosine)),
                 np.vstack([J, row.dot(state.jacobian(self.frame)[3:])]),
@@ -199,4 +199,4 @@ def _side(value: Axis, axis: Array) -> Array:
         raise ValueError(f'must be another axis than the one that points, got {value!r}')
     side = side - side.dot(axis) * axis
     side /= math.sqrt(side.dot(side))
-    return np.array([side, np.cross(axis, side)])
+    return np.array([side, skew(axis).dot(side)])

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
 from tp_controller.model.robot import Robot
 from tp_controller.model.shapes import parse_shape, Sphere
-from tp_controller.model.spatial import Array, pose
+from tp_controller.model.spatial import Array, pose, skew
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
 from tp_controller.tasks.frame import MovingGoalTask, parse_reference, RelativeFrame
@@ -100,7 +100,7 @@ class RegionTask(PoseTask, MovingGoalTask, BoundedTask):
         if twist is None:
             return 0.0
         _, normals, offset = self._seen(state)
-        return -normals.dot(twist[:3] + np.cross(twist[3:], offset))
+        return -normals.dot(twist[:3] + skew(twist[3:]).dot(offset))
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
         """Return the region, what is to stay inside or outside, and an arrow back."""

@@ -1,0 +1,115 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// The bounds of an inequality task in one cycle, compiled. `bounds_of` in bounded.py is the
+// reference, read it first. What does not fit here is left to it.
+
+#include "../solver/border.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace {
+
+// Constants of the reference; a test holds them equal (CONSTANTS below).
+constexpr double RETURN_JOINT_SPEED = 0.5, FAR = 1.0, STILL = 2e-2, DRIFT = 1e-2, TINY = 1e-12;
+
+// One number for all rows, or one for each.
+class Each {
+ public:
+  explicit Each(PyObject *object)
+      : buffer_(PyFloat_Check(object) ? nullptr : object), is_float_(PyFloat_Check(object)) {
+    if (is_float_) all_ = PyFloat_AsDouble(object);
+    else if (buffer_.is_number()) all_ = buffer_.number();
+  }
+
+  bool fits(Py_ssize_t rows) const { return is_float_ || buffer_.is_number() || buffer_.is(rows); }
+  double at(Py_ssize_t i) const { return is_float_ || buffer_.is_number() ? all_ : buffer_.at(i); }
+
+ private:
+  const Buffer buffer_;
+  const bool is_float_;
+  double all_ = 0.0;
+};
+
+// The speed that the change of a row adds until the next cycle; none where it has jumped.
+double curved(const Buffer &J, const Buffer &before, const Buffer &velocity, Py_ssize_t i,
+              double square, double jump) {
+  double sum = 0.0, changed = 0.0;
+  for (Py_ssize_t j = 0; j < J.columns(); ++j) {
+    const double change = J.at(i, j) - before.at(i, j);
+    changed += change * change;
+    sum += change * velocity.at(j);
+  }
+  return changed > jump * jump * square ? 0.0 : 0.5 * sum;
+}
+
+// How fast a row may get away whose bound is out of reach.
+double drift(double back, double moved) {
+  const double travel = std::fabs(back) / std::max(moved, TINY);
+  return std::min(std::max(travel / FAR - 1.0, 0.0), 1.0) * DRIFT
+      * std::max(STILL / std::max(moved, TINY) - 1.0, 0.0);
+}
+
+// bound(value, J, before, velocity, lower, upper, gain, return_speed, motion, jump, error, least,
+// most): fill in `error`, `least` and `most` (m,); False where something does not fit.
+PyObject *bound(PyObject *, PyObject *const *given, Py_ssize_t count) {
+  if (count != 13) {
+    PyErr_SetString(PyExc_TypeError, "bound(value, J, before, velocity, lower, upper, gain, "
+                    "return_speed, motion, jump, error, least, most)");
+    return nullptr;
+  }
+  const Buffer value(given[0]), J(given[1]), before(given[2]), velocity(given[3]);
+  const Each lower(given[4]), upper(given[5]), gain(given[6]), speed(given[7]), motion(given[8]),
+      jump(given[9]);
+  const Output error(given[10]), least(given[11]), most(given[12]);
+  const Py_ssize_t m = value.rows(1), n = velocity.rows(1);
+  if (m < 0 || n < 0 || !J.is(m, n) || !before.is(m, n) || !lower.fits(m) || !upper.fits(m)
+      || !gain.fits(m) || !speed.fits(m) || !motion.fits(m) || !jump.fits(m) || !error.is(m)
+      || !least.is(m) || !most.is(m)) return Py_NewRef(Py_False);
+  for (Py_ssize_t i = 0; i < m; ++i) {
+    double square = 0.0;
+    for (Py_ssize_t j = 0; j < n; ++j) square += J.at(i, j) * J.at(i, j);
+    const double moved = std::sqrt(square), back = std::min(speed.at(i), RETURN_JOINT_SPEED * moved);
+    const double down = lower.at(i) - value.at(i), up = upper.at(i) - value.at(i);
+    const double outside = std::min(std::max(value.at(i), lower.at(i)), upper.at(i)) - value.at(i);
+    const double lost = outside == 0.0 ? 0.0 : drift(outside, moved);
+    const double from = std::min(gain.at(i) * down, back) - motion.at(i) - lost;
+    const double to = std::max(gain.at(i) * up, -back) - motion.at(i) + lost;
+    const double added = curved(J, before, velocity, i, square, jump.at(i));
+    error.p()[i] = outside;
+    // Only what leads outwards needs a margin, as far as there is any.
+    least.p()[i] = std::min(from - std::min(added, 0.0), to);
+    most.p()[i] = std::max(to - std::max(added, 0.0), from);
+  }
+  return Py_NewRef(Py_True);
+}
+
+PyMethodDef METHODS[] = {
+    method("bound", bound, "Find the bounds of an inequality task."),
+    {nullptr, nullptr, 0, nullptr}};
+PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "rows", "The bounds of inequality tasks, compiled.",
+                      -1, METHODS, nullptr, nullptr, nullptr, nullptr};
+
+}  // namespace
+
+PyMODINIT_FUNC PyInit_rows(void) {
+  Held module(PyModule_Create(&MODULE));
+  if (!module) return nullptr;
+  PyObject *values = Py_BuildValue(
+      "{s:d,s:d,s:d,s:d,s:d}", "RETURN_JOINT_SPEED", RETURN_JOINT_SPEED, "FAR", FAR,
+      "STILL", STILL, "DRIFT", DRIFT, "TINY", TINY);
+  if (!values || PyModule_AddObject(module, "CONSTANTS", values) != 0) return nullptr;
+  return module.release();
+}
