@@ -36,7 +36,7 @@ view = ['viser>=1,<2', 'pycollada']
 # More than one process for a check.
 check = ['joblib']
 docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
-# What benchmarks/peers.py compares with; not placo, which needs pinocchio 3.
+# What benchmarks/peers.py compares with; not placo and tsid, which need other Pinocchios.
 peers = ['pin-pink', 'mink', 'embodik; python_version < "3.13"', 'example-robot-data']
 
 # One build for every Python from 3.11 on: before it the limited API has no buffer protocol.

@@ -31,6 +31,11 @@ import time
 
 import numpy as np
 
+# Of `Recursion`: singular values that count as zero, as a share of the largest, and the factor of
+# damped least squares [m or rad].
+SMALLEST, LAMBDA = 1e-9, 0.1
+# Of `Tsid`: weight of the rest of all joints where there is no posture task.
+REST = 1e-6
 # From when on changes of the velocity count as those of a motion under way [s].
 UNDER_WAY = 1.0
 
@@ -345,9 +350,149 @@ class Embodik(Peer):
         return np.asarray(found.joint_velocities)[self.order]
 
 
-# {package: (distribution, class)}
-PACKAGES = {'tp_controller': ('tp_controller', TpController), 'pink': ('pin-pink', Pink),
-            'mink': ('mink', Mink), 'placo': ('placo', Placo), 'embodik': ('embodik', Embodik)}
+class Tsid(Peer):
+    """
+    TSID: a step of its inverse dynamics in every cycle, integrated to velocities.
+
+    Weights, and how accelerations are integrated, are those of its exercise with a UR5. The gains
+    are not: with Kp = gain / period and Kd = 1 / period, a task that nothing limits has after one
+    cycle the velocity that the others give it. Without a posture task velocities are damped by a
+    small weight, or they would stay what they are in the null space. A joint may go from full
+    speed to full speed the other way within a cycle.
+    """
+
+    def load(self):
+        # TSID needs its conversions, but does not import it.
+        import_module('pinocchio')
+        import tsid
+        self.tsid = tsid
+        self.robot = tsid.RobotWrapper(self.given['urdf'], [''], False)
+        self.model = self.robot.model()
+        self.order = [self.model.idx_vs[self.model.getJointId(name)] for name in self.joints]
+
+    def start(self, goals):
+        tsid = self.tsid
+        self.rate = np.zeros(len(self.joints))
+        self.problem = tsid.InverseDynamicsFormulationAccForce('problem', self.robot, False)
+        self.problem.computeProblemData(0.0, self._full(self.rate), self.rate)
+        # The formulation refers to its tasks, and does not keep them.
+        self.made = [self._limits()]
+        for task, goal in zip(self.tasks, goals):
+            self._add(self._task(task, goal), task['cost'] ** 2)
+        if all(task['type'] != 'posture' for task in self.tasks):
+            rest = tsid.TaskJointPosture('rest', self.robot)
+            rest.setKp(np.zeros(len(self.joints)))
+            rest.setReference(self._constant(self.rate))
+            self._add(rest, REST)
+        self.solver = tsid.SolverHQuadProgFast('solver')
+        self.solver.resize(self.problem.nVar, self.problem.nEq, self.problem.nIn)
+
+    def _limits(self):
+        """Add the limits of joints and return them."""
+        speed = self._full(np.array(self.given['speed']))
+        made = self.tsid.TaskJointPosVelAccBounds('limits', self.robot, self.period, False)
+        made.setPositionBounds(self.model.lowerPositionLimit, self.model.upperPositionLimit)
+        made.setVelocityBounds(speed)
+        made.setAccelerationBounds(2.0 * speed / self.period)
+        self.problem.addMotionTask(made, 1.0, 0, 0.0)
+        return made
+
+    def _task(self, task, goal):
+        """Return a task with its goal."""
+        import pinocchio
+        if task['type'] == 'posture':
+            made = self.tsid.TaskJointPosture(task['name'], self.robot)
+            made.setKp(np.full(len(self.joints), self.given['gain'] / self.period))
+            made.setReference(self._constant(self._full(goal)))
+            return made
+        made = self.tsid.TaskSE3Equality(task['name'], self.robot, task['frame'])
+        made.setKp(np.full(6, self.given['gain'] / self.period))
+        made.setMask(np.array([*np.full(3, float(task['type'] != 'orientation')),
+                               *(self.axes(task) if task['type'] != 'position' else np.zeros(3))]))
+        made.setReference(self.tsid.TrajectorySE3Constant(
+            task['name'], pinocchio.SE3(goal)).computeNext())
+        return made
+
+    def _constant(self, q):
+        """Return a reference that does not move."""
+        return self.tsid.TrajectoryEuclidianConstant('reference', q).computeNext()
+
+    def _add(self, made, weight):
+        """Add a task, which takes away the velocity that it does not demand within a cycle."""
+        made.setKd(np.full(len(made.Kp), 1.0 / self.period))
+        self.problem.addMotionTask(made, weight, 1, 0.0)
+        self.made.append(made)
+
+    def velocity(self, q):
+        found = self.solver.solve(self.problem.computeProblemData(0.0, self._full(q), self.rate))
+        if found.status != 0:
+            self.rate = np.zeros(len(self.joints))
+            return None
+        change = self.period * self.problem.getAccelerations(found)
+        mean = self.rate + 0.5 * change
+        self.rate = self.rate + change
+        return mean[self.order]
+
+
+class Recursion(Peer):
+    """
+    The plain recursion of *lecture* 2.2 and 4 (docs/sources.md), with Pinocchio's kinematics.
+
+    Every task acts in the null space of those above, by pseudoinverses or, in variant `damped`,
+    by damped least squares with the exact projector. One factor for all joints keeps their
+    velocity limits. There are no position limits.
+    """
+
+    def load(self):
+        import pinocchio
+        self.pinocchio = pinocchio
+        self.model = pinocchio.buildModelFromUrdf(self.given['urdf'])
+        self.data = self.model.createData()
+        self.order = [self.model.idx_vs[self.model.getJointId(name)] for name in self.joints]
+        self.speed = self._full(np.array(self.given['speed']))
+
+    def start(self, goals):
+        self.goals = [self._full(goal) if task['type'] == 'posture' else goal
+                      for task, goal in zip(self.tasks, goals)]
+        self.frames = [self.model.getFrameId(task.get('frame', 'universe')) for task in self.tasks]
+
+    def velocity(self, q):
+        q, damped = self._full(q), self.given['variant'] == 'damped'
+        self.pinocchio.computeJointJacobians(self.model, self.data, q)
+        self.pinocchio.updateFramePlacements(self.model, self.data)
+        found, P = np.zeros(len(q)), np.eye(len(q))
+        for task, goal, frame in zip(self.tasks, self.goals, self.frames):
+            error, J = self._error_and_jacobian(task, goal, frame, q)
+            J_bar = J @ P
+            inverse = np.linalg.pinv(J_bar, rcond=SMALLEST)
+            used = inverse
+            if damped:
+                used = J_bar.T @ np.linalg.inv(J_bar @ J_bar.T + LAMBDA ** 2 * np.eye(len(J)))
+            found = found + used @ (self.given['gain'] * error - J @ found)
+            P = P - inverse @ J_bar
+        return (found / max(np.max(np.abs(found) / self.speed), 1.0))[self.order]
+
+    def _error_and_jacobian(self, task, goal, frame, q):
+        """Return what a task misses, and how joints change it."""
+        if task['type'] == 'posture':
+            return goal - q, np.eye(len(q))
+        pose = self.data.oMf[frame]
+        J = self.pinocchio.getFrameJacobian(self.model, self.data, frame,
+                                            self.pinocchio.LOCAL_WORLD_ALIGNED)
+        if task['type'] == 'position':
+            return goal[:3, 3] - pose.translation, J[:3]
+        turn = self.pinocchio.log3(goal[:3, :3] @ pose.rotation.T)
+        if task['type'] == 'orientation':
+            chosen = self.axes(task) > 0.0
+            return turn[chosen], J[3:][chosen]
+        return np.concatenate((goal[:3, 3] - pose.translation, turn)), J
+
+
+# {package: (distribution, what is imported, class)}
+PACKAGES = {'tp_controller': ('tp_controller', 'tp_controller', TpController),
+            'pink': ('pin-pink', 'pink', Pink), 'mink': ('mink', 'mink', Mink),
+            'placo': ('placo', 'placo', Placo), 'embodik': ('embodik', 'embodik', Embodik),
+            'tsid': ('tsid', 'tsid', Tsid), 'recursion': ('pin', 'pinocchio', Recursion)}
 
 
 def on_the_way(pose, goal, share):
@@ -412,10 +557,10 @@ class Worker:
     """Answers commands; each method is one."""
 
     def __init__(self, package):
-        distribution, self._peer = PACKAGES[package]
-        import_module(package)
+        distribution, module, self._peer = PACKAGES[package]
+        import_module(module)
         try:
-            self.version = f'{package} {version(distribution)}'
+            self.version = f'{module} {version(distribution)}'
         except PackageNotFoundError:
             self.version = f'{package} of this checkout'
         self._loaded = {}

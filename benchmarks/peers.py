@@ -13,12 +13,14 @@
 # limitations under the License.
 
 """
-Compare with other packages for differential inverse kinematics: pink, mink, placo, embodik.
+Compare with other packages for inverse kinematics: pink, mink, placo, embodik, tsid.
 
 Run as ``python benchmarks/peers.py``. What is not installed is skipped; ``pip install -e
 .[peers]`` installs what can live beside this package. placo 0.10 needs pinocchio 3 and this
 package pinocchio 4: make an environment of its own for it, ``python3 -m venv placo; placo/bin/pip
-install placo``, and add ``--python placo=placo/bin/python``.
+install placo``, and add ``--python placo=placo/bin/python``. tsid 1.10 needs pinocchio 4.0, so
+the same for ``tsid==1.10.0 pin==4.0.0``; docs/peers.md says how with a Python older than 3.14.
+``recursion`` is the plain recursion of *lecture* (docs/sources.md), in numpy with pinocchio.
 
 Every package has a process of its own, and all read the same URDF. Times are taken in turns, so
 that a machine whose speed drifts disturbs all alike; they are processor time. Then closed loops
@@ -35,6 +37,7 @@ What the others do better, by their own documentation:
   dynamics with contacts and torques with the same interface.
 - embodik: speed (C++), priorities as here, collision and centre-of-mass constraints with recovery,
   acceleration-level solver, batches on the GPU, teleoperation examples.
+- tsid: inverse dynamics (C++): contacts with friction cones, forces, torque limits, legged robots.
 
 This package has strict priorities of any number of tasks and inequality tasks at any level, says
 why a task is limited, and is a ROS 2 node; it is kinematic only.
@@ -59,12 +62,13 @@ GAIN = 2.0
 # examples for a Panda; elsewhere each task costs a tenth of the one before, as in pink's README.
 Case = namedtuple('Case', 'robot ready tasks costs')
 TENTHS = {'pink': (1.0, 0.1, 0.01, 1e-3), 'mink': (1.0, 0.1, 0.01, 1e-3),
-          'placo': (1.0, 0.1, 0.01, 1e-3)}
+          'placo': (1.0, 0.1, 0.01, 1e-3), 'tsid': (1.0, 0.1, 0.01, 1e-3)}
 TOOL = {'name': 'tool', 'type': 'pose', 'frame': 'panda_hand_tcp'}
 POSTURE = {'name': 'posture', 'type': 'posture'}
 CASES = {
     'Panda, pose > posture': Case('Panda, URDF', PANDA_READY, [TOOL, POSTURE], {
-        'pink': (1.0, 1e-3), 'mink': (1.0, 0.1), 'placo': (1.0, 1e-3)}),
+        'pink': (1.0, 1e-3), 'mink': (1.0, 0.1), 'placo': (1.0, 1e-3),
+        'tsid': (1.0, 1e-3 ** 0.5)}),
     'Panda, pose > elbow position': Case('Panda, URDF', PANDA_READY, [
         TOOL, {'name': 'elbow', 'type': 'position', 'frame': 'panda_link4'}], TENTHS),
     'Talos upper body, 18 joints, 4 levels': Case('Talos', TALOS_READY, [
@@ -77,13 +81,15 @@ CASES = {
 VARIANTS = {
     'tp_controller': ('', 'solver only'), 'pink': ('', 'first task hard'),
     'mink': ('', 'first task hard'), 'placo': ('', 'first task hard'),
-    'embodik': ('', 'MIN_ERROR')}
+    'embodik': ('', 'MIN_ERROR'), 'tsid': ('',), 'recursion': ('', 'damped')}
 # As the packages call them.
 SHOWN = {('pink', 'first task hard'): 'pink, first task as `constraints`',
          ('mink', 'first task hard'): 'mink, first task as `constraints`',
          ('placo', ''): 'placo, `soft`',
          ('placo', 'first task hard'): 'placo, first task `scaled`',
          ('embodik', ''): 'embodik', ('embodik', 'MIN_ERROR'): 'embodik, `MIN_ERROR`',
+         ('recursion', ''): 'plain recursion, `pinv`',
+         ('recursion', 'damped'): 'plain recursion, damped',
          ('tp_controller', 'solver only'): 'tp_controller, without reports and checks'}
 # Only a part of the package, so only timed.
 TIMED = ('tp_controller', 'solver only')

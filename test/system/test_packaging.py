@@ -75,12 +75,13 @@ THIRD_PARTY = {
     'viser': ('viser', None),
     # A backend of `check` that is for clusters.
     'ray': (None, None),
-    # What benchmarks/peers.py compares with; placo needs an environment of its own.
+    # What benchmarks/peers.py compares with; placo and tsid need environments of their own.
     'embodik': ('embodik', None),
     'mink': ('mink', None),
     'mujoco': ('mink', None),
     'pink': ('pin-pink', None),
     'placo': (None, None),
+    'tsid': (None, None),
     'yaml': ('PyYAML', 'python3-yaml'),
 }
 # What a check needs for more than one process only.

@@ -25,7 +25,7 @@ import robots
 from scipy.spatial.transform import Rotation
 
 SCRIPT = robots.REPOSITORY / 'benchmarks' / 'peers.py'
-PEERS = ('pink', 'mink', 'placo', 'embodik')
+PEERS = ('pink', 'mink', 'placo', 'embodik', 'tsid')
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def test_comparison_without_other_packages_shows_this_one_and_what_it_skipped(al
         capture_output=True, text=True, timeout=120, env=alone)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    assert lines[:4] == [f'skipped: {name} is not installed (hidden by a test)'
+    assert lines[:5] == [f'skipped: {name} is not installed (hidden by a test)'
                          for name in PEERS]
     rows = [line for line in lines if line.startswith('| tp_controller')]
     # Whole and in part in the table of times, whole in one table for each stack.
@@ -114,6 +114,32 @@ def test_share_of_a_way_turns_and_shifts_by_that_share(worker):
     np.testing.assert_allclose(
         ahead[:3, :3], Rotation.from_rotvec(0.25 * turn).as_matrix() @ start[:3, :3], atol=1e-12)
     np.testing.assert_array_equal(worker.on_the_way(goal, goal, 0.25), goal)
+
+
+@pytest.mark.parametrize('variant', ['', 'damped'])
+def test_plain_recursion_moves_the_tool_as_it_should_whatever_the_elbow_does(
+        peers, worker, tmp_path, variant):
+    scene = peers.Scene('Panda, pose > elbow position', tmp_path)
+    random, ready = np.random.default_rng(3), scene.ready
+    goals = scene.goals(ready + 0.02 * random.standard_normal(7), scene.draw(random, 1.0))
+    speed = np.full(7, 100.0)
+    urdf = scene.write('unlimited', speed)
+    found = {}
+    for count in (1, 2):
+        peer = worker.Recursion(scene.given('recursion', variant, urdf, speed, 1e-6, count))
+        peer.start(list(map(np.array, goals[:count])))
+        found[count] = peer.velocity(ready)
+    J = scene.robot.state(ready).jacobian('panda_hand_tcp')
+    np.testing.assert_allclose(J @ found[1], J @ found[2], atol=1e-9)
+    assert np.linalg.norm(found[2] - found[1]) > 0.1
+    (distance, angle), _ = peers.errors(scene, ready, goals)
+    (later, turned), _ = peers.errors(scene, ready + 1e-6 * found[2], goals)
+    if variant:
+        assert later < distance
+    else:
+        # 2 per second.
+        assert (distance - later) / distance == pytest.approx(2e-6, rel=1e-3)
+        assert (angle - turned) / angle == pytest.approx(2e-6, rel=1e-3)
 
 
 def test_motion_counts_what_exceeds_limits_and_how_velocities_change(worker):
