@@ -33,9 +33,8 @@ TIAGO_JOINTS = ['torso_lift_joint', *(f'arm_{number}_joint' for number in range(
 ARM_READY = (0.3, 0.5, -0.4, -1.4, 0.2, 0.1, 0.1)
 TALOS_READY = (0.1, 0.2, 0.05, 0.1, *ARM_READY, *(-value for value in ARM_READY[:3]),
                *ARM_READY[3:])
-# An arm of ten equal links in a plane, 2 m long.
-PLANAR = [{'name': f'joint{number}', 'a': 0.2, 'lower': -2.0, 'upper': 2.0, 'velocity': 2.0}
-          for number in range(1, 11)]
+# Arms of equal links in a plane, such as ``planar 10R``: their length [m].
+PLANAR_LENGTH = 2.0
 # {name: (file name in example-robot-data, joints)}
 URDFS = {'Panda, URDF': ('panda.urdf', PANDA_JOINTS),
          'UR5': ('ur5_robot.urdf', None), 'Baxter': ('baxter.urdf', BAXTER_JOINTS),
@@ -56,7 +55,7 @@ def load_robot(name, acceleration=None, limits=None):
     Parameters
     ----------
     name : str
-        ``planar 10R``, or one of `FILES` or `URDFS`.
+        One of `FILES` or `URDFS`, or an arm with any number of joints, such as ``planar 10R``.
     acceleration : float, optional
         Limit of every joint, and of a base that moves [rad/s² or m/s²]; none by default.
     limits : dict, optional
@@ -78,9 +77,8 @@ def _load(name, limits):
     base = BASES.get(name, 'fixed')
     if name in FILES:
         return Robot.from_file(CONFIG / 'robots' / FILES[name], limits=limits, base=base)
-    if name == 'planar 10R':
-        table = [{**row, **(limits or {}).get(row['name'], {})} for row in PLANAR]
-        return Robot.from_dh(table)
+    if name.startswith('planar '):
+        return Robot.from_dh(_planar(int(name[7:-1]), limits or {}))
     file_name, joints = URDFS[name]
     installed = distribution('example-robot-data')
     path = next(installed.locate_file(file) for file in installed.files
@@ -90,3 +88,10 @@ def _load(name, limits):
     urdf = Path(path).read_text(encoding='utf-8').replace('package://example-robot-data',
                                                           str(share))
     return Robot.from_urdf(urdf, joints=joints, limits=limits, base=base)
+
+
+def _planar(joints, limits):
+    """Return the table of an arm in a plane."""
+    return [{'name': f'joint{number}', 'a': PLANAR_LENGTH / joints, 'lower': -2.0, 'upper': 2.0,
+             'velocity': 2.0, **limits.get(f'joint{number}', {})}
+            for number in range(1, joints + 1)]

@@ -148,7 +148,7 @@ ROWS = (
 REFERENCE = 'plain recursion, pinv'
 
 
-def load_case(robot_name, ready, stack_text):
+def load_case(robot_name, ready, stack_text, too_fast=TOO_FAST):
     """Return {'free', 'limited', 'scaled': Case} in the same states; only the limits differ."""
     random = np.random.default_rng(1)
     robot, ready = load_robot(robot_name), np.array(ready)
@@ -162,16 +162,19 @@ def load_case(robot_name, ready, stack_text):
                             / robot.velocity) for index in free}
     middle = sorted(free, key=shares.get)[(len(free) - STATES) // 2:][:STATES]
     states = [drawn[index] for index in sorted(middle)]
-    factor = np.median([shares[index] for index in middle]) / TOO_FAST
+    factor = np.median([shares[index] for index in middle]) / too_fast
     slow = load_robot(robot_name, limits={
         joint: {'velocity': factor * velocity}
         for joint, velocity in zip(robot.joint_names, robot.velocity)})
-    cases = {'free': Case(robot, ready, states, stack_text),
-             'limited': Case(slow, ready, states, stack_text),
-             'scaled': Case(slow, ready, states, stack_text, scaled=True)}
+    return {'free': Case(robot, ready, states, stack_text),
+            'limited': Case(slow, ready, states, stack_text),
+            'scaled': Case(slow, ready, states, stack_text, scaled=True)}
+
+
+def check(cases):
+    """Make sure that limits are active where they should be."""
     for kind, expected in (('free', 0), ('limited', STATES), ('scaled', STATES)):
         assert cases[kind].limited() == (expected, expected), (kind, cases[kind].limited())
-    return cases
 
 
 def measure(cases, rounds, pause):
@@ -192,11 +195,11 @@ def measure(cases, rounds, pause):
     for _ in range(rounds):
         for name, kinds in cases.items():
             for shown, kind, cycle in ROWS:
-                times[name, shown].append(_measure(kinds[kind], cycle, pause))
+                times[name, shown].append(time_cycles(kinds[kind], cycle, pause))
     return {key: np.array(row) for key, row in times.items()}
 
 
-def _measure(case, cycle, pause):
+def time_cycles(case, cycle, pause):
     """Return microseconds per cycle."""
     cycles = CYCLES if pause == 0.0 else CYCLES // 4
     if pause == 0.0:
@@ -253,6 +256,8 @@ def main():
                         help='both paces, as the table of docs/performance.md')
     options = parser.parse_args()
     cases = {name: load_case(*given) for name, given in CASES.items()}
+    for kinds in cases.values():
+        check(kinds)
     if options.markdown:
         print_table(measure(cases, options.rounds, 0.0), measure(cases, options.rounds, 1e-3))
     elif options.cold:
