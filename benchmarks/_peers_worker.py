@@ -511,15 +511,20 @@ def on_the_way(pose, goal, share):
     return ahead
 
 
-def measure(peer, states, cycles):
+def measure(peer, states, cycles, pause):
     """Return the processor time of a cycle [µs], and the share of cycles without a solution."""
     prepared = [(peer.at(q), q) for q in states]
-    failed = 0
-    began = time.thread_time_ns()
-    for k in range(cycles):
-        ready, q = prepared[k % len(prepared)]
-        failed += ready.velocity(q) is None
-    return {'micros': (time.thread_time_ns() - began) / cycles / 1e3, 'failed': failed / cycles}
+    failed = spent = 0
+    # Without pauses the clock is not read in each cycle.
+    batch = 1 if pause else cycles
+    for first in range(0, cycles, batch):
+        time.sleep(pause)
+        began = time.thread_time_ns()
+        for k in range(first, first + batch):
+            ready, q = prepared[k % len(prepared)]
+            failed += ready.velocity(q) is None
+        spent += time.thread_time_ns() - began
+    return {'micros': spent / cycles / 1e3, 'failed': failed / cycles}
 
 
 def simulate(peer, q, cycles, limits):
@@ -532,15 +537,17 @@ def simulate(peer, q, cycles, limits):
         `q` where it ends, `failed`: share of the cycles without a solution (the robot stands
         still in them), `speed` and `position`: by how much limits were exceeded at most, as a
         share of the limit and [rad], `change` and `start`: largest change of a velocity from one
-        cycle to the next [rad/s], after the first second and in it.
+        cycle to the next [rad/s], after the first second and in it, `seconds` of processor time.
 
     """
     lower, upper, fastest = limits
     velocity, failed, speed, position = np.zeros(len(q)), 0, -np.inf, -np.inf
-    changes = np.zeros(cycles)
+    changes, spent = np.zeros(cycles), 0
     for cycle in range(cycles):
         peer.aim(q)
+        began = time.thread_time_ns()
         found = peer.velocity(q)
+        spent += time.thread_time_ns() - began
         failed += found is None
         previous, velocity = velocity, np.zeros(len(q)) if found is None else np.array(found)
         q = q + peer.period * velocity
@@ -550,7 +557,7 @@ def simulate(peer, q, cycles, limits):
     first = int(UNDER_WAY / peer.period)
     return {'q': q.tolist(), 'failed': failed / cycles, 'speed': max(speed, 0.0),
             'position': max(position, 0.0), 'change': changes[first:].max(initial=0.0),
-            'start': changes[:first].max(initial=0.0)}
+            'start': changes[:first].max(initial=0.0), 'seconds': 1e-9 * spent}
 
 
 class Worker:
@@ -575,9 +582,9 @@ class Worker:
         self._loaded[key].start([np.array(goal) for goal in goals])
         return {}
 
-    def time(self, key, states, cycles):
+    def time(self, key, states, cycles, pause):
         """Measure cycles in states far from each other."""
-        return measure(self._loaded[key], np.array(states), cycles)
+        return measure(self._loaded[key], np.array(states), cycles, pause)
 
     def run(self, key, goals, q, cycles, limits):
         """Simulate."""

@@ -22,10 +22,16 @@ install placo``, and add ``--python placo=placo/bin/python``. tsid 1.10 needs pi
 the same for ``tsid==1.10.0 pin==4.0.0``; docs/peers.md says how with a Python older than 3.14.
 ``recursion`` is the plain recursion of *lecture* (docs/sources.md), in numpy with pinocchio.
 
-Every package has a process of its own, and all read the same URDF. Times are taken in turns, so
-that a machine whose speed drifts disturbs all alike; they are processor time. Then closed loops
-with an ideal robot at 100 Hz show how well the tasks are carried out. Goals of the second task
-come from another posture than those of the first, so the two contradict each other.
+Every package has a process of its own, and all read the same URDF. ``--only`` takes some of:
+
+- ``times``: of one cycle, all packages in turns, so that a machine whose speed drifts disturbs all
+  alike; they are processor time, as all times here.
+- ``cold``: the same with one cycle per millisecond, as in a node: in between caches get cold.
+- ``steps``: inverse kinematics of a Panda as with a library, ``--steps`` steps in all; each takes
+  away a tenth of the error, or half of it, as far as the joints come in its time (5 s for a goal).
+- ``motions``: closed loops with an ideal robot at 100 Hz show how well the tasks are carried out.
+  Goals of the second task come from another posture than those of the first, so the two contradict
+  each other.
 
 What the others do better, by their own documentation:
 
@@ -97,6 +103,13 @@ TIMED = ('tp_controller', 'solver only')
 TIMED_PERIOD, PERIOD = 1e-3, 0.01
 CYCLES = 200
 TIMED_STATES = 64
+# Where a cycle begins once per millisecond [s].
+PAUSE = 1e-3
+# Of inverse kinematics as with a library: {share of the error that a step takes away: (steps for
+# each goal, how long one takes [s])}, and the gain.
+LIBRARY = 'Panda, pose > posture'
+STEPS, STEP_GAIN = {'a tenth': (250, 0.02), 'half': (50, 0.1)}, 5.0
+PARTS = ('times', 'cold', 'steps', 'motions')
 # Joints of a robot that is simulated with all goals, and not with a share of them.
 FEWEST = 7
 # How many times too fast the states with active limits are, in the median.
@@ -133,12 +146,12 @@ def plain_urdf(robot, speed):
     return ElementTree.tostring(tree, encoding='unicode')
 
 
-def stack_text(tasks):
+def stack_text(tasks, gain):
     """Return the stack of this package in YAML."""
     lines = []
     for task in tasks:
         keys = ', '.join(f'{key}: {value}' for key, value in task.items() if key != 'name')
-        lines.append(f'- {task["name"]}: {{{keys}, gain: {GAIN}}}')
+        lines.append(f'- {task["name"]}: {{{keys}, gain: {gain}}}')
     return '\n'.join(lines)
 
 
@@ -149,7 +162,7 @@ class Scene:
         self.name, self.case = name, CASES[name]
         self.source = load_robot(self.case.robot)
         self.ready = np.array(self.case.ready)
-        self.folder, self.text = folder, stack_text(self.case.tasks)
+        self.folder, self.text = folder, stack_text(self.case.tasks, GAIN)
         path = self.write('limits', self.source.velocity)
         self.robot = Robot.from_urdf(path, joints=self.source.joint_names)
 
@@ -190,13 +203,13 @@ class Scene:
         factor = np.median([share for share, _ in middle]) / TOO_FAST
         return [q.tolist() for _, q in middle], factor
 
-    def given(self, package, variant, urdf, speed, period, count):
+    def given(self, package, variant, urdf, speed, period, count, gain=GAIN):
         """Return what a package loads; only the first `count` tasks."""
         costs = self.case.costs.get(package, (1.0,) * len(self.case.tasks))
         tasks = [{**task, 'cost': cost} for task, cost in zip(self.case.tasks, costs)][:count]
         return {'urdf': str(urdf), 'joints': list(self.robot.joint_names),
-                'speed': speed.tolist(), 'period': period, 'gain': GAIN, 'variant': variant,
-                'tasks': tasks, 'stack': stack_text(self.case.tasks[:count])}
+                'speed': speed.tolist(), 'period': period, 'gain': gain, 'variant': variant,
+                'tasks': tasks, 'stack': stack_text(self.case.tasks[:count], gain)}
 
 
 class Package:
@@ -232,17 +245,19 @@ class Package:
         return json.loads(line)
 
 
-def measure(scenes, packages, rounds):
+def prepare(scenes, packages):
     """
-    Return microseconds and shares of cycles without a solution, in turns.
+    Load everything that is timed.
 
     Returns
     -------
-    dict
-        {(scene, limits active, package, variant): list of answers}
+    states : dict
+        {scene: states it is timed in}
+    keys : list
+        What is timed: (scene, limits active, package, variant).
 
     """
-    found, states = {}, {}
+    keys, states = [], {}
     for scene in scenes:
         states[scene.name], factor = scene.timed_states()
         goals = scene.goals(*[scene.ready] * len(scene.case.tasks))
@@ -252,15 +267,41 @@ def measure(scenes, packages, rounds):
             for package in packages:
                 for variant in VARIANTS[package.name]:
                     key = (scene.name, active, package.name, variant)
-                    found[key] = []
+                    keys.append(key)
                     package.do('load', key=str(key), **scene.given(
                         package.name, variant, urdf, speed, TIMED_PERIOD, None))
                     package.do('start', key=str(key), goals=goals)
-    owners = {package.name: package for package in packages}
+    return states, keys
+
+
+def measure(prepared, packages, rounds, pause):
+    """
+    Return microseconds and shares of cycles without a solution, in turns.
+
+    Parameters
+    ----------
+    prepared : tuple
+        What `prepare` returns.
+    packages : list of Package
+        All that were prepared.
+    rounds : int
+        How often everything is measured.
+    pause : float
+        Time asleep before each cycle [s]; 0 measures a tight loop.
+
+    Returns
+    -------
+    dict
+        {(scene, limits active, package, variant): list of answers}
+
+    """
+    states, keys = prepared
+    found, owners = {key: [] for key in keys}, {package.name: package for package in packages}
     for _ in range(rounds):
         for key, rows in found.items():
-            rows.append(owners[key[2]].do('time', key=str(key), states=states[key[0]],
-                                          cycles=CYCLES))
+            rows.append(owners[key[2]].do(
+                'time', key=str(key), states=states[key[0]], pause=pause,
+                cycles=CYCLES // 4 if pause else CYCLES))
     return found
 
 
@@ -273,12 +314,12 @@ def drawn_goals(scene, count):
     return [goals[:1] for goals in drawn], drawn
 
 
-def simulate(scene, package, variant, goals, cycles):
+def simulate(scene, package, variant, goals, cycles, period=PERIOD, gain=GAIN):
     """Return the runs of a package towards all goals."""
     key = str((scene.name, len(goals[0]), variant))
     package.do('load', key=key, **scene.given(
         package.name, variant, scene.write('limits', scene.source.velocity),
-        scene.source.velocity, PERIOD, len(goals[0])))
+        scene.source.velocity, period, len(goals[0]), gain))
     robot = scene.robot
     limits = [robot.lower.tolist(), robot.upper.tolist(), robot.velocity.tolist()]
     runs = [package.do('run', key=key, goals=each, q=scene.ready.tolist(), cycles=cycles,
@@ -313,8 +354,9 @@ def shown(package, variant):
     return SHOWN.get((package, variant), package)
 
 
-def print_times(times, scenes):
-    """Print the table of times."""
+def print_times(times, scenes, title):
+    """Print a table of times."""
+    print(f'\n## {title}\n')
     print('| µs per cycle | ' + ' | '.join(
         f'{scene.name}: {kind}' for scene in scenes for kind in ('idle', 'limits active')) + ' |')
     print('| --- |' + ' --- |' * (2 * len(scenes)))
@@ -328,7 +370,29 @@ def print_times(times, scenes):
                 failed = np.mean([row['failed'] for row in rows])
                 if failed:
                     cells[-1] += f', {percent(failed)} unsolved'
-        print(f'| {shown(package, variant)} | {" | ".join(cells)} |')
+        print(f'| {shown(package, variant)} | {" | ".join(cells)} |', flush=True)
+
+
+def print_steps(scene, packages, steps):
+    """Simulate inverse kinematics as with a library, and print."""
+    print('\n## Steps per second\n\n| package | ' + ' | '.join(
+        f'{share} of the error: steps per second | goals reached' for share in STEPS)
+        + ' |\n| --- |' + ' --- | --- |' * len(STEPS), flush=True)
+    random = np.random.default_rng(0)
+    most = -(-steps // min(count for count, _ in STEPS.values()))
+    goals = [scene.goals(scene.draw(random, FAR), scene.ready) for _ in range(most)]
+    for package in packages:
+        for variant in VARIANTS[package.name]:
+            if (package.name, variant) == TIMED:
+                continue
+            cells = []
+            for count, period in STEPS.values():
+                runs = simulate(scene, package, variant, goals[:-(-steps // count)], count,
+                                period, STEP_GAIN)
+                rate = len(runs) * count / sum(run['seconds'] for run in runs)
+                cells += [f'{float(f"{rate:.3g}"):,.0f}',
+                          f'{sum(map(reached, runs))} of {len(runs)}']
+            print(f'| {shown(package.name, variant)} | {" | ".join(cells)} |', flush=True)
 
 
 def percent(share):
@@ -394,11 +458,11 @@ def compare(scenes, packages, count, seconds):
                               simulate(scene, package, variant, drawn, cycles))
 
 
-def open_packages(pythons):
-    """Return the packages that are installed, and say which are not."""
+def open_packages(names, pythons):
+    """Return the packages with these names that are installed, and say which are not."""
     found, versions = [], []
     # All at once: they take a while to start.
-    for package in [Package(name, pythons.get(name, sys.executable)) for name in VARIANTS]:
+    for package in [Package(name, pythons.get(name, sys.executable)) for name in names]:
         version, skipped = package.meet()
         if skipped:
             print(f'skipped: {package.name} is not installed ({skipped})')
@@ -407,7 +471,7 @@ def open_packages(pythons):
             found.append(package)
             versions.append(version)
     print(', '.join([*versions, f'numpy {np.__version__}',
-                     f'Python {platform.python_version()}']) + '\n')
+                     f'Python {platform.python_version()}']))
     return found
 
 
@@ -419,14 +483,23 @@ def main():
     parser.add_argument('--rounds', type=int, default=15, help='of times, in turns')
     parser.add_argument('--python', action='append', default=[], metavar='PACKAGE=PATH',
                         help='interpreter of an environment that has a package')
-    parser.add_argument('--only', choices=('times', 'motions'))
+    parser.add_argument('--steps', type=int, default=100_000, help='of inverse kinematics')
+    parser.add_argument('--only', nargs='+', choices=PARTS, default=PARTS)
+    parser.add_argument('--packages', nargs='+', choices=VARIANTS, default=VARIANTS)
     options = parser.parse_args()
-    packages = open_packages(dict(each.split('=', 1) for each in options.python))
+    packages = open_packages(options.packages, dict(each.split('=', 1) for each in options.python))
     with TemporaryDirectory() as folder:
         scenes = [Scene(name, Path(folder)) for name in CASES]
-        if options.only != 'motions':
-            print_times(measure(scenes, packages, options.rounds), scenes)
-        if options.only != 'times':
+        paces = {'times': ('Times', 0.0), 'cold': ('Once per millisecond', PAUSE)}
+        chosen = [pace for part, pace in paces.items() if part in options.only]
+        prepared = prepare(scenes, packages) if chosen else None
+        for title, pause in chosen:
+            print_times(measure(prepared, packages, options.rounds, pause), scenes, title)
+        if 'steps' in options.only:
+            print_steps(next(scene for scene in scenes if scene.name == LIBRARY), packages,
+                        options.steps)
+        if 'motions' in options.only:
+            print('\n## Motions', flush=True)
             compare(scenes, packages, options.states, options.seconds)
     for package in packages:
         package.close()

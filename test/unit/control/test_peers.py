@@ -75,15 +75,16 @@ def test_comparison_explains_its_options():
 
 def test_comparison_without_other_packages_shows_this_one_and_what_it_skipped(alone):
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), '--states', '2', '--seconds', '0.1', '--rounds', '1'],
+        [sys.executable, str(SCRIPT), '--states', '2', '--seconds', '0.1', '--rounds', '1',
+         '--steps', '300'],
         capture_output=True, text=True, timeout=120, env=alone)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert lines[:5] == [f'skipped: {name} is not installed (hidden by a test)'
                          for name in PEERS]
     rows = [line for line in lines if line.startswith('| tp_controller')]
-    # Whole and in part in the table of times, whole in one table for each stack.
-    assert len(rows) == 5
+    # Whole and in part in both tables of times, whole in that of steps and one for each stack.
+    assert len(rows) == 8
     widths = {len(row.split('|')) for row in rows}
     heads = {len(line.split('|')) for line in lines if line.startswith('| ---')}
     assert widths == heads
