@@ -26,7 +26,7 @@ import viser
 
 # Positions between which a joint without limits is moved [rad or m].
 ENDLESS = math.pi
-STEP = 0.01
+STEP, DIGITS = 0.01, 4
 
 
 class JointSliders:
@@ -44,7 +44,8 @@ class JointSliders:
     task : viser.GuiDropdownHandle or None
         The task that gets the goals.
     sliders : dict
-        {joint: viser.GuiSliderHandle}
+        {joint: viser.GuiSliderHandle}; those of another robot are used again, since a browser
+        that draws seldom may still have updates of them.
 
     """
 
@@ -59,23 +60,27 @@ class JointSliders:
         self._moved: set[str] = set()
         self._wanted: dict[str, float] = {}
         self._sent = -math.inf
+        self._all: list[viser.GuiSliderHandle[float]] = []
         self.sliders: dict[str, viser.GuiSliderHandle[float]] = {}
 
     def build(self, robot: Robot) -> None:
         """Have sliders for the joints of a robot."""
-        for slider in self.sliders.values():
-            slider.remove()
         self._moved.clear()
         with self._folder:
-            self.sliders = {name: self._slider(robot, name) for name in robot.joint_names}
+            while len(self._all) < len(robot.joint_names):
+                self._all.append(self._new_slider())
+        self.sliders = dict(zip(robot.joint_names, self._all))
+        for name, slider in self.sliders.items():
+            self._prepare(slider, robot, name)
+        for slider in self._all[len(self.sliders):]:
+            slider.visible = False
 
     def show(self, robot: Robot, q: Array | None, tasks: Sequence[str]) -> None:
         """Show where joints are at q (nq,), and the tasks that take positions of them."""
         shown = bool(tasks)
         self._hint.visible = not shown
         for handle in (self.task, self._reset, *self.sliders.values()):
-            if handle.visible != shown:
-                handle.visible = shown
+            handle.visible = shown
         if tasks and tuple(tasks) != tuple(self.task.options):
             self.task.options = tuple(tasks)
         if q is None:
@@ -98,18 +103,26 @@ class JointSliders:
         wanted, self._wanted, self._sent = self._wanted, {}, now
         return JointState(name=list(wanted), position=list(wanted.values()))
 
-    def _slider(self, robot: Robot, name: str) -> 'viser.GuiSliderHandle[float]':
-        """Return the slider of a joint."""
-        row = robot.joint_index(name)
-        lower, upper = (limit if abs(limit) < 10.0 * ENDLESS else math.copysign(ENDLESS, limit)
-                        for limit in (float(robot.lower[row]), float(robot.upper[row])))
-        slider = self._gui.add_slider(name, lower, upper, STEP, min(max(0.0, lower), upper),
-                                      visible=False, hint=robot.velocity_units[row])
+    def _new_slider(self) -> 'viser.GuiSliderHandle[float]':
+        """Return a slider of no joint yet."""
+        slider = self._gui.add_slider('', -ENDLESS, ENDLESS, STEP, 0.0, visible=False)
+        slider.precision = DIGITS
 
         @slider.on_update
         def _(event: 'viser.GuiEvent[viser.GuiSliderHandle[float]]') -> None:
             if event.client_id is not None:
-                self._moved.add(name)
-                self._on_moved(name, float(event.target.value))
+                for name, each in self.sliders.items():
+                    if each is slider:
+                        self._moved.add(name)
+                        self._on_moved(name, float(event.target.value))
 
         return slider
+
+    def _prepare(self, slider: 'viser.GuiSliderHandle[float]', robot: Robot, name: str) -> None:
+        """Let a slider be that of a joint."""
+        row = robot.joint_index(name)
+        slider.min, slider.max = (
+            limit if abs(limit) < 10.0 * ENDLESS else math.copysign(ENDLESS, limit)
+            for limit in (float(robot.lower[row]), float(robot.upper[row])))
+        slider.label, slider.hint = name, robot.velocity_units[row]
+        assign(slider, min(max(0.0, slider.min), slider.max))

@@ -30,6 +30,8 @@ COLOURS = {'reached': '#2e9e5b', 'satisfied': '#2e9e5b', 'moving': '#2f7fd1',
 DONE = ('reached', 'satisfied')
 UP, DOWN = '▲ up', '▼ down'
 GAIN = 'gain'
+# As many digits of a gain are shown, and taken.
+DIGITS = 6
 # For how long what somebody has chosen is shown, whatever the status says [s].
 PATIENCE = 1.0
 
@@ -54,7 +56,8 @@ class StackPanel:
     Attributes
     ----------
     rows : dict
-        {task: TaskRow}
+        {task: TaskRow}; those of tasks that are gone are hidden and used again, since a browser
+        that draws seldom may still have updates of them.
 
     """
 
@@ -64,6 +67,7 @@ class StackPanel:
         self._gui, self._enable, self._move, self._set_gain = gui, enable, move, set_gain
         self._folder = gui.add_folder(None)
         self.rows: dict[str, TaskRow] = {}
+        self._unused: list[TaskRow] = []
 
     def show(self, rows: Sequence[Row], gains: Mapping[str, Gain]) -> None:
         """
@@ -79,17 +83,19 @@ class StackPanel:
         """
         names = [row.name for row in rows]
         for name in [name for name in self.rows if name not in names]:
-            self.rows.pop(name).remove()
+            self._unused.append(self.rows.pop(name))
         for place, row in enumerate(rows):
             if row.name not in self.rows:
-                self.rows[row.name] = TaskRow(self._gui, self._folder, row, self._enable,
-                                              self._move, self._set_gain)
+                self.rows[row.name] = self._unused.pop() if self._unused else TaskRow(
+                    self._gui, self._folder, self._enable, self._move, self._set_gain)
             self.rows[row.name].show(row, place, gains.get(row.name))
+        for unused in self._unused:
+            unused.folder.visible = False
 
 
 class TaskRow:
     """
-    The row of a task.
+    The row of a task, of the one that was shown last.
 
     Attributes
     ----------
@@ -100,27 +106,22 @@ class TaskRow:
     enabled : viser.GuiCheckboxHandle
     order : viser.GuiButtonGroupHandle
         Two buttons.
-    gains : list of viser.GuiNumberHandle
-        One, or one for each row of the task, as the gain has it.
 
     """
 
-    def __init__(self, gui: viser.GuiApi, parent: viser.GuiFolderHandle, row: Row,
+    def __init__(self, gui: viser.GuiApi, parent: viser.GuiFolderHandle,
                  enable: Callable[[str, bool], None], move: Callable[[str, int], None],
                  set_gain: Callable[[str, Gain], None]) -> None:
-        self._gui, self._name, self._set_gain = gui, row.name, set_gain
+        self._name, self._set_gain = '', set_gain
         self._chosen = {'enabled': -math.inf, 'gain': -math.inf}
-        self._content = self._label = ''
-        self._place = -1
         with parent:
-            self.folder = gui.add_folder(row.name)
+            self.folder = gui.add_folder('')
         with self.folder:
             self.text = gui.add_html('', order=0.0)
-            self.enabled = gui.add_checkbox('enabled', row.enabled, order=2.0)
+            self.enabled = gui.add_checkbox('enabled', True, order=2.0)
             self.order = gui.add_button_group('priority', (UP, DOWN), order=1.0)
-        self._inputs: viser.GuiFolderHandle | None = None
-        self._by_row = False
-        self.gains: list[viser.GuiNumberHandle[float]] = []
+        self._gain = GainInputs(gui, self.folder, None, self._on_gain)
+        self._gain_by_row = GainInputs(gui, self.folder, GAIN, self._on_gain)
 
         @self.enabled.on_update
         def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
@@ -132,60 +133,86 @@ class TaskRow:
         def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
             move(self._name, -1 if event.target.value == UP else 1)
 
+    @property
+    def gains(self) -> 'list[viser.GuiNumberHandle[float]]':
+        """Return the inputs of the gain: one, or one for each row of the task, as it has it."""
+        return self._gain.shown or self._gain_by_row.shown
+
     def show(self, row: Row, place: int, gain: Gain | None) -> None:
         """Show what is known of the task."""
-        label = f'{place + 1} · {row.name}  ({row.kind})'
-        if label != self._label:
-            self._label = self.folder.label = label
-        if place != self._place:
-            self._place, self.folder.order = place, float(place)
-        content = row_html(row)
-        if content != self._content:
-            self._content = self.text.content = content
-        if self._settled('enabled') and self.enabled.value != row.enabled:
+        if row.name != self._name:
+            self._name = row.name
+            self._chosen = dict.fromkeys(self._chosen, -math.inf)
+        self.folder.label = f'{place + 1} · {row.name}  ({row.kind})'
+        self.folder.order = float(place)
+        self.folder.visible = True
+        self.text.content = row_html(row)
+        if self._settled('enabled'):
             assign(self.enabled, row.enabled)
-        self._show_gain(gain)
-
-    def remove(self) -> None:
-        """Take the row away."""
-        self.folder.remove()
+        if self._settled('gain'):
+            self._gain_by_row.show(gain if isinstance(gain, list) else [])
+            self._gain.show([gain] if isinstance(gain, float) else [])
 
     def _settled(self, what: str) -> bool:
         """Say whether nobody has chosen something a moment ago."""
         return time.monotonic() - self._chosen[what] > PATIENCE
-
-    def _show_gain(self, gain: Gain | None) -> None:
-        """Show a gain, with inputs for its numbers."""
-        values = gain if isinstance(gain, list) else [] if gain is None else [gain]
-        by_row = isinstance(gain, list)
-        if len(values) != len(self.gains) or by_row != self._by_row:
-            self._by_row = by_row
-            self._build_gains(values)
-        elif self._settled('gain'):
-            for handle, value in zip(self.gains, values):
-                if handle.value != value:
-                    assign(handle, value)
-
-    def _build_gains(self, values: Sequence[float]) -> None:
-        """Have other inputs for the gain; those of rows are in a folder that is closed."""
-        if self._inputs is not None:
-            self._inputs.remove()
-        with self.folder:
-            self._inputs = self._gui.add_folder(GAIN if self._by_row else None, order=3.0,
-                                                expand_by_default=False)
-        with self._inputs:
-            self.gains = [self._gui.add_number(
-                f'row {number}' if self._by_row else GAIN, value, min=0.0, step=0.1, hint='1/s')
-                for number, value in enumerate(values, 1)]
-        for handle in self.gains:
-            handle.on_update(self._on_gain)
 
     def _on_gain(self, event: viser.GuiEvent[viser.GuiNumberHandle[float]]) -> None:
         """Take a gain that somebody has chosen."""
         if event.client_id is not None:
             self._chosen['gain'] = time.monotonic()
             values = [float(handle.value) for handle in self.gains]
-            self._set_gain(self._name, values if self._by_row else values[0])
+            self._set_gain(self._name, values if self._gain_by_row.shown else values[0])
+
+
+class GainInputs:
+    """
+    Inputs of the numbers of a gain, as many as are shown.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+    parent : viser.GuiFolderHandle
+    label : str or None
+        Of a folder of inputs of rows, which is closed; None: there is one input, in no folder.
+    on_update : callable
+        Told what somebody does to an input.
+
+    Attributes
+    ----------
+    shown : list of viser.GuiNumberHandle
+
+    """
+
+    def __init__(self, gui: viser.GuiApi, parent: viser.GuiFolderHandle, label: str | None,
+                 on_update: Callable[[viser.GuiEvent[viser.GuiNumberHandle[float]]], None]
+                 ) -> None:
+        self._gui, self._label, self._on_update = gui, label, on_update
+        with parent:
+            self._folder = gui.add_folder(label, order=3.0, expand_by_default=False,
+                                          visible=False)
+        self._all: list[viser.GuiNumberHandle[float]] = []
+        self.shown: list[viser.GuiNumberHandle[float]] = []
+
+    def show(self, values: Sequence[float]) -> None:
+        """Show numbers."""
+        with self._folder:
+            while len(self._all) < len(values):
+                self._all.append(self._new_input(len(self._all) + 1))
+        for handle, value in zip(self._all, values):
+            assign(handle, value)
+        for number, handle in enumerate(self._all):
+            handle.visible = number < len(values)
+        self._folder.visible = bool(values)
+        self.shown = self._all[:len(values)]
+
+    def _new_input(self, number: int) -> 'viser.GuiNumberHandle[float]':
+        """Return one more input."""
+        handle = self._gui.add_number(f'row {number}' if self._label else GAIN, 0.0, min=0.0,
+                                      step=0.1, hint='1/s')
+        handle.precision = DIGITS
+        handle.on_update(self._on_update)
+        return handle
 
 
 def assign(handle: viser.GuiInputHandle[Value], value: Value) -> None:
