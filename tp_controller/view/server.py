@@ -68,9 +68,10 @@ def open_server(host: str = LOCAL, port: int = 0) -> PageServer:
     check_port(host, port)
     with _quiet(), _only_from(ORIGINS if is_local(host) else None):
         server = PageServer(host, port, label=TITLE, verbose=False)
-    server.gui.main_panel.dock_right()
     server.gui.configure_theme(show_logo=False, show_share_button=False, control_width='large',
                                brand_color=(52, 74, 99))
+    # A panel keeps the width that the theme has when it is docked.
+    server.gui.main_panel.dock_right()
     return server
 
 

@@ -100,3 +100,9 @@ def test_pages_of_other_sites_cannot_move_the_robot(server, origin, let_in):
 
 def test_no_way_in_from_the_internet_is_opened(server):
     assert server.request_share_url() is None
+
+
+def test_browser_is_told_how_wide_the_panel_is_before_it_docks_it(server):
+    sent = [type(message).__name__ for message in
+            server._websock_server._broadcast_buffer.message_from_id.values()]
+    assert sent.index('ThemeConfigurationMessage') < sent.index('GuiSetPanelPositionMessage')
