@@ -48,7 +48,8 @@ from tp_controller.plots.drawing import (
     tidy,
 )
 
-STYLES = ('-', '--', ':', '-.')
+# A line for each of 56 joints: a humanoid with fingers has about as many.
+STYLES = ('-', '--', ':', '-.', (0, (8, 3)), (0, (1, 4)), (0, (6, 2, 1, 2, 1, 2)), (0, (3, 4)))
 # Height of an entry of a legend, and of each further line of it [in].
 LEGEND_LINE, NEXT_LINE = 0.24, 0.17
 # Longest line of a cause [characters], and how many lines it has.

@@ -48,7 +48,9 @@ FLAT = 1e-6
 LEAST_SIDE = 0.5
 ZOOM, ENLARGED = 0.9, 0.1
 # Ticks of the longest side, and how far the names of sides are from them, beyond numbers [pt].
-TICKS, LABEL_PADS = 6, (9.0, 9.0, 6.0)
+TICKS, LABEL_PADS = 6, (9.0, 9.0, 10.0)
+# From where it is seen [deg].
+ELEVATION, AZIMUTH = 22.0, -55.0
 
 
 @dataclass(frozen=True)
@@ -110,11 +112,22 @@ def _add_height(axis: 'Axes3D', bottom: float, half: Array) -> None:
     axis.set_zlabel('z [m]')
     # A cube has the longest diagonal: what is flatter, or thinner, may be drawn larger.
     shape = half / half.max()
-    axis.set_box_aspect(shape, zoom=ZOOM * (np.sqrt(3.0) / np.linalg.norm(shape)) ** ENLARGED)
+    # What is tall is drawn smaller, or its lower corner would be on what is below.
+    zoom = ZOOM * min((np.sqrt(3.0) / np.linalg.norm(shape)) ** ENLARGED,
+                      _height_seen(np.ones(3)) / _height_seen(shape))
+    axis.set_box_aspect(shape, zoom=zoom)
     for each, side, pad in zip((axis.xaxis, axis.yaxis, axis.zaxis), shape, LABEL_PADS):
         each.set_major_locator(MaxNLocator(max(round(TICKS * side), 2)))
         each.labelpad = pad
-    axis.view_init(elev=22.0, azim=-55.0)
+    axis.view_init(elev=ELEVATION, azim=AZIMUTH)
+
+
+def _height_seen(shape: Array) -> float:
+    """Return how high a box with sides (3,) is in the picture, if its diagonal is 1."""
+    elevation, azimuth = np.radians((ELEVATION, AZIMUTH))
+    depth = np.abs((np.cos(azimuth), np.sin(azimuth))).dot(shape[:2])
+    seen = np.cos(elevation) * shape[2] + np.sin(elevation) * depth
+    return float(seen / np.linalg.norm(shape))
 
 
 def tidy(axis: Axes) -> None:

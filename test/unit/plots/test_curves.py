@@ -163,6 +163,11 @@ def test_every_joint_has_its_line(tmp_path):
         assert count(pixels(path), drawing.COLOURS[joint]) > 200
 
 
+def test_no_two_joints_of_a_humanoid_have_the_same_line():
+    lines = [(line['color'], line['linestyle']) for line in map(plots._line, range(50))]
+    assert len(set(lines)) == len(lines)
+
+
 def test_positions_are_drawn_in_the_colour_of_their_joint(tmp_path):
     robot = planar()
     path = plots.plot_positions(tmp_path / 'q.png', TIMES, swing(robot), robot.joint_names,
@@ -182,6 +187,22 @@ def test_tool_path_and_goals_are_drawn_flat_and_in_space(tmp_path, height):
         assert_shows_something(path)
     shown, hidden = (count(pixels(path), drawing.GOAL_COLOUR) for path in (with_goals, without))
     assert shown > hidden + 50
+
+
+@pytest.mark.parametrize('size', [(0.4, 0.4, 1.0), (1.0, 1.0, 1.0), (0.2, 1.0, 1.0),
+                                  (1.0, 0.2, 0.2)])
+def test_legend_of_a_path_in_space_covers_no_name_of_an_axis(tmp_path, monkeypatch, size):
+    figures = []
+    monkeypatch.setattr(plots, 'save', lambda figure, path: figures.append(figure))
+    points = np.outer(TIMES / TIMES[-1], size)
+    plots.plot_tool_path(tmp_path / 'path.png', points, points[:1], times=TIMES)
+    figure, = figures
+    figure.canvas.draw()
+    legend, axis = figure.legends[0].get_window_extent(), figure.axes[0]
+    for side in (axis.xaxis, axis.yaxis):
+        assert not legend.overlaps(side.label.get_window_extent())
+        for label in side.get_ticklabels():
+            assert not legend.overlaps(label.get_window_extent())
 
 
 def test_legend_of_many_joints_is_not_cut_off(tmp_path):
