@@ -524,6 +524,37 @@ def test_gizmo_stays_in_the_hand_and_then_goes_where_the_controller_has_it(serve
     assert dragged.gizmo.handle.position[0] == 0.5
 
 
+def test_gizmo_that_somebody_holds_stays_and_is_told_even_if_it_is_not_drawn_for_a_moment(server):
+    dragged = Dragged(server)
+    dragged.now = 5.0
+    dragged.gizmo.take()
+    dragged.now = 7.0 + PATIENCE
+    dragged.gizmos.follow([])
+    dragged.follow(0.5)
+    assert dragged.gizmos.gizmos == {'tip/goal': dragged.gizmo}
+    dragged.gizmos.follow([])
+    dragged.drag(2.0)
+    dragged.gizmo.release()
+    dragged.gizmos.send()
+    assert dragged.sent == [('tip', 'goal', 2.0)]
+    dragged.gizmos.follow([])
+    assert dragged.gizmos.gizmos
+    dragged.now += 0.1 + PATIENCE
+    dragged.gizmos.follow([])
+    assert not dragged.gizmos.gizmos
+
+
+def test_gizmo_that_somebody_holds_does_not_move_by_itself(server):
+    dragged = Dragged(server)
+    dragged.gizmo.take()
+    dragged.now = 1.0 + PATIENCE
+    dragged.follow(0.5)
+    assert dragged.gizmo.handle.position[0] == 0.0
+    dragged.gizmo.release()
+    dragged.follow(0.5)
+    assert dragged.gizmo.handle.position[0] == 0.5
+
+
 def gap(length, distance=0.2):
     """Return where the least distance is shown on a line of a length along x."""
     return places_of(drawn(Gaps(

@@ -26,9 +26,11 @@ import numpy as np
 from PIL import Image
 import pytest
 from robots import CONFIG, panda
+from scipy.spatial.transform import Rotation
 from tp_controller.demos.processes import NodeProcess, own_domain
 from tp_controller.resources import load_yaml
 from tp_controller.view.browser import chromium_flags, find_chromium
+import yaml
 
 # Without a graphics card, on a machine with much to do, the page takes most of a minute to open.
 SECONDS = 120.0
@@ -39,9 +41,20 @@ POSITION, LOOK_AT, FIELD = np.array([1.9, -1.5, 1.3]), np.array([0.25, 0.05, 0.4
 BESIDE = np.array([[0.6, -0.6, 0.0], [0.9, -0.3, 0.0]])
 # Share of a gizmo's size at which its arrows are taken hold of, and its size [m].
 ARROW, GIZMO = 0.75, 0.22
+# Of those on the rim of a cone and on the line between objects.
+SMALL_GIZMO = 0.12
 # Goals [m], which cannot be reached at once.
 GOALS = {goal['task']: np.array(goal['xyz']) for goal in load_yaml(
     (CONFIG / 'conflict_goals.yaml').read_text())[0]}
+# A camera in the hand that sees a point, and an object below the hand: both as they are to be.
+OPENING, DISTANCE, RADIUS = 0.35, 0.05, 0.04
+SURROUNDED = """
+- eye: {{type: field_of_view, frame: panda_hand, half_angle: {opening}, target: {seen}}}
+- avoid: {{type: obstacles, links: panda_hand, distance: {distance}, within: 0.6,
+          capsules: {{panda_hand: {{from: [0, 0, 0], radius: {radius}}}}},
+          obstacles: {{ball: {{shape: {{sphere: {radius}}}, at: {ball}}}}}}}
+- rest: {{type: posture}}
+"""
 # Environment variable that names a folder where pictures are kept, and are sharp.
 FOLDER = 'TP_CONTROLLER_SCREENSHOTS'
 NEEDS = {'rclpy': 'ROS 2', 'viser': 'viser', 'playwright': 'playwright'}
@@ -65,20 +78,26 @@ class View:
         Errors on the console of the page.
     commands : list of ndarray
         Commands so far.
+    markers : dict
+        {namespace: marker} of the first of each that the controller draws.
 
     """
 
     def __init__(self, page, client, folder):
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Float64MultiArray
+        from visualization_msgs.msg import MarkerArray
         self.page, self.client, self._folder = page, client, folder
-        self.faults, self.commands = [], []
+        self.faults, self.commands, self.markers = [], [], {}
         self.robot = panda()
         self._q = {}
         client.node.create_subscription(JointState, '/joint_states', self._on_state, 10)
         client.node.create_subscription(
             Float64MultiArray, '/velocity_controller/commands',
             lambda message: self.commands.append(np.array(message.data)), 10)
+        client.node.create_subscription(
+            MarkerArray, '/tp_controller/markers', lambda message: self.markers.update(
+                (marker.ns, marker) for marker in message.markers if marker.id == 0), 10)
         page.on('pageerror', lambda error: self.faults.append(str(error)))
         page.on('console', lambda message: self.faults.append(message.text)
                 if message.type == 'error' else None)
@@ -91,13 +110,35 @@ class View:
         """Return whether it is known where the robot is."""
         return set(self.robot.joint_names) <= set(self._q)
 
+    def state(self):
+        """Return where the robot is."""
+        return self.robot.state([self._q[name] for name in self.robot.joint_names])
+
     def place(self, frame):
         """Return where a frame is (3,) [m]."""
-        return self.robot.state([self._q[name] for name in self.robot.joint_names]).position(frame)
+        return self.state().position(frame)
 
     def status(self, task):
         """Return the status of a task."""
         return self.client.task_status(task)['status']
+
+    def stack(self):
+        """Return the tasks that the controller has."""
+        from rcl_interfaces.srv import GetParameters
+        future = self.client.call(GetParameters, 'get_parameters',
+                                  GetParameters.Request(names=['stack']))
+        self.wait(future.done, 'the stack')
+        return {name: keys for task in yaml.safe_load(future.result().values[0].string_value)
+                for name, keys in task.items()}
+
+    def set_stack(self, text):
+        """Give the controller another stack."""
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+        future = self.client.call(SetParameters, 'set_parameters', SetParameters.Request(
+            parameters=[Parameter('stack', value=text).to_parameter_msg()]))
+        self.wait(future.done, 'the other stack')
+        assert future.result().results[0].successful, future.result().results[0].reason
 
     def wait(self, condition, what):
         """Wait until a condition holds, while page and controller go on."""
@@ -215,6 +256,13 @@ def contrast(view, picture, point):
     return picture[row - 15:row + 15, column - 15:column + 15].std(axis=(0, 1)).max()
 
 
+def redness(view, picture, point):
+    """Return how much redder than green and blue a pixel near a point (3,) is, of 255."""
+    column, row = map(round, view.pixel(point))
+    around = picture[row - 2:row + 3, column - 2:column + 3]
+    return (around[..., 0] - around[..., 1:].max(axis=2)).max()
+
+
 def changed(before, after):
     """Return how many pixels of two pictures differ."""
     return int((np.abs(before - after).max(axis=2) > 40).sum())
@@ -283,4 +331,45 @@ def test_stop_stops_and_start_goes_on(view):
     view.picture('stopped')
     view.page.get_by_role('button', name='Start').click()
     view.page.wait_for_selector('[data-state="running"]')
+    assert view.faults == []
+
+
+def place_of(pose, point):
+    """Return where a point of a marker is (3,) [m]."""
+    p, turn = pose.position, pose.orientation
+    return np.array([p.x, p.y, p.z]) + Rotation.from_quat(
+        [turn.x, turn.y, turn.z, turn.w]).apply([point.x, point.y, point.z])
+
+
+def drag_arrow(view, p, out, way):
+    """Drag the arrow of a small gizmo at p (3,) along it [m], once it is seen: it is red."""
+    start = p + ARROW * SMALL_GIZMO * out
+    view.wait(lambda: redness(view, view.picture('arrow'), start) > 60.0, 'the arrow')
+    view.drag(start, start + way * out)
+
+
+def test_opening_of_a_cone_and_least_distance_are_dragged_by_their_arrows(view):
+    view.come_to_rest()
+    hand, up = view.state().pose('panda_hand'), np.array([0.0, 0.0, 1.0])
+    tip, axis = hand[:3, 3], hand[:3, 2]
+    ball = tip - 0.5 * up
+    view.set_stack(SURROUNDED.format(
+        opening=OPENING, distance=DISTANCE, radius=RADIUS, ball=ball.tolist(),
+        seen=(tip + 0.5 * axis).tolist()))
+    view.wait(lambda: {'eye/cone', 'avoid/distance'} <= set(view.markers), 'cone and distance')
+    view.row('avoid', 'satisfied').wait_for()
+    # The arrow on the rim of the cone is at right angles to its surface, which ends there.
+    cone = view.markers['eye/cone']
+    rim = place_of(cone.pose, cone.points[1])
+    side = (rim - tip) / np.linalg.norm(rim - tip)
+    across = (side - np.cos(OPENING) * axis) / np.sin(OPENING)
+    drag_arrow(view, rim, np.cos(OPENING) * across - np.sin(OPENING) * axis, 0.06)
+    wider = OPENING + np.arctan(0.06 / np.linalg.norm(rim - tip))
+    view.wait(lambda: abs(view.stack()['eye']['half_angle'] - wider) < 0.01, 'the opening')
+    # That on the line is as far from the ball as the hand is to stay.
+    drag_arrow(view, ball + (RADIUS + DISTANCE) * up, up, 0.05)
+    view.wait(lambda: abs(view.stack()['avoid']['distance'] - DISTANCE - 0.05) < 0.005,
+              'the distance')
+    assert view.stack()['eye']['half_angle'] == pytest.approx(wider, abs=0.01)
+    view.picture('surrounded')
     assert view.faults == []

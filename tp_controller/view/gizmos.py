@@ -38,7 +38,7 @@ HANDLES = '/handles'
 # Size of what is dragged [m].
 SIZES = {GOALS: 0.22, REGIONS: 0.16, OBSTACLES: 0.16, CONES: 0.12, DISTANCES: 0.12}
 # Time between two messages while something is dragged, and after which it goes where the
-# controller says that it is [s].
+# controller says that it is, or away [s].
 PERIOD, PATIENCE = 0.05, 1.0
 SAME = 1e-6
 
@@ -75,8 +75,9 @@ class Gizmos:
         """Have what can be dragged where the controller has it, and nothing else."""
         now = self._clock()
         wanted = {place.name: place for place in places if self.shown[place.group]}
-        for name in [name for name, gizmo in self.gizmos.items()
-                     if name not in wanted or wanted[name].grip != gizmo.place.grip]:
+        # What shows a number is not drawn for a moment while the controller takes another one.
+        for name in [name for name, gizmo in self.gizmos.items() if not gizmo.in_use(now)
+                     and (name not in wanted or wanted[name].grip != gizmo.grip)]:
             self.gizmos.pop(name).remove()
         for name, found in wanted.items():
             if name not in self.gizmos:
@@ -100,6 +101,7 @@ class Gizmo:
     ----------
     place : Place
         Where the controller has it.
+    grip : Grip
     handle : viser.TransformControlsHandle
     label : viser.LabelHandle
 
@@ -110,7 +112,9 @@ class Gizmo:
         self._touched = self._sent = -math.inf
         self._dragged: Array | None = None
         self._taken = found
-        grip, size = found.grip, SIZES[found.group]
+        self._held = False
+        self.grip = grip = found.grip
+        size = SIZES[found.group]
         self.handle = scene.add_transform_controls(
             f'{HANDLES}/{found.name}', size, active_axes=grip.axes,
             disable_axes=not grip.moves, disable_sliders=not grip.planes,
@@ -128,8 +132,10 @@ class Gizmo:
         async def _(event: viser.TransformControlsEvent) -> None:
             if event.phase == 'start':
                 self.take()
-            else:
-                self.drag(_pose_of_handle(event.target))
+                return
+            self.drag(_pose_of_handle(event.target))
+            if event.phase == 'end':
+                self.release()
 
     @property
     def source(self) -> Place:
@@ -138,7 +144,15 @@ class Gizmo:
 
     def take(self) -> None:
         """Take hold of it."""
-        self._taken = self.place
+        self._taken, self._held = self.place, True
+
+    def release(self) -> None:
+        """Let go of it."""
+        self._held = False
+
+    def in_use(self, now: float) -> bool:
+        """Return whether somebody holds it, or dragged it a moment ago."""
+        return self._held or self._dragged is not None or now - self._touched <= PATIENCE
 
     def drag(self, T: Array) -> None:
         """Take a pose that somebody has dragged it to."""
@@ -149,7 +163,7 @@ class Gizmo:
         if found.title != self.place.title:
             self.label.text = found.title
         self.place = found
-        if now - self._touched > PATIENCE and self._dragged is None:
+        if not self.in_use(now):
             if np.abs(found.T - _pose_of_handle(self.handle)).max() > SAME:
                 place(self.handle, found.T)
 
