@@ -19,7 +19,7 @@ import subprocess
 import sys
 from threading import Thread
 
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 import numpy as np
 from PIL import Image
 import pytest
@@ -113,6 +113,104 @@ def test_a_limit_among_several_causes_has_the_colour_that_it_has_alone():
         'blocked by tool', 'joint 4 at its velocity limit', 'blocked by elbow']
 
 
+@pytest.fixture
+def figures(monkeypatch):
+    """Return the figures that are drawn from now on, none of which is written."""
+    found = []
+    monkeypatch.setattr(plots, 'save', lambda figure, path: found.append(figure))
+    return found
+
+
+def bands(axis):
+    """Return (colour, row, upper edge in it, start, end) of all bands of an axis."""
+    found = set()
+    for collection in axis.collections:
+        colour, = {to_hex(each).upper() for each in collection.get_facecolor()}
+        for path in collection.get_paths():
+            (start, top), (end, bottom) = path.vertices.min(axis=0), path.vertices.max(axis=0)
+            row = round(0.5 * (top + bottom))
+            found.add((colour, row, *(round(float(value), 3) for value in
+                                      (top - row, start, end))))
+    return found
+
+
+def legend_of(axis):
+    """Return {label: colour} of the legend of an axis."""
+    legend = axis.get_legend()
+    return {text.get_text(): to_hex(line.get_color()).upper()
+            for text, line in zip(legend.get_texts(), legend.get_lines())}
+
+
+def test_a_cause_has_one_colour_in_all_rows_and_in_the_legend(figures, tmp_path):
+    one, two, three = drawing.COLOURS[:3]
+    reasons = {'tool': ['a', 'a', '', ''], 'elbow': ['b; a', 'a; b', 'b', 'b'],
+               'rest': ['', 'c', '', ''], 'free': [''] * 4}
+    plots.plot_errors(tmp_path / 'errors.png', [0.0, 1.0, 2.0, 5.0], [('tool', 'm', np.ones(4))],
+                      reasons=reasons, changes=[1.0, 4.0])
+    axis = figures[0].axes[-1]
+    # b is seen longer than a, and is above it wherever both are.
+    assert bands(axis) - {(one, 1, -0.4, 5.0, 5.0)} == {
+        (two, 0, -0.4, 0.0, 1.0), (two, 0, -0.4, 1.0, 2.0), (one, 1, -0.4, 0.0, 1.0),
+        (two, 1, 0.0, 0.0, 1.0), (one, 1, -0.4, 1.0, 2.0), (two, 1, 0.0, 1.0, 2.0),
+        (one, 1, -0.4, 2.0, 5.0), (three, 2, -0.4, 1.0, 2.0)}
+    shown = legend_of(axis)
+    assert list(shown) == ['b', 'a', 'c', 'new goal']
+    assert [shown[cause] for cause in 'bac'] == [one, two, three]
+    assert [label.get_text() for label in axis.get_yticklabels()] == ['tool', 'elbow', 'rest']
+    low, high = axis.get_ylim()
+    assert low > 2.0 and high < 0.0, 'the first task is above'
+
+
+def test_causes_that_are_seen_longest_have_a_colour_and_the_rest_shares_one(figures, tmp_path):
+    # The first is named most often, and is seen for the shortest time.
+    names = ['often'] * 20 + [f'cause {number}' for number in range(8)]
+    times = np.concatenate((np.linspace(0.8, 0.9, 20), 1.0 + np.arange(9.0)))
+    for known in (8, 7):
+        texts = names[20 - 20 * (known == 8):20 + known] + ['']
+        plots.plot_errors(tmp_path / 'errors.png', times[-len(texts):],
+                          [('tool', 'm', np.ones(len(texts)))], reasons={'tool': texts})
+    many, few = (legend_of(figure.axes[-1]) for figure in figures)
+    assert len(many) == 8 and many.pop('other') == drawing.FAINT.upper()
+    assert set(many) < {f'cause {number}' for number in range(8)}
+    assert list(few) == [f'cause {number}' for number in range(7)]
+    assert list(few.values()) == list(map(str.upper, drawing.COLOURS))
+
+
+def test_a_name_has_one_colour_on_the_axes_of_all_units(figures, tmp_path):
+    plots.plot_errors(tmp_path / 'errors.png', TIMES, [
+        ('tool', 'm', -np.ones(300)), ('elbow', 'rad', np.ones(300)),
+        ('tool', 'rad', np.ones(300))], changes=[2.0, 3.0])
+    upper, lower = (legend_of(axis) for axis in figures[0].axes)
+    assert list(upper) == ['tool', 'new goal'] and list(lower) == ['elbow', 'tool', 'new goal']
+    assert upper['tool'] == lower['tool'] == drawing.COLOURS[0]
+    assert figures[0].axes[0].lines[0].get_ydata().min() == 1.0
+
+
+def test_time_axis_ends_where_the_recording_does(figures, tmp_path):
+    plots.plot_errors(tmp_path / 'errors.png', [2.0, 3.0], [('tool', 'm', np.ones(2))],
+                      reasons={'tool': ['a', 'a']}, changes=[2.5, 9.0])
+    for axis in figures[0].axes:
+        assert axis.get_xlim() == (2.0, 3.0)
+
+
+def test_errors_near_zero_do_not_stretch_a_logarithmic_axis_and_zeros_leave_a_gap(
+        figures, tmp_path):
+    plots.plot_errors(tmp_path / 'errors.png', np.arange(4.0),
+                      [('tool', 'm', np.array([1.0, 1e-14, 0.0, 0.5]))], log=True)
+    axis = figures[0].axes[0]
+    assert 1e-8 < axis.get_ylim()[0] < 1e-6
+    assert np.isnan(axis.lines[0].get_ydata()[2])
+
+
+def test_velocity_limits_are_marked_on_both_sides(figures, tmp_path):
+    plots.plot_velocities(tmp_path / 'velocities.png', TIMES, np.zeros((300, 2)), [2.0, 2.0],
+                          ['a', 'b'])
+    axis, = figures[0].axes
+    marked = [line.get_ydata()[0] for line in axis.lines
+              if to_hex(line.get_color()).upper() == drawing.LIMIT_COLOUR]
+    assert marked == [2.0, -2.0] and list(legend_of(axis)).count('limit') == 1
+
+
 def test_figure_is_as_high_as_the_legend_of_long_causes_needs(tmp_path):
     def drawn(name):
         texts = [f'{name} {int(time)}' for time in TIMES]
@@ -191,9 +289,7 @@ def test_tool_path_and_goals_are_drawn_flat_and_in_space(tmp_path, height):
 
 @pytest.mark.parametrize('size', [(0.4, 0.4, 1.0), (1.0, 1.0, 1.0), (0.2, 1.0, 1.0),
                                   (1.0, 0.2, 0.2)])
-def test_legend_of_a_path_in_space_covers_no_name_of_an_axis(tmp_path, monkeypatch, size):
-    figures = []
-    monkeypatch.setattr(plots, 'save', lambda figure, path: figures.append(figure))
+def test_legend_of_a_path_in_space_covers_no_name_of_an_axis(figures, tmp_path, size):
     points = np.outer(TIMES / TIMES[-1], size)
     plots.plot_tool_path(tmp_path / 'path.png', points, points[:1], times=TIMES)
     figure, = figures
