@@ -137,8 +137,10 @@ def bands(axis):
 def legend_of(axis):
     """Return {label: colour} of the legend of an axis."""
     legend = axis.get_legend()
-    return {text.get_text(): to_hex(line.get_color()).upper()
-            for text, line in zip(legend.get_texts(), legend.get_lines())}
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert len(set(labels)) == len(labels)
+    return {label: to_hex(line.get_color()).upper()
+            for label, line in zip(labels, legend.get_lines())}
 
 
 def test_a_cause_has_one_colour_in_all_rows_and_in_the_legend(figures, tmp_path):
