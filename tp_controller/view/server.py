@@ -30,6 +30,8 @@ LOCAL = '127.0.0.1'
 # Where a free port is looked for, if none is named.
 PORTS = range(8080, 8180)
 TITLE = 'tp_controller'
+# Of the panel beside the scene [pixels].
+PANEL_WIDTH = 384
 # Pages of this machine. Those of others, open in the same browser, must not move the robot.
 ORIGINS = re.compile(r'https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?')
 
@@ -68,9 +70,10 @@ def open_server(host: str = LOCAL, port: int = 0) -> PageServer:
     check_port(host, port)
     with _quiet(), _only_from(ORIGINS if is_local(host) else None):
         server = PageServer(host, port, label=TITLE, verbose=False)
-    server.gui.configure_theme(show_logo=False, show_share_button=False, control_width='large',
+    server.gui.configure_theme(show_logo=False, show_share_button=False,
                                brand_color=(52, 74, 99))
-    # A panel keeps the width that the theme has when it is docked.
+    # Said in pixels: a width of the theme is taken or not, as a browser has it before it docks.
+    server.gui.main_panel.set_width(PANEL_WIDTH)
     server.gui.main_panel.dock_right()
     return server
 

@@ -102,7 +102,9 @@ def test_no_way_in_from_the_internet_is_opened(server):
     assert server.request_share_url() is None
 
 
-def test_browser_is_told_how_wide_the_panel_is_before_it_docks_it(server):
-    sent = [type(message).__name__ for message in
-            server._websock_server._broadcast_buffer.message_from_id.values()]
-    assert sent.index('ThemeConfigurationMessage') < sent.index('GuiSetPanelPositionMessage')
+def test_panel_is_as_wide_in_every_browser(server):
+    # That of the theme comes too late where a browser docks the panel first.
+    widths = [message.width for message in
+              server._websock_server._broadcast_buffer.message_from_id.values()
+              if type(message).__name__ == 'GuiSetPanelWidthMessage']
+    assert widths == [page.PANEL_WIDTH]
