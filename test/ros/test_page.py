@@ -534,7 +534,7 @@ def test_gizmo_that_somebody_holds_stays_and_is_told_even_if_it_is_not_drawn_for
     assert dragged.gizmos.gizmos == {'tip/goal': dragged.gizmo}
     dragged.gizmos.follow([])
     dragged.drag(2.0)
-    dragged.gizmo.release()
+    dragged.gizmo.leave()
     dragged.gizmos.send()
     assert dragged.sent == [('tip', 'goal', 2.0)]
     dragged.gizmos.follow([])
@@ -550,7 +550,7 @@ def test_gizmo_that_somebody_holds_does_not_move_by_itself(server):
     dragged.now = 1.0 + PATIENCE
     dragged.follow(0.5)
     assert dragged.gizmo.handle.position[0] == 0.0
-    dragged.gizmo.release()
+    dragged.gizmo.leave()
     dragged.follow(0.5)
     assert dragged.gizmo.handle.position[0] == 0.5
 

@@ -112,7 +112,7 @@ class Gizmo:
         self._touched = self._sent = -math.inf
         self._dragged: Array | None = None
         self._taken = found
-        self._held = False
+        self._in_hand = False
         self.grip = grip = found.grip
         size = SIZES[found.group]
         self.handle = scene.add_transform_controls(
@@ -135,7 +135,7 @@ class Gizmo:
                 return
             self.drag(_pose_of_handle(event.target))
             if event.phase == 'end':
-                self.release()
+                self.leave()
 
     @property
     def source(self) -> Place:
@@ -144,15 +144,15 @@ class Gizmo:
 
     def take(self) -> None:
         """Take hold of it."""
-        self._taken, self._held = self.place, True
+        self._taken, self._in_hand = self.place, True
 
-    def release(self) -> None:
-        """Let go of it."""
-        self._held = False
+    def leave(self) -> None:
+        """Leave it where it is."""
+        self._in_hand = False
 
     def in_use(self, now: float) -> bool:
         """Return whether somebody holds it, or dragged it a moment ago."""
-        return self._held or self._dragged is not None or now - self._touched <= PATIENCE
+        return self._in_hand or self._dragged is not None or now - self._touched <= PATIENCE
 
     def drag(self, T: Array) -> None:
         """Take a pose that somebody has dragged it to."""
