@@ -19,13 +19,14 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
+#include <cstdint>
 #include <cstring>
 #include <new>
 #include <utility>
 
 namespace {
 
-// Larger matrices are left to the reference.
+// Larger arrays are left to the reference (compiled.py).
 constexpr Py_ssize_t MOST = 1000;
 
 // A reference that is given back.
@@ -118,7 +119,8 @@ class Output {
       return;
     }
     held_ = true;
-    fits_ = is_double(view_);
+    fits_ = is_double(view_)
+        && reinterpret_cast<std::uintptr_t>(view_.buf) % alignof(double) == 0;
   }
   Output(const Output &) = delete;
   ~Output() {

@@ -37,6 +37,8 @@ from tp_controller.solver.solution import Solution
 
 VARIABLE = 'TP_CONTROLLER_SOLVER'
 SOLVERS = ('compiled', 'python')
+# More joints, or rows of a level, are left to the reference; the same number as in border.h.
+MOST = 1000
 # Numbers before the arrays of a step.
 HEAD = Struct('8d')
 
@@ -105,11 +107,11 @@ def left_to_the_reference() -> int:
 def core_for(n: int, damping: Damping, weights: Array | None, scaling: str,
              fast: bool = True) -> Core | None:
     """
-    Return a solver of the core for options that were checked; None where there is no core.
+    Return a solver of the core for options that were checked; None where it has none for them.
 
     With the fast path (`tp_controller.solver.min_norm`), or without.
     """
-    if core is None or n == 0:
+    if core is None or not 0 < n <= MOST:
         return None
     found: Core = core.Solver(n, damping.damping, damping.singular_region,
                               damping.release_region, damping.regularisation, weights,

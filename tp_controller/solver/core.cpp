@@ -97,22 +97,21 @@ class Arena {
   double *take(size_t count) {
 #ifdef __SANITIZE_ADDRESS__
     // Each piece for itself, so that its end is noticed; and no number that is not written first.
-    blocks_.emplace_back(new double[count]);
-    std::fill(blocks_.back().get(), blocks_.back().get() + count, std::nan(""));
+    double *found = add_block(count);
+    std::fill(found, found + count, std::nan(""));
     block_ = blocks_.size();
-    return blocks_.back().get();
+    return found;
 #else
     count = (count + 3) & ~size_t(3);
-    while (block_ < blocks_.size() && used_ + count > sizes_[block_]) {
+    while (block_ < blocks_.size() && used_ + count > blocks_[block_].size) {
       ++block_;
       used_ = 0;
     }
     if (block_ == blocks_.size()) {
-      sizes_.push_back(std::max(count, size_t(1) << 14));
-      blocks_.emplace_back(new double[sizes_.back()]);
+      add_block(std::max(count, size_t(1) << 14));
       used_ = 0;
     }
-    double *found = blocks_[block_].get() + used_;
+    double *found = blocks_[block_].numbers.get() + used_;
     used_ += count;
     return found;
 #endif
@@ -147,6 +146,17 @@ class Arena {
   };
 
  private:
+  struct Block {
+    std::unique_ptr<double[]> numbers;
+    size_t size;
+  };
+
+  // Where there is no memory nothing has changed.
+  double *add_block(size_t size) {
+    blocks_.push_back({std::unique_ptr<double[]>(new double[size]), size});
+    return blocks_.back().numbers.get();
+  }
+
   void give_back(size_t block, size_t used) {
     block_ = block;
     used_ = used;
@@ -155,8 +165,7 @@ class Arena {
 #endif
   }
 
-  std::vector<std::unique_ptr<double[]>> blocks_;
-  std::vector<size_t> sizes_;
+  std::vector<Block> blocks_;
   size_t block_ = 0, used_ = 0;
 };
 
@@ -419,6 +428,8 @@ class Decomposition {
     int *place = arena_.integers(r);
     for (int j = 0; j < r; ++j) {
       square[j] = norm(B + size_t(j) * stride, m);
+      // Numbers that are none have no order.
+      if (!std::isfinite(square[j])) throw Unsolved();
       place[j] = j;
     }
     std::sort(place, place + r, [&](int a, int b) {
@@ -1759,11 +1770,14 @@ PyObject *make(PyTypeObject *type, PyObject *given, PyObject *) {
                         &fast)) return nullptr;
   options.uniform = uniform;
   options.fast = fast;
-  if (options.n < 1 || options.n > MOST || !read_weights(weights, options.n, options.weights)) {
-    PyErr_SetString(PyExc_ValueError, "needs joints, and as many weights or None");
-    return nullptr;
+  try {
+    if (options.n >= 1 && options.n <= MOST && read_weights(weights, options.n, options.weights))
+      return keep<Solver>(type, options);
+  } catch (const std::bad_alloc &) {
+    return PyErr_NoMemory();
   }
-  return keep<Solver>(type, options);
+  PyErr_SetString(PyExc_ValueError, "needs joints, and as many weights or None");
+  return nullptr;
 }
 
 PyMethodDef METHODS[] = {
@@ -1774,7 +1788,7 @@ PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "core", "The solver, compiled.", -1
 
 PyObject *constants() {
   return Py_BuildValue(
-      "{s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:(dddd),s:(ddddd)}",
+      "{s:n,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:(dddd),s:(ddddd)}", "MOST", MOST,
       "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
       "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING, "FIRST", FIRST,
       "MEMORY", REMEMBERED, "WELL_CONDITIONED", WELL_CONDITIONED, "ROW_DAMPING", ROW_DAMPING,

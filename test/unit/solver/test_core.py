@@ -21,6 +21,7 @@ import math
 import os
 import pickle
 import shutil
+import subprocess
 import sys
 
 import numpy as np
@@ -127,10 +128,10 @@ def test_core_keeps_priorities_where_a_demand_is_far_beyond_the_bounds(seed):
 
 
 def test_core_has_the_constants_of_the_solver_in_python():
-    places = {'NEGLIGIBLE': level, 'ROUNDING': level, 'FEASIBLE': level, 'CURVATURE': damping,
-              'TURNING': damping, 'ROW_TURNING': damping, 'FIRST': damping, 'MEMORY': damping,
-              'WELL_CONDITIONED': min_norm, 'ROW_DAMPING': bounded_hierarchy, 'TOLERANCES': qp,
-              'EXACT': qp}
+    places = {'MOST': compiled, 'NEGLIGIBLE': level, 'ROUNDING': level, 'FEASIBLE': level,
+              'CURVATURE': damping, 'TURNING': damping, 'ROW_TURNING': damping, 'FIRST': damping,
+              'MEMORY': damping, 'WELL_CONDITIONED': min_norm, 'ROW_DAMPING': bounded_hierarchy,
+              'TOLERANCES': qp, 'EXACT': qp}
     assert set(compiled.core.CONSTANTS) == set(places)
     for name, value in compiled.core.CONSTANTS.items():
         assert np.array_equal(getattr(places[name], name), value), name
@@ -169,13 +170,16 @@ def test_core_remembers_nothing_but_what_it_is_given():
             assert first.memory == again.memory
 
 
+# Where the core is compiled with the address sanitizer.
+sanitizer = getattr(ctypes.CDLL(None), '__sanitizer_get_current_allocated_bytes', None)
+
+
 def allocated():
     """Return how much memory is in use [kB]."""
-    sanitizer = getattr(ctypes.CDLL(None), '__sanitizer_get_current_allocated_bytes', None)
     if sanitizer is None:
         resource = pytest.importorskip('resource')
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    # It keeps what was freed, to notice who still reads it: the size of the process says nothing.
+    # It keeps what was freed, to notice who still reads that: the process does not shrink.
     sanitizer.restype = ctypes.c_size_t
     return sanitizer() // 1024
 
@@ -192,6 +196,56 @@ def test_core_takes_no_more_memory_from_cycle_to_cycle():
         assert raw(core, levels, -bounds, bounds)[1] is not None
     # A cycle takes 60.
     assert allocated() - before < 20_000
+
+
+SHORT_OF_MEMORY = """
+import resource
+import numpy as np
+from tp_controller import Level
+from tp_controller.solver import compiled
+from tp_controller.solver.damping import Damping
+
+n, rng = 300, np.random.default_rng(0)
+levels = [Level(rng.standard_normal((50, n)), np.ones(50)) for _ in range(4)]
+
+
+def velocity(core):
+    found = np.empty(n)
+    return None if core.solve(levels, None, None, 0.0, None, (), found) is None else found
+
+
+def make():
+    return compiled.core_for(n, Damping(), None, 'redistribute', fast=False)
+
+
+core, failed = make(), 0
+with open('/proc/self/statm') as file:
+    size = int(file.read().split()[0]) * resource.getpagesize()
+for more in range(30):
+    resource.setrlimit(resource.RLIMIT_AS, (size + more * 2 ** 17, -1))
+    failed += velocity(core) is None
+resource.setrlimit(resource.RLIMIT_AS, (-1, -1))
+assert failed > 0
+for _ in range(3):
+    assert np.array_equal(velocity(core), velocity(make()))
+"""
+
+
+@pytest.mark.skipif(not os.path.exists('/proc/self/statm'), reason='the size is read there')
+@pytest.mark.skipif(sanitizer is not None, reason='reserves more than any limit would allow')
+def test_core_that_was_short_of_memory_is_none_the_worse_for_it():
+    found = subprocess.run([sys.executable, '-c', SHORT_OF_MEMORY], capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr
+
+
+def test_more_joints_or_rows_than_the_core_takes_are_left_to_the_solver_in_python():
+    J = np.eye(compiled.MOST + 1)
+    assert compiled.core_for(len(J), Damping(), None, 'redistribute') is None
+    assert solve([(J[:1], [1.0])]).velocity.tolist() == J[0].tolist()
+    # One row, again and again.
+    before = compiled.left_to_the_reference()
+    assert solve([(J[:, :1], J[0] * 0.0)]).velocity.tolist() == [0.0]
+    assert compiled.left_to_the_reference() == before + 1
 
 
 BAD = math.nan
