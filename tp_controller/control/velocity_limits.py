@@ -21,6 +21,7 @@ import numpy as np
 from tp_controller.model.compiled import MOTION
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.solver.compiled import MOST
 
 # A joint outside its range has to come back at this share of its speed limit, or at RETURN_SPEED
 # [rad/s or m/s] where that is less; tasks may have it come faster. To demand (q_min − q) / period
@@ -186,9 +187,10 @@ class VelocityLimits:
             self._change = self._acceleration * period
             self._slow = self._acceleration / braking_gain ** 2
             self._pieces = 1.0 + 2.0 / (braking_gain * period)
-        self._compiled: Limits | None = None if MOTION is None else MOTION.Limits(
-            period, braking_gain, self._endless, self._lower, self._upper, self._velocity,
-            self._acceleration)
+        self._compiled: Limits | None = None
+        if MOTION is not None and len(self._lower) <= MOST:
+            self._compiled = MOTION.Limits(period, braking_gain, self._endless, self._lower,
+                                           self._upper, self._velocity, self._acceleration)
 
     def at(self, q: Array, previous: Array, elapsed: float) -> VelocityBounds:
         """

@@ -17,7 +17,8 @@ What `motion.cpp` needs of a robot, read once from Pinocchio's model.
 
 It stands in for Pinocchio in the cycle: a call from Python costs Pinocchio several times as long
 as the numbers take. It knows joints that turn about or slide along an axis, and a base that moves.
-For other joints, and without a compiler, `RobotState` asks Pinocchio.
+For other joints, for more than `MOST` bodies or frames, and without a compiler, `RobotState` asks
+Pinocchio.
 """
 
 from typing import Protocol, TypeAlias
@@ -25,7 +26,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 import pinocchio
 from tp_controller.model.spatial import Array
-from tp_controller.solver.compiled import part
+from tp_controller.solver.compiled import MOST, part
 
 MOTION = part('tp_controller.model.motion')
 # As motion.cpp numbers them; the first is the root.
@@ -79,7 +80,7 @@ Numbers: TypeAlias = tuple[int, int, Array, Array, Array]
 def numbers_of(model: pinocchio.Model, n: int, first_row: int, base: tuple[int, ...],
                joint_map: Array) -> Numbers | None:
     """
-    Return a model as `make_motion` takes it; None where it has joints of other kinds.
+    Return a model as `make_motion` takes it; None where that cannot be compiled.
 
     Parameters
     ----------
@@ -96,7 +97,7 @@ def numbers_of(model: pinocchio.Model, n: int, first_row: int, base: tuple[int, 
 
     """
     bodies = _bodies(model, joint_map)
-    if bodies is None:
+    if bodies is None or max(n, len(bodies), len(model.frames)) > MOST:
         return None
     frames = [[frame.parentJoint, *_numbers(frame.placement)] for frame in model.frames]
     return n, first_row, np.array(base, dtype=float), bodies, np.array(frames)

@@ -360,22 +360,22 @@ class Limits {
 
 // ------------------------------------------------------------------ what Python sees
 
-// Numbers that a matrix holds, row by row; none where the object is no matrix.
-std::vector<double> rows_of(PyObject *object, Py_ssize_t columns) {
+// Numbers that a matrix holds, row by row; false where the object is no such matrix.
+bool read_rows(PyObject *object, Py_ssize_t columns, std::vector<double> &found) {
   const Buffer buffer(object);
   const Py_ssize_t rows = buffer.rows(2);
-  std::vector<double> found;
-  if (!buffer.is(rows, columns)) return found;
+  if (!buffer.is(rows, columns)) return false;
   found.resize(size_t(rows * columns));
   buffer.copy_rows(found.data());
-  return found;
+  return true;
 }
 
-std::vector<double> numbers_of(PyObject *object) {
+bool read_all(PyObject *object, std::vector<double> &found) {
   const Buffer buffer(object);
-  std::vector<double> found(size_t(std::max(buffer.rows(1), Py_ssize_t(0))));
-  if (!found.empty()) buffer.copy(found.data());
-  return found;
+  if (buffer.rows(1) < 0) return false;
+  found.resize(size_t(buffer.rows(1)));
+  buffer.copy(found.data());
+  return true;
 }
 
 // Up to MOST numbers of an array; false where it has another size or numbers beyond `largest`.
@@ -397,22 +397,39 @@ PyObject *refuse(const char *what) {
   return nullptr;
 }
 
+// Say whether a number is a whole one from `least` to `most`, and find it.
+bool whole(double number, int least, int most, int &found) {
+  if (!(number >= least && number <= most)) return false;
+  found = int(number);
+  return found == number;
+}
+
 constexpr int OF_BODY = 19, OF_FRAME = 13;
+
+bool read_base(const std::vector<double> &rows, Motion &motion) {
+  motion.base.resize(rows.size());
+  motion.first_column = int(rows.size());
+  for (size_t i = 0; i < rows.size(); ++i)
+    if (!whole(rows[i], 0, 5, motion.base[i])) return false;
+  return true;
+}
 
 bool read_bodies(const std::vector<double> &rows, Motion &motion) {
   for (size_t b = 0; b * OF_BODY < rows.size(); ++b) {
     const double *row = &rows[b * OF_BODY];
+    const int before = std::max(int(b) - 1, 0);
     Body body;
-    body.kind = Kind(int(row[0]));
-    body.parent = int(row[1]);
-    body.column = int(row[2]);
+    int kind;
+    // The root alone stands still; each other body hangs on one before it.
+    if (!whole(row[0], b ? FREE : STILL, b ? SLIDES : STILL, kind)
+        || !whole(row[1], 0, before, body.parent)
+        || !whole(row[2], -1, motion.columns() - 1, body.column)
+        || (kind == FREE && motion.base.empty())) return false;
+    body.kind = Kind(kind);
     body.share = row[3];
     std::copy(row + 4, row + 7, body.axis);
     std::copy(row + 7, row + 16, body.R);
     std::copy(row + 16, row + 19, body.p);
-    if (body.kind < STILL || body.kind > SLIDES || body.column >= motion.columns()) return false;
-    if (body.kind == FREE && motion.base.empty()) return false;
-    if (b == 0 ? body.kind != STILL : body.parent < 0 || size_t(body.parent) >= b) return false;
     motion.bodies.push_back(body);
   }
   return !motion.bodies.empty();
@@ -422,10 +439,9 @@ bool read_frames(const std::vector<double> &rows, Motion &motion) {
   for (size_t f = 0; f * OF_FRAME < rows.size(); ++f) {
     const double *row = &rows[f * OF_FRAME];
     Frame frame;
-    frame.body = int(row[0]);
+    if (!whole(row[0], 0, int(motion.bodies.size()) - 1, frame.body)) return false;
     std::copy(row + 1, row + 10, frame.R);
     std::copy(row + 10, row + 13, frame.p);
-    if (frame.body < 0 || size_t(frame.body) >= motion.bodies.size()) return false;
     motion.frames.push_back(frame);
   }
   return true;
@@ -434,17 +450,17 @@ bool read_frames(const std::vector<double> &rows, Motion &motion) {
 // Motion(n, first_row, base, bodies, frames)
 PyObject *make_motion(PyTypeObject *type, PyObject *given, PyObject *) {
   Motion motion;
+  std::vector<double> rows;
   PyObject *base, *bodies, *frames;
   if (!PyArg_ParseTuple(given, "iiOOO", &motion.n, &motion.first_row, &base, &bodies, &frames))
     return nullptr;
   try {
-    for (double row : numbers_of(base)) motion.base.push_back(int(row));
-    motion.first_column = int(motion.base.size());
-    for (int row : motion.base)
-      if (row < 0 || row > 5) return refuse("a base has the rows 0 to 5 of a twist");
-    if (motion.n < motion.first_column || motion.n > MOST || motion.first_row < 0
-        || !read_bodies(rows_of(bodies, OF_BODY), motion)
-        || !read_frames(rows_of(frames, OF_FRAME), motion))
+    if (!read_all(base, rows) || !read_base(rows, motion))
+      return refuse("a base has the rows 0 to 5 of a twist");
+    if (motion.n < motion.first_column || motion.n > MOST
+        || motion.first_row < 0 || motion.first_row > MOST
+        || !read_rows(bodies, OF_BODY, rows) || !read_bodies(rows, motion)
+        || !read_rows(frames, OF_FRAME, rows) || !read_frames(rows, motion))
       return refuse("bodies and frames do not fit together");
     motion.prepare();
     return keep<Motion>(type, std::move(motion));
@@ -465,11 +481,14 @@ PyObject *move(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   return Py_NewRef(Py_None);
 }
 
-// The index of a frame; −1 where it is none.
+// The index of a frame, −1 the root; −2 where it is none.
 long frame_of(const Motion &motion, PyObject *object) {
   const long frame = PyLong_AsLong(object);
-  if (frame == -1 && PyErr_Occurred()) PyErr_Clear();
-  return frame >= 0 && size_t(frame) < motion.frames.size() ? frame : -1;
+  if (frame == -1 && PyErr_Occurred()) {
+    PyErr_Clear();
+    return -2;
+  }
+  return frame >= -1 && frame < long(motion.frames.size()) ? frame : -2;
 }
 
 // place(frame, T): fill in T_root_frame (4, 4).
@@ -539,8 +558,8 @@ PyObject *observe(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   Goal goal;
   const Buffer gain(given[6]);
   const Output error(given[7]), J(given[8]), v(given[9]);
-  if (frame < 0 || !goal.read(given[3]) || !(gain.is_number() || gain.is(m)) || !error.is(m)
-      || !J.is(m, motion.n) || !v.is(m)) return Py_NewRef(Py_False);
+  if (frame < 0 || reference < -1 || !goal.read(given[3]) || !(gain.is_number() || gain.is(m))
+      || !error.is(m) || !J.is(m, motion.n) || !v.is(m)) return Py_NewRef(Py_False);
   double e[6] = {};
   const double *all = motion.observe(int(frame), int(reference), goal.p, goal.R,
                                      goal.is_rotation, e);
@@ -575,12 +594,11 @@ PyObject *make_limits(PyTypeObject *type, PyObject *given, PyObject *) {
                         &velocity, &acceleration)) return nullptr;
   limits.endless = endless;
   try {
-    limits.lower = numbers_of(lower);
-    limits.upper = numbers_of(upper);
-    limits.velocity = numbers_of(velocity);
-    if (acceleration != Py_None) limits.acceleration = numbers_of(acceleration);
+    const bool given_all = read_all(lower, limits.lower) && read_all(upper, limits.upper)
+        && read_all(velocity, limits.velocity)
+        && (acceleration == Py_None || read_all(acceleration, limits.acceleration));
     const size_t n = limits.lower.size();
-    if (limits.upper.size() != n || limits.velocity.size() != n
+    if (!given_all || limits.upper.size() != n || limits.velocity.size() != n
         || (acceleration != Py_None && limits.acceleration.size() != n))
       return refuse("limits of as many joints are needed");
     return keep<Limits>(type, std::move(limits));
@@ -625,7 +643,8 @@ PyMODINIT_FUNC PyInit_motion(void) {
   PyObject *limits = make_type<Limits>("tp_controller.model.motion.Limits", make_limits,
                                        LIMITS_METHODS);
   PyObject *values = Py_BuildValue(
-      "{s:d,s:d,s:d,s:d,s:d}", "LARGEST", LARGEST, "HALF_TURN_BAND", HALF_TURN_BAND,
+      "{s:n,s:d,s:d,s:d,s:d,s:d}", "MOST", MOST, "LARGEST", LARGEST,
+      "HALF_TURN_BAND", HALF_TURN_BAND,
       "RETURN_SHARE", RETURN_SHARE, "RETURN_SPEED", RETURN_SPEED, "FAR", FAR);
   if (!motion || !limits || !values || PyModule_AddObject(module, "Motion", motion) != 0
       || PyModule_AddObject(module, "Limits", limits) != 0

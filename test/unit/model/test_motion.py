@@ -29,6 +29,7 @@ from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.model import compiled, spatial, state
 from tp_controller.model.compiled import MOTION
 from tp_controller.model.spatial import pose, rotation_from_vector, shorter_rotation
+from tp_controller.solver import compiled as solver
 from tp_controller.tasks import Task
 from tp_controller.tasks.pose import Pose
 from tp_controller.tasks.position import Position
@@ -199,7 +200,8 @@ def test_what_does_not_fit_is_refused():
     rows, turn, J, gain = bytes(range(6)), np.empty(3), np.empty((m, n)), np.array(2.0)
     fits = [index, -1, rows, whole, None, turn, gain, np.empty(m), J, np.empty(m)]
     assert motion.observe(*fits) is True
-    for place, wrong in ((0, 10 ** 6), (0, -1), (3, np.eye(2)), (3, whole[0]), (3, None),
+    for place, wrong in ((0, 10 ** 6), (0, -1), (0, 'tool'), (0, 10 ** 30), (1, 10 ** 6), (1, -2),
+                         (1, None), (3, np.eye(2)), (3, whole[0]), (3, None),
                          (4, np.full(3, np.nan)), (4, np.zeros(2)), (5, None), (5, np.empty(2)),
                          (6, np.ones(5)), (6, 2.0), (6, np.ones((6, 1))), (7, np.empty(5)),
                          (8, np.empty((m, n + 1))), (8, J.T), (8, J[::-1]), (9, np.empty(7)),
@@ -207,24 +209,96 @@ def test_what_does_not_fit_is_refused():
         given_ = [*fits]
         given_[place] = wrong
         assert motion.observe(*given_) is False, (place, wrong)
+    crooked = memoryview(bytearray(8 * 16 + 1))[1:].cast('d', (4, 4))
     for arguments in ((index, np.empty((3, 4))), (-1, np.empty((4, 4))), (index,),
-                      (index, np.empty((4, 4), np.float32))):
+                      (index, np.empty((4, 4), np.float32)), (index, crooked)):
         with pytest.raises(ValueError, match='place'):
             motion.place(*arguments)
     with pytest.raises(ValueError, match='jacobian'):
         motion.jacobian(index, np.empty((6, n - 1)))
+
+
+def test_robots_that_do_not_fit_together_are_refused():
     hanging = [*np.ravel(np.eye(3)), *np.zeros(3)]
-    still = np.array([[0.0, 0.0, -1.0, *np.zeros(4), *hanging]])
-    frames = np.array([[0.0, *hanging]])
-    MOTION.Motion(1, 0, np.zeros(0), still, frames)
-    free = np.concatenate((still, still))
-    free[1, :2] = 1.0, 0.0
-    for bodies, hung, base in ((still[:, 1:], frames, []), (free, frames, []),
-                               (still[:0], frames, []),
-                               (still, frames + 1.0, []), (still + 2.0, frames, []),
-                               (still, frames, [6.0]), (still, frames, [0.0, 1.0])):
+    still = [0.0, 0.0, -1.0, *np.zeros(4), *hanging]
+    turns = [2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, *hanging]
+    fits = [1, 0, np.zeros(0), np.array([still, turns]), np.array([[1.0, *hanging]])]
+    MOTION.Motion(*fits)
+
+    def body(place, value):
+        changed = fits[3].copy()
+        changed[1, place] = value
+        return changed
+    for place, wrong in (
+            # Fewer joints than columns, or more than there can be; no row of a configuration.
+            (0, 0), (0, 10 ** 4), (1, -1), (1, 10 ** 4), (1, 2 ** 31 - 1),
+            # A base of other rows than those of a twist, or more of them than velocities.
+            (2, np.array([6.0])), (2, np.array([-1.0])), (2, np.array([np.nan])), (2, np.zeros(2)),
+            (2, np.zeros((1, 1))), (2, None),
+            # No root, a root that moves, numbers for less than a body, none.
+            (3, fits[3][:0]), (3, fits[3][1:]), (3, fits[3][:, 1:]), (3, fits[3][0]), (3, None),
+            # A second root, a kind that there is not, a base that has no velocities.
+            (3, body(0, 0.0)), (3, body(0, 4.0)), (3, body(0, -1.0)), (3, body(0, np.nan)),
+            (3, body(0, 2.5)), (3, body(0, 1e30)), (3, body(0, 1.0)),
+            # A parent, or a column, that there is not.
+            (3, body(1, 1.0)), (3, body(1, -1.0)), (3, body(2, 1.0)), (3, body(2, -2.0)),
+            # A frame of no body, none.
+            (4, np.array([[2.0, *hanging]])), (4, np.array([[-1.0, *hanging]])),
+            (4, np.array([[np.nan, *hanging]])), (4, fits[4][:, 1:]), (4, None)):
+        given_ = [*fits]
+        given_[place] = wrong
         with pytest.raises(ValueError, match='base|bodies'):
-            MOTION.Motion(1, 0, np.array(base), bodies, hung)
+            MOTION.Motion(*given_)
+
+
+def test_robots_with_more_frames_than_there_is_room_for_are_left_to_pinocchio():
+    count = solver.MOST // 2 + 1
+    links = ''.join(f'<link name="l{number}"/>' for number in range(count))
+    hang = ''.join(f'<joint name="j{number}" type="{"fixed" if number else "continuous"}">'
+                   f'<parent link="l{number}"/><child link="l{number + 1}"/></joint>'
+                   for number in range(count - 1))
+    its = Robot.from_urdf(f'<robot name="long">{links}{hang}</robot>')
+    here = its.state([1.0])
+    assert here.motion is None
+    assert np.allclose(here.pose(f'l{count - 1}')[:3, :3], rotation_from_vector([1.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize('place', range(3, 7))
+def test_limits_that_do_not_fit_together_are_refused(place):
+    ones = np.ones(2)
+    fits = [0.01, 100.0, False, -ones, ones, ones, ones]
+    MOTION.Limits(*fits)
+    for wrong in (np.ones(3), np.ones((2, 1)), np.ones(2, int), [1.0, 1.0], *[None] * (place < 6)):
+        given_ = [*fits]
+        given_[place] = wrong
+        with pytest.raises(ValueError, match='as many joints'):
+            MOTION.Limits(*given_)
+
+
+def test_limits_are_for_arrays_of_one_number_for_each_joint():
+    ones, rows = np.ones(2), np.empty((8, 2))
+    limits = MOTION.Limits(0.01, 100.0, False, -ones, ones, ones, ones)
+    fits = [ones, ones, 0.01, rows]
+    limits.at(*fits)
+    for place, wrong in ((0, np.ones(3)), (0, ones.astype(int)), (0, None), (1, np.ones(1)),
+                         (1, np.ones((2, 1))), (3, np.empty((7, 2))), (3, np.empty((8, 3))),
+                         (3, rows.astype(np.float32)), (3, np.empty((2, 8)).T), (3, None)):
+        given_ = [*fits]
+        given_[place] = wrong
+        with pytest.raises(ValueError, match='at.q, previous'):
+            limits.at(*given_)
+    with pytest.raises(ValueError, match='at.q, previous'):
+        limits.at(*fits[:3])
+    with pytest.raises(TypeError):
+        limits.at(ones, ones, None, rows)
+
+
+def test_limits_of_more_joints_than_there_is_room_for_are_those_of_the_reference():
+    many = np.ones(solver.MOST + 1)
+    limits = VelocityLimits(SimpleNamespace(lower=-many, upper=many, velocity=many,
+                                            acceleration=many), 0.01, 100.0)
+    assert np.array_equal(limits.at(0.0 * many, many, 0.01)._rows,
+                          limits._rows(0.0 * many, many, 0.01))
 
 
 @given(seed=seeds, accelerated=st.sampled_from(['all', 'some', 'none']),
@@ -247,8 +321,9 @@ def test_limits_are_those_of_the_reference(seed, accelerated, endless, period, s
 
 
 def test_constants_are_those_of_the_reference():
-    places = {'LARGEST': state, 'HALF_TURN_BAND': spatial, 'RETURN_SHARE': velocity_limits,
-              'RETURN_SPEED': velocity_limits, 'FAR': velocity_limits}
+    places = {'MOST': solver, 'LARGEST': state, 'HALF_TURN_BAND': spatial,
+              'RETURN_SHARE': velocity_limits, 'RETURN_SPEED': velocity_limits,
+              'FAR': velocity_limits}
     assert set(MOTION.CONSTANTS) == set(places)
     for name, value in MOTION.CONSTANTS.items():
         assert getattr(places[name], name) == value, name
