@@ -15,6 +15,7 @@
 """What is compiled of a robot does what Pinocchio and the reference in Python do."""
 
 from functools import lru_cache
+import sys
 from types import SimpleNamespace
 
 from hypothesis import given
@@ -299,6 +300,44 @@ def test_limits_of_more_joints_than_there_is_room_for_are_those_of_the_reference
                                             acceleration=many), 0.01, 100.0)
     assert np.array_equal(limits.at(0.0 * many, many, 0.01)._rows,
                           limits._rows(0.0 * many, many, 0.01))
+
+
+def test_all_objects_that_are_lent_are_given_back():
+    hanging = [*np.ravel(np.eye(3)), *np.zeros(3)]
+    base, bodies = np.zeros(0), np.array([[0.0, 0.0, -1.0, *np.zeros(4), *hanging],
+                                          [2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, *hanging]])
+    frames, one, two, T = np.array([[1.0, *hanging]]), np.ones(1), np.ones(2), np.eye(4)
+    J, error, turn, rows, bounds = (np.empty((6, 1)), np.empty(6), np.empty(3), bytes(range(6)),
+                                    np.empty((8, 2)))
+    elapsed, index = np.pi * 1.0, 10 ** 6
+    objects = (base, bodies, frames, one, two, T, J, error, turn, rows, bounds, elapsed, index,
+               MOTION.Motion, MOTION.Limits)
+
+    def use():
+        motion = MOTION.Motion(1, 0, base, bodies, frames)
+        limits = MOTION.Limits(0.01, 100.0, False, two, two, two, two)
+        motion.move(one, one, None)
+        motion.place(0, T)
+        motion.jacobian(0, J)
+        assert motion.observe(0, 0, rows, T, turn, turn, error, J)
+        limits.at(two, two, elapsed, bounds)
+        for call in (lambda: MOTION.Motion(1, 0, two, bodies, frames),
+                     lambda: MOTION.Motion(1, 0, base, frames, bodies),
+                     lambda: MOTION.Limits(0.01, 100.0, False, two, two, one, two),
+                     lambda: motion.move(one, two, None), lambda: motion.move(one, one, T),
+                     lambda: motion.place(index, T), lambda: motion.place(0, J),
+                     lambda: motion.jacobian(0, T), lambda: limits.at(one, two, elapsed, bounds),
+                     lambda: limits.at(two, two, elapsed, T)):
+            with pytest.raises(ValueError):
+                call()
+        for wrong in ((index, 0, rows, T, turn, turn, error, J), (0, 0, rows, J, turn, turn, T, J),
+                      (0, 0, rows, T, one, turn, error, J), (0, 0, rows, T, turn, one, error, J),
+                      (0, 0, rows, turn, turn, turn, error, J)):
+            assert not motion.observe(*wrong)
+    use()
+    before = [sys.getrefcount(each) for each in objects]
+    use()
+    assert [sys.getrefcount(each) for each in objects] == before
 
 
 @given(seed=seeds, accelerated=st.sampled_from(['all', 'some', 'none']),

@@ -23,6 +23,7 @@ import pickle
 import shutil
 import subprocess
 import sys
+import tracemalloc
 
 import numpy as np
 from problems import OPTIONS, random_cycle, redistribute
@@ -196,6 +197,48 @@ def test_core_takes_no_more_memory_from_cycle_to_cycle():
         assert raw(core, levels, -bounds, bounds)[1] is not None
     # A cycle takes 60.
     assert allocated() - before < 20_000
+    # So does a solver, with its memory.
+    for _ in range(500):
+        raw(compiled.core_for(20, Damping(), None, 'redistribute'), levels, -bounds, bounds)
+    assert allocated() - before < 20_000
+
+
+def test_core_gives_back_all_objects_that_it_is_given_or_makes():
+    J, v, weights = np.ones((1, 2)), np.ones(1), np.ones(2)
+    lower, upper, cap, x = np.zeros(2), np.full(2, 0.1), np.full(2, 0.2), np.empty(2)
+    usable = [Level(J, v), Level(J, lower=-v, upper=v)]
+    strange = Level(J, np.ones(3)), Level(J.astype(int), v), Level(J, v, mode=None), object()
+    memory, period = (math.pi, math.e), math.tau
+    objects = (J, v, weights, lower, upper, cap, x, memory, period, usable, *usable, *strange,
+               *memory, compiled.core.Solver)
+
+    def use():
+        core = compiled.core_for(2, Damping(0.1, 0.1), weights, 'redistribute')
+        for levels, fitting in ((usable, x), *(([each], x) for each in strange), (usable, v),
+                                (usable, lower[::-1]), (usable, None)):
+            core.solve(levels, lower, upper, period, cap, memory, fitting)
+            core.solve(levels, upper, lower, period, v, memory, fitting)
+            core.solve(levels, None, None, 'now', None, None, fitting)
+        with pytest.raises(ValueError, match='needs joints'):
+            compiled.core.Solver(3, 0.0, 0.0, 0.0, 0.0, weights, True, True)
+        return core.solve(usable, lower, upper, period, cap, memory, x)
+    assert use()[1] is not None
+    before = [sys.getrefcount(each) for each in objects]
+    for _ in range(3):
+        use()
+    assert [sys.getrefcount(each) for each in objects] == before
+    # What it makes: memory, and the record of the steps.
+    core = compiled.core_for(2, Damping(0.1, 0.1), weights, 'redistribute')
+    tracemalloc.start()
+    try:
+        for cycle in range(600):
+            if cycle == 100:
+                before = tracemalloc.get_traced_memory()[0]
+            assert core.solve(usable, lower, upper, period, cap, memory, x)[1] is not None
+        # [B]; each number of a memory has 24.
+        assert tracemalloc.get_traced_memory()[0] - before < 2000
+    finally:
+        tracemalloc.stop()
 
 
 SHORT_OF_MEMORY = """
