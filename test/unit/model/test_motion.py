@@ -40,7 +40,7 @@ pytestmark = pytest.mark.skipif(MOTION is None, reason='the package was built wi
 # Joints of all kinds: turning and sliding, about axes that are none of the frame, and mimics.
 CHAIN = """
 <robot name="chain"><link name="l0"/><link name="l1"/><link name="l2"/><link name="l3"/>
-<link name="l4"/>
+<link name="l4"/><link name="l5"/>
 <joint name="a" type="continuous"><parent link="l0"/><child link="l1"/>
   <origin xyz="1 0 0.5" rpy="0.3 -0.2 1"/><axis xyz="1 2 -0.5"/></joint>
 <joint name="b" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="1 0 0"/>
@@ -50,7 +50,11 @@ CHAIN = """
   <origin xyz="1 0 0" rpy="1 0.5 0"/><axis xyz="0.5 -1 0.25"/>
   <limit lower="0.2" upper="1" velocity="1" effort="0"/></joint>
 <joint name="d" type="fixed"><parent link="l1"/><child link="l4"/>
-  <origin xyz="0.2 -0.3 0" rpy="0 2 0"/></joint></robot>"""
+  <origin xyz="0.2 -0.3 0" rpy="0 2 0"/></joint>
+<joint name="e" type="prismatic"><parent link="l3"/><child link="l5"/>
+  <origin xyz="0 0.3 0" rpy="0 -1 0.4"/><axis xyz="0 2 1"/>
+  <limit lower="-1" upper="1" velocity="1" effort="0"/>
+  <mimic joint="c" multiplier="-0.5" offset="0.2"/></joint></robot>"""
 MAKERS = {
     **{name: lambda name=name: robots.urdf_robot(name) for name in robots.URDFS},
     'Panda': robots.panda,
@@ -138,11 +142,13 @@ def test_tasks_about_frames_are_those_of_the_reference(kind, seed, name, some, m
         assert np.abs(found.level.v - expected.level.v).max() < 1e-8
 
 
+# About all axes, those of the frame and ones next to them, too.
 @given(seed=seeds, angle=st.one_of(st.floats(0.0, 1e-6), st.floats(0.0, np.pi),
-                                   st.floats(np.pi - 1e-3, np.pi)))
-def test_turns_are_exact_however_small_or_large(seed, angle):
+                                   st.floats(np.pi - 1e-3, np.pi)),
+       flat=st.tuples(*3 * [st.sampled_from([0.0, 1e-9, 1.0])]).filter(any))
+def test_turns_are_exact_however_small_or_large(seed, angle, flat):
     rng = np.random.default_rng(seed)
-    axis = rng.normal(size=3)
+    axis = rng.normal(size=3) * flat
     vector = angle * axis / np.linalg.norm(axis)
     its = robot('Panda')
     here = its.state(its.neutral())
