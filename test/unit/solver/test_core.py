@@ -396,7 +396,7 @@ def test_core_leaves_a_memory_that_is_none_to_the_solver_in_python(memory):
     assert raw(core, [Level(np.eye(2), np.ones(2))], memory=memory) is None
 
 
-def test_core_reads_arrays_however_they_lie_in_memory():
+def test_core_reads_and_writes_arrays_however_they_lie_in_memory():
     rng = np.random.default_rng(3)
     J, v = rng.standard_normal((3, 7)), rng.standard_normal(3)
     expected = solve([(J, v)]).velocity
@@ -405,6 +405,11 @@ def test_core_reads_arrays_however_they_lie_in_memory():
     backwards = J[::-1, ::-1].copy()[::-1, ::-1], v[::-1].copy()[::-1]
     for given in ((np.asfortranarray(J), v), (wide[::2, ::2], doubled[::2]), backwards):
         assert solve([given]).velocity.tolist() == expected.tolist()
+    # So it writes.
+    x = np.zeros(14)
+    core = compiled.core_for(7, Damping(), None, 'uniform')
+    assert core.solve([Level(J, v)], None, None, 0.0, None, (), x[::2]) is not None
+    assert x[::2].tolist() == expected.tolist() and not x[1::2].any()
 
 
 def test_what_the_core_cannot_solve_is_solved_all_the_same_and_counted():
