@@ -199,6 +199,33 @@ def test_positions_that_are_none_change_nothing(positions):
     assert np.array_equal(before, after)
 
 
+@pytest.mark.parametrize('place', [
+    None, np.ones(6), np.ones((7, 1)), np.ones(7, int), np.full(7, np.nan), [1.0] * 7])
+def test_places_of_a_base_that_are_none_change_nothing(place):
+    its = robot('floating')
+    here = its.state(its.neutral())
+    q, offset = its.neutral(), np.zeros(len(its.kinematics.offset))
+    before, after = np.empty((4, 4)), np.empty((4, 4))
+    index = its.kinematics.frame_index(robots.PANDA_TOOL)
+    here.motion.move(q, offset, np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]))
+    here.motion.place(index, before)
+    with pytest.raises(ValueError, match='no positions'):
+        here.motion.move(q, offset, place)
+    here.motion.place(index, after)
+    assert np.array_equal(before, after)
+
+
+def locked(array):
+    """Return an array that cannot be written to."""
+    array.setflags(write=False)
+    return array
+
+
+def observe(motion, frame, reference, rows, goal, previous, turn, error, J):
+    """Observe; without a star Python notices an exception that is left behind, too."""
+    return motion.observe(frame, reference, rows, goal, previous, turn, error, J)
+
+
 def test_what_does_not_fit_is_refused():
     its = robot('Panda')
     motion = its.state(its.neutral()).motion
@@ -210,15 +237,20 @@ def test_what_does_not_fit_is_refused():
     for place, wrong in ((0, 10 ** 6), (0, -1), (0, 'tool'), (0, 10 ** 30), (1, 10 ** 6), (1, -2),
                          (1, None), (3, np.eye(2)), (3, whole[0]), (3, None),
                          (4, np.full(3, np.nan)), (4, np.zeros(2)), (5, None), (5, np.empty(2)),
-                         (6, np.ones(5)), (6, 2.0), (6, np.ones((6, 1))), (7, np.empty(5)),
-                         (8, np.empty((m, n + 1))), (8, J.T), (8, J[::-1]), (9, np.empty(7)),
+                         (5, locked(np.empty(3))), (6, np.ones(5)), (6, 2.0), (6, np.ones((6, 1))),
+                         (7, np.empty(5)), (7, np.empty((m, 1))), (7, np.empty(m, int)),
+                         (7, locked(np.empty(m))), (7, None), (8, np.empty((m, n + 1))),
+                         (8, J.T), (8, J[::-1]), (8, J[0]), (8, J[:, :, np.newaxis]),
+                         (8, J.astype(int)), (8, None), (9, np.empty(7)), (9, None),
+                         (9, locked(np.empty(m))),
                          (2, bytes([6] * 6)), (3, whole[:3, 3].copy())):
         given_ = [*fits]
         given_[place] = wrong
-        assert motion.observe(*given_) is False, (place, wrong)
+        assert observe(motion, *given_) is False, (place, wrong)
     crooked = memoryview(bytearray(8 * 16 + 1))[1:].cast('d', (4, 4))
     for arguments in ((index, np.empty((3, 4))), (-1, np.empty((4, 4))), (index,),
-                      (index, np.empty((4, 4), np.float32)), (index, crooked)):
+                      (index, np.empty((4, 4), np.float32)), (index, crooked),
+                      (index, np.empty((4, 4), int)), (index, locked(np.empty((4, 4))))):
         with pytest.raises(ValueError, match='place'):
             motion.place(*arguments)
     with pytest.raises(ValueError, match='jacobian'):
