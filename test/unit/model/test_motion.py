@@ -388,6 +388,7 @@ def test_limits_are_those_of_the_reference(seed, accelerated, endless, period, s
     wide = np.minimum(upper, 100.0)
     q = np.where(rng.random(n) < 0.3, wide + rng.normal(size=n) * 1e-3,
                  rng.uniform(-1.3, 1.3, n) * wide)
+    q[0] *= rng.choice([1.0, 1e7])
     previous, elapsed = rng.normal(size=n), rng.uniform(1e-4, 0.2)
     assert np.array_equal(limits.at(q, previous, elapsed)._rows,
                           limits._rows(q, previous, elapsed))

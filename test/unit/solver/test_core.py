@@ -171,6 +171,8 @@ def test_core_remembers_nothing_but_what_it_is_given():
             assert first.memory == again.memory
 
 
+of_linux = pytest.mark.skipif(not os.path.exists('/proc/self/statm'),
+                              reason='the size of a process is read there')
 # Where the core is compiled with the address sanitizer.
 sanitizer = getattr(ctypes.CDLL(None), '__sanitizer_get_current_allocated_bytes', None)
 
@@ -178,13 +180,14 @@ sanitizer = getattr(ctypes.CDLL(None), '__sanitizer_get_current_allocated_bytes'
 def allocated():
     """Return how much memory is in use [kB]."""
     if sanitizer is None:
-        resource = pytest.importorskip('resource')
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        with open('/proc/self/statm') as file:
+            return int(file.read().split()[1]) * os.sysconf('SC_PAGESIZE') // 1024
     # It keeps what was freed, to notice who still reads that: the process does not shrink.
     sanitizer.restype = ctypes.c_size_t
     return sanitizer() // 1024
 
 
+@of_linux
 def test_core_takes_no_more_memory_from_cycle_to_cycle():
     rng = np.random.default_rng(1)
     levels = check_levels([(rng.standard_normal((6, 20)), 9.0 * np.ones(6)),
@@ -198,7 +201,7 @@ def test_core_takes_no_more_memory_from_cycle_to_cycle():
     # A cycle takes 60.
     assert allocated() - before < 20_000
     # So does a solver, with its memory.
-    for _ in range(500):
+    for _ in range(2000):
         raw(compiled.core_for(20, Damping(), None, 'redistribute'), levels, -bounds, bounds)
     assert allocated() - before < 20_000
 
@@ -235,6 +238,7 @@ def test_core_gives_back_all_objects_that_it_is_given_or_makes():
             if cycle == 100:
                 before = tracemalloc.get_traced_memory()[0]
             assert core.solve(usable, lower, upper, period, cap, memory, x)[1] is not None
+            compiled.core_for(2, Damping(0.1, 0.1), weights, 'redistribute')
         # [B]; each number of a memory has 24.
         assert tracemalloc.get_traced_memory()[0] - before < 2000
     finally:
@@ -274,7 +278,7 @@ for _ in range(3):
 """
 
 
-@pytest.mark.skipif(not os.path.exists('/proc/self/statm'), reason='the size is read there')
+@of_linux
 @pytest.mark.skipif(sanitizer is not None, reason='reserves more than any limit would allow')
 def test_core_that_was_short_of_memory_is_none_the_worse_for_it():
     found = subprocess.run([sys.executable, '-c', SHORT_OF_MEMORY], capture_output=True, text=True)
@@ -451,6 +455,36 @@ def test_core_is_not_confused_by_a_level_that_uses_it():
     x = np.empty(2)
     assert core.solve([nested], None, None, 0.0, None, (), x) is not None
     assert nested.answer is None and x.tolist() == [1.0, 1.0]
+
+
+class Last:
+    """A level that nobody holds any more while it is read."""
+
+    v, mode, is_identity = np.ones(2), 'least_squares', False
+
+    def __init__(self, levels):
+        self._levels = levels
+        levels.append(self)
+
+    @property
+    def J(self):
+        self._levels.clear()
+        return np.eye(2)
+
+
+def test_core_holds_the_level_that_it_reads():
+    core, levels, x = compiled.core_for(2, Damping(), None, 'redistribute'), [], np.empty(2)
+    Last(levels)
+    assert core.solve(levels, None, None, 0.0, None, (), x) is not None
+    assert levels == [] and x.tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize('cap', [-np.ones(2), np.full(2, BAD), np.ones(3), [1.0, 1.0]])
+def test_core_leaves_a_cap_that_is_none_to_the_solver_in_python(cap):
+    core = compiled.core_for(2, Damping(), None, 'redistribute')
+    level, x = Level(np.eye(2), np.ones(2)), np.empty(2)
+    assert core.solve([level], None, None, 0.0, np.ones(2), (), x) is not None
+    assert core.solve([level], None, None, 0.0, cap, (), x) is None
 
 
 @pytest.mark.parametrize('given', [
