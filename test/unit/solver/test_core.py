@@ -460,9 +460,8 @@ def test_core_is_not_confused_by_a_level_that_uses_it():
 class Last:
     """A level that nobody holds any more while it is read."""
 
-    v, mode, is_identity = np.ones(2), 'least_squares', False
-
     def __init__(self, levels):
+        self.v, self.mode, self.is_identity = np.ones(2), 'least_squares', False
         self._levels = levels
         levels.append(self)
 
