@@ -286,7 +286,7 @@ def test_robots_that_do_not_fit_together_are_refused():
             MOTION.Motion(*given_)
 
 
-def test_robots_with_more_frames_than_there_is_room_for_are_left_to_pinocchio():
+def test_robots_with_more_frames_than_fit_are_left_to_pinocchio():
     count = solver.MOST // 2 + 1
     links = ''.join(f'<link name="l{number}"/>' for number in range(count))
     hang = ''.join(f'<joint name="j{number}" type="{"fixed" if number else "continuous"}">'
@@ -328,7 +328,7 @@ def test_limits_are_for_arrays_of_one_number_for_each_joint():
         limits.at(ones, ones, None, rows)
 
 
-def test_limits_of_more_joints_than_there_is_room_for_are_those_of_the_reference():
+def test_limits_of_more_joints_than_fit_are_those_of_the_reference():
     many = np.ones(solver.MOST + 1)
     limits = VelocityLimits(SimpleNamespace(lower=-many, upper=many, velocity=many,
                                             acceleration=many), 0.01, 100.0)
@@ -343,9 +343,10 @@ def test_all_objects_that_are_lent_are_given_back():
     frames, one, two, T = np.array([[1.0, *hanging]]), np.ones(1), np.ones(2), np.eye(4)
     J, error, turn, rows, bounds = (np.empty((6, 1)), np.empty(6), np.empty(3), bytes(range(6)),
                                     np.empty((8, 2)))
+    gain, v = np.array(2.0), np.empty(6)
     elapsed, index = np.pi * 1.0, 10 ** 6
-    objects = (base, bodies, frames, one, two, T, J, error, turn, rows, bounds, elapsed, index,
-               MOTION.Motion, MOTION.Limits)
+    objects = (base, bodies, frames, one, two, T, J, error, turn, rows, bounds, gain, v,
+               elapsed, index, MOTION.Motion, MOTION.Limits)
 
     def use():
         motion = MOTION.Motion(1, 0, base, bodies, frames)
@@ -353,7 +354,7 @@ def test_all_objects_that_are_lent_are_given_back():
         motion.move(one, one, None)
         motion.place(0, T)
         motion.jacobian(0, J)
-        assert motion.observe(0, 0, rows, T, turn, turn, error, J)
+        assert motion.observe(0, 0, rows, T, turn, turn, gain, error, J, v)
         limits.at(two, two, elapsed, bounds)
         for call in (lambda: MOTION.Motion(1, 0, two, bodies, frames),
                      lambda: MOTION.Motion(1, 0, base, frames, bodies),
@@ -364,10 +365,9 @@ def test_all_objects_that_are_lent_are_given_back():
                      lambda: limits.at(two, two, elapsed, T)):
             with pytest.raises(ValueError):
                 call()
-        for wrong in ((index, 0, rows, T, turn, turn, error, J), (0, 0, rows, J, turn, turn, T, J),
-                      (0, 0, rows, T, one, turn, error, J), (0, 0, rows, T, turn, one, error, J),
-                      (0, 0, rows, turn, turn, turn, error, J)):
-            assert not motion.observe(*wrong)
+        fits = (0, 0, rows, T, turn, turn, gain, error, J, v)
+        for place, wrong in enumerate((index, index, b'', J, one, one, T, T, T, T)):
+            assert not motion.observe(*fits[:place], wrong, *fits[place + 1:])
     use()
     before = [sys.getrefcount(each) for each in objects]
     use()
