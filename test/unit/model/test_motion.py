@@ -243,6 +243,8 @@ def test_what_does_not_fit_is_refused():
         given_[place] = wrong
         # Called like this, Python notices an exception that is left behind, too.
         assert partial(motion.observe, *given_)() is False, (place, wrong)
+    for wrong in (np.zeros(2), np.zeros(4), np.zeros((3, 1))):
+        assert motion.observe(index, -1, rows[:3], wrong, None, turn, error[:3], J[:3]) is False
     crooked = memoryview(bytearray(8 * 16 + 1))[1:].cast('d', (4, 4))
     for arguments in ((index, np.empty((3, 4))), (-1, np.empty((4, 4))), (index,),
                       (index, np.empty((4, 4), np.float32)), (index, crooked),
@@ -257,7 +259,7 @@ def test_robots_that_do_not_fit_together_are_refused():
     hanging = [*np.ravel(np.eye(3)), *np.zeros(3)]
     still = [0.0, 0.0, -1.0, *np.zeros(4), *hanging]
     turns = [2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, *hanging]
-    fits = [1, 0, np.zeros(0), np.array([still, turns]), np.array([[1.0, *hanging]])]
+    fits = [2, 0, np.zeros(0), np.array([still, turns]), np.array([[1.0, *hanging]])]
     MOTION.Motion(*fits)
 
     def body(place, value):
@@ -268,7 +270,7 @@ def test_robots_that_do_not_fit_together_are_refused():
             # Fewer joints than columns, or more than there can be; no row of a configuration.
             (0, 0), (0, 10 ** 4), (1, -1), (1, 10 ** 4), (1, 2 ** 31 - 1),
             # A base of other rows than those of a twist, or more of them than velocities.
-            (2, np.array([6.0])), (2, np.array([-1.0])), (2, np.array([np.nan])), (2, np.zeros(2)),
+            (2, np.array([6.0])), (2, np.array([-1.0])), (2, np.array([np.nan])), (2, np.zeros(3)),
             (2, np.zeros((1, 1))), (2, None),
             # No root, a root that moves, numbers for less than a body, none.
             (3, fits[3][:0]), (3, fits[3][1:]), (3, fits[3][:, 1:]), (3, fits[3][0]), (3, None),
@@ -276,13 +278,21 @@ def test_robots_that_do_not_fit_together_are_refused():
             (3, body(0, 0.0)), (3, body(0, 4.0)), (3, body(0, -1.0)), (3, body(0, np.nan)),
             (3, body(0, 2.5)), (3, body(0, 1e30)), (3, body(0, 1.0)),
             # A parent, or a column, that there is not.
-            (3, body(1, 1.0)), (3, body(1, -1.0)), (3, body(2, 1.0)), (3, body(2, -2.0)),
+            (3, body(1, 1.0)), (3, body(1, -1.0)), (3, body(2, 2.0)), (3, body(2, -2.0)),
             # A frame of no body, none.
             (4, np.array([[2.0, *hanging]])), (4, np.array([[-1.0, *hanging]])),
             (4, np.array([[np.nan, *hanging]])), (4, fits[4][:, 1:]), (4, None)):
         given_ = [*fits]
         given_[place] = wrong
         with pytest.raises(ValueError, match='base|bodies'):
+            MOTION.Motion(*given_)
+    root, frame = np.array([still]), np.array([[0.0, *hanging]])
+    MOTION.Motion(2, 0, np.zeros(2), root, frame)
+    # No bodies, a root that turns, more rows of a base than velocities.
+    for given_ in ([2, 0, np.zeros(0), root[:0], frame[:0]],
+                   [2, 0, np.zeros(0), np.array([turns]), frame],
+                   [1, 0, np.zeros(2), root, frame]):
+        with pytest.raises(ValueError, match='bodies'):
             MOTION.Motion(*given_)
 
 
@@ -375,12 +385,14 @@ def test_all_objects_that_are_lent_are_given_back():
 
 
 @given(seed=seeds, accelerated=st.sampled_from(['all', 'some', 'none']),
-       endless=st.booleans(), period=st.floats(1e-3, 0.1), share=st.floats(0.05, 1.0))
+       endless=st.booleans(), period=st.sampled_from([1e-3, 0.013, 0.1]),
+       share=st.floats(0.05, 1.0))
 def test_limits_are_those_of_the_reference(seed, accelerated, endless, period, share):
-    rng, n = np.random.default_rng(seed), 5
-    upper = np.where(rng.random(n) < 0.5 * endless, np.inf, rng.uniform(0.1, 3.0, n))
+    rng, n = np.random.default_rng(seed), 20
+    upper = np.where(rng.random(n) < 0.5 * endless, np.inf, rng.uniform(0.1, 3.0, n)
+                     * rng.choice([0.01, 1.0], n))
     its = SimpleNamespace(
-        lower=-upper, upper=upper, velocity=rng.uniform(0.1, 5.0, n),
+        lower=-upper, upper=upper, velocity=rng.uniform(0.1, 20.0, n),
         acceleration={'all': rng.uniform(0.1, 20.0, n), 'none': np.full(n, np.inf),
                       'some': np.where(np.arange(n) % 2, 2.0, np.inf)}[accelerated])
     limits = VelocityLimits(its, period, share / period)
