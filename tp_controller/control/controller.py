@@ -461,7 +461,7 @@ class Controller:
         What the new stack demands there, and not where the robot has come since, shows what the
         change alone changes.
         """
-        if self._state is None or not self._transition.announced or not self._velocity.any():
+        if not self._transition.announced or self._state is None or not self._velocity.any():
             return None
         return self._state
 
@@ -487,6 +487,8 @@ class Controller:
 
         `changed` is what is to be solved where the robot was before the change.
         """
+        if self._transition.idle:
+            return None
         now = self._time.now
         shared = self._transition.pending()
         if shared is not None:

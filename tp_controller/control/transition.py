@@ -147,9 +147,15 @@ class Transition:
         return sum(fade.at(now)[0] for fade in self._fades
                    if fade.shared < below and fade.active(now))
 
+    @property
+    def idle(self) -> bool:
+        """Return whether nothing is announced, and nothing may still fade out."""
+        return self._announced is None and not self._fades
+
     def active(self, now: float) -> bool:
-        """Return whether an offset still fades out."""
-        return any(fade.active(now) for fade in self._fades)
+        """Return whether an offset still fades out; drop those that do not."""
+        self._fades = [fade for fade in self._fades if fade.active(now)]
+        return bool(self._fades)
 
     def levels(self, levels: list[Level], velocity: Array, now: float) -> list[Level] | None:
         """

@@ -244,7 +244,8 @@ def test_what_does_not_fit_is_refused():
         # Called like this, Python notices an exception that is left behind, too.
         assert partial(motion.observe, *given_)() is False, (place, wrong)
     for wrong in (np.zeros(2), np.zeros(4), np.zeros((3, 1))):
-        assert motion.observe(index, -1, rows[:3], wrong, None, turn, error[:3], J[:3]) is False
+        assert motion.observe(index, -1, rows[:3], wrong, None, turn, gain, np.empty(3), J[:3],
+                              np.empty(3)) is False
     crooked = memoryview(bytearray(8 * 16 + 1))[1:].cast('d', (4, 4))
     for arguments in ((index, np.empty((3, 4))), (-1, np.empty((4, 4))), (index,),
                       (index, np.empty((4, 4), np.float32)), (index, crooked),
