@@ -32,12 +32,14 @@ URDFS = {
     'ur5': 'ur_description/urdf/ur5_robot.urdf',
     'xarm7': 'xarm_description/urdf/xarm7.urdf',
     'baxter': 'baxter_description/urdf/baxter.urdf',
+    'talos': 'talos_data/robots/talos_reduced.urdf',
     'talos_arm': 'talos_data/robots/talos_left_arm.urdf',
     'tiago': 'tiago_description/robots/tiago.urdf',
 }
 TOOLS = {
     'panda': 'panda_hand_tcp', 'ur5': 'tool0', 'xarm7': 'link7', 'baxter': 'left_gripper',
-    'talos_arm': 'gripper_left_base_link', 'tiago': 'arm_tool_link'}
+    'talos': 'gripper_left_base_link', 'talos_arm': 'gripper_left_base_link',
+    'tiago': 'arm_tool_link'}
 
 # A posture of the Panda with its tool straight down, far from every limit.
 PANDA_READY = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)

@@ -40,6 +40,7 @@ viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
 from tp_controller.nodes.client import Client  # noqa: E402, I100
 from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD  # noqa: E402
 from tp_controller.view.link import Link  # noqa: E402
+from tp_controller.view.looks import JOINT_COLOUR  # noqa: E402
 from tp_controller.view.page import Page, RATE  # noqa: E402
 from tp_controller.view.places import places_of  # noqa: E402
 from tp_controller.view.server import open_server  # noqa: E402
@@ -159,6 +160,13 @@ def test_robot_has_the_base_joints_and_limits_of_the_controller(rig):
     assert ours.joint_names == theirs.joint_names and ours.base == theirs.base
     np.testing.assert_array_equal(ours.velocity, theirs.velocity)
     assert ours.velocity[0] == 0.5
+
+
+def test_robot_stands_on_the_ground_once_it_is_known_where_it_is(rig):
+    # Its joints turn about drums, half of each of which is below the root.
+    drums = [part for parts in rig.page._robot.parts.values() for part in parts
+             if part.colour == JOINT_COLOUR]
+    assert rig.page._ground.position[2] == pytest.approx(-0.5 * drums[0].size[1])
 
 
 def test_rows_tell_the_tasks_by_priority_with_errors_and_gains(rig):

@@ -74,8 +74,8 @@ class Motion:
         Pairs of frames that hold one bar.
     view : tuple of float
         Azimuth and elevation of the viewer [deg].
-    ground : float
-        Height of the ground [m].
+    ground : float or None
+        Height of the ground [m]; None: the robot stands on it at the start.
     enlarged : float
         How much larger than usual goals are drawn.
 
@@ -92,7 +92,7 @@ class Motion:
     objects: tuple[FixedObject, ...] = ()
     carried: tuple[tuple[str, str], ...] = ()
     view: tuple[float, float] = (-45.0, 25.0)
-    ground: float = 0.0
+    ground: float | None = None
     enlarged: float = 1.0
 
     def caption(self, sample: int) -> str:

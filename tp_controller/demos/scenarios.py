@@ -55,8 +55,8 @@ class Demo:
         What moves with a frame.
     view : tuple of float
         Azimuth and elevation of the viewer [deg].
-    ground : float
-        Height of the ground [m].
+    ground : float or None
+        Height of the ground [m]; None: the robot stands on it at the start.
 
     """
 
@@ -67,7 +67,7 @@ class Demo:
     carried: tuple[tuple[str, str], ...] = ()
     objects: tuple[FixedObject, ...] = ()
     view: tuple[float, float] = (-45.0, 25.0)
-    ground: float = 0.0
+    ground: float | None = None
 
     def file(self, ending: str) -> Path:
         """Return the path of a file, by the ending of its name."""

@@ -14,7 +14,7 @@
 
 """Mesh files of robot descriptions, as the browser takes them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -49,6 +49,8 @@ class Mesh:
         The corners of each triangle.
     glb : bytes
         All of it in glTF's binary form where the file has colours; else empty.
+    points : ndarray (k, 3)
+        All corners, whatever the form.
 
     """
 
@@ -56,6 +58,7 @@ class Mesh:
     vertices: Array | None = None
     faces: NDArray[np.intp] | None = None
     glb: bytes = b''
+    points: Array = field(default_factory=lambda: np.zeros((1, 3)))
 
 
 def mesh_path(name: str) -> Path:
@@ -110,8 +113,9 @@ def load_mesh(path: Path) -> Mesh:
     if path.suffix.lower() == '.stl':
         mesh = scene.to_mesh()
         mesh = trimesh.graph.smooth_shade(mesh, angle=SHARP)
-        return Mesh(unit, np.asarray(mesh.vertices), np.asarray(mesh.faces))
-    return Mesh(unit, glb=scene.export(file_type='glb'))
+        vertices = np.asarray(mesh.vertices)
+        return Mesh(unit, vertices, np.asarray(mesh.faces), points=vertices)
+    return Mesh(unit, glb=scene.export(file_type='glb'), points=_points(scene))
 
 
 def _read(path: Path) -> trimesh.Scene:
@@ -126,6 +130,13 @@ def _read(path: Path) -> trimesh.Scene:
     if scene.is_empty:
         raise ValueError(f'{path} has no surface')
     return scene
+
+
+def _points(scene: trimesh.Scene) -> Array:
+    """Return the corners (k, 3) of all surfaces where they are in a scene."""
+    placed = (scene.graph[node] for node in scene.graph.nodes_geometry)
+    return np.concatenate([trimesh.transform_points(scene.geometry[name].vertices, T)
+                           for T, name in placed])
 
 
 def _unit(scene: trimesh.Scene) -> float:

@@ -77,7 +77,7 @@ class Page:
         self._texts_due = 0.0
         self._notice_until = 0.0
         self._head = ''
-        add_surroundings(server.scene)
+        self._ground, self._stands = add_surroundings(server.scene), False
         self._markers = MarkerScene(server.scene)
         self._changes = StackChanges(link, self._tell)
         self.gizmos = Gizmos(server.scene, link.client.publish, self._changes.set_key)
@@ -122,7 +122,8 @@ class Page:
         self._changes.update()
         self.link.update()
         watched = bool(self.server.get_clients())
-        self.link.look(watched)
+        # Where the robot stands is learned before anybody looks, once.
+        self.link.look(watched or self.link.q is None)
         self._show_robot()
         now = time.monotonic()
         if now < self._texts_due:
@@ -168,6 +169,8 @@ class Page:
             markers = link.markers if link.present else []
             with self.server.atomic():
                 self._robot.show(link.q, link.passive)
+                if not self._stands:
+                    self._stands, self._ground.position = True, (0.0, 0.0, self._robot.ground())
                 self._show_path()
                 if markers is not self._drawn or not markers:
                     self._drawn = markers
@@ -202,7 +205,7 @@ class Page:
             return
         if self._robot is not None:
             self._robot.remove()
-        self._robot = RobotScene(self.server.scene, link.robot)
+        self._robot, self._stands = RobotScene(self.server.scene, link.robot), False
         state = link.robot.state(link.robot.neutral())
         camera = self.server.initial_camera
         camera.position, camera.look_at = camera_pose(state, link.robot.frame_names)

@@ -75,7 +75,8 @@ def _recorded(server: viser.ViserServer, history: History, robot: Robot, times: 
               passive: Array, moments: Sequence[Moment]) -> str:
     """Return the page; see `configurations`."""
     shown = RobotScene(server.scene, robot)
-    add_surroundings(server.scene)
+    shown.show(q[0], passive[0])
+    add_surroundings(server.scene, shown.ground())
     frames = tool_frames(history, robot)
     _look(server, shown, q, passive)
     if frames:

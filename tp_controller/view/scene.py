@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
+from tp_controller.view.bounds import lowest
 from tp_controller.view.looks import Looks, looks_of
 from tp_controller.view.parts import add_part, Colour, place
 import viser
@@ -41,6 +42,8 @@ TRAIL_COLOUR: Colour = (0, 114, 178)
 # Points of a trail, and how far a frame moves between two of them [m].
 MOST_POINTS, STEP = 400, 0.004
 TRAIL_WIDTH = 3.0
+# A base whose lowest point is as near to the root as this stands there [m].
+STANDS = 0.02
 # A pose that differs by less is the same.
 SAME = 1e-7
 
@@ -67,6 +70,8 @@ class RobotScene:
         The robot where it is shown.
     frames : dict
         {link: handle} of the links that have a shape.
+    parts : dict
+        {link: list of Part}
     remarks : tuple of str
         What of the description is not shown, and why.
 
@@ -75,7 +80,7 @@ class RobotScene:
     def __init__(self, scene: viser.SceneApi, robot: Robot, name: str = ROBOT,
                  looks: Looks | None = None) -> None:
         looks = looks_of(robot) if looks is None else looks
-        self.robot, self.remarks = robot, looks.remarks
+        self.robot, self.parts, self.remarks = robot, looks.parts, looks.remarks
         self._root = scene.add_frame(name, show_axes=False)
         self.frames: dict[str, viser.FrameHandle] = {}
         self._shown: dict[str, Array] = {}
@@ -108,6 +113,21 @@ class RobotScene:
         """
         self.state.update(q, passive)
         self._place()
+
+    def ground(self) -> float:
+        """
+        Return the height at which the robot stands where it is shown [m].
+
+        That of the root, if what is fixed there stands on it: an arm may reach below its base.
+        Else of the lowest point of the robot, as the root may be the pelvis above two legs; but
+        never above the root.
+        """
+        model, ids = self.robot.kinematics.model, self.robot.kinematics.frame_ids
+        fixed = {link: parts for link, parts in self.parts.items()
+                 if model.frames[ids[link]].parentJoint == 0}
+        if abs(lowest(self.state, fixed)) < STANDS:
+            return 0.0
+        return min(lowest(self.state, self.parts), 0.0)
 
     def remove(self) -> None:
         """Take the robot out of the scene."""
@@ -163,9 +183,9 @@ class Trail:
             self._line = None
 
 
-def add_surroundings(scene: viser.SceneApi, height: float = 0.0) -> None:
-    """Add the ground, at a height [m], and what is behind all."""
-    scene.add_grid(
+def add_surroundings(scene: viser.SceneApi, height: float = 0.0) -> viser.GridHandle:
+    """Add the ground, at a height [m], and what is behind all; return the ground."""
+    ground = scene.add_grid(
         GROUND, GROUND_SIZE, GROUND_SIZE, cell_size=CELL, section_size=SECTION,
         cell_color=CELL_COLOUR, section_color=SECTION_COLOUR, shadow_opacity=SHADOW,
         position=(0.0, 0.0, height), plane_color=GROUND_COLOUR, plane_opacity=1.0)
@@ -173,6 +193,7 @@ def add_surroundings(scene: viser.SceneApi, height: float = 0.0) -> None:
     sky = (1.0 - shares) * np.array(SKY_COLOURS[0]) + shares * np.array(SKY_COLOURS[1])
     scene.set_background_image(np.repeat(sky, 2, axis=1).astype(np.uint8), format='png')
     scene.configure_environment_map('studio', environment_intensity=BRIGHTNESS)
+    return ground
 
 
 def tip(robot: Robot) -> str:

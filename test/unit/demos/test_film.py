@@ -26,6 +26,7 @@ from tp_controller.model.shapes import Box
 from tp_controller.plots import drawing
 from tp_controller.tasks.sketch import Body, Dot
 from tp_controller.view.sketches import extent
+from viser import ViserServer
 
 TIMES = np.linspace(0.0, 10.0, 300)
 TOOL = '- tool: {{type: position, frame: {}}}\n'
@@ -182,6 +183,24 @@ def test_film_is_drawn_with_lines_where_nothing_solid_can_be_and_the_reason_is_s
     assert ('chromium' in said) is (fault == 'no Chromium')
     assert ("pip install 'tp_controller[view]'" in said) is (fault == 'no viser')
     assert count(pixels(path), drawing.ARM_COLOUR) > 300
+
+
+@pytest.mark.parametrize('ground, height', [(None, -1.15), (-4.2, -4.2)])
+def test_robot_of_a_solid_film_stands_on_the_ground_at_first_unless_it_is_said_where(
+        ground, height):
+    robot = Robot.from_urdf(
+        '<robot name="leg"><link name="pelvis"/><link name="foot"><visual>'
+        '<geometry><box size="0.1 0.1 0.3"/></geometry></visual></link>'
+        '<joint name="hip" type="prismatic"><parent link="pelvis"/><child link="foot"/>'
+        '<axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint></robot>')
+    server = ViserServer('127.0.0.1', 0, verbose=False)
+    try:
+        film_solid._Stage(server.scene, motion_of(
+            robot, np.array([[-1.0], [-1.5]]), TIMES[:2], ground=ground), 1.0)
+        shown = server.scene.get_handle_by_name('/ground')
+        assert shown.position[2] == pytest.approx(height)
+    finally:
+        server.stop()
 
 
 def test_all_that_a_solid_film_shows_is_in_its_picture():

@@ -80,6 +80,19 @@ def test_the_replay_lasts_as_long_as_the_run_and_moves_the_links(history, capsys
     assert goal and min(goal) == pytest.approx(1.0, abs=0.1)
 
 
+def test_the_robot_of_the_replay_stands_on_the_ground(history):
+    from tp_controller.view.looks import JOINT_COLOUR, looks_of
+    from tp_controller.view.replay import replay_page
+    robot = robot_of(history)
+    # Its joints turn about drums, half of each of which is below the root.
+    drum = next(part for parts in looks_of(robot).parts.values() for part in parts
+                if part.colour == JOINT_COLOUR)
+    _, told = content(replay_page(history, robot))
+    height, = (message['position'][2] for _, message in told
+               if message['type'] == 'SetPositionMessage' and message['name'] == '/ground')
+    assert height == pytest.approx(-0.5 * drum.size[1])
+
+
 def test_types_of_markers_are_those_of_ros():
     messages = pytest.importorskip('visualization_msgs.msg')
     from tp_controller.view import markers

@@ -244,6 +244,74 @@ def test_camera_looks_at_the_robot_from_outside():
     assert np.linalg.norm(position - target) > 1.5 * farthest
 
 
+class Leg:
+    """A robot whose root is its pelvis, with a foot of some shape below a knee."""
+
+    FEET = {'box': ('<box size="0.2 0.1 0.06"/>', 0.03), 'sphere': ('<sphere radius="0.1"/>', 0.1),
+            'wheel': ('<cylinder radius="0.15" length="0.04"/>', 0.15)}
+
+    def __init__(self, foot='box', height=-1.0):
+        shape, self.depth = self.FEET[foot]
+        # Its own axis is that of the knee, as a wheel's is.
+        upright = ' rpy="1.5707963267948966 0 0"' if foot == 'wheel' else ''
+        self.robot = Robot.from_urdf(
+            '<robot name="leg"><link name="pelvis"/><link name="foot"><visual>'
+            f'<origin xyz="0 0 0"{upright}/><geometry>{shape}</geometry></visual></link>'
+            '<joint name="knee" type="continuous"><parent link="pelvis"/><child link="foot"/>'
+            f'<origin xyz="0 0 {height}"/><axis xyz="0 1 0"/>'
+            '<limit velocity="1" effort="1"/></joint></robot>')
+
+
+@pytest.mark.parametrize('foot', sorted(Leg.FEET))
+def test_a_robot_whose_root_is_its_pelvis_stands_on_the_ground(stage, foot):
+    leg = Leg(foot)
+    shown = scene.RobotScene(stage, leg.robot)
+    assert shown.ground() == pytest.approx(-1.0 - leg.depth)
+    ground = scene.add_surroundings(stage, shown.ground())
+    assert ground.position[2] == pytest.approx(-1.0 - leg.depth)
+
+
+def test_a_wheel_that_has_turned_stands_on_the_same_ground_and_a_box_on_its_edge(stage):
+    shown = {}
+    for foot in ('wheel', 'box'):
+        shown[foot] = scene.RobotScene(stage, Leg(foot).robot, name=f'/{foot}')
+        shown[foot].show([0.7])
+    assert shown['wheel'].ground() == pytest.approx(-1.15)
+    edge = 0.1 * np.sin(0.7) + 0.03 * np.cos(0.7)
+    assert shown['box'].ground() == pytest.approx(-1.0 - edge)
+
+
+def test_ground_is_never_above_the_root(stage):
+    assert scene.RobotScene(stage, Leg(height=1.0).robot).ground() == 0.0
+
+
+@pytest.mark.parametrize('name', ['panda', 'ur5', 'xarm7', 'tiago'])
+def test_ground_stays_at_the_base_of_a_robot_that_is_fixed_there(stage, name):
+    pytest.importorskip('collada', reason='needs pip install pycollada')
+    shown = scene.RobotScene(stage, robots.urdf_robot(name))
+    assert shown.ground() == pytest.approx(0.0, abs=5e-3)
+
+
+def test_ground_stays_at_the_base_of_an_arm_that_reaches_below_it(stage):
+    base = '<visual><origin xyz="0 0 0.15"/><geometry><box size="1 1 0.3"/></geometry></visual>'
+    beam = '<visual><geometry><box size="0.1 0.1 2"/></geometry></visual>'
+    shown = scene.RobotScene(stage, two_links(base, beam))
+    shown.show([0.2])
+    assert shown.ground() == 0.0
+    # At zero its wrist is below its base.
+    arm = scene.RobotScene(stage, robots.urdf_robot('ur5'), name='/arm')
+    assert arm.state.position('wrist_3_link')[2] < 0.0
+    assert arm.ground() == 0.0
+
+
+def test_talos_stands_on_its_soles(stage):
+    robot = robots.urdf_robot('talos')
+    shown = scene.RobotScene(stage, robot)
+    soles = [shown.state.position(f'{side}_sole_link')[2] for side in ('left', 'right')]
+    assert min(soles) < -1.0
+    assert shown.ground() == pytest.approx(min(soles), abs=5e-3)
+
+
 def test_trail_ends_where_the_frame_is_and_has_a_longest_length(stage):
     trail = scene.Trail(stage, '/trail')
     for number in range(scene.MOST_POINTS + 50):
