@@ -38,6 +38,7 @@ import yaml
 viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
 
 from tp_controller.nodes.client import Client  # noqa: E402, I100
+from tp_controller.view.camera import first_view  # noqa: E402
 from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD  # noqa: E402
 from tp_controller.view.link import Link  # noqa: E402
 from tp_controller.view.looks import JOINT_COLOUR  # noqa: E402
@@ -167,6 +168,16 @@ def test_robot_stands_on_the_ground_once_it_is_known_where_it_is(rig):
     drums = [part for parts in rig.page._robot.parts.values() for part in parts
              if part.colour == JOINT_COLOUR]
     assert rig.page._ground.position[2] == pytest.approx(-0.5 * drums[0].size[1])
+
+
+def test_who_opens_the_page_sees_the_robot_where_it_is_and_not_at_zero(rig):
+    points, view = rig.page._robot.outer_points(), rig.page.server.initial_camera
+    start = rig.link.robot.state(PLANAR_START)
+    middle = np.mean([start.position(f'link{number}') for number in (1, 2, 3)], axis=0)
+    assert np.linalg.norm(view.look_at[:2] - middle[:2]) < 0.5 * np.ptp(points, axis=0).max()
+    np.testing.assert_allclose([view.position, view.look_at], first_view(points), atol=1e-2)
+    zero = rig.link.robot.state(np.zeros(3)).position('link3')
+    assert np.linalg.norm(zero - start.position('link3')) > 0.5
 
 
 def test_rows_tell_the_tasks_by_priority_with_errors_and_gains(rig):

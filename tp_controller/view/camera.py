@@ -23,6 +23,11 @@ from tp_controller.model.spatial import Array
 FIELD = 0.6
 # How much of the picture stays free beside, above and below what is seen; a caption is below.
 FREE_SIDE, FREE_TOP, FREE_BOTTOM = 0.05, 0.05, 0.12
+# Of the first view of a page: its angles [deg] and field [rad]; width per height of the scene of a
+# window, which is rather wider; and how near it is at most [m].
+FIRST_ANGLES, FIELD_OF_VIEW, FIRST_ASPECT, NEAREST = (-43.5, 21.7), 0.75, 1.0, 1.4
+# How much farther away it is than need be: goals are around a robot, and a moving one goes there.
+FARTHER, MUCH_FARTHER = 1.15, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +51,8 @@ class Camera:
     distance: float
 
 
-def camera_for(points: Array, view: tuple[float, float], aspect: float) -> Camera:
+def camera_for(points: Array, view: tuple[float, float], aspect: float,
+               field: float = FIELD) -> Camera:
     """
     Return the nearest camera that sees all points.
 
@@ -58,6 +64,8 @@ def camera_for(points: Array, view: tuple[float, float], aspect: float) -> Camer
         Azimuth and elevation of the camera, seen from the points [deg].
     aspect : float
         Width per height of the picture.
+    field : float
+        Vertical angle of the view [rad].
 
     Returns
     -------
@@ -66,7 +74,7 @@ def camera_for(points: Array, view: tuple[float, float], aspect: float) -> Camer
     """
     R = _axes(*np.radians(view))
     x, y, z = (points @ R).T
-    half = np.tan(0.5 * FIELD)
+    half = np.tan(0.5 * field)
     # Tangents of the angles up to which points may be: to a side, up and down.
     side, up, down = (half * factor for factor in (
         aspect * (1.0 - 2.0 * FREE_SIDE), 1.0 - 2.0 * FREE_TOP, 1.0 - 2.0 * FREE_BOTTOM))
@@ -77,6 +85,30 @@ def camera_for(points: Array, view: tuple[float, float], aspect: float) -> Camer
     X = 0.5 * (left - right)
     Y = 0.5 * ((above - up * Z) + (down * Z - below))
     return Camera(R @ (X, Y, Z), R, float(z.mean() - Z))
+
+
+def first_view(points: Array, moves: bool = False) -> tuple[Array, Array]:
+    """
+    Return from where a page shows a robot when it opens, with the field `FIELD_OF_VIEW`.
+
+    Parameters
+    ----------
+    points : ndarray (k, 3)
+        That are to be seen [m].
+    moves : bool
+        Whether the robot is going to leave its place.
+
+    Returns
+    -------
+    position, target : ndarray (3,)
+        Of the camera, and what it looks at [m].
+
+    """
+    camera = camera_for(points, FIRST_ANGLES, FIRST_ASPECT, FIELD_OF_VIEW)
+    forward = camera.R[:, 2]
+    target = camera.position + camera.distance * forward
+    farther = MUCH_FARTHER if moves else FARTHER
+    return target - max(farther * camera.distance, NEAREST) * forward, target
 
 
 def _axes(azimuth: float, elevation: float) -> Array:

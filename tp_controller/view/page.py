@@ -24,20 +24,14 @@ from tp_controller.errors import TpControllerError
 from tp_controller.nodes.client import Client
 from tp_controller.nodes.parameters import TASKS
 from tp_controller.tasks import task_types
+from tp_controller.view.camera import FIELD_OF_VIEW, first_view
 from tp_controller.view.gizmos import Gizmos
 from tp_controller.view.joint_sliders import JointSliders
 from tp_controller.view.link import Link
 from tp_controller.view.markers import MarkerScene
 from tp_controller.view.places import places_of, Topics
 from tp_controller.view.plots import Plots
-from tp_controller.view.scene import (
-    add_surroundings,
-    camera_pose,
-    FIELD_OF_VIEW,
-    RobotScene,
-    tip,
-    Trail,
-)
+from tp_controller.view.scene import add_surroundings, RobotScene, tip, Trail
 from tp_controller.view.stack_changes import StackChanges
 from tp_controller.view.stack_panel import assign, StackPanel
 import viser
@@ -170,7 +164,8 @@ class Page:
             with self.server.atomic():
                 self._robot.show(link.q, link.passive)
                 if not self._stands:
-                    self._stands, self._ground.position = True, (0.0, 0.0, self._robot.ground())
+                    self._stands = True
+                    self._look_at(self._robot)
                 self._show_path()
                 if markers is not self._drawn or not markers:
                     self._drawn = markers
@@ -206,14 +201,19 @@ class Page:
         if self._robot is not None:
             self._robot.remove()
         self._robot, self._stands = RobotScene(self.server.scene, link.robot), False
-        state = link.robot.state(link.robot.neutral())
-        camera = self.server.initial_camera
-        camera.position, camera.look_at = camera_pose(state, link.robot.frame_names)
-        camera.fov = FIELD_OF_VIEW
+        self._look_at(self._robot)
         self.joints.build(link.robot)
         self._trail.clear()
         self.frame.options = link.robot.frame_names
         assign(self.frame, tip(link.robot))
+
+    def _look_at(self, robot: RobotScene) -> None:
+        """Show a robot where it is, on the ground, to whoever opens the page from now on."""
+        self._ground.position = (0.0, 0.0, robot.ground())
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = first_view(
+            robot.outer_points(), moves=robot.robot.moves)
+        camera.fov = FIELD_OF_VIEW
 
     def _show_texts(self, now: float) -> None:
         """Show the stack, and what the controller does."""

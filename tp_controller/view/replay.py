@@ -23,11 +23,10 @@ from tp_controller.bags.history import History, Moment
 from tp_controller.bags.robots import configurations, path_of, tool_frames
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.view.camera import FIELD_OF_VIEW, first_view
 from tp_controller.view.markers import MarkerScene
 from tp_controller.view.scene import (
     add_surroundings,
-    camera_pose,
-    FIELD_OF_VIEW,
     RobotScene,
     TRAIL_COLOUR,
     TRAIL_WIDTH,
@@ -92,17 +91,13 @@ def _recorded(server: viser.ViserServer, history: History, robot: Robot, times: 
 
 def _look(server: viser.ViserServer, shown: RobotScene, q: Array, passive: Array) -> None:
     """Look from where the robot is seen well all the time."""
-    views = []
+    points = []
     for row in np.unique(np.linspace(0, len(q) - 1, VIEWS).astype(int)):
         shown.state.update(q[row], passive[row])
-        views.append(camera_pose(shown.state, shown.robot.frame_names))
-    positions, targets = (np.array(column) for column in zip(*views))
-    middle = 0.5 * (targets.min(axis=0) + targets.max(axis=0))
-    away = (positions - targets)[np.linalg.norm(positions - targets, axis=1).argmax()]
-    spread = np.linalg.norm(targets - middle, axis=1).max()
-    server.initial_camera.position = middle + away * (1.0 + spread / np.linalg.norm(away))
-    server.initial_camera.look_at = middle
-    server.initial_camera.fov = FIELD_OF_VIEW
+        points.append(shown.outer_points())
+    camera = server.initial_camera
+    camera.position, camera.look_at = first_view(np.concatenate(points))
+    camera.fov = FIELD_OF_VIEW
 
 
 def _add_path(scene: viser.SceneApi, points: Array) -> None:

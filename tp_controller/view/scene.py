@@ -14,14 +14,12 @@
 
 """A robot in a scene of the browser: its links, the ground, and where its tool has been."""
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.view.bounds import lowest
+from tp_controller.view.bounds import corners, lowest, outer_points
 from tp_controller.view.looks import Looks, looks_of
 from tp_controller.view.parts import add_part, Colour, place
 import viser
@@ -35,9 +33,6 @@ SHADOW = 0.3
 # Of the sky, at its top and where it meets the ground.
 SKY_COLOURS, SHADES = ((186, 203, 224), (240, 243, 247)), 64
 BRIGHTNESS = 0.25
-# Direction that the camera stands in, and how far in sizes of the robot, which is at least [m].
-VIEW, DISTANCE, LEAST_SIZE = np.array([1.0, -0.95, 0.55]), 1.8, 0.8
-FIELD_OF_VIEW = 0.75
 TRAIL_COLOUR: Colour = (0, 114, 178)
 # Points of a trail, and how far a frame moves between two of them [m].
 MOST_POINTS, STEP = 400, 0.004
@@ -81,6 +76,7 @@ class RobotScene:
                  looks: Looks | None = None) -> None:
         looks = looks_of(robot) if looks is None else looks
         self.robot, self.parts, self.remarks = robot, looks.parts, looks.remarks
+        self._corners = corners(looks.parts)
         self._root = scene.add_frame(name, show_axes=False)
         self.frames: dict[str, viser.FrameHandle] = {}
         self._shown: dict[str, Array] = {}
@@ -128,6 +124,12 @@ class RobotScene:
         if abs(lowest(self.state, fixed)) < STANDS:
             return 0.0
         return min(lowest(self.state, self.parts), 0.0)
+
+    def outer_points(self) -> Array:
+        """Return points (k, 3) that the robot is between where it is shown [m]."""
+        if self._corners:
+            return outer_points(self.state, self._corners)
+        return np.array([self.state.position(frame) for frame in self.robot.frame_names])
 
     def remove(self) -> None:
         """Take the robot out of the scene."""
@@ -202,27 +204,3 @@ def tip(robot: Robot) -> str:
     return max(robot.frame_names, key=lambda frame: (
         len(model.supports[model.frames[ids[frame]].parentJoint]),
         float(np.linalg.norm(model.frames[ids[frame]].placement.translation))))
-
-
-def camera_pose(state: RobotState, frames: Iterable[str]) -> tuple[Array, Array]:
-    """
-    Return from where a robot is seen well.
-
-    Parameters
-    ----------
-    state : RobotState
-        Where it is.
-    frames : iterable of str
-        Its links.
-
-    Returns
-    -------
-    position, target : ndarray (3,)
-        Of the camera, and what it looks at [m].
-
-    """
-    points = np.array([state.position(frame) for frame in frames])
-    lower, upper = points.min(axis=0), points.max(axis=0)
-    size = max(float(np.linalg.norm(upper - lower)), LEAST_SIZE)
-    target = 0.5 * (lower + upper)
-    return target + DISTANCE * size * VIEW / np.linalg.norm(VIEW), target

@@ -25,7 +25,7 @@ from tp_controller.model.urdf import parse
 
 viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
 
-from tp_controller.view import borrowed, looks, meshes, parts, scene  # noqa: E402
+from tp_controller.view import borrowed, camera, looks, meshes, parts, scene  # noqa: E402
 
 BOX = '<geometry><box size="0.1 0.2 0.3"/></geometry>'
 BALL = '<geometry><sphere radius="0.2"/></geometry>'
@@ -233,15 +233,38 @@ def test_file_that_is_no_mesh_is_refused_with_its_name(tmp_path, content):
         meshes.load_mesh(path)
 
 
-def test_camera_looks_at_the_robot_from_outside():
-    robot = robots.panda()
-    state = robot.state(robots.PANDA_READY)
-    frames = robot.frame_names
-    position, target = scene.camera_pose(state, frames)
-    points = np.array([state.position(frame) for frame in frames])
-    assert (points.min(axis=0) <= target).all() and (target <= points.max(axis=0)).all()
-    farthest = np.linalg.norm(points - target, axis=1).max()
-    assert np.linalg.norm(position - target) > 1.5 * farthest
+def seen(position, target, points):
+    """Return where points are in the first picture, from -1 to 1 across its height."""
+    forward = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    x, y, z = np.array([right, np.cross(right, forward), forward]) @ (points - position).T
+    assert (z > 0.0).all()
+    return np.array([x, y]) / z / np.tan(0.5 * camera.FIELD_OF_VIEW)
+
+
+# Where the demos start: on wheels with the arm up, and far below the root.
+STARTS = {'mobile_arm.urdf': ('planar', (0.0, 0.0, 0.0)),
+          'underwater_arm.urdf': ('floating', (1.0, 0.0, -3.0)),
+          'two_arms.urdf': ('fixed', None), 'panda.yaml': ('fixed', None)}
+
+
+@pytest.mark.parametrize('name', sorted(STARTS))
+def test_first_view_has_all_of_the_robot_in_it_and_little_else(stage, name):
+    base, place = STARTS[name]
+    robot = Robot.from_file(robots.CONFIG / 'robots' / name, base=base)
+    shown = scene.RobotScene(stage, robot)
+    T = np.eye(4)
+    T[:3, 3] = place or (0.0, 0.0, 0.0)
+    joints = robot.neutral() if place is None else robot.configuration(
+        np.zeros(len(robot.joint_names)), T)
+    shown.show(joints)
+    view = camera.first_view(shown.outer_points())
+    origins = seen(*view, np.array([shown.state.position(link) for link in shown.frames]))
+    assert np.abs(origins).max() < 0.9
+    picture = seen(*view, shown.outer_points())
+    assert np.abs(picture).max() < 0.95
+    assert np.ptp(picture, axis=1).max() > 1.2
 
 
 class Leg:
