@@ -267,6 +267,17 @@ def test_controller_that_is_gone_is_said_to_be_gone(rig):
     rig.spin_until(lambda: '/tp_controller is not heard' in rig.page.state_text.content)
 
 
+def test_axis_of_errors_has_a_line_for_each_power_of_ten_around_them(rig):
+    plot = rig.page.plots.errors
+    rig.spin_until(lambda: plot.names and plot._plot is not None, 'the plot')
+    axis, scale = plot._plot.axes[1], plot._plot.scales['y']
+    assert (scale['range'][0], scale['range'][1]) == (axis['splits'][0], axis['splits'][-1])
+    values = np.array(plot._plot.data[1:])
+    assert scale['range'][0] <= values.min() and values.max() <= scale['range'][1]
+    np.testing.assert_allclose(np.diff(np.log10(axis['splits'])), 1.0)
+    assert len(axis['values']) == len(axis['splits']) and any(axis['values'])
+
+
 def test_plots_have_a_curve_for_each_error_and_joint(rig):
     plots = rig.page.plots
     rig.spin_until(lambda: plots.velocities.names and plots.errors.names, 'the curves')

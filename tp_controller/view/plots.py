@@ -17,6 +17,7 @@
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 import math
+from typing import Any
 
 import numpy as np
 from tp_controller.model.robot import Robot
@@ -33,6 +34,11 @@ LIMIT_COLOUR = '#B00020'
 HEIGHT = 190
 # Smaller errors are drawn as this: there is no zero on a logarithmic scale (`distr` 3).
 LEAST_ERROR = 1e-6
+# How many powers of ten an axis has labels for at most.
+MOST_LABELS = 6
+# As uPlot has them without being told; viser makes them as dark as the labels.
+TICKS: viser.uplot.Axis_Ticks = {'stroke': '#00000012'}
+EXPONENTS = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
 # Entries of a Jacobian below this are zero at all configurations, if they are at some.
 NOTHING = 1e-9
 TRIED = 5
@@ -47,8 +53,8 @@ class RunningPlot:
     gui : viser.GuiApi
         The plot goes to its current container.
     title : str
-    scale : dict
-        Of the y axis, as uPlot has it.
+    scale : dict, optional
+        Of the y axis, as uPlot has it; without one it is logarithmic.
     limits : sequence of float
         Drawn as lines.
 
@@ -59,7 +65,7 @@ class RunningPlot:
 
     """
 
-    def __init__(self, gui: viser.GuiApi, title: str, scale: viser.uplot.Scale,
+    def __init__(self, gui: viser.GuiApi, title: str, scale: viser.uplot.Scale | None = None,
                  limits: Sequence[float] = ()) -> None:
         self._gui, self._title, self._scale, self._limits = gui, title, scale, limits
         self._plot: viser.GuiUplotHandle | None = None
@@ -96,13 +102,24 @@ class RunningPlot:
             return
         data, series = self._data(), self._series()
         if self._plot is None:
-            self._plot = self._gui.add_uplot(
-                data, series, title=self._title, height=HEIGHT,
-                scales={'x': {'time': False, 'range': (-SECONDS, 0.0)}, 'y': self._scale})
-        elif self._plot.series != series:
-            # Not another plot: a browser may still have updates of the one before.
-            self._plot.series = series
+            self._plot = self._gui.add_uplot(data, series, title=self._title, height=HEIGHT,
+                                             **self._axes())
+        # Not another plot: a browser may still have updates of the one before.
+        for name, value in {'series': series, **self._axes()}.items():
+            if getattr(self._plot, name) != value:
+                setattr(self._plot, name, value)
         self._plot.data = data
+
+    def _axes(self) -> dict[str, Any]:
+        """Return the axes, and how values go onto them, as uPlot has both."""
+        x: viser.uplot.Scale = {'time': False, 'range': (-SECONDS, 0.0)}
+        if self._scale is not None:
+            return {'scales': {'x': x, 'y': self._scale}}
+        powers = powers_of_ten(self._rows)
+        # Labels of its own are rounded to thousandths, and its grid has lines between powers.
+        return {'scales': {'x': x, 'y': {'distr': 3, 'log': 10, 'range': (powers[0], powers[-1])}},
+                'axes': ({'ticks': TICKS}, {'ticks': TICKS, 'splits': powers,
+                                            'values': labels(powers)})}
 
     def _series(self) -> tuple[viser.uplot.Series, ...]:
         """Return how the curves look."""
@@ -138,7 +155,7 @@ class Plots:
 
     def __init__(self, gui: viser.GuiApi, tab: viser.GuiTabHandle) -> None:
         self._tab = tab
-        self.errors = RunningPlot(gui, 'error', {'distr': 3, 'log': 10})
+        self.errors = RunningPlot(gui, 'error')
         self.velocities = RunningPlot(gui, 'velocity, % of limit', {
             'auto': False, 'range': (-110.0, 110.0)}, (-100.0, 100.0))
         self.manipulability = RunningPlot(gui, 'manipulability', {'auto': True})
@@ -186,6 +203,21 @@ def error_curves(rows: Sequence[Row]) -> dict[str, float]:
     """Return {task and unit: error}, none of them zero; not a number where it is not known."""
     return {f'{row.name} [{unit}]': error if math.isnan(error) else max(error, LEAST_ERROR)
             for row in rows for unit, error in row.errors}
+
+
+def powers_of_ten(values: Sequence[Sequence[float]]) -> tuple[float, ...]:
+    """Return the powers of ten from the last below all values, which are positive, to the next."""
+    lower = math.floor(math.log10(min(map(min, values))))
+    upper = math.ceil(math.log10(max(map(max, values))))
+    return tuple(10.0**each for each in range(lower, max(upper, lower + 1) + 1))
+
+
+def labels(powers: Sequence[float]) -> tuple[str, ...]:
+    """Return a label for each power of ten; empty ones between where there are many."""
+    step = math.ceil(len(powers) / MOST_LABELS)
+    exponents = [round(math.log10(power)) for power in powers]
+    return tuple('' if each % step else f'10{str(each).translate(EXPONENTS)}'
+                 for each in exponents)
 
 
 def moving_rows(robot: Robot, frame: str) -> list[int]:
