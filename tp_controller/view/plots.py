@@ -32,6 +32,8 @@ COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#0
            '#7F3C8D', '#80BA5A')
 LIMIT_COLOUR = '#B00020'
 HEIGHT = 190
+# Above, at the right, below and at the left: half of the uppermost label is above its line.
+PADDING = 8, 24, 0, 0
 # Smaller errors are drawn as this: there is no zero on a logarithmic scale (`distr` 3).
 LEAST_ERROR = 1e-6
 # How many powers of ten an axis has labels for at most.
@@ -103,7 +105,7 @@ class RunningPlot:
         data, series = self._data(), self._series()
         if self._plot is None:
             self._plot = self._gui.add_uplot(data, series, title=self._title, height=HEIGHT,
-                                             **self._axes())
+                                             padding=PADDING, **self._axes())
         # Not another plot: a browser may still have updates of the one before.
         for name, value in {'series': series, **self._axes()}.items():
             if getattr(self._plot, name) != value:
