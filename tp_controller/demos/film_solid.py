@@ -17,6 +17,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 import io
+from itertools import product
 import logging
 from threading import Event
 
@@ -29,7 +30,6 @@ from tp_controller.errors import TpControllerError
 from tp_controller.model.spatial import Array, pose
 from tp_controller.tasks.aim import pose_along
 from tp_controller.tasks.sketch import Sketch
-from tp_controller.view.bounds import corners, outer_points
 from tp_controller.view.browser import find_chromium, HeadlessPage, open_page
 from tp_controller.view.camera import Camera, camera_for, FIELD
 from tp_controller.view.looks import looks_of
@@ -49,6 +49,8 @@ OUT_OF_VIEW = '<style>#root { position: fixed; top: 300vh; }</style>'
 MOST_TRIES = 20
 CARRIED_COLOUR: Colour = (204, 121, 167)
 BAR_RADIUS = 0.018
+# Half the size of a mesh of which the corners are not known here, with colours of its own [m].
+MESH_HALF = 0.07
 # Light from everywhere, that of a lamp, and where it is above the camera, in distances.
 AMBIENT, BRIGHTNESS, LAMP = 1.25, 2.4, np.array([0.0, 0.0, 1.2])
 NO_CHROMIUM = ('there is no Chromium on the PATH (Debian: sudo apt install chromium; Ubuntu: '
@@ -173,11 +175,14 @@ def _seen(motion: Motion, samples: Sequence[int]) -> tuple[Array, list[Sketch]]:
     """Return points (k, 3) [m] and sketches all of which are to be in the picture."""
     playback, points = Playback(motion), []
     sketches: list[Sketch] = []
-    own = corners(looks_of(motion.robot).parts)
+    corners = {link: np.concatenate([_corners(part) for part in parts])
+               for link, parts in looks_of(motion.robot).parts.items() if parts}
     for sample in samples:
         playback.seek(sample)
         state = playback.state
-        points.append(outer_points(state, own))
+        for link, own in corners.items():
+            T = state.pose(link)
+            points.append(own @ T[:3, :3].T + T[:3, 3])
         points += [state.position(frame)[np.newaxis] for frame in motion.frames]
         points += [outline(each.shape, state.pose(each.frame) @ pose(np.eye(3), each.at))
                    for each in motion.objects]
@@ -185,6 +190,24 @@ def _seen(motion: Motion, samples: Sequence[int]) -> tuple[Array, list[Sketch]]:
         sketches += [sketch for parts in playback.sketches().values() for sketch in parts]
     seen = np.concatenate(points)
     return seen[np.isfinite(seen).all(axis=1)], sketches
+
+
+def _corners(part: Part) -> Array:
+    """Return the corners (k, 3) of a box around a part, in the axes of its link [m]."""
+    half, middle = np.zeros(3), np.zeros(3)
+    if part.kind == 'box':
+        half = 0.5 * np.array(part.size)
+    elif part.kind == 'sphere':
+        half = np.ones(3) * part.size
+    elif part.kind == 'cylinder':
+        half = np.array([part.size[0], part.size[0], 0.5 * part.size[1]])
+    elif part.mesh is not None and part.mesh.vertices is not None:
+        low, high = part.mesh.vertices.min(axis=0), part.mesh.vertices.max(axis=0)
+        half, middle = 0.5 * (high - low) * part.size, 0.5 * (low + high) * part.size
+    else:
+        half += MESH_HALF
+    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+    return (middle + signs * half) @ part.T[:3, :3].T + part.T[:3, 3]
 
 
 @contextmanager
