@@ -118,7 +118,7 @@ def draw(times, sweeps, path):
         axis.set_ylim(bottom=0.0)
         axis.set_xlim(left=0.0)
         drawing.tidy(axis)
-    axes[0].legend(frameon=False)
+    axes[1].legend(frameon=False)
     print(drawing.save(figure, path))
 
 
