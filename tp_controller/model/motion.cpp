@@ -636,18 +636,13 @@ PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "motion", "What a cycle asks of a r
 }  // namespace
 
 PyMODINIT_FUNC PyInit_motion(void) {
-  Held module(PyModule_Create(&MODULE));
-  if (!module) return nullptr;
-  PyObject *motion = make_type<Motion>("tp_controller.model.motion.Motion", make_motion,
-                                       MOTION_METHODS);
-  PyObject *limits = make_type<Limits>("tp_controller.model.motion.Limits", make_limits,
-                                       LIMITS_METHODS);
-  PyObject *values = Py_BuildValue(
-      "{s:n,s:d,s:d,s:d,s:d,s:d}", "MOST", MOST, "LARGEST", LARGEST,
-      "HALF_TURN_BAND", HALF_TURN_BAND,
-      "RETURN_SHARE", RETURN_SHARE, "RETURN_SPEED", RETURN_SPEED, "FAR", FAR);
-  if (!motion || !limits || !values || PyModule_AddObject(module, "Motion", motion) != 0
-      || PyModule_AddObject(module, "Limits", limits) != 0
-      || PyModule_AddObject(module, "CONSTANTS", values) != 0) return nullptr;
-  return module.release();
+  return make_module(MODULE, {
+      {"Motion", make_type<Motion>("tp_controller.model.motion.Motion", make_motion,
+                                   MOTION_METHODS)},
+      {"Limits", make_type<Limits>("tp_controller.model.motion.Limits", make_limits,
+                                   LIMITS_METHODS)},
+      {"CONSTANTS", Py_BuildValue(
+          "{s:n,s:d,s:d,s:d,s:d,s:d}", "MOST", MOST, "LARGEST", LARGEST,
+          "HALF_TURN_BAND", HALF_TURN_BAND, "RETURN_SHARE", RETURN_SHARE,
+          "RETURN_SPEED", RETURN_SPEED, "FAR", FAR)}});
 }

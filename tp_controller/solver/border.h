@@ -21,6 +21,7 @@
 
 #include <cstdint>
 #include <cstring>
+#include <initializer_list>
 #include <new>
 #include <utility>
 
@@ -49,8 +50,7 @@ inline bool is_double(const Py_buffer &view) {
 // An array of doubles that Python owns.
 class Buffer {
  public:
-  explicit Buffer(PyObject *object, bool writable = false) {
-    const int flags = PyBUF_STRIDES | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0);
+  explicit Buffer(PyObject *object, int flags = PyBUF_STRIDES | PyBUF_FORMAT) {
     if (!object || PyObject_GetBuffer(object, &view_, flags) != 0) {
       PyErr_Clear();
       return;
@@ -105,37 +105,22 @@ class Buffer {
     return found;
   }
 
+  bool held_ = false;
+
+ protected:
   Py_buffer view_;
-  bool held_ = false, fits_ = false;
+  bool fits_ = false;
 };
 
 // An array of doubles, in the order of C, that is filled in.
-class Output {
+class Output : public Buffer {
  public:
-  explicit Output(PyObject *object) {
-    if (!object || PyObject_GetBuffer(object, &view_, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT
-                                                          | PyBUF_WRITABLE) != 0) {
-      PyErr_Clear();
-      return;
-    }
-    held_ = true;
-    fits_ = is_double(view_)
-        && reinterpret_cast<std::uintptr_t>(view_.buf) % alignof(double) == 0;
-  }
-  Output(const Output &) = delete;
-  ~Output() {
-    if (held_) PyBuffer_Release(&view_);
+  explicit Output(PyObject *object)
+      : Buffer(object, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | PyBUF_WRITABLE) {
+    fits_ = fits_ && reinterpret_cast<std::uintptr_t>(view_.buf) % alignof(double) == 0;
   }
 
-  bool is(Py_ssize_t rows) const { return fits_ && view_.ndim == 1 && view_.shape[0] == rows; }
-  bool is(Py_ssize_t rows, Py_ssize_t columns) const {
-    return fits_ && view_.ndim == 2 && view_.shape[0] == rows && view_.shape[1] == columns;
-  }
   double *p() const { return static_cast<double *>(view_.buf); }
-
- private:
-  Py_buffer view_;
-  bool held_ = false, fits_ = false;
 };
 
 // An object of Python that holds one of C++.
@@ -187,6 +172,16 @@ PyMethodDef method(const char *name, PyObject *(*function)(PyObject *, PyObject 
                    const char *what) {
   return {name, reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)(void)>(function)),
           METH_FASTCALL, what};
+}
+
+// A module that takes objects by name; none where one of them could not be made.
+PyObject *make_module(PyModuleDef &definition,
+                      std::initializer_list<std::pair<const char *, PyObject *>> objects) {
+  Held module(PyModule_Create(&definition));
+  for (const auto &each : objects)
+    if (!module || !each.second || PyModule_AddObject(module, each.first, each.second) != 0)
+      return nullptr;
+  return module.release();
 }
 
 }  // namespace

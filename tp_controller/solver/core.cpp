@@ -1711,7 +1711,7 @@ class Cycle {
       read_bounds(arena, given[1], given[2], solver_.n(), lower, upper);
     if (given[4] != Py_None) cap = read(arena, given[4], solver_.n());
     for (int j = 0; cap && j < solver_.n(); ++j) need(cap[j] >= 0.0);
-    const Buffer velocity(given[6], true);
+    const Buffer velocity(given[6], PyBUF_STRIDES | PyBUF_FORMAT | PyBUF_WRITABLE);
     need(velocity.is(solver_.n()));
     solver_.solve(lower, upper, number(given[3]), cap);
     velocity.fill(solver_.x);
@@ -1807,11 +1807,7 @@ PyMODINIT_FUNC PyInit_core(void) {
   if (!intern(J_NAME, "J") || !intern(V_NAME, "v") || !intern(MODE_NAME, "mode")
       || !intern(LOWER_NAME, "lower") || !intern(UPPER_NAME, "upper")
       || !intern(IDENTITY_NAME, "is_identity")) return nullptr;
-  Held module(PyModule_Create(&MODULE));
-  if (!module) return nullptr;
-  PyObject *type = make_type<Solver>("tp_controller.solver.core.Solver", make, METHODS);
-  PyObject *values = constants();
-  if (!type || !values || PyModule_AddObject(module, "Solver", type) != 0
-      || PyModule_AddObject(module, "CONSTANTS", values) != 0) return nullptr;
-  return module.release();
+  return make_module(MODULE, {
+      {"Solver", make_type<Solver>("tp_controller.solver.core.Solver", make, METHODS)},
+      {"CONSTANTS", constants()}});
 }

@@ -105,11 +105,7 @@ PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "rows", "The bounds of inequality t
 }  // namespace
 
 PyMODINIT_FUNC PyInit_rows(void) {
-  Held module(PyModule_Create(&MODULE));
-  if (!module) return nullptr;
-  PyObject *values = Py_BuildValue(
+  return make_module(MODULE, {{"CONSTANTS", Py_BuildValue(
       "{s:d,s:d,s:d,s:d,s:d}", "RETURN_JOINT_SPEED", RETURN_JOINT_SPEED, "FAR", FAR,
-      "STILL", STILL, "DRIFT", DRIFT, "TINY", TINY);
-  if (!values || PyModule_AddObject(module, "CONSTANTS", values) != 0) return nullptr;
-  return module.release();
+      "STILL", STILL, "DRIFT", DRIFT, "TINY", TINY)}});
 }
