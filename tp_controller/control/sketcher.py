@@ -23,16 +23,16 @@ from typing import TypeAlias
 from numpy.typing import ArrayLike
 from tp_controller.control.controller import Controller
 from tp_controller.model.robot import Robot
-from tp_controller.tasks.guard import raised
+from tp_controller.tasks.guard import PATIENCE, raised
 from tp_controller.tasks.sketch import Sketch
 from tp_controller.tasks.task import Task
 
 Place: TypeAlias = tuple[ArrayLike, ArrayLike | None]
 # How many parts of a task are drawn.
 MOST_PARTS = 200
-# A task that takes longer than this, so many times in a row, is not drawn any more [s]: what else
-# is told about the controller would be late. Those of this package take milliseconds.
-SOON, PATIENCE = 0.2, 3
+# A task that takes longer than this, `PATIENCE` times in a row, is not drawn any more [s]: what
+# else is told about the controller would be late. Those of this package take milliseconds.
+SOON = 0.2
 
 
 class Sketcher:

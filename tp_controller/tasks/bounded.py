@@ -173,14 +173,11 @@ class BoundedTask(Task):
         """Return the `Evaluation` at a state."""
         seen = self.observe_rows(state)
         self._remember(Moment(now, state.q, seen))
-        motion, before = self.own_motion(state, now), self._rows_before(seen)
+        given = (seen.value, seen.J, self._rows_before(seen), state.velocity, self.lower,
+                 self.upper, self.gain, self.return_speed, self.own_motion(state, now), self.jump)
         error, least, most = (np.empty(len(seen.value)) for _ in range(3))
-        if ROWS is None or not ROWS.bound(
-                seen.value, seen.J, before, state.velocity, self.lower, self.upper, self.gain,
-                self.return_speed, motion, self.jump, error, least, most):
-            error, least, most = bounds_of(
-                seen.value, seen.J, before, state.velocity, self.lower, self.upper, self.gain,
-                self.return_speed, motion, self.jump)
+        if ROWS is None or not ROWS.bound(*given, error, least, most):
+            error, least, most = bounds_of(*given)
         return Evaluation(self, Level(seen.J, lower=least, upper=most), error, seen.names)
 
     def _distance_back(self, value: Array) -> Array:
