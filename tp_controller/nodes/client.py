@@ -42,6 +42,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from tp_controller.errors import GoalError, TpControllerError, unknown
 from tp_controller.nodes import Message
+from tp_controller.nodes.interruption import uninterrupted
 
 # What a message is filled with, by the names that `FIELDS` lists.
 Fields = Mapping[str, Any]
@@ -137,18 +138,20 @@ class Client:
 
     def spin(self, seconds: float) -> None:
         """Take what arrives, for at most `seconds`."""
-        self._executor.spin_once(timeout_sec=seconds)
+        with uninterrupted():
+            self._executor.spin_once(timeout_sec=seconds)
 
     def catch_up(self) -> None:
         """Take all that has arrived, and wait for nothing."""
-        for _ in range(MOST_WAITING):
-            try:
-                handler, _, _ = self._executor.wait_for_ready_callbacks(timeout_sec=0.0)
-            except TimeoutException:
-                return
-            handler()
-            if handler.exception() is not None:
-                raise handler.exception()
+        with uninterrupted():
+            for _ in range(MOST_WAITING):
+                try:
+                    handler, _, _ = self._executor.wait_for_ready_callbacks(timeout_sec=0.0)
+                except TimeoutException:
+                    return
+                handler()
+                if handler.exception() is not None:
+                    raise handler.exception()
 
     def wait(self, condition: Callable[[], object], seconds: float) -> bool:
         """
