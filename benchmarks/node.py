@@ -18,7 +18,9 @@ Run the controller node beside one that only echoes: share of a processor, delay
 Run as ``python benchmarks/node.py`` (or ``make bench``). The nodes run one after the other as
 processes of their own, with the executor that they always have. This process is the robot: a Panda
 that publishes joint states and follows the commands. After every block of states it pauses until
-all have been answered, so it knows which command answers which state. With limits active its
+all have been answered, so it knows which command answers which state. A delay ends when the
+middleware has received the command, whenever this process looks at it; it has one thread, so that
+nothing of its own is measured. With limits active its
 joints have 1 % of their speed limits and its goal is half a metre away.
 
 Shares are of one processor, of the whole process with all its threads. On a machine that does
@@ -33,7 +35,6 @@ from pathlib import Path
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 
 from _robots import load_robot, PANDA_READY
@@ -41,13 +42,11 @@ from geometry_msgs.msg import PoseStamped
 import numpy as np
 import rclpy
 from rclpy.node import Node
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tp_controller.demos.processes import NodeProcess, own_domain
 from tp_controller.model.spatial import quaternion_from_rotation
 from tp_controller.nodes.commands import TOPIC
-from tp_controller.nodes.runner import LONG, make_executor
 from visualization_msgs.msg import MarkerArray
 
 ROBOT = 'package://tp_controller/config/robots/panda.yaml'
@@ -61,8 +60,8 @@ SLOW, FAR = 0.01, 0.5
 PATIENCE_SECONDS = 20.0
 # The first cycles are slower, until everything is in the caches of Python and of the processor.
 WARM_UP_SECONDS = 1.0
-# States in a block, and how long its answers are waited for [s].
-BLOCK, PAUSE = 100, 0.02
+# States in a block, how many commands may wait, and how long the last is waited for [s].
+BLOCK, DEPTH, PAUSE = 100, 200, 0.02
 TICKS = os.sysconf('SC_CLK_TCK')
 
 Case = namedtuple('Case', 'name rate hertz limited shown', defaults=[False])
@@ -79,55 +78,55 @@ CASES = (
 
 
 class RobotNode(Node):
-    """Publishes joint states at a pace of its own, and notes when commands arrive."""
+    """Publishes joint states at a pace of its own, and takes the commands in between."""
 
     def __init__(self, robot):
         super().__init__('robot')
-        self.q, self.velocity, self.arrived = np.array(PANDA_READY), np.zeros(robot.n), []
+        self.q, self.velocity, self.drawn = np.array(PANDA_READY), np.zeros(robot.n), None
         self._message = JointState(name=list(robot.joint_names))
         self._states = self.create_publisher(JointState, 'joint_states', 10)
-        self.create_subscription(Float64MultiArray, TOPIC, self._on_command, 200)
+        self._commands = self.create_subscription(Float64MultiArray, TOPIC, ignore, DEPTH)
         self.goals = self.create_publisher(PoseStamped, '/tp_controller/tool/goal', 1)
-        self.drawn = []
 
     def look(self):
         """Have the markers made and published from now on."""
-        self.create_subscription(MarkerArray, '/tp_controller/markers', self.drawn.append, 10)
+        self.drawn = self.create_subscription(MarkerArray, '/tp_controller/markers', ignore, 10)
 
-    def _on_command(self, message):
-        self.arrived.append(time.monotonic())
-        self.velocity = np.array(message.data)
+    def _take(self):
+        """Follow the newest command; return when each arrived."""
+        arrived = []
+        for message, information in taken(self._commands):
+            arrived.append(information['received_timestamp'])
+            self.velocity = np.array(message.data)
+        return arrived
 
     def block(self, hertz):
-        """Publish a block of states; return when each was sent, and when answers arrived."""
-        del self.arrived[:]
-        sent, due = [], time.monotonic()
+        """Publish a block of states; return when each was sent, and when answers arrived [ns]."""
+        self._take()
+        sent, arrived, due = [], [], time.monotonic()
         for _ in range(BLOCK):
-            due += 1.0 / hertz
+            # States that were missed are not made up for.
+            due = max(due + 1.0 / hertz, time.monotonic())
             time.sleep(max(0.0, due - time.monotonic()))
+            arrived += self._take()
             self.q = self.q + self.velocity / hertz
             self._message.position = self.q.tolist()
             self._message.header.stamp = self.get_clock().now().to_msg()
-            sent.append(time.monotonic())
+            sent.append(time.time_ns())
             self._states.publish(self._message)
         time.sleep(PAUSE)
-        return sent, list(self.arrived)
+        return sent, arrived + self._take()
 
 
-@contextmanager
-def spun(node):
-    """Spin a node on a thread of its own."""
-    executor = make_executor(node.context)
-    executor.add_node(node)
-    ended = Future(executor=executor)
-    thread = threading.Thread(target=executor.spin_until_future_complete, args=(ended, LONG))
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set_result(None)
-        thread.join()
-        executor.shutdown()
+def ignore(_):
+    """Take nothing: messages are taken from the queue."""
+
+
+def taken(subscription):
+    """Take what waits in the queue of a subscription: messages, and what is known of them."""
+    with subscription.handle:
+        while (message := subscription.handle.take_message(subscription.msg_type, False)):
+            yield message
 
 
 @contextmanager
@@ -196,13 +195,13 @@ def measure(case, robot, node, pid, seconds):
         From a state to its command [s], of blocks without loss.
 
     """
-    wait_for(node, case.hertz, lambda: node.arrived)
+    wait_for(node, case.hertz, lambda: node.block(case.hertz)[1])
     if case.limited:
         wait_for(node, case.hertz, node.goals.get_subscription_count)
         node.goals.publish(far_goal(robot))
     if case.shown:
         node.look()
-        wait_for(node, case.hertz, lambda: node.drawn)
+        wait_for(node, case.hertz, lambda: list(taken(node.drawn)))
     begin = time.monotonic()
     while time.monotonic() < begin + WARM_UP_SECONDS:
         node.block(case.hertz)
@@ -212,9 +211,10 @@ def measure(case, robot, node, pid, seconds):
     before, begin = processor_seconds(pid), time.monotonic()
     while time.monotonic() < begin + seconds:
         times, arrived = node.block(case.hertz)
-        sent, answered, busy = sent + BLOCK, answered + len(arrived), busy + BLOCK / case.hertz
+        sent, answered = sent + BLOCK, answered + len(arrived)
+        busy += 1e-9 * (times[-1] - times[0]) + 1.0 / case.hertz
         if len(arrived) == BLOCK:
-            delays.extend(np.subtract(arrived, times))
+            delays.extend(1e-9 * np.subtract(arrived, times))
     # Where states set the pace, pauses are no part of what is asked.
     passed = time.monotonic() - begin if case.rate else busy
     return (processor_seconds(pid) - before) / passed, answered / sent, np.array(delays)
@@ -238,7 +238,7 @@ def main():
         for case in CASES:
             rclpy.init()
             node = RobotNode(robot)
-            with process_of(case, robot, environment, Path(folder)) as pid, spun(node):
+            with process_of(case, robot, environment, Path(folder)) as pid:
                 share, answered, delays = measure(case, robot, node, pid, options.seconds)
             node.destroy_node()
             rclpy.shutdown()

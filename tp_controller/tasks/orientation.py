@@ -102,8 +102,9 @@ class TurningFrameTask(TurningTask, FrameTask):
     def _observe(self, motion: Motion, error: Array, J: Array, v: Array) -> bool:
         """Fill in error, J and v = gain ∘ error; return whether that was possible."""
         turn = np.empty(3)
-        observed = motion.observe(*self._observed, self.goal, self._rotation_error.previous, turn,
-                                  self.gain, error, J, v)
+        frame, reference, rows = self._observed
+        observed = motion.observe(frame, reference, rows, self.goal, self._rotation_error.previous,
+                                  turn, self.gain, error, J, v)
         if observed:
             self._rotation_error.previous = turn
         return observed
