@@ -431,18 +431,63 @@ def test_after_a_stall_of_its_own_the_motion_begins_from_rest(monkeypatch, rate,
     check(world)
 
 
+def at_once(world, ages):
+    """Return joint states that arrive together, each so long after it was made."""
+    return [world.state(stamp=world.now - age) for age in sorted(ages, reverse=True)]
+
+
+def take_time(patch, world, seconds):
+    """Let every cycle take time."""
+    update = world.controller.update
+
+    def timed(*given):
+        world.now += seconds
+        return update(*given)
+
+    patch.setattr(world.controller, 'update', timed)
+
+
 @pytest.mark.parametrize('seed', SEEDS)
 def test_of_joint_states_that_waited_only_the_newest_is_answered(monkeypatch, seed):
     random = np.random.default_rng(seed)
     world = make_world(monkeypatch, random, rate=0.0)
+    take_time(monkeypatch, world, 1e-4)
     world.frozen = True
     # Too short to count as a stall.
-    world.run(random.uniform(0.01, 0.045))
+    world.run(random.uniform(0.011, 0.045))
     world.frozen, count = False, len(world.monitor.commands)
     world.run(0.001)
     assert len(world.monitor.commands) == count + 1 and world.velocity.any()
     assert (world.loop._buffer.q == world.sent).all()
     check(world)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_joint_states_that_waited_for_a_moment_are_answered_one_by_one(monkeypatch, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, rate=0.0)
+    take_time(monkeypatch, world, 1e-4)
+    count, size = len(world.monitor.commands), random.integers(2, 10)
+    ages = random.uniform(0.0, 0.9 * STATE_PERIOD, size)
+    world.report = lambda world: [*at_once(world, ages), world.state()]
+    world.run(20 * STATE_PERIOD)
+    assert len(world.monitor.commands) == count + 20 * (size + 1)
+    assert world.velocity.any()
+    check(world)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_loop_that_falls_behind_does_not_answer_all_joint_states(monkeypatch, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, rate=0.0)
+    took = random.uniform(0.0015, 0.003)
+    take_time(monkeypatch, world, took)
+    world.report = lambda world: [*at_once(world, 1e-4 * np.arange(1, 18)), world.state()]
+    count = len(world.monitor.commands)
+    world.run(STATE_PERIOD)
+    # The last of them is the newest, alone.
+    assert count + 0.01 / took < len(world.monitor.commands) <= count + 0.01 / took + 3
+    assert (world.loop._buffer.q == world.sent).all()
 
 
 @pytest.mark.parametrize('seed', SEEDS)

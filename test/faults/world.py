@@ -58,8 +58,8 @@ class Queue:
         return (self._messages.popleft(), None) if self._messages else None
 
     def run(self):
-        """Call back with the oldest message, if there is one."""
-        if self._messages:
+        """Call back with all messages, the oldest first."""
+        while self._messages:
             self.callback(self._messages.popleft())
 
     def __enter__(self):
