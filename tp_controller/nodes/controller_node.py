@@ -443,7 +443,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         if self._loop is None or not self._active:
             return
         topic, own = self._loop.commands.topic, (self.get_name(), self.get_namespace())
-        publishing = f'another node publishes on {topic}'
+        publishing = _publishing(topic)
         others = {publishing: self._competitors(topic),
                   f'another node has the name {self.get_fully_qualified_name()}':
                   self.get_node_names_and_namespaces().count(own) - 1}
@@ -478,7 +478,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         Tasks without a goal keep the values they have now.
         """
         loop = self._loop
-        lasting = loop.lasting() if loop is not None else ''
+        lasting = self._lasting()
         if lasting:
             response.success, response.message = False, f'not started: {lasting}'
             return response
@@ -493,6 +493,16 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         response.success, response.message = True, 'started'
         return response
 
+    def _lasting(self) -> str:
+        """Return what stopped the robot and is not over yet, if anything."""
+        loop = self._loop
+        if loop is None or not self._active:
+            return ''
+        publishing = _publishing(loop.commands.topic)
+        if loop.stops.latched == publishing and self._competitors(loop.commands.topic):
+            return publishing
+        return loop.lasting()
+
     def _on_reload(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Read the stack file again; one with faults leaves the stack as it is."""
         try:
@@ -501,6 +511,11 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         except Exception as error:
             response.success, response.message = False, in_words(error)
         return response
+
+
+def _publishing(topic: str) -> str:
+    """Return what is said where others publish commands, too."""
+    return f'another node publishes on {topic}'
 
 
 def _refuse_with_stack(given: Mapping[str, object]) -> None:
