@@ -254,6 +254,27 @@ def test_after_a_clock_that_was_set_the_robot_goes_on(monkeypatch):
 
 
 @pytest.mark.parametrize('seed', SEEDS)
+def test_joint_states_that_stay_late_by_the_same_time_move_nothing(monkeypatch, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2])
+    waiting, delay = [], round(random.uniform(0.15, 0.6) / STATE_PERIOD)
+
+    def report(world):
+        waiting.append(world.state())
+        return [waiting.pop(0)] if len(waiting) > delay else []
+
+    world.report = report
+    assert world.run(0.2, until=world.stopped)
+    # A clock that was set would be accepted by then.
+    for _ in range(30):
+        world.run(0.1)
+        assert not world.velocity.any() and 'no joint states' in world.stopped()
+    world.report = lambda world: [world.state()]
+    assert world.run(1.0, until=world.moving)
+    check(world, FAULTS[0].beyond)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
 @pytest.mark.parametrize('fault', [frozen, replayed, old, ahead, late],
                          ids=lambda fault: fault.__name__)
 def test_a_fault_that_lasts_is_logged_once_a_second_however_old_it_gets(monkeypatch, fault, seed):
