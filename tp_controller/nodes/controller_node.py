@@ -64,6 +64,8 @@ from tp_controller.solver.compiled import running
 from tp_controller.tasks.stack import Stack
 
 NAME = 'tp_controller'
+# Of one machine that Linux can be configured for.
+MOST_PROCESSORS = 8192
 PARAMETERS = (
     *ROBOT,
     Spec('joints', [''], 'driven joints, in the order of `weights` (an empty name: all that can '
@@ -100,8 +102,9 @@ PARAMETERS = (
     Spec('autostart', True, 'configure and activate the node at once; else its lifecycle services '
          'do', fixed=True),
     Spec('realtime_priority', 0, 'priority of the thread of the loop, from 1 to 99 (SCHED_FIFO); '
-         '0: as other threads', fixed=True),
-    Spec('processor', -1, 'the only processor that this thread runs on; -1: any', fixed=True),
+         '0: as other threads', '', 0, 99, True),
+    Spec('processor', -1, 'the only processor that this thread runs on; -1: any', '', -1,
+         MOST_PROCESSORS - 1, True),
     Spec('lock_memory', False, 'lock the memory of the process', fixed=True),
     # A collection of all that the imports leave takes 50 ms, in which nothing is commanded: once
     # in 10 s while a stack is read 50 times a second.
