@@ -216,6 +216,9 @@ def test_of_two_controllers_the_newer_one_stops_and_the_other_goes_on(harness, r
                        meanwhile=robot.publish)
     harness.spin_until(lambda: 'another node publishes' in log(), meanwhile=robot.publish)
     harness.spin_until(lambda: robot.status.head == 'running', meanwhile=robot.publish)
+    for each in (robot.status, status):
+        harness.spin_until(lambda each=each: each.of_node('other publishers') == '1',
+                           meanwhile=robot.publish)
     # Both would command the robot.
     answer = harness.call(Trigger, '/second/start')
     assert (answer.success, answer.message) == (
@@ -227,6 +230,8 @@ def test_of_two_controllers_the_newer_one_stops_and_the_other_goes_on(harness, r
     harness.spin_until(lambda: harness.call(Trigger, '/second/start').success,
                        meanwhile=robot.publish)
     harness.spin_until(lambda: status.head == 'running', meanwhile=robot.publish)
+    harness.spin_until(lambda: status.of_node('other publishers') == '0',
+                       meanwhile=robot.publish)
     harness.remove(second)
 
 

@@ -457,7 +457,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
                 if self._values['exclusive'] and what == publishing \
                         and boot_time() - self._since < NEW_SECONDS:
                     self._loop.stops.latch(what)
-        self._others = others
+        self._others, self._loop.figures.other_publishers = others, others[publishing]
 
     def _competitors(self, topic: str) -> int:
         """Return how many other nodes publish on a topic; those that only watch do not count."""
