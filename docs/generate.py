@@ -128,6 +128,7 @@ STATUS = {
     'cycles left to Python': 'cycles that the compiled solver could not solve',
     'stalls': 'how often the loop as a whole stood still for longer than `state_timeout`',
     'missed deadlines': 'how often joint states came later than `state_deadline`',
+    'other publishers': 'how many other nodes publish the same commands',
     'type': 'type of the task',
     'level': 'level in the stack, 1 is the highest; `disabled` for a disabled task',
     'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `failed`, `disabled` or '

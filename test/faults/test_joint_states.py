@@ -23,12 +23,14 @@ every command and knows where the robot truly is.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
+from types import SimpleNamespace
 
 from monitor import promise_of
 import numpy as np
 import pytest
 from robots import PANDA_DH, PANDA_READY, PANDA_TOOL
 from tp_controller import Robot, Stack
+from tp_controller.nodes.log import Log
 from world import STATE_PERIOD, World
 
 SEEDS = range(20)
@@ -249,6 +251,44 @@ def test_after_a_clock_that_was_set_the_robot_goes_on(monkeypatch):
     world.report = lambda world: [world.state(world.q, world.now - 3600.0)]
     assert world.run(0.2, until=world.stopped)
     assert world.run(3.0, until=world.moving)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_joint_states_that_stay_late_by_the_same_time_move_nothing(monkeypatch, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2])
+    waiting, delay = [], round(random.uniform(0.15, 0.6) / STATE_PERIOD)
+
+    def report(world):
+        waiting.append(world.state())
+        return [waiting.pop(0)] if len(waiting) > delay else []
+
+    world.report = report
+    assert world.run(0.2, until=world.stopped)
+    # A clock that was set would be accepted by then.
+    for _ in range(30):
+        world.run(0.1)
+        assert not world.velocity.any() and 'no joint states' in world.stopped()
+    world.report = lambda world: [world.state()]
+    assert world.run(1.0, until=world.moving)
+    check(world, FAULTS[0].beyond)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('fault', [frozen, replayed, old, ahead, late],
+                         ids=lambda fault: fault.__name__)
+def test_a_fault_that_lasts_is_logged_once_a_second_however_old_it_gets(monkeypatch, fault, seed):
+    random = np.random.default_rng(seed)
+    world, lines = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2]), []
+    logger = SimpleNamespace(warning=lines.append, info=lambda text: None)
+    world.loop._log = log = Log(logger)
+    monkeypatch.setattr('tp_controller.nodes.log.time',
+                        SimpleNamespace(monotonic=lambda: world.now))
+    world.report = fault(world, random)
+    world.run(3.0, until=log.flush)
+    assert any('commanding zeros' in line for line in lines)
+    # Why they are commanded, that it is over, and that messages are ignored.
+    assert len(lines) <= 3 * 4, lines
 
 
 # Robots at fault ------------------------------------------------------------------------------

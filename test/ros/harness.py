@@ -226,6 +226,11 @@ class Status:
         """Return what the controller as a whole says."""
         return self.messages[-1].status[0].message if self.messages else ''
 
+    def of_node(self, key):
+        """Return the value of a key of the controller as a whole; empty before the first."""
+        values = self.messages[-1].status[0].values if self.messages else ()
+        return next((value.value for value in values if value.key == key), '')
+
     def task(self, name):
         """Return {key: value} of a task; every value is empty before the first status."""
         for status in self.messages[-1].status if self.messages else ():

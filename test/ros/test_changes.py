@@ -20,6 +20,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped, QuaternionStamped
 from harness import Arm, JOINTS, MOVING_STACK, Status
 import numpy as np
 import pytest
+from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 import robots
@@ -359,6 +360,10 @@ def test_every_parameter_is_described(harness):
     assert units['rate'] == 'Hz]' and units['limits.joint1.velocity'] == 'rad/s]'
     ranges = {descriptor.name: descriptor.floating_point_range for descriptor in descriptors}
     assert ranges['damping'][0].from_value == 0.0 and ranges['damping'][0].to_value == 10.0
+    whole = {descriptor.name: (descriptor.integer_range[0].from_value,
+                               descriptor.integer_range[0].to_value)
+             for descriptor in descriptors if descriptor.type == ParameterType.PARAMETER_INTEGER}
+    assert whole == {'realtime_priority': (0, 99), 'processor': (-1, 8191)}
 
 
 def test_unknown_parameters_are_named_in_one_warning(harness, log):
@@ -372,6 +377,7 @@ def test_unknown_parameters_are_named_in_one_warning(harness, log):
     ({'rate': 100}, 'parameter rate must be a double, such as 1.0, not 100'),
     ({'rate': -1.0}, 'parameter rate must be from 0 to 2000, not -1.0'),
     ({'rate': float('nan')}, 'parameter rate must be from 0 to 2000, not nan'),
+    ({'realtime_priority': 100}, 'parameter realtime_priority must be from 0 to 99, not 100'),
     ({'rate': 0.5}, 'period must be a number from 1e-05 to 1, not 2.0 (period is 1/rate)'),
     ({'rate': 0.0, 'state_timeout': 0.5}, 'braking_gain 10 must be at most 1/period = 2, or '
      'position limits would be crossed (period is state_timeout, because rate is 0)'),

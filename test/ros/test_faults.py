@@ -216,9 +216,22 @@ def test_of_two_controllers_the_newer_one_stops_and_the_other_goes_on(harness, r
                        meanwhile=robot.publish)
     harness.spin_until(lambda: 'another node publishes' in log(), meanwhile=robot.publish)
     harness.spin_until(lambda: robot.status.head == 'running', meanwhile=robot.publish)
+    for each in (robot.status, status):
+        harness.spin_until(lambda each=each: each.of_node('other publishers') == '1',
+                           meanwhile=robot.publish)
+    # Both would command the robot.
     answer = harness.call(Trigger, '/second/start')
-    assert answer.success
+    assert (answer.success, answer.message) == (
+        False, 'not started: another node publishes on /velocity_controller/commands')
+    robot.commands.clear()
+    harness.spin_for_more(robot.commands, 30, robot.publish)
+    assert status.head.startswith('another node publishes')
+    harness.remove(robot.controller)
+    harness.spin_until(lambda: harness.call(Trigger, '/second/start').success,
+                       meanwhile=robot.publish)
     harness.spin_until(lambda: status.head == 'running', meanwhile=robot.publish)
+    harness.spin_until(lambda: status.of_node('other publishers') == '0',
+                       meanwhile=robot.publish)
     harness.remove(second)
 
 

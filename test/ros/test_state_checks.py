@@ -77,6 +77,19 @@ def test_stamps_of_another_time_are_left_out_until_the_clock_has_gone_on_for_a_w
 
 
 @pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('delay', [0.15, 0.5, 30.0])
+def test_messages_that_stay_late_are_never_believed_and_are_once_they_are_not(seed, delay):
+    age = StampAge(LIMIT)
+    for stamp, received in stamps(seed):
+        age.fault(stamp, received)
+    # Their stamps go on where they were, which those of a clock that was set do not.
+    faults = [age.fault(stamp + 20.0, received + 20.0 + delay) for stamp, received in stamps(seed)]
+    assert all('old by its stamp' in fault for fault in faults)
+    assert not any(age.fault(stamp + 40.0 + delay, received + 40.0 + delay)
+                   for stamp, received in stamps(seed))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
 def test_messages_that_queued_up_are_old_and_the_newest_is_not(seed):
     age = StampAge(LIMIT)
     messages = list(stamps(seed, seconds=10.0))

@@ -49,6 +49,13 @@ class Listener:
     """
     Hears the topics of the nodes, in the process of the test.
 
+    Parameters
+    ----------
+    namespace : str
+        Of the nodes.
+    client : tp_controller.nodes.client.Client, optional
+        What hears them; one of its own by default.
+
     Attributes
     ----------
     commands, states : list
@@ -60,20 +67,20 @@ class Listener:
 
     """
 
-    def __init__(self):
+    def __init__(self, namespace='', client=None):
         from rclpy.qos import QoSProfile
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Float64MultiArray
         from tp_controller.nodes.client import Client
-        self.client = Client()
+        self.client = client or Client()
         self.commands, self.states = [], []
         self.monitor, self._sent, self._states_sent = Monitor(), 0, 0
         self.promise = promise_of(planar(), 0.01, 0.1)
         node = self.client.node
         # Nobody takes messages while the test does something else.
-        node.create_subscription(Float64MultiArray, '/velocity_controller/commands',
+        node.create_subscription(Float64MultiArray, f'{namespace}/velocity_controller/commands',
                                  self._on_command, QoSProfile(depth=5000))
-        node.create_subscription(JointState, '/joint_states', self._on_state,
+        node.create_subscription(JointState, f'{namespace}/joint_states', self._on_state,
                                  QoSProfile(depth=5000))
 
     def _on_command(self, message, info):

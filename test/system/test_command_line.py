@@ -370,6 +370,14 @@ def test_the_help_of_a_node_lists_its_parameters_and_starts_nothing(monkeypatch,
     assert max(map(len, said.splitlines())) < 100
 
 
+@pytest.mark.parametrize('module', ['nodes.controller_node', 'nodes.simulator_node',
+                                    'nodes.watchdog_node'])
+def test_the_help_of_a_module_starts_nothing_either(domain, module):
+    status, said, _ = command_line(domain, '--help', module=f'tp_controller.{module}')
+    name = module.rpartition('.')[2]
+    assert status == 0 and said.startswith(f'usage: {name} ') and '\nparameters:\n' in said
+
+
 def test_the_package_is_the_command(tmp_path):
     found = subprocess.run([sys.executable, '-m', 'tp_controller', '--version'], cwd=tmp_path,
                            capture_output=True, text=True, timeout=DEADLINE)

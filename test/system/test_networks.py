@@ -23,13 +23,14 @@ import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from monitor import promise_of
 import numpy as np
+from processes_harness import Listener
 import pytest
-from robots import PLANAR_DH
-from sensor_msgs.msg import JointState
+from robots import planar, PLANAR_DH
 from tp_controller.demos.processes import NodeProcess
 
-ROBOTS = 10
+ROBOTS, RATE, TIMEOUT = 10, 20.0, 2.0
 # All nodes of the robots in one process each: ten interpreters would only measure the machine.
 CELLS = """
 import sys
@@ -40,15 +41,17 @@ from tp_controller.nodes.controller_node import ControllerNode
 from tp_controller.nodes.simulator_node import SimulatorNode
 init(args=[])
 kind, robot, count = sys.argv[1], sys.argv[2], int(sys.argv[3])
+rate, timeout = map(float, sys.argv[4:])
 executor = SingleThreadedExecutor()
 for number in range(count):
-    values = {'robot': robot, 'rate': 20.0}
+    values = {'robot': robot, 'rate': rate}
     if kind == 'controllers':
         goal = '[%.1f, 0, 0]' % (0.1 * number)
-        values.update(state_timeout=2.0, watchdog_timeout=2.0, stack='- swing: {type: joint, '
-                      'joints: [joint1, joint2, joint3], gain: 2, target: ' + goal + '}')
+        values.update(state_timeout=timeout, watchdog_timeout=timeout,
+                      stack='- swing: {type: joint, joints: [joint1, joint2, joint3], gain: 2, '
+                      'target: ' + goal + '}')
     else:
-        values.update(command_timeout=2.0)
+        values.update(command_timeout=timeout)
     node = (ControllerNode if kind == 'controllers' else SimulatorNode)(
         namespace=f'robot{number}',
         parameter_overrides=[Parameter(*pair) for pair in
@@ -67,33 +70,32 @@ class Cells(NodeProcess):
         self.log = log
         with open(log, 'w') as output:
             self.process = subprocess.Popen(
-                [sys.executable, '-c', CELLS, kind, str(PLANAR_DH), str(ROBOTS)],
+                [sys.executable, '-c', CELLS, kind, str(PLANAR_DH), str(ROBOTS), str(RATE),
+                 str(TIMEOUT)],
                 env=environment, stdin=subprocess.DEVNULL, stdout=output,
                 stderr=subprocess.STDOUT)
 
 
 def test_ten_robots_in_one_domain_do_not_meddle_with_each_other(domain, listener, tmp_path):
-    positions, heads = {}, {}
-
-    def listen(number):
-        listener.client.node.create_subscription(
-            JointState, f'/robot{number}/joint_states',
-            lambda message: positions.update({number: message.position}), 10)
+    heads = {}
+    robots = [Listener(f'/robot{number}', listener.client) for number in range(ROBOTS)]
+    for number, robot in enumerate(robots):
+        robot.promise = promise_of(planar(), 1.0 / RATE, TIMEOUT)
         listener.client.node.create_subscription(
             DiagnosticArray, f'/robot{number}/tp_controller/status',
-            lambda message: heads.update({number: message.status[0].message}), 10)
-
-    for number in range(ROBOTS):
-        listen(number)
+            lambda message, number=number: heads.update({number: message.status[0].message}), 10)
     with ExitStack() as stack:
         nodes = [stack.enter_context(Cells(kind, domain, tmp_path / f'{kind}.log'))
                  for kind in ('simulators', 'controllers')]
-        for number in range(ROBOTS):
-            listener.wait(lambda number=number: number in positions and np.allclose(
-                positions[number], (0.1 * number, 0.0, 0.0), atol=1e-3),
+        for number, robot in enumerate(robots):
+            listener.wait(lambda number=number, robot=robot: robot.states and np.allclose(
+                robot.states[-1][0], (0.1 * number, 0.0, 0.0), atol=1e-3),
                 f'robot {number} at its own goal', nodes)
         listener.wait(lambda: len(heads) == ROBOTS and set(heads.values()) == {'running'},
                       'all to run', nodes)
+    for robot in robots:
+        assert robot.commands
+        robot.check()
 
 
 # Two machines ---------------------------------------------------------------------------------

@@ -17,12 +17,9 @@
 # argcomplete looks for this line: PYTHON_ARGCOMPLETE_OK
 import argparse
 from collections.abc import Sequence
-from enum import Enum
 import importlib
 from importlib.metadata import PackageNotFoundError, version
 import sys
-from textwrap import wrap
-from types import ModuleType
 from typing import NoReturn
 
 import argcomplete
@@ -47,7 +44,6 @@ examples:
 COMMANDS = {
     'demo': demo.COMMAND, 'goal': goal.COMMAND, 'status': status.COMMAND, 'check': check.COMMAND,
     'view': view.COMMAND, 'record': record.COMMAND, 'plot': plot.COMMAND}
-HELP_WIDTH = 95
 # {optional packages: what is said where one is missing}
 CURES = {
     ('matplotlib', 'mpl_toolkits', 'PIL'): "the figures need it: pip install '.[plots]'",
@@ -129,25 +125,8 @@ def _node(name: str, part: str = 'nodes') -> int:
         module = importlib.import_module(f'tp_controller.{part}.{name}')
     except ModuleNotFoundError as error:
         return _lacks(error)
-    if {'-h', '--help'} & set(sys.argv[1:]):
-        print(_node_help(name, module))
-        return 0
     announce_often()
     return module.main()
-
-
-def _node_help(name: str, module: ModuleType) -> str:
-    """Return how a node is started, and its parameters."""
-    lines = [f'usage: {name} [--ros-args -p NAME:=VALUE --params-file FILE -r FROM:=TO ...]', '',
-             *wrap((module.__doc__ or '').strip(), HELP_WIDTH), '', 'parameters:']
-    for spec in module.PARAMETERS:
-        default = '' if isinstance(spec.default, Enum) or spec.default == '' \
-            else f' (default: {spec.default})'
-        unit = f' [{spec.unit}]' if spec.unit else ''
-        indent = ' ' * 6
-        lines += [f'  {spec.name}', *wrap(spec.description + unit + default, HELP_WIDTH,
-                                          initial_indent=indent, subsequent_indent=indent)]
-    return '\n'.join(lines)
 
 
 def _lacks(error: ModuleNotFoundError) -> int:

@@ -25,12 +25,13 @@ from typing import NoReturn, TYPE_CHECKING
 
 from tp_controller.cli.command import Command
 from tp_controller.demos.processes import ended_by_sigterm, own_domain, start_nodes
-from tp_controller.demos.scenarios import Goal, goal_fields
 from tp_controller.nodes.discovery import announce_often
 from tp_controller.resources import load_yaml, package_share
 
-if TYPE_CHECKING:  # Imported when there is a page: the help needs neither it nor ROS.
+if TYPE_CHECKING:  # Imported when there is a page: other commands need none of it, nor ROS.
+    from tp_controller.demos.scenarios import Goal
     import viser
+    Step = Goal | list[Goal]
 
 LOCAL = '127.0.0.1'
 CONTROLLER = 'tp_controller'
@@ -87,7 +88,7 @@ def show_view(options: argparse.Namespace) -> NoReturn:
         print(f'page: {address(server)}  (Ctrl-C ends it)', flush=True)
         if exposure(options.host):
             print(f'warning: {exposure(options.host)}', file=sys.stderr)
-        goals: list[Goal | list[Goal]] = []
+        goals: 'list[Step]' = []
         if options.node is None:
             _start_demo(stack, _file(options.demo, ''))
             goals = load_yaml(_file(options.demo, '_goals').read_text())
@@ -111,12 +112,12 @@ def _file(demo: str, ending: str) -> Path:
     return package_share() / 'config' / f'{DEMOS[demo]}{ending}.yaml'
 
 
-def _at_once(step: Goal | list[Goal]) -> list[Goal]:
+def _at_once(step: 'Step') -> 'list[Goal]':
     """Return the goals of a step, which is one goal or several."""
     return step if isinstance(step, list) else [step]
 
 
-def _how_to_send(goal: Goal) -> str:
+def _how_to_send(goal: 'Goal') -> str:
     """Return the lines that send a goal from another terminal."""
     words = [*_this_command(), 'goal', goal['task']]
     for key in GOAL_OPTIONS:
@@ -136,8 +137,9 @@ def _this_command() -> list[str]:
 
 
 def _show(stack: ExitStack, server: 'viser.ViserServer', controller: str,
-          goals: list[Goal]) -> NoReturn:
+          goals: 'list[Goal]') -> NoReturn:
     """Show a controller on the page of a server, on the way to goals."""
+    from tp_controller.demos.scenarios import goal_fields
     from tp_controller.nodes.client import Client
     from tp_controller.view.page import show_page
     client = stack.enter_context(Client(controller))

@@ -64,6 +64,8 @@ from tp_controller.solver.compiled import running
 from tp_controller.tasks.stack import Stack
 
 NAME = 'tp_controller'
+# Of one machine that Linux can be configured for.
+MOST_PROCESSORS = 8192
 PARAMETERS = (
     *ROBOT,
     Spec('joints', [''], 'driven joints, in the order of `weights` (an empty name: all that can '
@@ -100,8 +102,9 @@ PARAMETERS = (
     Spec('autostart', True, 'configure and activate the node at once; else its lifecycle services '
          'do', fixed=True),
     Spec('realtime_priority', 0, 'priority of the thread of the loop, from 1 to 99 (SCHED_FIFO); '
-         '0: as other threads', fixed=True),
-    Spec('processor', -1, 'the only processor that this thread runs on; -1: any', fixed=True),
+         '0: as other threads', '', 0, 99, True),
+    Spec('processor', -1, 'the only processor that this thread runs on; -1: any', '', -1,
+         MOST_PROCESSORS - 1, True),
     Spec('lock_memory', False, 'lock the memory of the process', fixed=True),
     # A collection of all that the imports leave takes 50 ms, in which nothing is commanded: once
     # in 10 s while a stack is read 50 times a second.
@@ -443,7 +446,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         if self._loop is None or not self._active:
             return
         topic, own = self._loop.commands.topic, (self.get_name(), self.get_namespace())
-        publishing = f'another node publishes on {topic}'
+        publishing = _publishing(topic)
         others = {publishing: self._competitors(topic),
                   f'another node has the name {self.get_fully_qualified_name()}':
                   self.get_node_names_and_namespaces().count(own) - 1}
@@ -454,7 +457,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
                 if self._values['exclusive'] and what == publishing \
                         and boot_time() - self._since < NEW_SECONDS:
                     self._loop.stops.latch(what)
-        self._others = others
+        self._others, self._loop.figures.other_publishers = others, others[publishing]
 
     def _competitors(self, topic: str) -> int:
         """Return how many other nodes publish on a topic; those that only watch do not count."""
@@ -478,7 +481,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         Tasks without a goal keep the values they have now.
         """
         loop = self._loop
-        lasting = loop.lasting() if loop is not None else ''
+        lasting = self._lasting()
         if lasting:
             response.success, response.message = False, f'not started: {lasting}'
             return response
@@ -493,6 +496,16 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         response.success, response.message = True, 'started'
         return response
 
+    def _lasting(self) -> str:
+        """Return what stopped the robot and is not over yet, if anything."""
+        loop = self._loop
+        if loop is None or not self._active:
+            return ''
+        publishing = _publishing(loop.commands.topic)
+        if loop.stops.latched == publishing and self._competitors(loop.commands.topic):
+            return publishing
+        return loop.lasting()
+
     def _on_reload(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Read the stack file again; one with faults leaves the stack as it is."""
         try:
@@ -501,6 +514,11 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         except Exception as error:
             response.success, response.message = False, in_words(error)
         return response
+
+
+def _publishing(topic: str) -> str:
+    """Return what is said where others publish commands, too."""
+    return f'another node publishes on {topic}'
 
 
 def _refuse_with_stack(given: Mapping[str, object]) -> None:

@@ -40,12 +40,15 @@ class Figures:
         How often the whole loop stood still.
     missed_deadlines : int
         How often joint states came later than `state_deadline`.
+    other_publishers : int
+        How many other nodes publish the same commands.
 
     """
 
     def __init__(self, period: float) -> None:
         self._period = period
         self.cycles = self.overruns = self.stalls = self.missed_deadlines = 0
+        self.other_publishers = 0
         # Start, duration, and time from a joint state to its command, of the last cycles.
         self._times = np.full((CYCLES, 3), np.nan)
         self._last_start = np.inf
@@ -68,6 +71,7 @@ class Figures:
                 **_milliseconds('cycle', took), **_milliseconds('state to command', latency),
                 'overruns': str(self.overruns), 'stalls': str(self.stalls),
                 'missed deadlines': str(self.missed_deadlines),
+                'other publishers': str(self.other_publishers),
                 'solver': running(), 'cycles left to Python': str(left_to_the_reference())}
 
 

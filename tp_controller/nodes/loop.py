@@ -16,6 +16,7 @@
 
 from collections.abc import Callable
 import math
+import re
 import time
 import traceback
 from typing import Any
@@ -52,6 +53,8 @@ LONGEST_WAIT = 10e-3
 SHORTEST_PAUSE = 1e-4
 LATE_CYCLE = 'no cycle was completed within watchdog_timeout'
 INACTIVE = 'inactive; activate the node to go on'
+# Ages and the like in a reason: they change all the time while its cause is the same.
+SECONDS = re.compile(r'[\d.e+]+ s\b')
 
 
 def boot_time() -> float:
@@ -353,7 +356,7 @@ class ControlLoop:
             return
         self.stop_reason = reason
         if reason:
-            self._log.warning(f'commanding zeros: {reason}')
+            self._log.warning(f'commanding zeros: {reason}', SECONDS.sub('', reason))
             return
         self._log.info('running')
         unheard = self._buffer.unheard()

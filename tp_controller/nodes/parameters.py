@@ -20,7 +20,12 @@ from dataclasses import dataclass, fields
 import math
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -70,7 +75,7 @@ class Spec:
     description : str
     unit : str
     lower, upper : float
-        Range of a double.
+        Range of a number.
     fixed : bool
         Fixed while the node is configured.
 
@@ -87,12 +92,17 @@ class Spec:
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor that ROS tools show."""
         unit = f' [{self.unit}]' if self.unit else ''
-        ranges = []
-        if self.lower > -math.inf or self.upper < math.inf:
-            ranges = [FloatingPointRange(from_value=self.lower, to_value=self.upper)]
-        return ParameterDescriptor(description=self.description + unit,
-                                   floating_point_range=ranges,
-                                   additional_constraints=FIXED if self.fixed else '')
+        described = ParameterDescriptor(description=self.description + unit,
+                                        additional_constraints=FIXED if self.fixed else '')
+        if self.lower == -math.inf and self.upper == math.inf:
+            return described
+        if isinstance(self.default, int):
+            described.integer_range = [IntegerRange(from_value=int(self.lower),
+                                                    to_value=int(self.upper))]
+        else:
+            described.floating_point_range = [FloatingPointRange(from_value=self.lower,
+                                                                 to_value=self.upper)]
+        return described
 
 
 ROBOT = (

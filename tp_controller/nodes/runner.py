@@ -17,10 +17,14 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from enum import Enum
 import os
+from pathlib import Path
 import signal
 import sys
+from textwrap import wrap
 import threading
+from types import ModuleType
 
 from rclpy import init, try_shutdown
 from rclpy.context import Context
@@ -32,6 +36,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from tp_controller.errors import in_words, TpControllerError
 
+HELP_WIDTH = 95
 # A terminal that is closed and Ctrl-\\ end a node as Ctrl-C does.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 NAMES = {number.value: number.name for number in SIGNALS}
@@ -73,7 +78,7 @@ def make_executor(context: Context | None = None) -> Executor:
 def run(make_node: Callable[[], ClosableNode], name: str,
         args: list[str] | None = None) -> int:
     """
-    Run a node until a signal ends it.
+    Run a node until a signal ends it, or say how it is started.
 
     Parameters
     ----------
@@ -90,6 +95,9 @@ def run(make_node: Callable[[], ClosableNode], name: str,
         Exit status: 0, or 1 if the node could not start.
 
     """
+    if {'-h', '--help'} & set(sys.argv[1:] if args is None else args):
+        print(_help(sys.modules[make_node.__module__]))
+        return 0
     arrived = _catch_signals()
     sys.setswitchinterval(SWITCH_SECONDS)
     os.environ.setdefault(*TRANSPORTS)
@@ -119,6 +127,21 @@ def run(make_node: Callable[[], ClosableNode], name: str,
             node.destroy_node()
         try_shutdown()
     return 0
+
+
+def _help(module: ModuleType) -> str:
+    """Return how the node of a module is started, and its parameters."""
+    name = Path(module.__file__ or '').stem
+    lines = [f'usage: {name} [--ros-args -p NAME:=VALUE --params-file FILE -r FROM:=TO ...]', '',
+             *wrap((module.__doc__ or '').strip(), HELP_WIDTH), '', 'parameters:']
+    for spec in module.PARAMETERS:
+        default = '' if isinstance(spec.default, Enum) or spec.default == '' \
+            else f' (default: {spec.default})'
+        unit = f' [{spec.unit}]' if spec.unit else ''
+        indent = ' ' * 6
+        lines += [f'  {spec.name}', *wrap(spec.description + unit + default, HELP_WIDTH,
+                                          initial_indent=indent, subsequent_indent=indent)]
+    return '\n'.join(lines)
 
 
 def _catch_signals() -> int:

@@ -44,7 +44,8 @@ class StampAge:
     How old messages of one publisher are by their stamps, although its clock may be any.
 
     The clock's offset is the smallest difference between receipt and stamp of late. Stamps that
-    are off by a constant time for `RELEARNED` seconds come from a clock that was set.
+    are off by a constant time for `RELEARNED` seconds come from a clock that was set, unless they
+    go on from where they were: then the messages are late, for however long they are.
 
     Parameters
     ----------
@@ -63,6 +64,9 @@ class StampAge:
     def __init__(self, limit: float) -> None:
         self._limit, self.age, self.overtaken = limit, 0.0, False
         self._newest = -math.inf
+        # The last stamp, of whatever message, and whether stamps have made a step since one that
+        # was believed, as those of messages that are late do not.
+        self._seen, self._stepped = -math.inf, False
         # Smallest differences of two halves of the time that is remembered.
         self._older = self._newer = math.inf
         self._turned = -math.inf
@@ -87,13 +91,15 @@ class StampAge:
         difference = received - stamp
         offset = min(self._older, self._newer)
         age = difference - offset if math.isfinite(offset) else 0.0
+        self._stepped |= stamp < self._seen - 0.5 * self._limit or age < -self._limit
+        self._seen = stamp
         if abs(age) > self._limit and not self._is_another_clock(difference, received):
             return f'{age:.2g} s old by its stamp' if age > 0.0 \
                 else f'stamped {-age:.2g} s ahead of the ones before'
         if abs(age) > self._limit:
             self._older = self._newer = difference
             self._newest, age = -math.inf, 0.0
-        self._off, self.age = None, max(age, 0.0)
+        self._off, self._stepped, self.age = None, False, max(age, 0.0)
         self.overtaken = stamp < self._newest
         self._newest = max(self._newest, stamp)
         self._remember(difference, received)
@@ -112,7 +118,7 @@ class StampAge:
         if most - least > self._limit:
             since, least, most = received, difference, difference
         self._off = since, least, most
-        return received - since >= RELEARNED
+        return self._stepped and received - since >= RELEARNED
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,32 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the command line imports before it knows which command is meant."""
+
+import subprocess
+import sys
+
+from robots import REPOSITORY
+
+# Each takes a fifth of a second and more.
+SLOW = ('numpy', 'scipy', 'pinocchio', 'rclpy', 'matplotlib', 'viser')
+
+
+def test_what_takes_long_to_import_is_left_to_the_commands_that_need_it():
+    """As `tp_controller goal`, which answers in less than a second, and completion in a shell."""
+    program = ('import sys, tp_controller.cli.main\n'
+               f'print(*sorted({set(SLOW)} & set(sys.modules)))')
+    done = subprocess.run([sys.executable, '-c', program], cwd=REPOSITORY, capture_output=True,
+                          text=True, timeout=60, check=True)
+    assert done.stdout.split() == []
