@@ -168,18 +168,23 @@ class Harness:
                             f'a subscriber of {topic}')
         return publisher
 
-    def call(self, kind, name, **fields):
-        """Call a service and return its response."""
+    def call(self, kind, name, meanwhile=None, **fields):
+        """Call a service and return its response; `meanwhile` as in `spin_until`."""
         client = self.node.create_client(kind, name)
-        self.spin_until(client.service_is_ready, f'service {name}')
+        self.spin_until(client.service_is_ready, f'service {name}', meanwhile)
         future = client.call_async(kind.Request(**fields))
-        self.spin_until(future.done, f'the answer of {name}')
+        self.spin_until(future.done, f'the answer of {name}', meanwhile)
         self.node.destroy_client(client)
         return future.result()
 
     def trigger(self, name):
         """Call a service without arguments of the controller."""
         return self.call(Trigger, f'/tp_controller/{name}')
+
+    def start(self, meanwhile):
+        """Call ~/start, while `meanwhile` publishes joint states, until they are not late."""
+        self.spin_until(lambda: self.call(Trigger, '/tp_controller/start', meanwhile).success,
+                        'a start', meanwhile)
 
     def set_parameters(self, values):
         """Set parameters of the controller, all or none; return why they were refused."""

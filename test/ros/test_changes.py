@@ -15,6 +15,7 @@
 """Services and parameters: what changes while the robot moves."""
 
 from array import array
+import time
 
 from geometry_msgs.msg import PointStamped, PoseStamped, QuaternionStamped
 from harness import Arm, JOINTS, MOVING_STACK, Status
@@ -82,9 +83,9 @@ def test_stop_latches_until_start(any_harness):
     rig.spin_until(lambda: rig.status.task('swing')['goals accepted'] == '1')
     assert rig.status.task('swing')['status'] == 'stopped'
     assert rig.commands[-1] == ZEROS
-    assert any_harness.trigger('start').success
+    any_harness.start(rig.arm.publish)
     rig.spin_until_command([-0.5, *VELOCITY[1:]])
-    assert any_harness.trigger('start').success
+    any_harness.start(rig.arm.publish)
     rig.spin_until(lambda: rig.status.head == 'running')
 
 
@@ -103,6 +104,22 @@ def test_stop_is_said_even_where_joint_states_are_missing(harness):
     assert rig.commands[-1] == ZEROS
 
 
+def test_a_start_is_refused_while_joint_states_are_missing(harness):
+    rig = Rig(harness, state_timeout=0.2)
+    rig.spin_until_command(VELOCITY)
+    assert harness.trigger('stop').success
+    end = time.monotonic() + 0.3
+    harness.spin_until(lambda: time.monotonic() > end)
+    answer = harness.trigger('start')
+    assert (answer.success, answer.message) == (
+        False, 'not started: no joint states of joint1, joint2, joint3')
+    # They come back, and nothing moves until a start that was not refused.
+    harness.spin_for_more(rig.commands, 30, rig.arm.publish)
+    assert rig.commands[-1] == ZEROS
+    harness.start(rig.arm.publish)
+    rig.spin_until_command(VELOCITY)
+
+
 def test_after_start_tasks_without_a_goal_keep_their_current_values(harness):
     rig = Rig(harness, stack='- rest: {type: posture}')
     rig.spin_until(lambda: rig.status.head == 'running')
@@ -112,7 +129,7 @@ def test_after_start_tasks_without_a_goal_keep_their_current_values(harness):
     rig.arm.q = [0.5, 0.5, 0.5]
     for _ in range(3):
         harness.spin_for_more(rig.commands, 2, rig.arm.publish)
-    harness.trigger('start')
+    harness.start(rig.arm.publish)
     del rig.commands[:]
     rig.spin_until(lambda: rig.status.head == 'running')
     assert rig.commands == [ZEROS] * len(rig.commands)

@@ -96,7 +96,7 @@ def test_a_robot_that_does_not_follow_is_stopped_until_a_start(harness, robot):
     robot.follows = 1.0
     harness.spin_for_more(robot.commands, 30, robot.publish)
     assert robot.commands[-1] == ZEROS
-    assert start(harness) == (True, 'started')
+    harness.start(robot.publish)
     harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
 
 
@@ -126,7 +126,7 @@ def test_a_joint_that_jumps_stops_the_robot_until_a_start(harness, robot):
     assert 'call ~/start' in robot.status.head
     end = time.monotonic() + 1.2
     harness.spin_until(lambda: time.monotonic() > end, meanwhile=robot.publish)
-    assert start(harness) == (True, 'started')
+    harness.start(robot.publish)
     harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
 
 
@@ -171,7 +171,7 @@ def test_a_task_that_raises_stops_the_robot_until_a_start(harness, robot, monkey
         wait_until_stopped(harness, robot, 'ZeroDivisionError: division by zero; call ~/start')
     harness.spin_for_more(robot.commands, 30, robot.publish)
     assert robot.commands[-1] == ZEROS
-    assert start(harness) == (True, 'started')
+    harness.start(robot.publish)
     harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
 
 

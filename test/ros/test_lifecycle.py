@@ -132,7 +132,7 @@ def test_an_inactive_controller_takes_goals_and_parameters(harness):
     arm = Arm(harness)
     harness.spin_for_more(commands, 5, arm.publish)
     assert commands[-5:] == [ZEROS] * 5
-    assert harness.trigger('start').success
+    harness.start(arm.publish)
     harness.spin_until(lambda: any(commands[-1]), 'motion', meanwhile=arm.publish)
 
 

@@ -303,7 +303,7 @@ def test_stop_commands_zeros_on_both_topics_until_start(harness):
     before = len(commands.base)
     harness.spin_until(lambda: len(commands.base) > before + 10, meanwhile=standing.publish)
     assert not np.any(commands.base[before:])
-    harness.trigger('start')
+    harness.start(standing.publish)
     harness.spin_until(commands.moving, meanwhile=standing.publish)
 
 

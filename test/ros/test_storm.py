@@ -158,7 +158,7 @@ def test_no_storm_of_messages_ends_the_node_or_makes_it_do_harm(apart, rate):
     assert np.isfinite(commands).all()
     assert (np.abs(commands) <= controller._controller.robot.velocity).all()
     # Afterwards everything is as ever.
-    harness.trigger('start')
+    harness.start(arm.publish)
     controller.set_parameters([Parameter('stack', value='- other: {type: posture}')])
     controller.set_parameters([Parameter('stack', value=MOVING_STACK),
                                Parameter('damping', value=0.1),

@@ -200,7 +200,9 @@ class ControlLoop:
 
     def lasting(self) -> str:
         """Return what speaks against starting the robot now, if anything."""
-        return self._buffer.lasting(boot_time())
+        now = boot_time()
+        # Where something is missing the robot would move once it is back, whenever that is.
+        return self._buffer.lasting(now) or self._missing(now)
 
     def restart(self) -> None:
         """Forget the faults that are over, and let tasks without a goal stay where they are."""
