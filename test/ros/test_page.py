@@ -629,6 +629,39 @@ def test_label_of_a_key_follows_its_value(server):
         assert gizmo.label.text == f'task: {1e3 * distance:.1f} mm'
 
 
+@pytest.mark.parametrize('end', [(0, 0, 1), (0, 0, -1), (1, 0, 0), (1, 0, -0.5), (1, 0, 0.5)])
+def test_label_of_a_distance_covers_neither_its_arrow_nor_its_line_nor_its_text(server, end):
+    dragged = Dragged(server)
+    end = 0.02 * np.array([end], dtype=float)
+    text, = (found for found in drawn(Gaps(
+        'distance', np.zeros((1, 3)), end, np.array([0.02]), 0.005, 9.0)) if found.text)
+    dragged.gizmos.follow(places_of(
+        drawn(Gaps('distance', np.zeros((1, 3)), end, np.array([0.02]), 0.005, 9.0)), {},
+        {'task': {'distance': 0.005}}))
+    gizmo, = dragged.gizmos.gizmos.values()
+    T_root_handle = pose(Rotation.from_quat(np.roll(gizmo.handle.wxyz, -1)).as_matrix(),
+                         gizmo.handle.position)
+    label, tip = ((T_root_handle @ [*point, 1.0])[2] for point in (
+        gizmo.label.position, (gizmo.handle.scale, 0.0, 0.0)))
+    start = T_root_handle[2, 3]
+    above = gizmo.label.anchor == 'bottom-center'
+    assert (label >= max(start, tip) - 1e-9) if above else (label <= min(start, tip) + 1e-9)
+    # The other one is on the other side.
+    assert (text.pose.position.z < min(0.0, end[0, 2])) == above
+
+
+def test_label_of_a_goal_is_above_it_however_it_is_turned(server):
+    dragged = Dragged(server)
+    for turn in (0.0, 1.0, np.pi):
+        goal = marker('tip/goal')
+        goal.pose.orientation.x, goal.pose.orientation.w = np.sin(0.5 * turn), np.cos(0.5 * turn)
+        dragged.gizmos.follow(places_of([goal], {'tip': {'goal': PoseStamped}}, {}))
+        gizmo, = dragged.gizmos.gizmos.values()
+        R = Rotation.from_quat(np.roll(gizmo.handle.wxyz, -1))
+        np.testing.assert_allclose(R.apply(gizmo.label.position), [0.0, 0.0, 0.11], atol=1e-6)
+        assert gizmo.label.anchor == 'bottom-center'
+
+
 def test_what_is_not_to_be_dragged_or_gone_has_no_gizmo(server):
     dragged = Dragged(server)
     dragged.gizmos.shown['goals'] = False
