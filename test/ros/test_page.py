@@ -40,6 +40,7 @@ viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
 from tp_controller.nodes.client import Client  # noqa: E402, I100
 from tp_controller.view.camera import first_view  # noqa: E402
 from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD  # noqa: E402
+from tp_controller.view.joint_sliders import span  # noqa: E402
 from tp_controller.view.link import Link  # noqa: E402
 from tp_controller.view.looks import JOINT_COLOUR  # noqa: E402
 from tp_controller.view.page import Page, RATE  # noqa: E402
@@ -250,6 +251,20 @@ def test_slider_of_a_joint_is_a_goal_of_the_chosen_task(rig):
     # The others show where the joints are.
     rig.spin_until(lambda: abs(rig.page.joints.sliders['joint2'].value - rig.q[1]) < 0.02)
     assert rig.page.joints.sliders['joint3'].value == 0.9
+
+
+@pytest.mark.parametrize('lower, upper, low, high, decimals', [
+    (-2.8973, 2.8973, -2.897, 2.897, 3), (0.0, 0.04, 0.0, 0.04, 3), (-6.2832, 9.9, -6.283, 9.9, 3),
+    (-12.3456, 3.0, -12.34, 3.0, 2), (-np.inf, np.inf, -3.141, 3.141, 3),
+    # Beyond what a slider is of use for.
+    (-1000.0, 1000.0, -3.141, 3.141, 3), (-1000.0, -100.55, -106.8, -100.6, 1),
+    (20.0, np.inf, 20.0, 26.28, 2),
+    # Joints that cannot move.
+    (0.12345, 0.12345, 0.12345, 0.12345, 3)])
+def test_slider_moves_a_joint_within_its_limits_by_what_is_seen_of_its_position(
+        lower, upper, low, high, decimals):
+    np.testing.assert_allclose(span(lower, upper), (low, high, decimals), atol=1e-12)
+    assert lower <= low and high <= upper
 
 
 def test_nothing_is_asked_of_the_controller_while_nobody_looks(rig):
