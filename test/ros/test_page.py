@@ -43,6 +43,7 @@ from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD  # noqa: E402
 from tp_controller.view.joint_sliders import span  # noqa: E402
 from tp_controller.view.link import Link  # noqa: E402
 from tp_controller.view.looks import JOINT_COLOUR  # noqa: E402
+from tp_controller.view.markers import MarkerScene  # noqa: E402
 from tp_controller.view.page import Page, RATE  # noqa: E402
 from tp_controller.view.places import places_of  # noqa: E402
 from tp_controller.view.server import open_server  # noqa: E402
@@ -498,6 +499,26 @@ def test_least_distance_is_dragged_along_the_shortest_line_from_the_second_objec
     assert np.linalg.det(place.T[:3, :3]) == pytest.approx(1.0)
     assert key_set(place, pose(np.eye(3), [0.1, 0.2, 0.65])) == ('distance', 0.25)
     assert key_set(place, pose(np.eye(3), [0.1, 0.2, 2.0])) == ('distance', 0.0)
+
+
+def test_distances_are_changed_where_they_are_and_not_removed_and_added(server):
+    server.scene.reset()
+    shown = MarkerScene(server.scene)
+    removed, handles = [], {}
+    for lengths in ([0.1], [0.2, 0.3, 0.8], [0.4, 0.5]):
+        starts = np.array([[0.0, number, 0.0] for number in range(len(lengths))])
+        ends = starts + np.outer(lengths, [1.0, 0.0, 0.0])
+        lines, text = drawn(Gaps('distance', starts, ends, np.array(lengths), 0.05, 1.0))
+        shown.draw([lines, text])
+        before, handles = handles, {key: each.handle for key, each in shown._drawn.items()}
+        removed += [key for key, handle in before.items() if handles[key] is not handle]
+        line, label = handles['task/distance', 0], handles['task/distance', 1]
+        assert label.text == text.text == f'{lengths[0]:.3f} m'
+        np.testing.assert_allclose(line.points, np.stack([starts, ends], axis=1), atol=1e-6)
+        np.testing.assert_array_equal(
+            line.colors.reshape(-1, 3), [[round(255 * each.r), round(255 * each.g),
+                                          round(255 * each.b)] for each in lines.colors])
+    assert not removed
 
 
 def test_cone_that_is_as_wide_as_an_error_and_distance_without_a_key_cannot_be_dragged():
