@@ -145,6 +145,8 @@ STATUS = {
     'last refusal': 'reason of the last refusal',
     'goal warning': 'what is probably a mistake in the last goal accepted: out of reach, or '
                     'coordinates that do not count; empty if nothing is',
+    'goal listeners': 'subscriptions to `~/<task>/goal`, that of the controller and those of '
+                      'others, as recorders; one key for each topic of the task',
 }
 
 
@@ -393,8 +395,8 @@ def status():
     stack = Stack.from_yaml('[tool: {type: position, frame: panda_hand_tcp}]', robot)
     controller = Controller(robot, stack)
     report = controller.update(robot.neutral(), 0.0).report
-    message = diagnostics(Time(), NODE, '', report, controller, {'tool': GoalRecord()},
-                          Figures(0.01).told())
+    message = diagnostics(Time(), NODE, '', report, controller,
+                          {'tool': GoalRecord(listeners={'goal': 1})}, Figures(0.01).told())
     rows = [(of, f'`{value.key}`', STATUS[value.key])
             for of, entry in zip(('node', 'task'), message.status) for value in entry.values]
     return table(('of', 'key', 'meaning'), rows)

@@ -26,6 +26,7 @@ import robots
 from tp_controller.model.shapes import Sphere
 from tp_controller.model.spatial import pose, rotation_from_quaternion
 from tp_controller.nodes.client import make_message
+from tp_controller.nodes.markers import Markers
 from tp_controller.tasks.sketch import Arrow, Body, Cone, Dot, Gaps, Path, Triad
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -296,13 +297,28 @@ def test_line_leads_from_the_reference_to_the_goal(panda):
                                [state.position(ELBOW), state.position(TOOL)], atol=1e-9)
 
 
+@pytest.mark.parametrize('way', [(0.02, 0, 0), (0.01, 0, -0.1), (0.0, 0, 0.08), (0.03, 0, 0.02)])
+def test_text_of_a_short_distance_is_beside_its_line_and_not_where_its_arrow_points(way):
+    start, end = np.array([0.4, 0.2, 0.6]), np.array([0.4, 0.2, 0.6]) - way
+    gaps = Gaps('distance', start[np.newaxis], end[np.newaxis], np.ones(1), 0.0, 1.0)
+    _, text = Markers(0.1, None).message(Time().to_msg(), 'base', {'clear': [gaps]}).markers
+    p = pose_of(text)[:3, 3]
+    np.testing.assert_allclose(p[:2], 0.5 * (start + end)[:2])
+    # What changes the distance is an arrow from the end to the start, and beyond.
+    if way[2] > 0.0:
+        assert p[2] + 0.5 * text.scale.z < end[2]
+    else:
+        assert p[2] - 0.5 * text.scale.z > max(start[2], end[2])
+    assert abs(p[2] - 0.5 * (start + end)[2]) < 0.1
+
+
 def test_distances_are_lines_in_colours_and_the_smallest_is_written(panda):
     lines, text = panda.found['clear/distance']
     points = points_of(lines)
     lengths = np.linalg.norm(points[1::2] - points[::2], axis=1)
     assert len(points) == len(lines.colors) > 2
     assert (np.diff(lengths) >= 0.0).all() and text.text == f'{lengths[0]:.3f} m'
-    np.testing.assert_allclose(pose_of(text)[:3, 3], points[:2].mean(axis=0), atol=1e-9)
+    np.testing.assert_allclose(pose_of(text)[:2, 3], points[:2, :2].mean(axis=0), atol=1e-9)
     # From red at the distance that is kept, 0.02 m, to green at 0.6 m.
     for length, one, other in zip(lengths, lines.colors[::2], lines.colors[1::2]):
         share = (length - 0.02) / 0.58

@@ -40,8 +40,10 @@ viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
 from tp_controller.nodes.client import Client  # noqa: E402, I100
 from tp_controller.view.camera import first_view  # noqa: E402
 from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD  # noqa: E402
+from tp_controller.view.joint_sliders import span  # noqa: E402
 from tp_controller.view.link import Link  # noqa: E402
 from tp_controller.view.looks import JOINT_COLOUR  # noqa: E402
+from tp_controller.view.markers import MarkerScene  # noqa: E402
 from tp_controller.view.page import Page, RATE  # noqa: E402
 from tp_controller.view.places import places_of  # noqa: E402
 from tp_controller.view.server import open_server  # noqa: E402
@@ -250,6 +252,20 @@ def test_slider_of_a_joint_is_a_goal_of_the_chosen_task(rig):
     # The others show where the joints are.
     rig.spin_until(lambda: abs(rig.page.joints.sliders['joint2'].value - rig.q[1]) < 0.02)
     assert rig.page.joints.sliders['joint3'].value == 0.9
+
+
+@pytest.mark.parametrize('lower, upper, low, high, decimals', [
+    (-2.8973, 2.8973, -2.897, 2.897, 3), (0.0, 0.04, 0.0, 0.04, 3), (-6.2832, 9.9, -6.283, 9.9, 3),
+    (-12.3456, 3.0, -12.34, 3.0, 2), (-np.inf, np.inf, -3.141, 3.141, 3),
+    # Beyond what a slider is of use for.
+    (-1000.0, 1000.0, -3.141, 3.141, 3), (-1000.0, -100.55, -106.8, -100.6, 1),
+    (20.0, np.inf, 20.0, 26.28, 2),
+    # Joints that cannot move.
+    (0.12345, 0.12345, 0.12345, 0.12345, 3)])
+def test_slider_moves_a_joint_within_its_limits_by_what_is_seen_of_its_position(
+        lower, upper, low, high, decimals):
+    np.testing.assert_allclose(span(lower, upper), (low, high, decimals), atol=1e-12)
+    assert lower <= low and high <= upper
 
 
 def test_nothing_is_asked_of_the_controller_while_nobody_looks(rig):
@@ -485,6 +501,26 @@ def test_least_distance_is_dragged_along_the_shortest_line_from_the_second_objec
     assert key_set(place, pose(np.eye(3), [0.1, 0.2, 2.0])) == ('distance', 0.0)
 
 
+def test_distances_are_changed_where_they_are_and_not_removed_and_added(server):
+    server.scene.reset()
+    shown = MarkerScene(server.scene)
+    removed, handles = [], {}
+    for lengths in ([0.1], [0.2, 0.3, 0.8], [0.4, 0.5]):
+        starts = np.array([[0.0, number, 0.0] for number in range(len(lengths))])
+        ends = starts + np.outer(lengths, [1.0, 0.0, 0.0])
+        lines, text = drawn(Gaps('distance', starts, ends, np.array(lengths), 0.05, 1.0))
+        shown.draw([lines, text])
+        before, handles = handles, {key: each.handle for key, each in shown._drawn.items()}
+        removed += [key for key, handle in before.items() if handles[key] is not handle]
+        line, label = handles['task/distance', 0], handles['task/distance', 1]
+        assert label.text == text.text == f'{lengths[0]:.3f} m'
+        np.testing.assert_allclose(line.points, np.stack([starts, ends], axis=1), atol=1e-6)
+        np.testing.assert_array_equal(
+            line.colors.reshape(-1, 3), [[round(255 * each.r), round(255 * each.g),
+                                          round(255 * each.b)] for each in lines.colors])
+    assert not removed
+
+
 def test_cone_that_is_as_wide_as_an_error_and_distance_without_a_key_cannot_be_dragged():
     point = np.zeros((1, 3))
     markers = [*drawn(Cone('cone', T, 0.3, 0.5)),
@@ -627,6 +663,39 @@ def test_label_of_a_key_follows_its_value(server):
         dragged.gizmos.follow(gap(1.0, distance))
         gizmo, = dragged.gizmos.gizmos.values()
         assert gizmo.label.text == f'task: {1e3 * distance:.1f} mm'
+
+
+@pytest.mark.parametrize('end', [(0, 0, 1), (0, 0, -1), (1, 0, 0), (1, 0, -0.5), (1, 0, 0.5)])
+def test_label_of_a_distance_covers_neither_its_arrow_nor_its_line_nor_its_text(server, end):
+    dragged = Dragged(server)
+    end = 0.02 * np.array([end], dtype=float)
+    text, = (found for found in drawn(Gaps(
+        'distance', np.zeros((1, 3)), end, np.array([0.02]), 0.005, 9.0)) if found.text)
+    dragged.gizmos.follow(places_of(
+        drawn(Gaps('distance', np.zeros((1, 3)), end, np.array([0.02]), 0.005, 9.0)), {},
+        {'task': {'distance': 0.005}}))
+    gizmo, = dragged.gizmos.gizmos.values()
+    T_root_handle = pose(Rotation.from_quat(np.roll(gizmo.handle.wxyz, -1)).as_matrix(),
+                         gizmo.handle.position)
+    label, tip = ((T_root_handle @ [*point, 1.0])[2] for point in (
+        gizmo.label.position, (gizmo.handle.scale, 0.0, 0.0)))
+    start = T_root_handle[2, 3]
+    above = gizmo.label.anchor == 'bottom-center'
+    assert (label >= max(start, tip) - 1e-9) if above else (label <= min(start, tip) + 1e-9)
+    # The other one is on the other side.
+    assert (text.pose.position.z < min(0.0, end[0, 2])) == above
+
+
+def test_label_of_a_goal_is_above_it_however_it_is_turned(server):
+    dragged = Dragged(server)
+    for turn in (0.0, 1.0, np.pi):
+        goal = marker('tip/goal')
+        goal.pose.orientation.x, goal.pose.orientation.w = np.sin(0.5 * turn), np.cos(0.5 * turn)
+        dragged.gizmos.follow(places_of([goal], {'tip': {'goal': PoseStamped}}, {}))
+        gizmo, = dragged.gizmos.gizmos.values()
+        R = Rotation.from_quat(np.roll(gizmo.handle.wxyz, -1))
+        np.testing.assert_allclose(R.apply(gizmo.label.position), [0.0, 0.0, 0.11], atol=1e-6)
+        assert gizmo.label.anchor == 'bottom-center'
 
 
 def test_what_is_not_to_be_dragged_or_gone_has_no_gizmo(server):

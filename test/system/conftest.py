@@ -12,8 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Fixtures of the tests that run whole processes."""
+"""Fixtures of the tests that run whole processes and browsers."""
 
+from browser_harness import chromium, server
 from processes_harness import cell, domain, environment, listener, start
 
-__all__ = ['cell', 'domain', 'environment', 'listener', 'start']
+__all__ = ['cell', 'chromium', 'domain', 'environment', 'listener', 'server', 'start']

@@ -14,7 +14,6 @@
 
 """The page in a real browser: what is seen, dragged and clicked there."""
 
-from importlib.util import find_spec
 import os
 from pathlib import Path
 import re
@@ -22,6 +21,7 @@ import subprocess
 import sys
 import warnings
 
+from browser_harness import NEEDS_BROWSER, SECONDS
 import numpy as np
 from PIL import Image
 import pytest
@@ -32,8 +32,6 @@ from tp_controller.resources import load_yaml
 from tp_controller.view.browser import chromium_flags, find_chromium
 import yaml
 
-# Without a graphics card, on a machine with much to do, the page takes most of a minute to open.
-SECONDS = 120.0
 SIZE = {'width': 960, 'height': 680}
 # Where the camera is when the page opens.
 POSITION, LOOK_AT, FIELD = np.array([1.9, -1.5, 1.3]), np.array([0.25, 0.05, 0.4]), 0.7
@@ -57,12 +55,8 @@ SURROUNDED = """
 """
 # Environment variable that names a folder where pictures are kept, and are sharp.
 FOLDER = 'TP_CONTROLLER_SCREENSHOTS'
-NEEDS = {'rclpy': 'ROS 2', 'viser': 'viser', 'playwright': 'playwright'}
 
-pytestmark = [
-    *(pytest.mark.skipif(find_spec(module) is None, reason=f'needs {what}')
-      for module, what in NEEDS.items()),
-    pytest.mark.skipif(find_chromium() is None, reason='needs a Chromium on the PATH')]
+pytestmark = NEEDS_BROWSER
 
 
 class View:

@@ -14,14 +14,10 @@
 
 """A browser that draws seldom takes everything that happened meanwhile at once, without errors."""
 
-from importlib.util import find_spec
-
+from browser_harness import NEEDS_BROWSER, SECONDS
 import pytest
 from robots import panda, planar
-from tp_controller.view.browser import chromium_flags, find_chromium
 
-SECONDS = 120.0
-NEEDS = {'rclpy': 'ROS 2', 'viser': 'viser', 'playwright': 'playwright'}
 # Nothing is drawn while `busy` is true: what arrives waits until then. `said` is the last text
 # of the server that has arrived, drawn or not.
 BUSY = """
@@ -42,30 +38,7 @@ window.Worker = class extends window.Worker {
 };
 """
 
-pytestmark = [
-    *(pytest.mark.skipif(find_spec(module) is None, reason=f'needs {what}')
-      for module, what in NEEDS.items()),
-    pytest.mark.skipif(find_chromium() is None, reason='needs a Chromium on the PATH')]
-
-
-@pytest.fixture(scope='module')
-def server():
-    """Return the server of an empty page."""
-    from tp_controller.view.server import LOCAL, open_server, unused_port
-    found = open_server(LOCAL, unused_port())
-    yield found
-    found.stop()
-
-
-@pytest.fixture(scope='module')
-def chromium():
-    """Return a browser."""
-    from playwright.sync_api import sync_playwright
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=find_chromium(), args=chromium_flags())
-        yield browser
-        browser.close()
+pytestmark = NEEDS_BROWSER
 
 
 class SlowTab:

@@ -16,10 +16,37 @@
 
 import os
 from pathlib import Path
+import subprocess
+import sys
 from xml.etree import ElementTree
 
+from processes_harness import DEADLINE
 import pytest
+from tp_controller.demos.processes import own_domain
 from tp_controller.nodes.discovery import announce_often, FILES, VARIABLES
+
+# Nodes of two processes, one of which hears what the other one sends.
+COMMON = """
+import time
+from geometry_msgs.msg import PointStamped
+from rclpy.duration import Duration
+from rclpy.node import Node
+from tp_controller.nodes.client import new_context
+node = Node('node', context=new_context())
+"""
+HEARING = """
+node.create_subscription(PointStamped, '/goal', print, 10)
+time.sleep(60.0)
+"""
+# Without the profile the answer takes up to 3 s.
+SENDING = """
+publisher = node.create_publisher(PointStamped, '/goal', 10)
+while not publisher.get_subscription_count():
+    time.sleep(0.01)
+time.sleep(0.2)
+publisher.publish(PointStamped())
+print(publisher.wait_for_all_acked(Duration(seconds=2.0)))
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -38,6 +65,19 @@ def test_the_profile_announces_ten_times_a_second():
     root = ElementTree.parse(path).getroot()
     period, = (element for element in root.iter() if element.tag.endswith('leaseAnnouncement'))
     assert [int(part.text) for part in period] == [0, 10 ** 8]
+
+
+def test_a_goal_that_another_process_hears_is_soon_known_to_be_there():
+    announce_often()
+    with own_domain() as environment:
+        hearing = subprocess.Popen([sys.executable, '-c', COMMON + HEARING], env=environment)
+        try:
+            told = subprocess.run([sys.executable, '-c', COMMON + SENDING], env=environment,
+                                  text=True, capture_output=True, timeout=2.0 * DEADLINE)
+        finally:
+            hearing.kill()
+            hearing.wait()
+    assert told.stdout.split() == ['True'], told.stderr
 
 
 @pytest.mark.parametrize('name', VARIABLES)

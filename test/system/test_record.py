@@ -18,12 +18,14 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 from processes_harness import command_line, DEADLINE
 import pytest
 from rosbags.rosbag2 import Reader
 from tp_controller.bags.history import History
 from tp_controller.bags.reader import Bag
+from tp_controller.cli.record import _write
 
 
 @pytest.fixture
@@ -70,6 +72,15 @@ def test_a_signal_ends_a_recording_with_a_whole_file(cell, record, tmp_path, num
     assert told.startswith('run: ') and f' {count} messages, ' in told and ' 0 lost: ' in told
     bag = Bag(tmp_path / 'run')
     assert list(History(bag, '', lambda size: None).tasks) == ['swing'] and not bag.remarks
+
+
+def test_it_says_that_it_records_once_it_does(capsys, tmp_path):
+    said = []
+    recorder = SimpleNamespace(controllers=['arm'],
+                               take=lambda bag: said.append(capsys.readouterr().out))
+    bag = SimpleNamespace(path=tmp_path, counts={}, close=list)
+    _write(recorder, bag, 0.0, [])
+    assert said == ['', f'recording /arm to {tmp_path}; Ctrl-C ends it\n']
 
 
 def test_what_a_killed_recorder_has_written_is_plotted(cell, domain, record, tmp_path,

@@ -129,10 +129,12 @@ def _signals() -> Iterator[list[int]]:
 def _write(recorder: 'BagRecorder', bag: 'BagWriter', seconds: float | None,
            arrived: list[int]) -> float:
     """Write what arrives until a signal does, or the time is over; return how long it was [s]."""
-    print(f'recording {", ".join(f"/{name}" for name in recorder.controllers)} to {bag.path}; '
-          'Ctrl-C ends it', flush=True)
     start = flushed = shown = time.monotonic()
     try:
+        # It listens from the first time on: what is sent once this was said is in the bag.
+        recorder.take(bag)
+        print(f'recording {", ".join(f"/{name}" for name in recorder.controllers)} to {bag.path}; '
+              'Ctrl-C ends it', flush=True)
         while not arrived and (seconds is None or time.monotonic() - start < seconds):
             recorder.take(bag)
             now = time.monotonic()

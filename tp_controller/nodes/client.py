@@ -47,14 +47,16 @@ from tp_controller.nodes.interruption import uninterrupted
 # What a message is filled with, by the names that `FIELDS` lists.
 Fields = Mapping[str, Any]
 
-# How long to wait, on leaving, for goals to arrive [s].
-LEAVE_SECONDS = 5.0
+# How long to wait, on leaving, for goals to arrive: at the controller, and, if it has answered, at
+# all others that listen [s].
+LEAVE_SECONDS, OTHERS_SECONDS = 5.0, 2.0
 # How often a condition is looked at: that a topic is found, nobody says.
 POLL_SECONDS = 0.02
 # How much is taken at once, where more may come all the time.
 MOST_WAITING = 100
-# How long others that listen to a goal are waited for [s].
-SETTLE_SECONDS = 0.5
+# How long others that listen to a goal are waited for: one that was killed a moment ago is counted
+# for a while [s].
+SETTLE_SECONDS = 2.0
 # What stands for the answers to goals where the task is not there.
 ABSENT = '', ''
 # What of a goal each message can carry, and must.
@@ -110,8 +112,8 @@ class Client:
         self._publishers: dict[tuple[str, str], Publisher] = {}
         self._services: dict[str, RosClient] = {}
         self._last: tuple[Publisher, Message] | None = None
-        # Publishers of messages that nothing has answered yet.
-        self._pending: set[Publisher] = set()
+        # Publishers of messages, and how long to wait on leaving until these have arrived [s].
+        self._pending: dict[Publisher, float] = {}
         self.status: DiagnosticArray | None = None
         try:
             subscribe_status(self.node, self.controller, self._on_status)
@@ -121,8 +123,8 @@ class Client:
 
     def close(self) -> None:
         """Leave, once everything that was sent has arrived."""
-        for publisher in self._pending:
-            publisher.wait_for_all_acked(Duration(seconds=LEAVE_SECONDS))
+        for publisher, seconds in self._pending.items():
+            publisher.wait_for_all_acked(Duration(seconds=seconds))
         self._executor.shutdown()
         self.node.destroy_node()
         if self._own:
@@ -234,16 +236,18 @@ class Client:
             raise GoalError(f'the controller does not answer on {publisher.topic_name}')
         if not self.wait(lambda: self.task_status(task), wait):
             raise GoalError(f'the controller sends no status of task {task!r}')
-        # Whoever records is to hear it, too, and may be found a little later.
-        self.wait(lambda: publisher.get_subscription_count()
-                  >= self.node.count_subscribers(publisher.topic_name), SETTLE_SECONDS)
+        # Whoever records is to hear it, too. The controller, which has been here for longer, may
+        # know of somebody whom this node has not found yet.
+        self.wait(lambda: publisher.get_subscription_count() >= max(
+            self.node.count_subscribers(publisher.topic_name), self._listeners(task, topic)),
+            SETTLE_SECONDS)
         before = self._answers(task)
         self._last = publisher, message
-        self._pending.add(publisher)
+        self._pending[publisher] = LEAVE_SECONDS
         publisher.publish(message)
         if not self.wait(lambda: self._answers(task) not in (ABSENT, before), wait):
             raise GoalError(f'the controller did not answer the goal for task {task!r}')
-        self._pending.discard(publisher)
+        self._pending[publisher] = OTHERS_SECONDS
         if self._answers(task)[1] != before[1]:
             raise GoalError(f'refused: {self.task_status(task)["last refusal"]}')
 
@@ -279,7 +283,7 @@ class Client:
         """Publish once more what was sent last; no answer is waited for."""
         if self._last is not None:
             publisher, message = self._last
-            self._pending.add(publisher)
+            self._pending[publisher] = LEAVE_SECONDS
             publisher.publish(message)
 
     def turning(self, joints: Iterable[str], wait: float = 10.0) -> set[str]:
@@ -325,6 +329,10 @@ class Client:
         """Return how many goals of a task were accepted and refused, or `ABSENT`."""
         status = self.task_status(task)
         return (status['goals accepted'], status['goals refused']) if status else ABSENT
+
+    def _listeners(self, task: str, topic: str) -> int:
+        """Return how many the controller knows of that listen to a topic of a task."""
+        return int(self.task_status(task).get(f'{topic} listeners', 0))
 
     def stop_reason(self) -> str:
         """Return why the controller commands zeros; empty while it runs."""

@@ -26,10 +26,11 @@ FILES = ('DEFAULT_FASTDDS_PROFILES.xml', 'DEFAULT_FASTRTPS_PROFILES.xml')
 
 def announce_often() -> None:
     """
-    Make the nodes that this process starts, with Fast DDS, announce themselves often.
+    Make the nodes that this process starts, with Fast DDS, announce themselves and ask often.
 
     By default they do so every 3 s, and that is how long it takes to find one that has run for a
-    while whenever its answer to the first announcement of a new one gets lost.
+    while whenever its answer to the first announcement of a new one gets lost; and to know that
+    all have what was sent, and send again what somebody has not.
     """
     if not set(VARIABLES) & set(os.environ) and not any(Path(name).exists() for name in FILES):
         os.environ[VARIABLES[1]] = str(package_share() / 'config' / 'discovery.xml')

@@ -52,6 +52,9 @@ AXIS_COLOURS: tuple[Rgba, ...] = ((0.9, 0.1, 0.1, 1.0), (0.1, 0.7, 0.1, 1.0),
                                   (0.2, 0.3, 0.95, 1.0))
 # Of the axes of a goal; those of other frames are half as long and wide [m].
 AXES_WIDTH, LINE_WIDTH, DOT_SIZE, TEXT_SIZE = 0.008, 0.004, 0.03, 0.03
+# How far the text of a line is above its middle at most, besides its own height [m]; from which
+# slope on it is below: the arrow that changes the distance points up there.
+MOST_LIFT, STEEP = 2.0 * TEXT_SIZE, 0.2
 # Diameter of the shaft and head of an arrow, and length of the head at most [m].
 ARROW, HEAD_SHARE = (0.006, 0.015, 0.03), 0.4
 # A half-space is drawn as a plate: how far it goes, and how thick it is [m].
@@ -217,10 +220,23 @@ def _gaps(sketch: Gaps) -> list[Marker]:
                     _to_points(np.stack([starts, ends], axis=1).reshape(-1, 3)))
     lines.colors = [_to_colour(colour) for colour in colours for _ in range(2)]
     nearest = int(distances.argmin())
-    text = _marker(Marker.TEXT_VIEW_FACING, _at(0.5 * (starts[nearest] + ends[nearest])),
+    text = _marker(Marker.TEXT_VIEW_FACING, _at(_beside(starts[nearest], ends[nearest])),
                    colours[nearest], (0.0, 0.0, TEXT_SIZE))
     text.text = f'{distances[nearest]:.3f} m'
     return [lines, text]
+
+
+def _beside(start: Array, end: Array) -> Array:
+    """
+    Return where the text of a line is (3,): above it, or below one that rises to its start.
+
+    A text is as large as a short line; on the line nothing of that would be seen. Of a long steep
+    line there is enough to see on both sides of the text.
+    """
+    way, middle = start - end, 0.5 * (start + end)
+    lift = min(0.5 * abs(way[2]), MOST_LIFT) + TEXT_SIZE
+    rises = way[2] > STEEP * math.sqrt(way.dot(way))
+    return middle + np.array((0.0, 0.0, -lift if rises else lift))
 
 
 _MAKERS: dict[type, Callable[..., list[Marker]]] = {

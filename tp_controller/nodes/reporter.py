@@ -162,8 +162,11 @@ class Reporter:
                             loop.report if loop else None, self._controller)
 
     def _records(self) -> Mapping[str, GoalRecord]:
-        """Return what came in for each task."""
-        return self._topics.records if self._topics is not None else {}
+        """Return what came in for each task, and who listens to it."""
+        if self._topics is None:
+            return {}
+        self._topics.count_listeners()
+        return self._topics.records
 
     def _on_status(self) -> None:
         """Publish the status; with a new goal after the next cycle, which reports about it."""

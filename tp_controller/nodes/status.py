@@ -82,7 +82,8 @@ def task_reports(stop_reason: str, report: Report | None,
 def _goal_values(record: GoalRecord) -> list[KeyValue]:
     """Return what came in for a task."""
     return [_value('goals accepted', record.accepted), _value('goals refused', record.refused),
-            _value('last refusal', record.refusal), _value('goal warning', record.warning)]
+            _value('last refusal', record.refusal), _value('goal warning', record.warning),
+            *(_value(f'{topic} listeners', count) for topic, count in record.listeners.items())]
 
 
 def _task_status(node_name: str, task: TaskReport, record: GoalRecord) -> DiagnosticStatus:

@@ -15,7 +15,7 @@
 """The topics and the service that each task of a stack has."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 import math
 
@@ -51,6 +51,8 @@ class GoalRecord:
         Why the last one was refused.
     warning : str
         What is probably a mistake in the last one that was accepted.
+    listeners : dict
+        {topic: how many subscriptions it has, this one and those of others}, as last counted.
 
     """
 
@@ -58,6 +60,7 @@ class GoalRecord:
     refused: int = 0
     refusal: str = ''
     warning: str = ''
+    listeners: dict[str, int] = field(default_factory=dict)
 
 
 class TaskTopics:
@@ -142,6 +145,15 @@ class TaskTopics:
             record.refused += 1
             record.refusal = in_words(error)
             self._log.error(f'goal for task {name} refused: {record.refusal}', f'refused {name}')
+
+    def count_listeners(self) -> None:
+        """Count who listens to each topic of a task: whoever sends can wait for all of them."""
+        for record in self.records.values():
+            record.listeners = {}
+        for (name, topic), (kind, _) in self._open.items():
+            if kind is not SetBool and name in self.records:
+                self.records[name].listeners[topic] = self._node.count_subscribers(
+                    f'{self._node.get_fully_qualified_name()}/{name}/{topic}')
 
     def close(self) -> None:
         """Close everything."""

@@ -183,6 +183,12 @@ class CollisionTask(BoundedTask):
         return [Gaps('distance', near.points[rows] + half, near.points[rows] - half,
                      near.distances[rows], self.distance, self.within)]
 
+    def inherit_goal(self, other: Task) -> None:
+        """Go on with the goal, and draw the same distances until a cycle has found others."""
+        super().inherit_goal(other)
+        if self._near is None and self.is_compatible(other):
+            self._near = other._near
+
 
 class SelfCollision(CollisionTask):
     """

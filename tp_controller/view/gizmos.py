@@ -17,9 +17,11 @@
 from collections.abc import Callable, Iterable
 import math
 import time
+from typing import Literal
 
 import numpy as np
 from tp_controller.model.spatial import Array, pose, rotation_from_quaternion
+from tp_controller.nodes.markers import STEEP
 from tp_controller.view.parts import place
 from tp_controller.view.places import (
     CONES,
@@ -120,12 +122,8 @@ class Gizmo:
             disable_axes=not grip.moves, disable_sliders=not grip.planes,
             disable_rotations=not grip.turns, depth_test=False)
         place(self.handle, found.T)
-        # What shows a number is beside other texts; its own is below it.
-        below = found.group in (CONES, DISTANCES)
-        self.label = scene.add_label(
-            f'{HANDLES}/{found.name}/label', found.title,
-            anchor='top-center' if below else 'bottom-center',
-            position=(0.0, 0.0, 0.0 if below else 0.5 * size))
+        self.label = scene.add_label(f'{HANDLES}/{found.name}/label', found.title)
+        self._place_label()
 
         # On the thread of the server, so that the order of the events is kept.
         @self.handle.on_update
@@ -166,6 +164,27 @@ class Gizmo:
         if not self.in_use(now):
             if np.abs(found.T - _pose_of_handle(self.handle)).max() > SAME:
                 place(self.handle, found.T)
+        self._place_label()
+
+    def _place_label(self) -> None:
+        """
+        Have the label above what is dragged, however that is turned.
+
+        That of a single arrow is above its tip, or below an arrow that does not rise: the text of
+        the line that it is on is on the other side.
+        """
+        # The third row of R: up, in the axes of what is dragged.
+        up = _pose_of_handle(self.handle)[2, :3]
+        rise = 0.5
+        if self.place.grip.single:
+            rise = up[0] if up[0] > STEEP else min(up[0], 0.0)
+        position = SIZES[self.place.group] * rise * up
+        if np.abs(position - self.label.position).max() > SAME:
+            self.label.position = position
+        anchor: Literal['bottom-center', 'top-center'] = \
+            'bottom-center' if rise > 0.0 else 'top-center'
+        if anchor != self.label.anchor:
+            self.label.anchor = anchor
 
     def due(self, now: float) -> Array | None:
         """Return the pose that is to be sent now, if there is one."""

@@ -24,9 +24,12 @@ from tp_controller.view.gizmos import PERIOD
 from tp_controller.view.stack_panel import assign
 import viser
 
-# Positions between which a joint without limits is moved [rad or m].
-ENDLESS = math.pi
-STEP, DIGITS = 0.01, 4
+# Positions between which a joint without limits is moved, and from where on a limit counts as none
+# [rad or m].
+ENDLESS, FAR = math.pi, 10.0 * math.pi
+# The box beside a slider is as wide as a sign, a point and so many digits; after the point there
+# are as many as that leaves, and no more than somebody needs.
+DIGITS, MOST_DECIMALS = 4, 3
 
 
 class JointSliders:
@@ -88,8 +91,8 @@ class JointSliders:
         for name, position in zip(robot.joint_names, q[robot.joint_rows].tolist()):
             if name not in self._moved:
                 slider = self.sliders[name]
-                inside = min(max(position, slider.min), slider.max)
-                if abs(slider.value - inside) > STEP:
+                inside = round(min(max(position, slider.min), slider.max), slider.precision)
+                if inside != slider.value:
                     assign(slider, inside)
 
     def move(self, name: str, position: float) -> None:
@@ -105,8 +108,7 @@ class JointSliders:
 
     def _new_slider(self) -> 'viser.GuiSliderHandle[float]':
         """Return a slider of no joint yet."""
-        slider = self._gui.add_slider('', -ENDLESS, ENDLESS, STEP, 0.0, visible=False)
-        slider.precision = DIGITS
+        slider = self._gui.add_slider('', -ENDLESS, ENDLESS, 0.1, 0.0, visible=False)
 
         @slider.on_update
         def _(event: 'viser.GuiEvent[viser.GuiSliderHandle[float]]') -> None:
@@ -121,8 +123,36 @@ class JointSliders:
     def _prepare(self, slider: 'viser.GuiSliderHandle[float]', robot: Robot, name: str) -> None:
         """Let a slider be that of a joint."""
         row = robot.joint_index(name)
-        slider.min, slider.max = (
-            limit if abs(limit) < 10.0 * ENDLESS else math.copysign(ENDLESS, limit)
-            for limit in (float(robot.lower[row]), float(robot.upper[row])))
+        slider.min, slider.max, slider.precision = span(
+            float(robot.lower[row]), float(robot.upper[row]))
+        slider.step = 10.0 ** -slider.precision
         slider.label, slider.hint = name, robot.velocity_units[row]
         assign(slider, min(max(0.0, slider.min), slider.max))
+
+
+def span(lower: float, upper: float) -> tuple[float, float, int]:
+    """
+    Return between which positions a slider moves a joint, and with how many decimals.
+
+    Parameters
+    ----------
+    lower, upper : float
+        Limits of the joint, infinite where it has none [rad or m].
+
+    Returns
+    -------
+    low, high : float
+        Within the limits, with no more decimals than that, unless nothing else is within them
+        [rad or m].
+    decimals : int
+
+    """
+    if lower < -FAR:
+        lower = min(-ENDLESS, upper - 2.0 * ENDLESS)
+    if upper > FAR:
+        upper = max(ENDLESS, lower + 2.0 * ENDLESS)
+    whole = len(str(int(max(abs(lower), abs(upper)))))
+    decimals = min(max(DIGITS - whole, 0), MOST_DECIMALS)
+    unit = 10.0 ** decimals
+    low, high = math.ceil(lower * unit) / unit, math.floor(upper * unit) / unit
+    return (low, high, decimals) if low < high else (lower, upper, decimals)

@@ -82,16 +82,18 @@ class MarkerScene:
         before = self._drawn.get(key)
         points = np.array([(point.x, point.y, point.z) for point in marker.points])
         looks = _looks(marker)
-        if before is not None and (before.looks != looks or before.points.shape != points.shape):
+        if before is not None and before.looks != looks:
             before.handle.remove()
             before = None
+        content = _content(marker)
         if before is None:
             ns, number = key
             handle = ADD[marker.type](self._scene, f'{self._name}/{ns}/{number}', marker, points)
-            before = self._drawn[key] = _Drawn(handle, looks, points)
-        elif np.abs(points - before.points).max(initial=0.0) > SAME:
-            before.points = points
-            _move_points(before.handle, marker, points)
+            before = self._drawn[key] = _Drawn(handle, looks, points, content)
+        elif before.content != content or before.points.shape != points.shape \
+                or np.abs(points - before.points).max(initial=0.0) > SAME:
+            before.points, before.content = points, content
+            _change(before.handle, marker, points)
         T = pose_of(marker)
         if before.T is None or np.abs(T - before.T).max() > SAME:
             before.T = T
@@ -101,8 +103,9 @@ class MarkerScene:
 class _Drawn:
     """A marker as it is shown."""
 
-    def __init__(self, handle: viser.SceneNodeHandle, looks: object, points: Array) -> None:
-        self.handle, self.looks, self.points = handle, looks, points
+    def __init__(self, handle: viser.SceneNodeHandle, looks: object, points: Array,
+                 content: object) -> None:
+        self.handle, self.looks, self.points, self.content = handle, looks, points, content
         self.T: Array | None = None
 
 
@@ -114,10 +117,24 @@ def pose_of(marker: 'Marker') -> Array:
 
 
 def _looks(marker: 'Marker') -> object:
-    """Return all of a marker that does not change as it moves."""
+    """
+    Return all of a marker that it is made with: another one is put in its place if that changes.
+
+    What is removed and added is not seen for a moment. Of texts and lines nearly everything can be
+    changed; other shapes keep their number of points.
+    """
     scale, colour = marker.scale, marker.color
+    if marker.type in (*LINES, TEXT_VIEW_FACING):
+        return marker.type, scale.x, scale.z
     return (marker.type, scale.x, scale.y, scale.z, colour.r, colour.g, colour.b, colour.a,
-            marker.text, tuple((each.r, each.g, each.b) for each in marker.colors))
+            len(marker.points))
+
+
+def _content(marker: 'Marker') -> object:
+    """Return the text of a marker, and the colours of its lines, which are changed in place."""
+    if marker.type not in LINES:
+        return marker.text
+    return [(each.r, each.g, each.b) for each in (marker.color, *marker.colors)]
 
 
 def _colour(marker: 'Marker') -> Colour:
@@ -138,13 +155,9 @@ def _add_part(scene: viser.SceneApi, name: str, marker: 'Marker',
 
 def _add_lines(scene: viser.SceneApi, name: str, marker: 'Marker',
                points: Array) -> viser.SceneNodeHandle:
-    """Add lines, with a colour for each end where there are some."""
-    ends = _segments(marker, points)
-    colours: Colour | NDArray[np.uint8] = _colour(marker)
-    if marker.colors and len(marker.colors) == len(points):
-        shades = np.array([(each.r, each.g, each.b) for each in marker.colors])
-        colours = np.round(255 * _segments(marker, shades)).astype(np.uint8)
-    return scene.add_line_segments(name, ends, colours, thickness=marker.scale.x)
+    """Add lines."""
+    return scene.add_line_segments(name, _segments(marker, points), _colours(marker, points),
+                                   thickness=marker.scale.x)
 
 
 def _add_arrow(scene: viser.SceneApi, name: str, marker: 'Marker',
@@ -183,14 +196,25 @@ def _segments(marker: 'Marker', points: Array) -> Array:
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
-def _move_points(handle: viser.SceneNodeHandle, marker: 'Marker', points: Array) -> None:
-    """Give a marker other points, as many as it had."""
+def _colours(marker: 'Marker', points: Array) -> NDArray[np.uint8]:
+    """Return the colours (k, 2, 3) of the ends of lines; where there are none, that of all."""
+    shades = np.array([(each.r, each.g, each.b) for each in (
+        marker.colors if len(marker.colors) == len(points) else [marker.color] * len(points))])
+    return np.round(255 * _segments(marker, shades)).astype(np.uint8)
+
+
+def _change(handle: viser.SceneNodeHandle, marker: 'Marker', points: Array) -> None:
+    """Give a marker other points, colours of lines, or another text."""
     if isinstance(handle, viser.LineSegmentsHandle):
+        # Together: there are as many of both.
         handle.points = _segments(marker, points).astype(np.float32)
+        handle.colors = _colours(marker, points)
     elif isinstance(handle, viser.ArrowsHandle):
         handle.points = points[np.newaxis].astype(np.float32)
     elif isinstance(handle, viser.MeshHandle):
         handle.vertices = points.astype(np.float32)
+    elif isinstance(handle, viser.LabelHandle):
+        handle.text = marker.text
 
 
 Adder = Callable[[viser.SceneApi, str, 'Marker', Array], viser.SceneNodeHandle]

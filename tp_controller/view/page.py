@@ -72,6 +72,7 @@ class Page:
         self._notice_until = 0.0
         self._head = ''
         self._ground, self._stands = add_surroundings(server.scene), False
+        server.initial_camera.fov = FIELD_OF_VIEW
         self._markers = MarkerScene(server.scene)
         self._changes = StackChanges(link, self._tell)
         self.gizmos = Gizmos(server.scene, link.client.publish, self._changes.set_key)
@@ -165,6 +166,7 @@ class Page:
                 self._robot.show(link.q, link.passive)
                 if not self._stands:
                     self._stands = True
+                    self._stand(self._robot)
                     self._look_at(self._robot)
                 self._show_path()
                 if markers is not self._drawn or not markers:
@@ -201,19 +203,26 @@ class Page:
         if self._robot is not None:
             self._robot.remove()
         self._robot, self._stands = RobotScene(self.server.scene, link.robot), False
-        self._look_at(self._robot)
+        self._stand(self._robot)
         self.joints.build(link.robot)
         self._trail.clear()
         self.frame.options = link.robot.frame_names
         assign(self.frame, tip(link.robot))
 
-    def _look_at(self, robot: RobotScene) -> None:
-        """Show a robot where it is, on the ground, to whoever opens the page from now on."""
+    def _stand(self, robot: RobotScene) -> None:
+        """Have the ground where a robot stands."""
         self._ground.position = (0.0, 0.0, robot.ground())
+
+    def _look_at(self, robot: RobotScene) -> None:
+        """
+        Show a robot where it is to whoever opens the page, and to whoever has opened it already.
+
+        Browsers go where they are told to first, once: nothing may be told before it is known
+        where the robot is. From then on their cameras belong to those who look.
+        """
         camera = self.server.initial_camera
         camera.position, camera.look_at = first_view(
             robot.outer_points(), moves=robot.robot.moves)
-        camera.fov = FIELD_OF_VIEW
 
     def _show_texts(self, now: float) -> None:
         """Show the stack, and what the controller does."""

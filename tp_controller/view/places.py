@@ -84,6 +84,11 @@ class Grip:
     planes: bool = True
     turns: bool = True
 
+    @property
+    def single(self) -> bool:
+        """Return whether there is one arrow, along x, and nothing else."""
+        return self == ALONG_X
+
 
 ALONG_X = Grip((True, False, False), planes=False, turns=False)
 

@@ -38,6 +38,7 @@ from tp_controller.model import shapes
 from tp_controller.model.spatial import pose
 from tp_controller.tasks import task_types
 from tp_controller.tasks.collision import CLOSE, MOST_OBSTACLES
+from tp_controller.tasks.sketch import Gaps
 
 TOOL = robots.PANDA_TOOL
 TYPES = ('self_collision', 'obstacles')
@@ -899,6 +900,26 @@ def test_goals_put_obstacles_there_move_them_and_take_them_away():
     assert around(task) == [] and task.observe(state)[0].shape == (0,)
     task.set_goal(task.parse_goal({'table': TABLE}), 5.0)
     assert distance('table') == pytest.approx(far)
+
+
+def test_distances_are_drawn_at_once_by_a_task_that_replaces_another():
+    def distances(task):
+        return [part for part in task.sketch(state) if isinstance(part, Gaps)]
+
+    keys = {'obstacles': {'table': TABLE}, 'links': 'panda_hand', 'within': 9.0}
+    before, after = make('obstacles', **keys), make('obstacles', distance=0.05, **keys)
+    state = before.robot.state(robots.PANDA_READY)
+    before.observe(state)
+    assert not distances(after)
+    after.inherit_goal(before)
+    (old,), (new,) = distances(before), distances(after)
+    np.testing.assert_array_equal(new.starts, old.starts)
+    assert new.least == 0.05
+    # What it has found itself stays.
+    before.observe(before.robot.state(before.robot.neutral()))
+    after.observe(state)
+    after.inherit_goal(before)
+    np.testing.assert_allclose(distances(after)[0].starts, old.starts)
 
 
 @pytest.mark.parametrize('reference', [None, 'panda_link5'])

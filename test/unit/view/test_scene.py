@@ -26,6 +26,7 @@ from tp_controller.model.urdf import parse
 viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
 
 from tp_controller.view import borrowed, camera, looks, meshes, parts, scene  # noqa: E402
+from tp_controller.view.server import PANEL_WIDTH  # noqa: E402
 
 BOX = '<geometry><box size="0.1 0.2 0.3"/></geometry>'
 BALL = '<geometry><sphere radius="0.2"/></geometry>'
@@ -265,6 +266,23 @@ def test_first_view_has_all_of_the_robot_in_it_and_little_else(stage, name):
     picture = seen(*view, shown.outer_points())
     assert np.abs(picture).max() < 0.95
     assert np.ptp(picture, axis=1).max() > 1.2
+
+
+@pytest.mark.parametrize('width, height', [(800, 600), (1280, 800), (1920, 1080)])
+@pytest.mark.parametrize('name', sorted(STARTS))
+def test_first_view_has_the_robot_beside_the_panel(stage, name, width, height):
+    base, place = STARTS[name]
+    robot = Robot.from_file(robots.CONFIG / 'robots' / name, base=base)
+    shown = scene.RobotScene(stage, robot)
+    T = np.eye(4)
+    T[:3, 3] = place or (0.0, 0.0, 0.0)
+    for turn in (0.0, 1.0):
+        shown.show(robot.configuration(np.full(len(robot.joint_names), turn), T)
+                   if robot.moves else np.clip(np.full(robot.n, turn), robot.lower, robot.upper))
+        view = camera.first_view(shown.outer_points(), moves=robot.moves)
+        x, y = seen(*view, shown.outer_points())
+        # The scene is as wide as the panel leaves.
+        assert np.abs(x).max() < (width - PANEL_WIDTH) / height and np.abs(y).max() < 0.95
 
 
 class Leg:
