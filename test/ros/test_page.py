@@ -681,7 +681,8 @@ def test_label_of_a_distance_covers_neither_its_arrow_nor_its_line_nor_its_text(
         gizmo.label.position, (gizmo.handle.scale, 0.0, 0.0)))
     start = T_root_handle[2, 3]
     above = gizmo.label.anchor == 'bottom-center'
-    assert (label >= max(start, tip) - 1e-9) if above else (label <= min(start, tip) + 1e-9)
+    clear = 0.5 * gizmo.handle.scale - 1e-9
+    assert label >= max(start, tip) + clear if above else label <= min(start, tip) - clear
     # The other one is on the other side.
     assert (text.pose.position.z < min(0.0, end[0, 2])) == above
 

@@ -43,6 +43,8 @@ SIZES = {GOALS: 0.22, REGIONS: 0.16, OBSTACLES: 0.16, CONES: 0.12, DISTANCES: 0.
 # controller says that it is, or away [s].
 PERIOD, PATIENCE = 0.05, 1.0
 SAME = 1e-6
+# How far a label is from what is dragged, for its size.
+CLEAR = 0.5
 
 
 class Gizmos:
@@ -171,13 +173,14 @@ class Gizmo:
         Have the label above what is dragged, however that is turned.
 
         That of a single arrow is above its tip, or below an arrow that does not rise: the text of
-        the line that it is on is on the other side.
+        the line that it is on is on the other side. It is further off than the tip, for cameras
+        that look down on an arrow that points at them.
         """
         # The third row of R: up, in the axes of what is dragged.
         up = _pose_of_handle(self.handle)[2, :3]
-        rise = 0.5
+        rise = CLEAR
         if self.place.grip.single:
-            rise = up[0] if up[0] > STEEP else min(up[0], 0.0)
+            rise = up[0] + CLEAR if up[0] > STEEP else min(up[0], 0.0) - CLEAR
         position = SIZES[self.place.group] * rise * up
         if np.abs(position - self.label.position).max() > SAME:
             self.label.position = position
