@@ -20,8 +20,8 @@ processes of their own, with the executor that they always have. This process is
 that publishes joint states and follows the commands. After every block of states it pauses until
 all have been answered, so it knows which command answers which state. A delay ends when the
 middleware has received the command, whenever this process looks at it; it has one thread, so that
-nothing of its own is measured. With limits active its
-joints have 1 % of their speed limits and its goal is half a metre away.
+nothing of its own is measured. With limits active its joints have 1 % of their speed limits and
+its goal is half a metre away.
 
 Shares are of one processor, of the whole process with all its threads. On a machine that does
 something else meanwhile, compare with the echo only.
@@ -60,8 +60,9 @@ SLOW, FAR = 0.01, 0.5
 PATIENCE_SECONDS = 20.0
 # The first cycles are slower, until everything is in the caches of Python and of the processor.
 WARM_UP_SECONDS = 1.0
-# States in a block, how many commands may wait, and how long the last is waited for [s].
-BLOCK, DEPTH, PAUSE = 100, 200, 0.02
+# States in a block, how many commands may wait, and how long the last is waited for: until a
+# look, or at most [s]. Of states after a long silence the controller may take the newest only.
+BLOCK, DEPTH, LOOK, PAUSE = 100, 200, 0.5e-3, 0.02
 TICKS = os.sysconf('SC_CLK_TCK')
 
 Case = namedtuple('Case', 'name rate hertz limited shown', defaults=[False])
@@ -114,8 +115,11 @@ class RobotNode(Node):
             self._message.header.stamp = self.get_clock().now().to_msg()
             sent.append(time.time_ns())
             self._states.publish(self._message)
-        time.sleep(PAUSE)
-        return sent, arrived + self._take()
+        end = time.monotonic() + PAUSE
+        while len(arrived) < BLOCK and time.monotonic() < end:
+            time.sleep(LOOK)
+            arrived += self._take()
+        return sent, arrived
 
 
 def ignore(_):
