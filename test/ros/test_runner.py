@@ -20,6 +20,8 @@ import threading
 from harness import DEADLINE
 import pytest
 from rclpy.exceptions import InvalidHandle
+from tp_controller.nodes import runner
+from tp_controller.nodes.discovery import VARIABLES
 from tp_controller.nodes.runner import _spin, ClosableNode, make_executor
 
 
@@ -102,3 +104,22 @@ def test_the_executor_is_the_one_of_its_context(harness):
     executor = make_executor(harness.context)
     assert executor.context is harness.context
     executor.shutdown()
+
+
+def test_a_node_announces_itself_often_from_the_start(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    for name in VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    found = []
+
+    def start(**_):
+        found.extend(os.environ[name] for name in VARIABLES if name in os.environ)
+        raise RuntimeError('enough')
+
+    monkeypatch.setattr(runner, 'init', start)
+    monkeypatch.setattr(runner, '_catch_signals', lambda: None)
+    monkeypatch.setattr(runner.sys, 'setswitchinterval', lambda seconds: None)
+    monkeypatch.setattr(os, 'environ', dict(os.environ))
+    assert runner.run(Spun, 'node', []) == 1
+    path, = found
+    assert os.path.basename(path) == 'discovery.xml'

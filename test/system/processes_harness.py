@@ -97,12 +97,15 @@ class Listener:
         self.states.append((np.array(message.position), np.array(message.velocity)))
         self.monitor.position(sent, message.position)
         # Others may have heard what was sent before this side found a simulator that is new.
-        before = self._states_sent if number > self._states_sent else 0
-        for missed in range(number - before - 1, 0, -1):
+        for missed in range(number - self._states_sent - 1, 0, -1):
             self.monitor.heard.append(max(sent - missed * STATE_PERIOD,
                                           *self.monitor.heard[-1:], 0.0))
         self._states_sent = number
         self.monitor.heard.append(sent)
+
+    def expect_another_simulator(self):
+        """Count joint states anew: the simulator has ended, and all it sent has arrived."""
+        self._states_sent = 0
 
     def check(self):
         """Check what is promised about every command so far."""

@@ -80,6 +80,7 @@ def test_a_killed_simulator_leaves_a_controller_that_commands_zeros(cell, listen
     listener.wait_for_more(listener.commands, 5)
     assert not any(command.any() for command in listener.commands[-5:])
     # It goes on by itself with a new one.
+    listener.expect_another_simulator()
     simulator = start('simulator_node')
     listener.wait(listener.moving, 'motion', [controller, simulator])
 
@@ -221,6 +222,14 @@ def test_benchmark_of_the_markers_prints_a_table():
     assert done.returncode == 0, done.stderr
     rows = [line.split('|')[1:-1] for line in done.stdout.splitlines()[2:]]
     assert len(rows) == 4 and all(int(row[2]) >= 4 for row in rows)
+
+
+def test_benchmark_of_goals_prints_a_table():
+    done = subprocess.run([sys.executable, str(REPOSITORY / 'benchmarks' / 'goals.py'),
+                           '--rounds', '1'], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    rows = [line.split('|')[1:-1] for line in done.stdout.splitlines()[2:]]
+    assert len(rows) == 3 and all(float(row[1]) > 0.0 for row in rows)
 
 
 def test_benchmark_of_the_node_prints_a_table():

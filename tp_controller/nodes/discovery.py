@@ -30,7 +30,9 @@ def announce_often() -> None:
 
     By default they do so every 3 s, and that is how long it takes to find one that has run for a
     while whenever its answer to the first announcement of a new one gets lost; and to know that
-    all have what was sent, and send again what somebody has not.
+    all have what was sent, and send again what somebody has not. With a controller that announced
+    itself every 3 s, 11 of 30 goals from the command line took 1.6 to 3.0 s; now 30 of 30 take
+    0.6 to 0.8 s. Each of 20 nodes that hear each other takes 1 % of a processor for it.
     """
     if not set(VARIABLES) & set(os.environ) and not any(Path(name).exists() for name in FILES):
         os.environ[VARIABLES[1]] = str(package_share() / 'config' / 'discovery.xml')
