@@ -269,6 +269,8 @@ class Solution:
     @property
     def limiting(self) -> int | None:
         """Return the joint whose bound limits most; None where none does."""
+        if not self.bounded:
+            return None
         return next((level.limited_by[0] for level in self.levels if level.limited_by), None)
 
     @cached_property
