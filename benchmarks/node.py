@@ -63,6 +63,8 @@ WARM_UP_SECONDS = 1.0
 # States in a block, how many commands may wait, and how long the last is waited for: until a
 # look, or at most [s]. Of states after a long silence the controller may take the newest only.
 BLOCK, DEPTH, LOOK, PAUSE = 100, 200, 0.5e-3, 0.02
+# So that no command too many, as a zero where it starts, is taken for the answer to a state [s].
+SETTLE = 2e-3
 TICKS = os.sysconf('SC_CLK_TCK')
 
 Case = namedtuple('Case', 'name rate hertz limited shown', defaults=[False])
@@ -103,6 +105,7 @@ class RobotNode(Node):
 
     def block(self, hertz):
         """Publish a block of states; return when each was sent, and when answers arrived [ns]."""
+        time.sleep(SETTLE)
         self._take()
         sent, arrived, due = [], [], time.monotonic()
         for _ in range(BLOCK):
