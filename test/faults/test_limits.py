@@ -137,6 +137,12 @@ def test_long_name_is_cut_and_not_compared_with_all_valid_ones():
     assert suggestion(100_000 * 'frame', ['frame']) == "'" + (40 * 'frame')[:199] + ' …'
 
 
+def test_no_name_is_suggested_in_its_own_place():
+    # As of a package whose files are not found.
+    assert suggestion('frame', ['frame']) == "'frame'"
+    assert suggestion('frame', ['frames', 'frame']) == "'frame' (did you mean 'frames'?)"
+
+
 def test_no_more_tasks_are_read_once_they_took_too_long(monkeypatch):
     monkeypatch.setattr(stack, 'SECONDS', -1.0)
     assert 'the tasks above took more than -1 s to read' in refusal(TASK.format(1))

@@ -46,5 +46,7 @@ def suggestion(name: object, valid: Iterable[str]) -> str:
     if len(shown) > LONGEST_NAME:
         # No name: to compare it with all valid ones would take seconds.
         return f'{shown[:LONGEST_NAME]} …'
-    near = difflib.get_close_matches(str(name), list(valid), n=1)
+    # What is there, and cannot be used all the same, is not what was meant instead.
+    others = [each for each in valid if each != name]
+    near = difflib.get_close_matches(str(name), others, n=1)
     return shown + (f' (did you mean {near[0]!r}?)' if near else '')
