@@ -25,7 +25,6 @@ from typing import NoReturn
 import argcomplete
 from tp_controller.cli import check, demo, goal, plot, record, status, view
 from tp_controller.errors import TpControllerError
-from tp_controller.nodes.discovery import announce_often
 
 EXAMPLES = """\
 examples:
@@ -125,7 +124,6 @@ def _node(name: str, part: str = 'nodes') -> int:
         module = importlib.import_module(f'tp_controller.{part}.{name}')
     except ModuleNotFoundError as error:
         return _lacks(error)
-    announce_often()
     return module.main()
 
 
