@@ -23,11 +23,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tp_controller.nodes.commands import TOPIC
 from tp_controller.nodes.deadlines import state_qos
+from tp_controller.nodes.middleware import set_up_fast_dds
 from tp_controller.nodes.runner import LONG, make_executor
 
 
 def main():
     """Answer until somebody ends the process."""
+    set_up_fast_dds()
     rclpy.init()
     node = Node('echo')
     answer = Float64MultiArray(data=array('d', bytes(8 * 7)))

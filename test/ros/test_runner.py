@@ -21,7 +21,7 @@ from harness import DEADLINE
 import pytest
 from rclpy.exceptions import InvalidHandle
 from tp_controller.nodes import runner
-from tp_controller.nodes.discovery import VARIABLES
+from tp_controller.nodes.middleware import VARIABLES
 from tp_controller.nodes.runner import _spin, ClosableNode, make_executor
 
 
@@ -122,4 +122,4 @@ def test_a_node_announces_itself_often_from_the_start(monkeypatch, tmp_path):
     monkeypatch.setattr(os, 'environ', dict(os.environ))
     assert runner.run(Spun, 'node', []) == 1
     path, = found
-    assert os.path.basename(path) == 'discovery.xml'
+    assert os.path.basename(path) == 'fastdds.xml'

@@ -19,7 +19,7 @@ from pathlib import Path
 import sys
 
 from tp_controller.cli.command import Command
-from tp_controller.nodes.discovery import announce_often
+from tp_controller.nodes.middleware import set_up_fast_dds
 
 DEMOS = {
     'panda': 'a 7-DoF arm over ROS 2 topics (default)',
@@ -76,7 +76,7 @@ def run_demo(options: argparse.Namespace) -> int:
     else:
         from tp_controller.demos.ros_demos import run_demo as run_over_ros
         from tp_controller.demos.scenarios import DEMOS as ROS_DEMOS
-        announce_often()
+        set_up_fast_dds()
         passed = run_over_ros(ROS_DEMOS[options.name], folder, options.view)
     return 0 if passed else 1
 

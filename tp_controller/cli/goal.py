@@ -23,7 +23,7 @@ from typing import Any, TYPE_CHECKING
 from tp_controller.cli.command import Command
 from tp_controller.cli.values import finite_number, positive_number
 from tp_controller.model.rpy import quaternion_from_rpy
-from tp_controller.nodes.discovery import announce_often
+from tp_controller.nodes.middleware import set_up_fast_dds
 
 if TYPE_CHECKING:  # Imported when a goal is sent: the help needs no ROS.
     from tp_controller.nodes.client import Client
@@ -109,7 +109,7 @@ def send_goal(options: argparse.Namespace) -> int:
     if fault:
         print(f'tp_controller goal: {fault}', file=sys.stderr)
         return 2
-    announce_often()
+    set_up_fast_dds()
     from tp_controller.nodes.client import Client
     with Client(options.node, names=OPTIONS) as client:
         client.send(options.task, options.frame, options.wait, **_fields(options, client))

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 from tp_controller.cli.command import Command
 from tp_controller.cli.values import positive_number
 from tp_controller.errors import TpControllerError
-from tp_controller.nodes.discovery import announce_often
+from tp_controller.nodes.middleware import set_up_fast_dds
 
 if TYPE_CHECKING:  # Imported when a recording starts: the help needs no ROS.
     from tp_controller.bags.writer import BagWriter
@@ -87,7 +87,7 @@ def record(options: argparse.Namespace) -> int:
     if path.suffix == '.mcap':
         # The file in the folder is called so.
         path = path.with_suffix('')
-    announce_often()
+    set_up_fast_dds()
     from tp_controller.bags.writer import BagWriter
     from tp_controller.nodes.bag_recorder import BagRecorder
     from tp_controller.nodes.client import absence

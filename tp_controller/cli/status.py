@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 from tp_controller.cli.command import Command
 from tp_controller.cli.values import positive_number
 from tp_controller.errors import TpControllerError
-from tp_controller.nodes.discovery import announce_often
+from tp_controller.nodes.middleware import set_up_fast_dds
 
 if TYPE_CHECKING:  # Imported with the first status: the help needs no ROS.
     from tp_controller.nodes.watch import Heard, Watch
@@ -78,7 +78,7 @@ def show_status(options: argparse.Namespace) -> int:
         No controller is there, or not all of those that were named.
 
     """
-    announce_often()
+    set_up_fast_dds()
     from tp_controller.nodes.client import absence
     from tp_controller.nodes.watch import Watch
     with Watch(options.node) as watch:

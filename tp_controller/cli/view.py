@@ -25,7 +25,7 @@ from typing import NoReturn, TYPE_CHECKING
 
 from tp_controller.cli.command import Command
 from tp_controller.demos.processes import ended_by_sigterm, own_domain, start_nodes
-from tp_controller.nodes.discovery import announce_often
+from tp_controller.nodes.middleware import set_up_fast_dds
 from tp_controller.resources import load_yaml, package_share
 
 if TYPE_CHECKING:  # Imported when there is a page: other commands need none of it, nor ROS.
@@ -80,7 +80,7 @@ def show_view(options: argparse.Namespace) -> NoReturn:
         The port is taken, or the address is none of this machine.
 
     """
-    announce_often()
+    set_up_fast_dds()
     from tp_controller.view.server import address, exposure, open_server
     with ExitStack() as stack:
         server = open_server(options.host, options.port)

@@ -20,6 +20,7 @@ import math
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from tp_controller.control.report import TaskReport
 from tp_controller.control.sketcher import Sketcher
 from tp_controller.errors import RobotError
@@ -106,9 +107,9 @@ class Reporter:
         self.reason = reason
 
     def publish(self) -> None:
-        """Publish the status, and markers where somebody looks at them."""
+        """Publish status, numbers and markers, each where somebody listens."""
         self._waits_since = math.inf
-        self._status.publish(self._message())
+        self._tell(self._status)
         self._numbers.publish(self._reports)
         self._draw()
 
@@ -145,6 +146,11 @@ class Reporter:
         if self._faults.get(task) != reason:
             self._faults[task] = reason
             self._log.warning(f'task {task} is not drawn: {reason}')
+
+    def _tell(self, publisher: Publisher) -> None:
+        """Publish the status, which takes as long as some cycles, where somebody listens."""
+        if publisher.get_subscription_count():
+            publisher.publish(self._message())
 
     def _message(self) -> DiagnosticArray:
         """Return the status."""
@@ -189,4 +195,4 @@ class Reporter:
 
     def _on_diagnostics(self) -> None:
         """Publish the status for those who look at all nodes."""
-        self._diagnostics.publish(self._message())
+        self._tell(self._diagnostics)

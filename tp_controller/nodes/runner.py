@@ -35,7 +35,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from tp_controller.errors import in_words, TpControllerError
-from tp_controller.nodes.discovery import announce_often
+from tp_controller.nodes.middleware import set_up_fast_dds
 
 HELP_WIDTH = 95
 # A terminal that is closed and Ctrl-\\ end a node as Ctrl-C does.
@@ -102,7 +102,7 @@ def run(make_node: Callable[[], ClosableNode], name: str,
     arrived = _catch_signals()
     sys.setswitchinterval(SWITCH_SECONDS)
     os.environ.setdefault(*TRANSPORTS)
-    announce_often()
+    set_up_fast_dds()
     try:
         init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:

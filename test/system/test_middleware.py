@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Nodes announce themselves often, unless the user has settings of Fast DDS."""
+"""Settings of Fast DDS, unless the user has some."""
 
 import os
 from pathlib import Path
@@ -23,7 +23,7 @@ from xml.etree import ElementTree
 from processes_harness import DEADLINE
 import pytest
 from tp_controller.demos.processes import own_domain
-from tp_controller.nodes.discovery import announce_often, FILES, VARIABLES
+from tp_controller.nodes.middleware import FILES, set_up_fast_dds, VARIABLES
 
 # Nodes of two processes, one of which hears what the other one sends.
 COMMON = """
@@ -58,17 +58,26 @@ def nothing_set(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
 
 
+def time_of(tag):
+    """Return the time [s] that the profile has under some tag."""
+    set_up_fast_dds()
+    path, = (os.environ[name] for name in VARIABLES if name in os.environ)
+    found, = (element for element in ElementTree.parse(path).getroot().iter()
+              if element.tag.endswith(tag))
+    seconds, nanoseconds = (int(part.text) for part in found)
+    return seconds + 1e-9 * nanoseconds
+
+
 def test_the_profile_announces_ten_times_a_second():
-    announce_often()
-    found = {name: os.environ[name] for name in VARIABLES if name in os.environ}
-    (path,) = found.values()
-    root = ElementTree.parse(path).getroot()
-    period, = (element for element in root.iter() if element.tag.endswith('leaseAnnouncement'))
-    assert [int(part.text) for part in period] == [0, 10 ** 8]
+    assert time_of('leaseAnnouncement') == 0.1
+
+
+def test_what_gets_lost_is_sent_again_when_it_is_asked_for_next():
+    assert 0.0 < time_of('nackSupressionDuration') < 0.2 * time_of('heartbeatPeriod')
 
 
 def test_a_goal_that_another_process_hears_is_soon_known_to_be_there():
-    announce_often()
+    set_up_fast_dds()
     with own_domain() as environment:
         hearing = subprocess.Popen([sys.executable, '-c', COMMON + HEARING], env=environment)
         try:
@@ -83,12 +92,12 @@ def test_a_goal_that_another_process_hears_is_soon_known_to_be_there():
 @pytest.mark.parametrize('name', VARIABLES)
 def test_a_profile_of_the_user_stays(monkeypatch, name):
     monkeypatch.setenv(name, 'mine.xml')
-    announce_often()
+    set_up_fast_dds()
     assert {key: os.environ[key] for key in VARIABLES if key in os.environ} == {name: 'mine.xml'}
 
 
 @pytest.mark.parametrize('name', FILES)
 def test_a_file_that_fast_dds_takes_by_itself_stays_alone(name):
     Path(name).touch()
-    announce_often()
+    set_up_fast_dds()
     assert not set(VARIABLES) & set(os.environ)
