@@ -396,7 +396,8 @@ def status():
     controller = Controller(robot, stack)
     report = controller.update(robot.neutral(), 0.0).report
     message = diagnostics(Time(), NODE, '', report, controller,
-                          {'tool': GoalRecord(listeners={'goal': 1})}, Figures(0.01).told())
+                          {'tool': GoalRecord(listeners={'goal': 1})}, Figures(0.01).told(),
+                          lambda: None)
     rows = [(of, f'`{value.key}`', STATUS[value.key])
             for of, entry in zip(('node', 'task'), message.status) for value in entry.values]
     return table(('of', 'key', 'meaning'), rows)

@@ -72,7 +72,7 @@ def test_the_profile_announces_ten_times_a_second():
     assert time_of('leaseAnnouncement') == 0.1
 
 
-def test_what_gets_lost_is_sent_again_when_it_is_asked_for_next():
+def test_what_gets_lost_is_sent_again_at_the_next_request():
     assert 0.0 < time_of('nackSupressionDuration') < 0.2 * time_of('heartbeatPeriod')
 
 

@@ -35,6 +35,7 @@ from tp_controller.nodes.base_topics import FixedBase, MovingBase, waiting
 from tp_controller.nodes.commands import Commands, LAST_ZEROS
 from tp_controller.nodes.deadlines import promise, state_events, state_qos
 from tp_controller.nodes.figures import Figures
+from tp_controller.nodes.gaps import Gaps
 from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.parameters import names_in
@@ -100,6 +101,10 @@ class ControlLoop:
         Of the last cycle that carried the tasks out.
     reported : float
         When that began [s].
+    figures : Figures
+        Of the cycles.
+    gaps : Gaps
+        Between the cycles.
 
     """
 
@@ -120,6 +125,7 @@ class ControlLoop:
         self.report: Report | None = None
         self.reported = -math.inf
         self.figures = Figures(1.0 / self._rate if self._rate > 0.0 else math.inf)
+        self.gaps = Gaps()
         self._resting, self._noted = False, 0
         self._heard = self.completed = self._received = self._last_cycle = boot_time()
         # When the loop had nothing to do last.
@@ -308,6 +314,7 @@ class ControlLoop:
         self._tell(reason)
         self.completed = boot_time()
         self.figures.add(now, self.completed, self._received)
+        self.gaps.open(self.completed)
 
     def _command(self, now: float, robot_time: float, elapsed: float, noted: int) -> str:
         """Command velocities; return why not, else nothing."""

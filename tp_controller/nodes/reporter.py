@@ -150,16 +150,27 @@ class Reporter:
     def _tell(self, publisher: Publisher) -> None:
         """Publish the status, which takes as long as some cycles, where somebody listens."""
         if publisher.get_subscription_count():
-            publisher.publish(self._message())
+            message = self._message()
+            self._wait()
+            publisher.publish(message)
+
+    def _wait(self) -> None:
+        """Wait until nothing that comes next holds up a cycle."""
+        if self._loop is not None:
+            self._loop.gaps.wait()
 
     def _message(self) -> DiagnosticArray:
-        """Return the status."""
+        """Return the status, made in parts between the cycles."""
+        self._wait()
         loop, records = self._loop, self._records()
+        self._wait()
+        figures = (loop.figures if loop else Figures(math.inf)).told()
+        self._wait()
         return diagnostics(
             self._node.get_clock().now().to_msg(), self._name,
             loop.stop_reason if loop else self.reason,
             loop.report if loop else None, self._controller, records,
-            loop.figures.told() if loop else Figures(math.inf).told())
+            figures, self._wait)
 
     def _reports(self) -> Sequence[TaskReport]:
         """Return what is known about every task."""

@@ -14,7 +14,7 @@
 
 """The report of a cycle as messages."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -29,7 +29,7 @@ LEVELS = {**dict.fromkeys(('reached', 'satisfied', 'moving', 'disabled'), Diagno
 
 def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | None,
                 controller: Controller | None, records: Mapping[str, GoalRecord],
-                figures: Mapping[str, str]) -> DiagnosticArray:
+                figures: Mapping[str, str], wait: Callable[[], None]) -> DiagnosticArray:
     """
     Return the status of the node and of every task, with the same keys at all times.
 
@@ -49,6 +49,8 @@ def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | 
         {task: GoalRecord}
     figures : dict
         {key: value} of the loop.
+    wait : callable
+        Called between two parts that each take less than a millisecond.
 
     Returns
     -------
@@ -65,9 +67,10 @@ def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | 
                 *(_value(key, value) for key, value in figures.items())])
     array = DiagnosticArray(status=[head])
     array.header.stamp = stamp
-    array.status.extend(_task_status(node_name, task, records[task.name])
-                        for task in task_reports(stop_reason, report, controller)
-                        if task.name in records)
+    for task in task_reports(stop_reason, report, controller):
+        if task.name in records:
+            wait()
+            array.status.append(_task_status(node_name, task, records[task.name], wait))
     return array
 
 
@@ -86,10 +89,14 @@ def _goal_values(record: GoalRecord) -> list[KeyValue]:
             *(_value(f'{topic} listeners', count) for topic, count in record.listeners.items())]
 
 
-def _task_status(node_name: str, task: TaskReport, record: GoalRecord) -> DiagnosticStatus:
+def _task_status(node_name: str, task: TaskReport, record: GoalRecord,
+                 wait: Callable[[], None]) -> DiagnosticStatus:
     """Return the status of one task."""
+    # This finds what limits the task.
+    status = task.status
+    wait()
     values = [_value('type', task.type_name), _value('level', task.level or 'disabled'),
-              _value('status', task.status)]
+              _value('status', status)]
     for error, unit, tolerance in task.errors:
         values.append(_value(f'error [{unit}]', f'{error:.6g}'))
         values.append(_value(f'tolerance [{unit}]', f'{tolerance:.6g}'))
@@ -98,9 +105,9 @@ def _task_status(node_name: str, task: TaskReport, record: GoalRecord) -> Diagno
     values.append(_value('reason', task.reason))
     values.append(_value('hint', task.hint))
     values.extend(_goal_values(record))
-    message = task.status if not task.reason else f'{task.status}: {task.reason}'
+    message = status if not task.reason else f'{status}: {task.reason}'
     return DiagnosticStatus(name=f'{node_name}: {task.name}', hardware_id=node_name,
-                            level=LEVELS[task.status], message=message, values=values)
+                            level=LEVELS[status], message=message, values=values)
 
 
 def _value(key: str, value: object) -> KeyValue:

@@ -1,0 +1,106 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What takes long beside the loop waits for the gaps between its cycles."""
+
+from itertools import count
+import threading
+
+from harness import Arm, Status
+from tp_controller.nodes import reporter
+from tp_controller.nodes.gaps import Gaps
+
+STACK = """
+- tip: {type: position, frame: link3, axes: xy}
+- rest: {type: posture, target: [0.0, 0.0, 0.0]}
+"""
+# So long that no test waits for its end [s].
+LONG = 60.0
+
+
+def running(gaps, between):
+    """Let two cycles end, some time after each other [s]."""
+    gaps.open(10.0)
+    gaps.open(10.0 + between)
+
+
+def test_the_end_of_a_cycle_is_waited_for():
+    gaps, opened, enough = Gaps(LONG), [], threading.Event()
+    running(gaps, 1e-3)
+
+    def cycle():
+        for number in count(1):
+            opened.append(number)
+            gaps.open(11.0 + 1e-3 * number)
+            if enough.wait(1e-3):
+                return
+
+    loop = threading.Thread(target=cycle)
+    loop.start()
+    try:
+        for _ in range(20):
+            before = len(opened)
+            gaps.wait()
+            assert len(opened) > before
+    finally:
+        enough.set()
+        loop.join()
+
+
+def test_cycles_that_are_far_apart_are_not_waited_for():
+    gaps = Gaps(LONG)
+    gaps.wait()
+    running(gaps, 1.01 * LONG)
+    gaps.wait()
+
+
+def test_cycles_that_have_ended_for_good_are_not_waited_for_twice(monkeypatch):
+    gaps, waited = Gaps(1e-3), []
+    running(gaps, 1e-4)
+    monkeypatch.setattr(gaps._ended, 'wait', waited.append)
+    gaps.wait()
+    gaps.wait()
+    assert waited == [1e-3]
+    running(gaps, 1e-4)
+    gaps.wait()
+    assert waited == [1e-3, 1e-3]
+
+
+def test_every_part_of_a_status_waits(harness, monkeypatch):
+    waits, parts = [], []
+    monkeypatch.setattr(Gaps, 'wait', lambda self: waits.append(len(parts)))
+    original = reporter.diagnostics
+    monkeypatch.setattr(reporter, 'diagnostics',
+                        lambda *arguments: parts.append(1) or original(*arguments))
+    harness.controller(stack=STACK)
+    status, arm = Status(harness), Arm(harness, (0.0, 0.6, 0.3))
+    harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
+    made = len(parts)
+    harness.spin_until(lambda: len(parts) > made, meanwhile=arm.publish)
+    # Each of two tasks, what limits it, and sending.
+    assert waits.count(made + 1) >= 5
+
+
+def test_no_status_is_made_where_nobody_listens(harness, monkeypatch):
+    made = []
+    original = reporter.diagnostics
+    monkeypatch.setattr(reporter, 'diagnostics',
+                        lambda *arguments: made.append(1) or original(*arguments))
+    controller = harness.controller(stack=STACK, status_rate=100.0)
+    arm = Arm(harness, (0.0, 0.6, 0.3))
+    harness.spin_until(lambda: controller._loop.figures.cycles > 50, meanwhile=arm.publish)
+    assert not made
+    status = Status(harness)
+    harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
+    assert made
