@@ -38,6 +38,7 @@ import tempfile
 import time
 
 from _robots import load_robot, PANDA_READY
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 import rclpy
@@ -65,16 +66,19 @@ WARM_UP_SECONDS = 1.0
 BLOCK, DEPTH, LOOK, PAUSE = 100, 200, 0.5e-3, 0.02
 # So that no command too many, as a zero where it starts, is taken for the answer to a state [s].
 SETTLE = 2e-3
+# What somebody may listen to, ten times a second.
+HEARD = {'status': DiagnosticArray, 'markers': MarkerArray}
 TICKS = os.sysconf('SC_CLK_TCK')
 
-Case = namedtuple('Case', 'name rate hertz limited shown', defaults=[False])
+Case = namedtuple('Case', 'name rate hertz limited heard', defaults=[''])
 CASES = (
     Case('echo, 1 kHz', None, 1000.0, False),
     Case('timer of 1 kHz, holding a pose', 1000.0, 1000.0, False),
     Case('timer of 1 kHz, limits active', 1000.0, 1000.0, True),
     Case('each state, 1 kHz, holding a pose', 0.0, 1000.0, False),
     Case('each state, 1 kHz, limits active', 0.0, 1000.0, True),
-    Case('each state, 1 kHz, holding a pose, markers shown', 0.0, 1000.0, False, True),
+    Case('each state, 1 kHz, limits active, status heard', 0.0, 1000.0, True, 'status'),
+    Case('each state, 1 kHz, holding a pose, markers shown', 0.0, 1000.0, False, 'markers'),
     Case('echo, 2 kHz', None, 2000.0, False),
     Case('each state, 2 kHz, holding a pose', 0.0, 2000.0, False),
 )
@@ -85,15 +89,15 @@ class RobotNode(Node):
 
     def __init__(self, robot):
         super().__init__('robot')
-        self.q, self.velocity, self.drawn = np.array(PANDA_READY), np.zeros(robot.n), None
+        self.q, self.velocity, self.heard = np.array(PANDA_READY), np.zeros(robot.n), None
         self._message = JointState(name=list(robot.joint_names))
         self._states = self.create_publisher(JointState, 'joint_states', 10)
         self._commands = self.create_subscription(Float64MultiArray, TOPIC, ignore, DEPTH)
         self.goals = self.create_publisher(PoseStamped, '/tp_controller/tool/goal', 1)
 
-    def look(self):
-        """Have the markers made and published from now on."""
-        self.drawn = self.create_subscription(MarkerArray, '/tp_controller/markers', ignore, 10)
+    def listen(self, topic):
+        """Have the status or the markers made and published from now on."""
+        self.heard = self.create_subscription(HEARD[topic], f'/tp_controller/{topic}', ignore, 10)
 
     def _take(self):
         """Follow the newest command; return when each arrived."""
@@ -206,9 +210,9 @@ def measure(case, robot, node, pid, seconds):
     if case.limited:
         wait_for(node, case.hertz, node.goals.get_subscription_count)
         node.goals.publish(far_goal(robot))
-    if case.shown:
-        node.look()
-        wait_for(node, case.hertz, lambda: list(taken(node.drawn)))
+    if case.heard:
+        node.listen(case.heard)
+        wait_for(node, case.hertz, lambda: list(taken(node.heard)))
     begin = time.monotonic()
     while time.monotonic() < begin + WARM_UP_SECONDS:
         node.block(case.hertz)

@@ -64,6 +64,27 @@ class Plan:
     age: StampAge
 
 
+@dataclass(eq=False)
+class Heard:
+    """
+    When positions of the same message were heard.
+
+    Attributes
+    ----------
+    received : float
+        On the clock of timeouts [s].
+    measured : float
+        On the clock of the robot [s].
+    true : float
+        When they were true, on the clock of timeouts, as far as stamps tell [s].
+
+    """
+
+    received: float = -math.inf
+    measured: float = -math.inf
+    true: float = -math.inf
+
+
 class JointStateBuffer:
     """
     The latest position of every joint, and when it was received.
@@ -106,11 +127,8 @@ class JointStateBuffer:
         self._n = len(driven)
         self._numbers = np.arange(len(self._names))
         self._positions = np.array([math.nan] * len(driven) + list(passive_start), dtype=float)
-        # When a position was received, on the clock of timeouts and on that of the robot.
-        self._received = np.full(len(self._names), -math.inf)
-        self._measured = self._received.copy()
-        # When it was true, on the clock of timeouts, as far as stamps tell.
-        self._true = self._received.copy()
+        # Of each joint.
+        self._heard = [Heard()] * len(self._names)
         self.q = self._positions[:self._n]
         self.passive = self._positions[self._n:]
         # When the oldest positions had been received that were taken last.
@@ -125,8 +143,9 @@ class JointStateBuffer:
         self.contradiction, self._contradicted = '', -math.inf
         self._ignored, self._ignored_at = '', -math.inf
         self._clock = -math.inf
-        # Who has spoken last, where in its messages the joints are, and their positions then.
+        # Who spoke last, when, where in its messages the joints are, and their positions then.
         self._speaker: Plan | None = None
+        self._spoken = Heard()
         self._window = slice(0)
         self._last: Sequence[float] = ()
 
@@ -136,9 +155,9 @@ class JointStateBuffer:
 
     def discard(self) -> None:
         """Take what was heard of driven joints for too old; where they are next is no jump."""
-        for times in (self._received, self._measured, self._true):
-            times[:self._n] = -math.inf
+        self._heard[:self._n] = [Heard()] * self._n
         self._whole = self._surely = -math.inf
+        self._speaker = None
 
     def lasting(self, now: float) -> str:
         """Return the contradiction that was noticed within the last second, if any."""
@@ -190,7 +209,8 @@ class JointStateBuffer:
             return f'{plan.twice} is named twice'
         if clock < self._clock:
             # It was set back, as that of a simulation.
-            self._measured[:] = -math.inf
+            for heard in self._heard:
+                heard.measured = -math.inf
             plan = self._plan(names)
         self._clock = clock
         # A clock that has not begun says nothing about stamps.
@@ -203,7 +223,8 @@ class JointStateBuffer:
         if self._is_usual(plan, positions):
             if not plan.age.overtaken:
                 self._last = tuple(positions[self._window])
-                self._keep(plan, plan.rows, self._last, now, clock)
+                self._positions[plan.rows] = self._last
+                self._note(plan, self._spoken, now, clock)
             return ''
         values = np.asarray(positions, dtype=float)[plan.source]
         known = np.abs(values) <= LARGEST
@@ -214,10 +235,15 @@ class JointStateBuffer:
         if plan.age.overtaken:
             return ''
         # Some drivers know no position of joints that are not theirs to drive.
-        self._keep(plan, self._numbers[plan.rows][known], values[known], now, clock)
+        rows, heard = self._numbers[plan.rows][known], Heard()
+        self._positions[rows] = values[known]
+        for row in rows.tolist():
+            self._heard[row] = heard
+        self._note(plan, heard, now, clock)
         self._speaker = None
         if isinstance(plan.source, slice) and known.all():
-            self._speaker, self._window, self._last = plan, plan.source, values.tolist()
+            self._speaker, self._spoken = plan, heard
+            self._window, self._last = plan.source, values.tolist()
         return ''
 
     def _is_usual(self, plan: Plan, positions: Sequence[float] | Array) -> bool:
@@ -229,37 +255,33 @@ class JointStateBuffer:
                 return False
         return True
 
-    def _keep(self, plan: Plan, rows: Rows | slice, values: Sequence[float] | Array, now: float,
-              clock: float) -> None:
-        """Take the positions of some rows."""
-        true = now - plan.age.age
-        self._whole, self._surely = (now, true) if plan.whole else (-math.inf, -math.inf)
-        self._positions[rows] = values
-        self._received[rows] = now
-        self._measured[rows] = clock
-        self._true[rows] = true
+    def _note(self, plan: Plan, heard: Heard, now: float, clock: float) -> None:
+        """Note when positions were heard."""
+        heard.received, heard.measured, heard.true = now, clock, now - plan.age.age
+        self._whole, self._surely = (now, heard.true) if plan.whole else (-math.inf, -math.inf)
 
     def missing(self, now: float, timeout: float) -> list[str]:
         """Return the driven joints whose positions are older than `timeout` seconds."""
         oldest = now - timeout
-        if self._surely >= oldest or not self._n or self._true[:self._n].min() >= oldest:
+        if self._surely >= oldest:
             return []
-        return [self._names[row] for row in np.flatnonzero(self._true[:self._n] < oldest)]
+        return [name for name, heard in zip(self._names, self._heard[:self._n])
+                if heard.true < oldest]
 
     def unheard(self) -> list[str]:
         """Return the passive joints that nothing was ever heard of."""
-        return [name for name, received in zip(self._names[self._n:], self._received[self._n:])
-                if received == -math.inf]
+        return [name for name, heard in zip(self._names[self._n:], self._heard[self._n:])
+                if heard.received == -math.inf]
 
     def take_complete(self) -> bool:
         """Return True once after every driven joint got a new position."""
         if self._whole > self._taken:
             self._taken = self._whole
             return True
-        received = self._received[:self._n]
-        if received.min(initial=math.inf) <= self._taken:
+        received = [heard.received for heard in self._heard[:self._n]]
+        if min(received, default=math.inf) <= self._taken:
             return False
-        self._taken = received.max(initial=-math.inf)
+        self._taken = max(received, default=-math.inf)
         return True
 
     def _check_motion(self, plan: Plan, values: Array, now: float, clock: float) -> None:
@@ -268,7 +290,8 @@ class JointStateBuffer:
         moved = np.abs(values[plan.of_driven] - self._positions[rows])
         if self._turns:
             moved = np.abs(motion(moved, self._endless[rows]))
-        passed = np.minimum(clock - self._measured[rows], LONG)
+        measured = np.array([self._heard[row].measured for row in self._numbers[rows].tolist()])
+        passed = np.minimum(clock - measured, LONG)
         jumped = moved > self._speeds[rows] * (passed + min(self._late, 1.0)) + self._tolerance
         if jumped.any():
             which = int(np.argmax(jumped))

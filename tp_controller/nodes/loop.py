@@ -131,7 +131,7 @@ class ControlLoop:
         # When the loop had nothing to do last.
         self._busy_since = self._heard
         self._simulated = node.get_parameter('use_sim_time').value
-        self._last_robot_time = self._robot_time()
+        self._last_robot_time = self._robot_time(self._heard)
         self._stall = max(self._timeout, SHORTEST_STALL)
         # Everything else has to be there: the thread of the node may call at once. Before
         # `activate` it is told to wait.
@@ -219,23 +219,24 @@ class ControlLoop:
 
     # What comes in ------------------------------------------------------------------------
 
-    def _robot_time(self) -> float:
+    def _robot_time(self, now: float) -> float:
         """Return the time that passes for the robot [s]: a simulation may have its own."""
-        return self._node.get_clock().now().nanoseconds * 1e-9 if self._simulated else boot_time()
+        return self._node.get_clock().now().nanoseconds * 1e-9 if self._simulated else now
 
     def _on_joint_state(self, raw: bytes) -> None:
         """Take joint positions, all that wait; without a timer they start the cycle."""
         if not self.active or self._stood_still():
             return
         self._put(raw)
-        if self._is_behind(boot_time()):
+        if self._is_behind():
             for each in waiting(self._states):
                 self._put(each)
         if self._rate == 0.0 and self._buffer.take_complete():
             self._cycle()
 
-    def _is_behind(self, now: float) -> bool:
+    def _is_behind(self) -> bool:
         """Say whether joint states may have waited for longer than they should."""
+        now = self._received
         pause = now - self.completed
         if pause >= SHORTEST_PAUSE:
             self._busy_since = now
@@ -243,13 +244,13 @@ class ControlLoop:
 
     def _put(self, raw: bytes) -> None:
         """Take joint positions, or say why not."""
+        self._received = now = boot_time()
         try:
             names, positions, stamp = self._reader.read(raw)
         except Exception as error:  # of rclpy, and not always of the same type
             self._log.warning(f'joint state ignored: {in_words(error)}', 'joint state')
             return
-        self._received = now = boot_time()
-        fault = self._buffer.put(names, positions, now, stamp, self._robot_time())
+        fault = self._buffer.put(names, positions, now, stamp, self._robot_time(now))
         if self._buffer.contradiction and self.stops.moved:
             self.stops.latch(self._buffer.contradiction)
         elif self._buffer.contradiction:
@@ -300,7 +301,8 @@ class ControlLoop:
 
     def _cycle(self) -> None:
         """Command velocities, or zeros where something is missing."""
-        now, robot_time = boot_time(), self._robot_time()
+        now = boot_time()
+        robot_time = self._robot_time(now)
         elapsed = robot_time - self._last_robot_time
         self._last_cycle, self._last_robot_time = now, robot_time
         noted = self.commands.interruptions
