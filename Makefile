@@ -24,9 +24,11 @@ SIZE_test := tests, lint, robots to test with, and what docs needs: 850 MB
 SIZE_docs := the site: Sphinx, MyST and a theme, 80 MB
 
 PYTEST := $(BIN)/python -m pytest
-# These need only processors. Tests with nodes come one by one: each has processes of its own.
+# These need only processors. Of tests with nodes only two run at once: each has processes of its
+# own, in a ROS domain of its own.
 WITHOUT_NODES := test/unit test/faults/test_fuzz.py test/faults/test_task_faults.py
-SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile $(WITHOUT_NODES)
+FOUR := -n auto --maxprocesses 4 --dist loadfile
+TWO := -n auto --maxprocesses 2 --dist loadfile
 
 # A ROS sourced in this shell has other libraries than the ones in .venv.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
@@ -52,7 +54,8 @@ demo: $(STAMP) $(DEMO_NEEDS)  ## run a demo, live in the browser; films, plots a
 test: $(STAMP) $(TEST_NEEDS)  ## run all tests (PYTEST_FLAGS='-k solver' for some)
 	@logs=$$(mktemp -d) && trap 'rm -rf "$$logs"' EXIT && export ROS_LOG_DIR="$$logs" && \
 	  $(if $(PYTEST_FLAGS),$(PYTEST) $(PYTEST_FLAGS),\
-	    $(PYTEST) $(SIDE_BY_SIDE) && $(PYTEST) $(addprefix --ignore=,$(WITHOUT_NODES)))
+	    $(PYTEST) $(FOUR) $(WITHOUT_NODES) && \
+	    $(PYTEST) $(TWO) $(addprefix --ignore=,$(WITHOUT_NODES)))
 
 bench: $(STAMP) $(TEST_NEEDS)  ## measure times on this machine (benchmarks/)
 	@set -e; for file in benchmarks/[a-z]*.py; do $(BIN)/python "$$file"; done

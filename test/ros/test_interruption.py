@@ -14,6 +14,7 @@
 
 """Signals that end a command wait for the message that is being handled."""
 
+import importlib
 import signal
 import sys
 import threading
@@ -49,6 +50,34 @@ def test_a_signal_waits_for_the_end(number, raised):
     # Afterwards it raises at once again.
     with pytest.raises(raised):
         signal.raise_signal(number)
+
+
+def test_a_signal_during_an_import_that_takes_it_for_an_error_is_not_lost(monkeypatch, tmp_path):
+    (tmp_path / 'trimesh.py').write_text(
+        'import signal\ntry:\n    signal.raise_signal(signal.SIGINT)\n'
+        'except BaseException:\n    pass\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ('trimesh', 'tp_controller.view.meshes'):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    with pytest.raises(KeyboardInterrupt):
+        importlib.import_module('tp_controller.view.meshes')
+
+
+def test_a_signal_while_a_mesh_is_loaded_is_not_lost(monkeypatch, tmp_path):
+    meshes = pytest.importorskip('tp_controller.view.meshes')
+
+    def load_scene(path):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except BaseException:
+            pass
+        raise OSError('not read')
+
+    monkeypatch.setattr(meshes.trimesh, 'load_scene', load_scene)
+    path = tmp_path / 'cube.stl'
+    path.touch()
+    with pytest.raises(KeyboardInterrupt):
+        meshes.load_mesh(path)
 
 
 def test_a_signal_after_an_error_is_not_lost():

@@ -24,25 +24,15 @@ import warnings
 from monitor import Monitor, promise_of
 import numpy as np
 import pytest
-from robots import planar, PLANAR_DH, REPOSITORY
+from robots import CONFIG, planar, PLANAR_DH, REPOSITORY
 
 DEADLINE = 15.0
 # How late messages may be on a machine that has too much to do: a stall that is none yet, and
 # the time until this process runs, which does not hear all joint states meanwhile [s].
 LATE = 1.0
-# From one joint state of the simulator to the next [s].
+# From one joint state of the simulator to the next, at least [s].
 STATE_PERIOD = 0.005
 STACK = '[{swing: {type: joint, joints: [joint1, joint2, joint3], target: [1, 1, 1]}}]'
-# By default a participant that was missed at first is heard of again after 3 s only.
-DISCOVERY = """<?xml version="1.0" encoding="UTF-8"?>
-<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-  <participant profile_name="often" is_default_profile="true">
-    <rtps><builtin><discovery_config>
-      <leaseAnnouncement><sec>0</sec><nanosec>100000000</nanosec></leaseAnnouncement>
-    </discovery_config></builtin></rtps>
-  </participant>
-</profiles>
-"""
 
 
 class Listener:
@@ -74,7 +64,9 @@ class Listener:
         from tp_controller.nodes.client import Client
         self.client = client or Client()
         self.commands, self.states = [], []
-        self.monitor, self._sent, self._states_sent = Monitor(), 0, 0
+        self.monitor, self._sent = Monitor(), 0
+        # How many joint states there were, and when the last one was sent [s].
+        self._states_sent, self._since = 0, time.time()
         self.promise = promise_of(planar(), 0.01, 0.1)
         node = self.client.node
         # Nobody takes messages while the test does something else.
@@ -96,16 +88,16 @@ class Listener:
         sent, number = 1e-9 * info['source_timestamp'], info['publication_sequence_number']
         self.states.append((np.array(message.position), np.array(message.velocity)))
         self.monitor.position(sent, message.position)
-        # Others may have heard what was sent before this side found a simulator that is new.
-        for missed in range(number - self._states_sent - 1, 0, -1):
-            self.monitor.heard.append(max(sent - missed * STATE_PERIOD,
-                                          *self.monitor.heard[-1:], 0.0))
-        self._states_sent = number
+        if number > self._states_sent + 1:
+            # Others may have heard what was sent before this side found a simulator that is new,
+            # and nobody knows when that was.
+            self.monitor.heard.extend(np.arange(self._since, sent, STATE_PERIOD).tolist())
+        self._states_sent, self._since = number, sent
         self.monitor.heard.append(sent)
 
     def expect_another_simulator(self):
-        """Count joint states anew: the simulator has ended, and all it sent has arrived."""
-        self._states_sent = 0
+        """Count joint states anew: the simulator has ended, and another one starts now."""
+        self._states_sent, self._since = 0, time.time()
 
     def check(self):
         """Check what is promised about every command so far."""
@@ -149,7 +141,7 @@ def environment():
 
 
 @pytest.fixture(scope='module')
-def domain(environment, tmp_path_factory):
+def domain(environment):
     """Return the environment of processes that hear each other, soon, and nobody else."""
     if find_spec('rclpy') is None:
         pytest.skip('needs ROS 2')
@@ -158,11 +150,10 @@ def domain(environment, tmp_path_factory):
         warnings.filterwarnings('ignore', "module 'sre_", DeprecationWarning)
         import rosidl_generator_py  # noqa: F401
     from tp_controller.demos.processes import own_domain
-    profiles = tmp_path_factory.mktemp('discovery') / 'profiles.xml'
-    profiles.write_text(DISCOVERY)
     with own_domain() as given, pytest.MonkeyPatch.context() as patch:
         own = {name: given[name] for name in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')}
-        own['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profiles)
+        # What hears the nodes here has the same settings as they.
+        own['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(CONFIG / 'fastdds.xml')
         for name, value in own.items():
             patch.setenv(name, value)
         yield {**environment, **own}

@@ -14,16 +14,21 @@
 
 """The page in a real browser: what is seen, dragged and clicked there."""
 
+from contextlib import contextmanager
+import math
 import os
 from pathlib import Path
 import re
 import subprocess
 import sys
+import threading
 import warnings
 
 from browser_harness import NEEDS_BROWSER, SECONDS
+from monitor import promise_of
 import numpy as np
 from PIL import Image
+from processes_harness import Listener
 import pytest
 from robots import CONFIG, panda
 from scipy.spatial.transform import Rotation
@@ -194,6 +199,23 @@ class View:
                           f'[normalize-space()="{text}"]').first.click()
 
 
+@contextmanager
+def watched():
+    """Let a monitor hear every command meanwhile, on a thread of its own."""
+    listener, ended = Listener(), threading.Event()
+    listener.promise = promise_of(panda(), 0.1, math.inf)
+    thread = threading.Thread(target=listener.client.wait, args=(ended.is_set, math.inf))
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        listener.client.close()
+    assert len(listener.commands) > 100
+    listener.check()
+
+
 @pytest.fixture(scope='module')
 def view(tmp_path_factory):
     """Return the page of the controller, once the robot is seen on it."""
@@ -211,7 +233,7 @@ def view(tmp_path_factory):
         with NodeProcess('simulator_node', arguments, environment, folder / 'simulator.log'), \
                 NodeProcess('controller_node', arguments, environment,
                             folder / 'controller.log'), \
-                sync_playwright() as playwright, Client() as client:
+                watched(), sync_playwright() as playwright, Client() as client:
             server = subprocess.Popen(
                 [sys.executable, '-m', 'tp_controller', 'view', '--node', 'tp_controller'],
                 env=environment, stdout=subprocess.PIPE, text=True)

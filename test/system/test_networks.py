@@ -23,9 +23,9 @@ import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from monitor import promise_of
+from monitor import Monitor, promise_of
 import numpy as np
-from processes_harness import Listener
+from processes_harness import LATE, Listener
 import pytest
 from robots import planar, PLANAR_DH
 from tp_controller.demos.processes import NodeProcess
@@ -169,7 +169,8 @@ class Remote(NodeProcess):
                 stderr=subprocess.STDOUT)
 
 
-# Prints what the robot is told, on the robot's side: when, and whether it shall move.
+# Prints what the robot is told, and where it is, on the robot's side: when, the number of the
+# message, and what is in it.
 WITNESS = """
 import time
 from rclpy import init, spin
@@ -178,20 +179,45 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 init(args=[])
 node = Node('witness')
-node.create_subscription(Float64MultiArray, '/velocity_controller/commands', lambda message: print(
-    'command', time.time(), int(any(message.data)), flush=True), 10)
-node.create_subscription(JointState, '/joint_states', lambda message: print(
-    'state', time.time(), int(any(message.velocity)), flush=True), 10)
+
+def tell(kind, numbers, info):
+    print(kind, time.time(), info['publication_sequence_number'], *numbers, flush=True)
+
+node.create_subscription(Float64MultiArray, '/velocity_controller/commands',
+                         lambda message, info: tell('command', message.data, info), 1000)
+node.create_subscription(JointState, '/joint_states',
+                         lambda message, info: tell('state', message.position, info), 1000)
 spin(node)
 """
 STACK = '[{swing: {type: joint, joints: [joint1, joint2, joint3], target: [60, 40, 20]}}]'
 
 
 def rows(process, kind):
-    """Return (time, whether it moves) of what a witness has heard."""
-    return [(float(line.split()[1]), line.split()[2] == '1')
-            for line in process.output().splitlines(keepends=True)
-            if line.startswith(kind) and line.endswith('\n')]
+    """Return (time, number, what was in it) of the messages that a witness has heard."""
+    return [(float(sent), int(number), np.array(values, dtype=float))
+            for _, sent, number, *values in map(
+                str.split, (line for line in process.output().splitlines(keepends=True)
+                            if line.startswith(kind) and line.endswith('\n')))]
+
+
+def moved(process, since=0.0):
+    """Return (time, whether the robot has moved) at the states of a witness."""
+    found = [row for row in rows(process, 'state') if row[0] > since]
+    return [(sent, bool(np.abs(q - before).max() > 1e-9))
+            for (_, _, before), (sent, _, q) in zip(found, found[1:])]
+
+
+def check(process, promise):
+    """Check what is promised about every command that a witness has heard."""
+    monitor, last = Monitor(), 0
+    for sent, number, velocity in rows(process, 'command'):
+        monitor.command(sent, velocity, max(number - last, 1))
+        last = number
+    for sent, _, q in rows(process, 'state'):
+        monitor.position(sent, q)
+        monitor.heard.append(sent)
+    faults = monitor.faults(promise, LATE)
+    assert monitor.commands and not faults, '\n'.join(faults)
 
 
 def wait_for(condition, what, processes, seconds=30.0):
@@ -220,18 +246,19 @@ def test_a_cable_that_is_pulled_stops_the_robot_and_put_back_lets_it_go_on(domai
         processes = controller, simulator, witness
 
         def moving(since=0.0):
-            return any(moves for sent, moves in rows(witness, 'state') if sent > since)
+            return any(moves for _, moves in moved(witness, since))
 
         wait_for(moving, 'no motion', processes)
         cable.put(False)
         pulled = time.time()
-        wait_for(lambda: (found := rows(witness, 'state')) and found[-1][0] > pulled
-                 and not found[-1][1], 'no standstill', processes)
+        wait_for(lambda: (found := moved(witness, pulled)) and not found[-1][1],
+                 'no standstill', processes)
         # The controller has noticed, too, and nothing arrives any more.
         wait_for(lambda: 'commanding zeros: no joint states' in
                  controller.output().split('running')[-1], 'not noticed', processes)
-        assert not [sent for sent, _ in rows(witness, 'command') if sent > pulled + 1.0]
+        assert not [sent for sent, *_ in rows(witness, 'command') if sent > pulled + 1.0]
         cable.put(True)
         back = time.time()
         wait_for(lambda: moving(back), 'no motion afterwards', processes)
         assert 'Traceback' not in controller.output()
+        check(witness, promise_of(planar(), 0.01, 0.1))

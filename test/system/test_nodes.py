@@ -237,5 +237,5 @@ def test_benchmark_of_the_node_prints_a_table():
                            '--seconds', '0.5'], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     rows = [line.split('|') for line in done.stdout.splitlines()]
-    assert len(rows[2:]) == 8
+    assert len(rows[2:]) == 9
     assert all(float(row[3]) > 0.0 for row in rows[2:])

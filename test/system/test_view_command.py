@@ -71,7 +71,8 @@ def test_view_says_where_it_is_and_how_to_send_goals_and_ctrl_c_ends_all(environ
                                   env=another_terminal, capture_output=True, text=True)
             assert sent.stdout == 'goal sent to task tool\n', sent.stderr
             process.send_signal(signal.SIGINT)
-            assert process.wait(2.0 * DEADLINE) == 130
+            # Python may end by the signal itself afterwards; a shell says 130 then, too.
+            assert process.wait(2.0 * DEADLINE) in (130, -signal.SIGINT)
         finally:
             process.kill()
         assert process.stderr.read() == 'tp_controller: interrupted\n'

@@ -22,8 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 import pinocchio
 from tp_controller.model.spatial import Array
+from tp_controller.nodes.interruption import uninterrupted
 from tp_controller.resources import find_file, SCHEME
-import trimesh
+
+# It takes whatever is raised in it for an error of its own, Ctrl-C too, and goes on.
+with uninterrupted():
+    import trimesh
 
 FILE_SCHEME = 'file://'
 # The largest of example-robot-data has 25 million bytes.
@@ -88,6 +92,7 @@ def mesh_path(name: str) -> Path:
 
 
 @lru_cache(maxsize=256)
+@uninterrupted()
 def load_mesh(path: Path) -> Mesh:
     """
     Return the content of a mesh file.
