@@ -15,9 +15,11 @@
 """What takes long beside the loop waits for the gaps between its cycles."""
 
 from itertools import count
+import math
 import threading
 
 from harness import Arm, Status
+import pytest
 from tp_controller.nodes import reporter
 from tp_controller.nodes.gaps import Gaps
 
@@ -29,15 +31,36 @@ STACK = """
 LONG = 60.0
 
 
-def running(gaps, between):
-    """Let two cycles end, some time after each other [s]."""
-    gaps.open(10.0)
-    gaps.open(10.0 + between)
+class Time:
+    """A clock that a test sets; called, it returns the time [s]."""
+
+    def __init__(self):
+        self.now = 10.0
+
+    def __call__(self):
+        """Return the time."""
+        return self.now
+
+    def let_cycles_end(self, gaps, between):
+        """Let two cycles end, and almost as much time pass as between them."""
+        gaps.open(self.now)
+        self.now += between
+        gaps.open(self.now)
+        self.now += 0.9 * between
+
+
+def waits_of(gaps, monkeypatch):
+    """Return a list that is added to whenever somebody really waits, which ends at once then."""
+    waited = []
+    monkeypatch.setattr(gaps._ended, 'wait', lambda timeout: waited.append(timeout) or True)
+    return waited
 
 
 def test_the_end_of_a_cycle_is_waited_for():
-    gaps, opened, enough = Gaps(LONG), [], threading.Event()
-    running(gaps, 1e-3)
+    # Little of any gap is left.
+    gaps, opened, enough = Gaps(lambda: math.inf, LONG), [], threading.Event()
+    gaps.open(10.0)
+    gaps.open(10.001)
 
     def cycle():
         for number in count(1):
@@ -58,23 +81,48 @@ def test_the_end_of_a_cycle_is_waited_for():
         loop.join()
 
 
-def test_cycles_that_are_far_apart_are_not_waited_for():
-    gaps = Gaps(LONG)
+@pytest.mark.parametrize('rate, waits', [(2000.0, True), (1000.0, True), (500.0, False),
+                                         (100.0, False)])
+def test_cycles_that_are_far_apart_are_not_waited_for(rate, waits, monkeypatch):
+    time = Time()
+    gaps = Gaps(time)
+    waited = waits_of(gaps, monkeypatch)
     gaps.wait()
-    running(gaps, 1.01 * LONG)
+    assert not waited
+    time.let_cycles_end(gaps, 1.0 / rate)
     gaps.wait()
+    assert bool(waited) == waits
+
+
+def test_what_is_left_of_a_gap_is_used(monkeypatch):
+    time = Time()
+    gaps = Gaps(time)
+    waited = waits_of(gaps, monkeypatch)
+    time.let_cycles_end(gaps, 1e-3)
+    for passed, waits in ((0.1e-3, 0), (0.2e-3, 0), (0.4e-3, 1), (0.8e-3, 2)):
+        time.now = gaps._last + passed
+        gaps.wait()
+        assert len(waited) == waits
 
 
 def test_cycles_that_have_ended_for_good_are_not_waited_for_twice(monkeypatch):
-    gaps, waited = Gaps(1e-3), []
-    running(gaps, 1e-4)
+    time = Time()
+    gaps, waited = Gaps(time), []
     monkeypatch.setattr(gaps._ended, 'wait', waited.append)
+    time.let_cycles_end(gaps, 1e-3)
     gaps.wait()
     gaps.wait()
-    assert waited == [1e-3]
-    running(gaps, 1e-4)
+    assert len(waited) == 1
+    time.let_cycles_end(gaps, 1e-3)
     gaps.wait()
-    assert waited == [1e-3, 1e-3]
+    assert len(waited) == 2
+
+
+def test_the_loop_says_when_a_cycle_has_ended(harness):
+    controller, arm = harness.controller(stack=STACK), Arm(harness, (0.0, 0.6, 0.3))
+    harness.spin_until(lambda: controller._loop.figures.cycles > 3, meanwhile=arm.publish)
+    loop = controller._loop
+    assert loop.gaps._last == loop.completed and loop.gaps._between < 15.0
 
 
 def test_every_part_of_a_status_waits(harness, monkeypatch):
@@ -88,8 +136,9 @@ def test_every_part_of_a_status_waits(harness, monkeypatch):
     harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
     made = len(parts)
     harness.spin_until(lambda: len(parts) > made, meanwhile=arm.publish)
-    # Each of two tasks, what limits it, and sending.
-    assert waits.count(made + 1) >= 5
+    # What came in, the figures and the head of this one; before, of two tasks, what limits them
+    # and the rest; and sending.
+    assert waits.count(made) >= 3 and waits.count(made + 1) >= 5
 
 
 def test_no_status_is_made_where_nobody_listens(harness, monkeypatch):

@@ -16,6 +16,8 @@
 
 import math
 
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from tp_controller.nodes.joint_states import JointStateBuffer
@@ -184,3 +186,98 @@ def test_a_passive_joint_without_a_position_stays_where_it_was(buffer):
     np.testing.assert_array_equal(buffer.passive, [0.2])
     assert buffer.unheard() == ['hand']
     assert 'b' in buffer.put(['hand', 'a', 'b'], [math.nan, 1.0, math.nan], 0.0)
+
+
+class Model:
+    """What a buffer without stamps should know, written down joint by joint."""
+
+    def __init__(self, driven, passive):
+        self.driven, self.names = driven, driven + passive
+        self.positions = dict.fromkeys(driven, math.nan) | dict.fromkeys(passive, 0.0)
+        self.received = dict.fromkeys(self.names, -math.inf)
+        self.taken = -math.inf
+
+    def put(self, message, now):
+        """Take a message, unless it says nothing about a driven joint that it has."""
+        own = {name: position for name, position in message.items() if name in self.names}
+        if any(math.isnan(own[name]) for name in own if name in self.driven):
+            return
+        for name, position in own.items():
+            if not math.isnan(position):
+                self.positions[name], self.received[name] = position, now
+
+    def discard(self):
+        """Take what was heard of driven joints for too old."""
+        self.received.update(dict.fromkeys(self.driven, -math.inf))
+
+    def missing(self, now, timeout):
+        """Return the driven joints that were not heard for too long."""
+        return [name for name in self.driven if self.received[name] < now - timeout]
+
+    def take_complete(self):
+        """Return True once after every driven joint got a new position."""
+        times = [self.received[name] for name in self.driven]
+        if min(times) <= self.taken:
+            return False
+        self.taken = max(times)
+        return True
+
+
+JOINTS = ['a', 'b', 'c', 'hand']
+# Who speaks: all at once, or in parts that leave something out, overlap, or say too much.
+SPEAKERS = [['a', 'b', 'c'], ['c', 'b', 'a', 'hand'], ['a'], ['b', 'c'], ['hand', 'a', 'wheel']]
+POSITIONS = st.floats(-0.4, 0.4) | st.just(math.nan)
+STEPS = st.lists(st.tuples(st.sampled_from(SPEAKERS), st.lists(POSITIONS, min_size=4, max_size=4),
+                           st.booleans(), st.floats(1e-3, 0.3)), max_size=30)
+
+
+@settings(max_examples=300)
+@given(STEPS)
+def test_whoever_speaks_every_joint_is_known_as_a_plain_model_knows_it(steps):
+    buffer, model, now = JointStateBuffer(JOINTS[:3], JOINTS[3:], [0.0]), Model(
+        JOINTS[:3], JOINTS[3:]), 100.0
+    for names, positions, discarded, passed in steps:
+        now += passed
+        if discarded:
+            buffer.discard()
+            model.discard()
+        message = dict(zip(names, positions))
+        buffer.put(list(message), list(message.values()), now)
+        model.put(message, now)
+        for timeout in (0.05, 0.2, 1.0):
+            assert buffer.missing(now + 0.04, timeout) == model.missing(now + 0.04, timeout)
+        assert buffer.take_complete() == model.take_complete()
+        assert buffer.unheard() == [
+            name for name in JOINTS[3:] if model.received[name] == -math.inf]
+        np.testing.assert_array_equal([*buffer.q, *buffer.passive],
+                                      [model.positions[name] for name in JOINTS])
+
+
+@pytest.mark.parametrize('first, then', [(['a', 'b'], ['b']), (['b'], ['b', 'a'])])
+def test_a_jump_is_measured_by_the_clock_of_the_robot_since_the_joint_was_heard(first, then):
+    buffer = JointStateBuffer(['a', 'b'], [], [], np.array([1.0, 1.0]), late=0.0)
+    buffer.put(['a'], [0.0], 100.0, received=10.0)
+    buffer.put(first, [0.0] * len(first), 101.0, received=11.0)
+    # In 2 s of its own time, 20 s by the other clock: 1.9 rad are possible, and 2.1 are not.
+    buffer.put(then, [1.9] * len(then), 121.0, received=13.0)
+    assert buffer.contradiction == ''
+    buffer.put(then, [4.0] * len(then), 141.0, received=15.0)
+    assert 'b jumped by 2.1 in 2 s' in buffer.contradiction
+
+
+def test_nobody_finds_a_joint_missing_while_its_message_is_taken(monkeypatch):
+    buffer = JointStateBuffer(['a', 'b'], [], [])
+    found = []
+    note = JointStateBuffer._note
+
+    def look(self, *arguments):
+        found.append(self.missing(10.0, 1.0))
+        note(self, *arguments)
+        found.append(self.missing(10.0, 1.0))
+
+    for name in 'ab':
+        buffer.put([name], [0.0], 10.0)
+    monkeypatch.setattr(JointStateBuffer, '_note', look)
+    for name in 'ab':
+        buffer.put([name], [0.5], 10.0)
+    assert found and not any(found)

@@ -14,11 +14,15 @@
 
 """When work beside the loop may run: in the gaps between its cycles."""
 
+from collections.abc import Callable
 import math
 from threading import Event
 
-# Cycles that follow each other this closely are waited for, and no longer than this [s].
-CLOSE = 2.5e-3
+# Cycles that follow each other this closely are waited for, and no longer than this [s]. At 500 Hz
+# a part of a status matters less, and to wait longer would hold up goals and services.
+CLOSE = 1.5e-3
+# Share of the time between two cycles in which another part may begin.
+EARLY = 0.3
 
 
 class Gaps:
@@ -33,13 +37,15 @@ class Gaps:
 
     Parameters
     ----------
+    clock : callable
+        Returns the time [s].
     close : float
         Cycles that follow each other more closely are waited for, and no longer than this [s].
 
     """
 
-    def __init__(self, close: float = CLOSE) -> None:
-        self._close = close
+    def __init__(self, clock: Callable[[], float], close: float = CLOSE) -> None:
+        self._clock, self._close = clock, close
         self._ended, self._awaited = Event(), False
         self._last, self._between = -math.inf, math.inf
 
@@ -51,8 +57,9 @@ class Gaps:
             self._ended.set()
 
     def wait(self) -> None:
-        """Wait until a cycle has ended, where they follow each other closely."""
-        if self._between > self._close:
+        """Wait until a cycle has just ended, where they follow each other closely."""
+        between = self._between
+        if between > self._close or self._clock() - self._last < EARLY * between:
             return
         self._ended.clear()
         self._awaited = True

@@ -237,9 +237,10 @@ class JointStateBuffer:
         # Some drivers know no position of joints that are not theirs to drive.
         rows, heard = self._numbers[plan.rows][known], Heard()
         self._positions[rows] = values[known]
+        # Complete before others see it: they may ask what is missing at any time.
+        self._note(plan, heard, now, clock)
         for row in rows.tolist():
             self._heard[row] = heard
-        self._note(plan, heard, now, clock)
         self._speaker = None
         if isinstance(plan.source, slice) and known.all():
             self._speaker, self._spoken = plan, heard

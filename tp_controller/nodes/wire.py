@@ -21,7 +21,6 @@ of the cycle. Its names hardly ever change, and its positions lie there as doubl
 
 from collections.abc import Sequence
 import struct
-from typing import NamedTuple
 
 import numpy as np
 from rclpy.serialization import deserialize_message
@@ -33,28 +32,18 @@ LITTLE_ENDIAN = b'\x00\x01'
 HEADER = 4
 STAMP = struct.Struct('<iI')
 COUNT = struct.Struct('<I')
-# Where the frame and the names begin: up to the positions all messages of a publisher are equal.
+# Where the frame and the names begin: what is the same in every message of a publisher.
 BEGIN = HEADER + STAMP.size
-# How many such beginnings are remembered. A publisher may have some: what is between the fields
-# may be anything that was in its memory.
-MOST_KNOWN = 100
-
-
-class Form(NamedTuple):
-    """What the beginning of a message says: the names, and where the positions are."""
-
-    names: tuple[str, ...]
-    positions: struct.Struct
-    offset: int
+# How many publishers are remembered.
+MOST_KNOWN = 10
 
 
 class JointStateReader:
-    """Reads serialized joint states; how the last publishers begin is remembered."""
+    """Reads serialized joint states; the names of the last publishers are remembered."""
 
     def __init__(self) -> None:
-        self._forms: dict[bytes, Form] = {}
-        # Where the positions of a message begin, mostly at the same byte in all.
-        self._ends: list[int] = []
+        # How frame and names lie in a message, what is there then, and the names.
+        self._known: list[tuple[struct.Struct, tuple[object, ...], tuple[str, ...]]] = []
 
     def read(self, raw: bytes) -> tuple[Sequence[str], Sequence[float], float]:
         """
@@ -74,35 +63,38 @@ class JointStateReader:
             [s]
 
         """
-        for end in self._ends:
-            form = self._forms.get(raw[BEGIN:end])
-            if form is not None and raw.startswith(LITTLE_ENDIAN):
+        for layout, same, names in self._known:
+            if len(raw) >= BEGIN + layout.size and raw.startswith(LITTLE_ENDIAN) \
+                    and layout.unpack_from(raw, BEGIN) == same:
                 seconds, nanoseconds = STAMP.unpack_from(raw, HEADER)
-                return (form.names, form.positions.unpack_from(raw, form.offset),
-                        seconds + 1e-9 * nanoseconds)
+                return names, _doubles(raw, BEGIN + layout.size), seconds + 1e-9 * nanoseconds
         message = deserialize_message(raw, JointState)
         self._remember(raw, message)
         stamp = message.header.stamp
         return tuple(message.name), message.position, stamp.sec + 1e-9 * stamp.nanosec
 
     def _remember(self, raw: bytes, message: JointState) -> None:
-        """Remember how a message begins, if its positions are where they should be."""
-        end = BEGIN
+        """Remember how a message lies in memory, if it does so as it should."""
+        # What is between the fields may be anything.
+        fields, end = ['<'], BEGIN - HEADER
         for text in (message.header.frame_id, None, *message.name):
-            end += -end % COUNT.size + COUNT.size
-            end += len(text.encode()) + 1 if text is not None else 0
-        end += -end % COUNT.size + COUNT.size
-        count = len(message.position)
-        form = Form(tuple(message.name), struct.Struct(f'<{count}d'),
-                    end + (-(end - HEADER) % 8 if count else 0))
-        if raw.startswith(LITTLE_ENDIAN) and len(raw) >= form.offset + form.positions.size \
-                and COUNT.unpack_from(raw, end - COUNT.size) == (count,) \
-                and np.array_equal(form.positions.unpack_from(raw, form.offset),
-                                   message.position, equal_nan=True):
+            size = len(text.encode()) + 1 if text is not None else 0
+            fields.append(f'{-end % COUNT.size}xI{size}s')
+            end += -end % COUNT.size + COUNT.size + size
+        fields.append(f'{-end % COUNT.size}x')
+        layout = struct.Struct(''.join(fields))
+        end = BEGIN + layout.size
+        if raw.startswith(LITTLE_ENDIAN) and len(raw) >= end + COUNT.size \
+                and np.array_equal(_doubles(raw, end), message.position, equal_nan=True):
             # Names that change all the time must not fill the memory.
-            if len(self._forms) >= MOST_KNOWN:
-                self._forms.clear()
-                self._ends.clear()
-            self._forms[raw[BEGIN:end]] = form
-            if end not in self._ends:
-                self._ends.append(end)
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            self._known.append((layout, layout.unpack_from(raw, BEGIN), tuple(message.name)))
+
+
+def _doubles(raw: bytes, at: int) -> tuple[float, ...]:
+    """Return the sequence of doubles whose count is at an index."""
+    count, = COUNT.unpack_from(raw, at)
+    begin = at + COUNT.size
+    begin += -(begin - HEADER) % 8 if count else 0
+    return struct.unpack_from(f'<{count}d', raw, begin)
