@@ -83,8 +83,10 @@ TOPICS = {
                       'times out',
     'velocity_controller/commands': 'joint velocities, every cycle; zeros while the robot is '
                                     'stopped',
-    '~/status': 'for the node and each task: error, speeds, reasons',
-    '/diagnostics': 'the same, where ROS tools look for it',
+    '~/status': 'for the node and each task: error, speeds, reasons; only if '
+                'there is a subscriber',
+    '/diagnostics': 'the same once a second, where ROS tools look for it; only if '
+                    'there is a subscriber',
     '~/<task>/numbers': '[error, tolerance and speeds](docs/ros.md#plots) of a task as numbers; '
                         'only if there is a subscriber',
     '~/markers': '[goals, frames, errors, cones, regions, distances](docs/ros.md#markers), for '

@@ -50,7 +50,7 @@ def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | 
     figures : dict
         {key: value} of the loop.
     wait : callable
-        Called between two parts that each take less than a millisecond.
+        Called between the parts: what limits a task is one, its texts another.
 
     Returns
     -------
