@@ -15,7 +15,6 @@
 """What takes long beside the loop waits for the gaps between its cycles."""
 
 from itertools import count
-import math
 import threading
 
 from harness import Arm, Status
@@ -31,22 +30,10 @@ STACK = """
 LONG = 60.0
 
 
-class Time:
-    """A clock that a test sets; called, it returns the time [s]."""
-
-    def __init__(self):
-        self.now = 10.0
-
-    def __call__(self):
-        """Return the time."""
-        return self.now
-
-    def let_cycles_end(self, gaps, between):
-        """Let two cycles end, and almost as much time pass as between them."""
-        gaps.open(self.now)
-        self.now += between
-        gaps.open(self.now)
-        self.now += 0.9 * between
+def let_cycles_end(gaps, between):
+    """Let two cycles end, some time after each other [s]."""
+    gaps.open(10.0)
+    gaps.open(10.0 + between)
 
 
 def waits_of(gaps, monkeypatch):
@@ -57,10 +44,8 @@ def waits_of(gaps, monkeypatch):
 
 
 def test_the_end_of_a_cycle_is_waited_for():
-    # Little of any gap is left.
-    gaps, opened, enough = Gaps(lambda: math.inf, LONG), [], threading.Event()
-    gaps.open(10.0)
-    gaps.open(10.001)
+    gaps, opened, enough = Gaps(LONG), [], threading.Event()
+    let_cycles_end(gaps, 1e-3)
 
     def cycle():
         for number in count(1):
@@ -84,36 +69,23 @@ def test_the_end_of_a_cycle_is_waited_for():
 @pytest.mark.parametrize('rate, waits', [(2000.0, True), (1000.0, True), (500.0, False),
                                          (100.0, False)])
 def test_cycles_that_are_far_apart_are_not_waited_for(rate, waits, monkeypatch):
-    time = Time()
-    gaps = Gaps(time)
+    gaps = Gaps()
     waited = waits_of(gaps, monkeypatch)
     gaps.wait()
     assert not waited
-    time.let_cycles_end(gaps, 1.0 / rate)
+    let_cycles_end(gaps, 1.0 / rate)
     gaps.wait()
     assert bool(waited) == waits
 
 
-def test_what_is_left_of_a_gap_is_used(monkeypatch):
-    time = Time()
-    gaps = Gaps(time)
-    waited = waits_of(gaps, monkeypatch)
-    time.let_cycles_end(gaps, 1e-3)
-    for passed, waits in ((0.1e-3, 0), (0.2e-3, 0), (0.4e-3, 1), (0.8e-3, 2)):
-        time.now = gaps._last + passed
-        gaps.wait()
-        assert len(waited) == waits
-
-
 def test_cycles_that_have_ended_for_good_are_not_waited_for_twice(monkeypatch):
-    time = Time()
-    gaps, waited = Gaps(time), []
+    gaps, waited = Gaps(), []
     monkeypatch.setattr(gaps._ended, 'wait', waited.append)
-    time.let_cycles_end(gaps, 1e-3)
+    let_cycles_end(gaps, 1e-3)
     gaps.wait()
     gaps.wait()
     assert len(waited) == 1
-    time.let_cycles_end(gaps, 1e-3)
+    let_cycles_end(gaps, 1e-3)
     gaps.wait()
     assert len(waited) == 2
 

@@ -125,7 +125,7 @@ class ControlLoop:
         self.report: Report | None = None
         self.reported = -math.inf
         self.figures = Figures(1.0 / self._rate if self._rate > 0.0 else math.inf)
-        self.gaps = Gaps(boot_time)
+        self.gaps = Gaps()
         self._resting, self._noted = False, 0
         self._heard = self.completed = self._received = self._last_cycle = boot_time()
         # When the loop had nothing to do last.
