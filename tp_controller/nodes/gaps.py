@@ -28,9 +28,9 @@ class Gaps:
 
     Two threads of Python run in turns, and the loop has to wait for its turn: a cycle that begins
     while a status is made takes three times as long. Parts of a status that each begin where a
-    cycle has ended, one in each gap, are mostly done before the next one. At 1 kHz, with limits active and a status
-    heard ten times a second, 99 % of the commands come within 0.40 ms of their state instead of
-    0.93, and the node takes 21 % of a processor instead of 25 %.
+    cycle has ended, one in each gap, are mostly done before the next one. At 1 kHz, with limits
+    active and a status heard ten times a second, 99 % of the commands come within 0.40 ms of
+    their state instead of 0.93, and the node takes 21 % of a processor instead of 25 %.
 
     Parameters
     ----------
