@@ -83,6 +83,8 @@ def test_a_killed_simulator_leaves_a_controller_that_commands_zeros(cell, listen
     listener.expect_another_simulator()
     simulator = start('simulator_node')
     listener.wait(listener.moving, 'motion', [controller, simulator])
+    # Before, nobody knows here what the controller has heard of it.
+    listener.catch_up()
 
 
 def test_a_signal_ends_a_node_that_still_waits_for_its_robot(start, listener):
