@@ -16,7 +16,7 @@
 """
 Nodes as processes that are stopped, killed, fail, or run tasks that do not return.
 
-A monitor hears every command. Tests that take seconds run with one seed; with
+A monitor hears every command. Tests that take seconds run with five seeds; with
 ``TP_CONTROLLER_SEEDS=20`` in the environment they run with twenty.
 """
 
@@ -36,7 +36,7 @@ from tp_controller import Robot
 from tp_controller.demos.processes import NodeProcess
 from tp_controller.nodes.watchdog_node import Guard
 
-SEEDS = range(int(os.environ.get('TP_CONTROLLER_SEEDS', '1')))
+SEEDS = range(int(os.environ.get('TP_CONTROLLER_SEEDS', '5')))
 ACCELERATION = 2.0
 JOINTS = ('joint1', 'joint2', 'joint3')
 # Motion that goes on for as long as any test takes.
