@@ -24,9 +24,10 @@ SIZE_test := tests, lint, robots to test with, and what docs needs: 850 MB
 SIZE_docs := the site: Sphinx, MyST and a theme, 80 MB
 
 PYTEST := $(BIN)/python -m pytest
-# These need only processors. Of tests with nodes only two run at once: each has processes of its
-# own, in a ROS domain of its own.
+# These need only processors. Of tests with nodes only two run at once, as each has processes of its
+# own, in a ROS domain of its own; those in a browser come one by one, as it draws with all there is.
 WITHOUT_NODES := test/unit test/faults/test_fuzz.py test/faults/test_task_faults.py
+IN_BROWSER := $(wildcard test/system/test_browser*.py) test/system/test_solid_film.py
 FOUR := -n auto --maxprocesses 4 --dist loadfile
 TWO := -n auto --maxprocesses 2 --dist loadfile
 
@@ -55,7 +56,8 @@ test: $(STAMP) $(TEST_NEEDS)  ## run all tests (PYTEST_FLAGS='-k solver' for som
 	@logs=$$(mktemp -d) && trap 'rm -rf "$$logs"' EXIT && export ROS_LOG_DIR="$$logs" && \
 	  $(if $(PYTEST_FLAGS),$(PYTEST) $(PYTEST_FLAGS),\
 	    $(PYTEST) $(FOUR) $(WITHOUT_NODES) && \
-	    $(PYTEST) $(TWO) $(addprefix --ignore=,$(WITHOUT_NODES)))
+	    $(PYTEST) $(TWO) $(addprefix --ignore=,$(WITHOUT_NODES) $(IN_BROWSER)) && \
+	    $(PYTEST) $(IN_BROWSER))
 
 bench: $(STAMP) $(TEST_NEEDS)  ## measure times on this machine (benchmarks/)
 	@set -e; for file in benchmarks/[a-z]*.py; do $(BIN)/python "$$file"; done

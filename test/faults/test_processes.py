@@ -290,7 +290,8 @@ def test_a_killed_controller_is_replaced_by_zeros_of_the_watchdog(start, tireles
                [*tireless, watchdog])
     assert all(velocity.any() for _, velocity in since(listener, begin))
     controller.process.kill()
-    listener.wait(lambda: not listener.states[-1][1].any(), 'standstill', [simulator, watchdog])
+    listener.wait(lambda: listener.states and not listener.states[-1][1].any(), 'standstill',
+                  [simulator, watchdog])
     killed, stopped = [sent for sent, velocity in since(listener, begin) if velocity.any()][-1], \
         listener.monitor.positions[-1][0]
     assert stopped - killed < 5.0
