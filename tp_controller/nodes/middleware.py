@@ -38,8 +38,8 @@ def set_up_fast_dds() -> None:
     What was just sent is not sent again for 5 ms. By default this time is 0, and a thread that
     wakes after every message to see that it is over takes locks that the next message needs: at
     1 kHz that was an eighth of the processor time of the controller (24.6 % of a processor instead
-    of 21.6 %, means of nine runs in turns). Where every fifth packet gets lost, messages arrive as soon as by default; with 20 ms
-    the last ones of many took longer.
+    of 21.6 %, means of nine runs in turns). Where every fifth packet gets lost, messages arrive as
+    soon as by default; with 20 ms the last ones of many took longer.
     """
     if not set(VARIABLES) & set(os.environ) and not any(Path(name).exists() for name in FILES):
         os.environ[VARIABLES[1]] = str(package_share() / 'config' / 'fastdds.xml')
