@@ -71,6 +71,16 @@ def check(world, beyond=1e-3):
     assert world.monitor.faults(promise, late=STEPS) == []
 
 
+def start(world):
+    """Start the robot; one that has passed a limit meanwhile needs a wider tolerance."""
+    outside = np.maximum(world.q - ROBOT.upper, ROBOT.lower - world.q).max()
+    if outside > world.values['limit_tolerance']:
+        assert 'outside its position limits' in world.loop.lasting()
+        world.loop.limit_tolerance = outside + 1e-3
+    assert world.loop.lasting() == ''
+    world.loop.restart()
+
+
 # Faults of joint states -----------------------------------------------------------------------
 
 Messages = list
@@ -238,8 +248,7 @@ def test_joint_states_that_cannot_be_believed_stop_the_robot(monkeypatch, fault,
         world.run(1.1)
         assert (world.q == stopped_at).all()
         assert 'call ~/start to go on' in world.stopped()
-        assert world.loop.lasting() == ''
-        world.loop.restart()
+        start(world)
     assert world.run(world.values['settle_time'] + 0.3, until=world.moving), world.stopped()
     world.run(0.3)
     check(world, fault.beyond)
@@ -330,7 +339,7 @@ def test_a_robot_that_does_not_do_as_it_is_told_is_stopped_until_a_start(monkeyp
     assert not world.velocity.any()
     check(world, math.inf)
     world.plant = lambda velocity: velocity
-    world.loop.restart()
+    start(world)
     assert world.run(1.0, until=world.moving)
 
 

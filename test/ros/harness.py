@@ -98,7 +98,8 @@ class Harness:
         parameters.setdefault('blend', 0.0)
         # Arms of the tests are where the tests put them, and go on at once.
         for name, value in (('follow_window', 0.0), ('jump_tolerance', math.inf),
-                            ('settle_time', 0.0)):
+                            ('odometry_jump_tolerance', math.inf), ('settle_time', 0.0),
+                            ('exclusive', False)):
             parameters.setdefault(name, value)
         return self.make(ControllerNode, **parameters)
 

@@ -16,16 +16,23 @@
 
 import time
 
-from harness import Arm, JOINTS, MOVING_STACK, Status
+from harness import Arm, COMMANDS, JOINTS, MOVING_STACK, Status
+import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from robots import PLANAR_DH
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
-from tp_controller.nodes.controller_node import ControllerNode, NEW_SECONDS
+from tp_controller.nodes.competitors import LOOKING, NEW_SECONDS
+from tp_controller.nodes.controller_node import ControllerNode
+from tp_controller.nodes.state_checks import FollowCheck, Following
+from tp_controller.nodes.watchdog_node import WatchdogNode
 
 Q = (0.0, 0.6, 0.3)
 ZEROS = [0.0, 0.0, 0.0]
+# A motion that lasts longer than a test.
+SLOW = '- swing: {type: joint, joints: joint1, target: [1.8], gain: 0.05}\n'
 STRICT = {'follow_window': 0.5, 'jump_tolerance': 0.1, 'settle_time': 0.3}
 
 
@@ -151,6 +158,7 @@ def test_joint_states_that_name_a_joint_twice_count_as_missing(harness, robot):
 
 
 def test_a_joint_that_passes_its_limit_stops_the_robot(harness, robot):
+    robot.controller._loop._follow = FollowCheck(JOINTS, np.zeros(3, bool), Following(0.0))
     robot.follows, positions = 0.0, iter([0.01 * step for step in range(250)])
 
     def drift():
@@ -204,35 +212,132 @@ def test_the_last_status_says_why_the_node_ends(harness, robot):
     assert robot.commands[-1] == ZEROS
 
 
-def test_of_two_controllers_the_newer_one_stops_and_the_other_goes_on(harness, robot, log):
-    # The first one is no newcomer any more.
+def second_controller(harness, **parameters):
+    """Return the status of a second controller of the same robot."""
+    harness.make(ControllerNode, **{
+        'robot': str(PLANAR_DH), 'stack': MOVING_STACK, 'status_rate': 50.0, **parameters},
+        arguments=['--ros-args', '-r', '__node:=second'])
+    return Status(harness, '/second/status')
+
+
+def wait(harness, robot, seconds):
+    """Spin for so long: to see that something does not happen."""
     since = time.monotonic()
-    harness.spin_until(lambda: time.monotonic() > since + NEW_SECONDS, meanwhile=robot.publish)
-    second = harness.make(ControllerNode, robot=str(PLANAR_DH), stack=MOVING_STACK,
-                          arguments=['--ros-args', '-r', '__node:=second'])
-    status = Status(harness, '/second/status')
-    harness.spin_until(lambda: status.head == 'another node publishes on '
-                       '/velocity_controller/commands; call ~/start to go on',
+    harness.spin_until(lambda: time.monotonic() > since + seconds, meanwhile=robot.publish)
+
+
+@pytest.fixture
+def exclusive(harness):
+    """Return a robot that moves, whose controller is alone and no newcomer any more."""
+    node = harness.controller(**STRICT, exclusive=True, stack=SLOW)
+    robot = Robot(harness, harness.commands())
+    robot.controller = node
+    robot.status = Status(harness)
+    harness.spin_until(lambda: robot.status.head == LOOKING, meanwhile=robot.publish)
+    assert not robot.commands
+    harness.spin_until(lambda: robot.commands and any(robot.commands[-1]), 'motion',
                        meanwhile=robot.publish)
-    harness.spin_until(lambda: 'another node publishes' in log(), meanwhile=robot.publish)
-    harness.spin_until(lambda: robot.status.head == 'running', meanwhile=robot.publish)
+    wait(harness, robot, NEW_SECONDS)
+    return robot
+
+
+def test_a_newcomer_publishes_nothing_beside_another_controller(harness, exclusive, log):
+    robot, others = exclusive, '/tp_controller publishes on /velocity_controller/commands, too'
+    status = second_controller(harness)
+    robot.commands.clear()
+    harness.spin_until(lambda: status.head == f'{others}; call ~/start to go on',
+                       meanwhile=robot.publish)
+    harness.spin_until_logged(log, others, robot.publish)
     for each in (robot.status, status):
         harness.spin_until(lambda each=each: each.of_node('other publishers') == '1',
                            meanwhile=robot.publish)
     # Both would command the robot.
-    answer = harness.call(Trigger, '/second/start')
-    assert (answer.success, answer.message) == (
-        False, 'not started: another node publishes on /velocity_controller/commands')
-    robot.commands.clear()
-    harness.spin_for_more(robot.commands, 30, robot.publish)
-    assert status.head.startswith('another node publishes')
+    answer = harness.call(Trigger, '/second/start', robot.publish)
+    assert (answer.success, answer.message) == (False, f'not started: {others}')
+    wait(harness, robot, 1.0)
+    # The one that was there goes on, and is the only one that the robot hears.
+    assert robot.status.head == 'running' and all(any(each) for each in robot.commands)
     harness.remove(robot.controller)
-    harness.spin_until(lambda: harness.call(Trigger, '/second/start').success,
+    harness.spin_until(lambda: harness.call(Trigger, '/second/start', robot.publish).success,
                        meanwhile=robot.publish)
     harness.spin_until(lambda: status.head == 'running', meanwhile=robot.publish)
     harness.spin_until(lambda: status.of_node('other publishers') == '0',
                        meanwhile=robot.publish)
-    harness.remove(second)
+
+
+def test_commands_of_another_node_stop_a_robot_that_moves_and_name_the_node(harness, exclusive):
+    robot, rival = exclusive, harness.add(Node('rival', namespace='/cell',
+                                               context=harness.context))
+    publisher = rival.create_publisher(Float64MultiArray, COMMANDS, 10)
+    message = Float64MultiArray(data=[0.0, 0.01, 0.0])
+    others = f'/cell/rival publishes on {COMMANDS}, too'
+    harness.spin_until(lambda: robot.status.of_node('other publishers') == '1',
+                       meanwhile=robot.publish)
+    # One that is silent, or said something once, as by hand, is no reason.
+    publisher.publish(message)
+    wait(harness, robot, 1.2)
+    assert robot.status.head == 'running'
+
+    def publish():
+        robot.publish()
+        publisher.publish(message)
+
+    harness.spin_until(lambda: robot.status.head == f'{others}; call ~/start to go on',
+                       meanwhile=publish)
+    robot.commands.clear()
+    harness.spin_for_more(robot.commands, 100, publish)
+    assert ZEROS not in robot.commands
+    answer = harness.call(Trigger, '/tp_controller/start', publish)
+    assert (answer.success, answer.message) == (False, f'not started: {others}')
+    # It is silent again: the robot can be started, and is the controller's.
+    harness.spin_until(lambda: harness.call(Trigger, '/tp_controller/start',
+                                            robot.publish).success, meanwhile=robot.publish)
+    harness.spin_until(lambda: robot.status.head == 'running', meanwhile=robot.publish)
+
+
+def test_a_controller_that_is_stopped_leaves_the_robot_to_another_one(harness, exclusive):
+    robot = exclusive
+    rival = harness.add(Node('rival', context=harness.context))
+    publisher = rival.create_publisher(Float64MultiArray, COMMANDS, 10)
+    harness.spin_until(lambda: robot.status.of_node('other publishers') == '1',
+                       meanwhile=robot.publish)
+    assert harness.call(Trigger, '/tp_controller/stop', robot.publish).success
+    message = Float64MultiArray(data=[0.0, 0.01, 0.0])
+
+    def publish():
+        robot.publish()
+        publisher.publish(message)
+
+    harness.spin_until(lambda: robot.commands[-20:] == 20 * [list(message.data)],
+                       meanwhile=publish)
+
+
+def test_two_controllers_of_the_same_name_do_not_command_one_robot(harness, exclusive):
+    robot = exclusive
+    harness.make(ControllerNode, robot=str(PLANAR_DH), stack=MOVING_STACK)
+    robot.commands.clear()
+    wait(harness, robot, 1.5)
+    assert all(any(each) for each in robot.commands)
+
+
+def test_motion_waits_for_a_listener_and_a_watchdog_where_they_are_required(harness):
+    harness.controller(require_listener=True, require_watchdog=True)
+    status, arm = Status(harness), Arm(harness)
+    harness.spin_until(lambda: status.head == f'no node listens to {COMMANDS}',
+                       meanwhile=arm.publish)
+    commands = harness.commands()
+    harness.spin_until(lambda: status.head == f'no watchdog listens to {COMMANDS}',
+                       meanwhile=arm.publish)
+    assert not any(map(any, commands))
+    watchdog = harness.make(WatchdogNode)
+    harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
+    harness.spin_until(lambda: (status.of_node('listeners'), status.of_node('watchdogs'))
+                       == ('1', '1'), meanwhile=arm.publish)
+    assert harness.spin_for_more(commands, 3, arm.publish) != 3 * [ZEROS]
+    harness.remove(watchdog)
+    harness.spin_until(lambda: status.head == f'no watchdog listens to {COMMANDS}',
+                       meanwhile=arm.publish)
+    assert harness.spin_for_more(commands, 3, arm.publish)[-1] == ZEROS
 
 
 def test_a_controller_that_need_not_be_alone_starts_beside_another(harness, robot):

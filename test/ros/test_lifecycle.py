@@ -47,7 +47,7 @@ def start(harness, **parameters):
 
 def test_the_services_configure_activate_deactivate_clean_up_and_shut_down(any_harness):
     harness = any_harness
-    _, commands, status = start(harness)
+    _, commands, status = start(harness, keep_goals=True)
     harness.spin_until(lambda: status.head.startswith('not configured'))
     assert state(harness) == 'unconfigured' and commands == []
     assert change(harness, 'configure') and state(harness) == 'inactive'

@@ -239,7 +239,8 @@ def test_nothing_moves_before_the_first_odometry(harness):
 def test_odometry_that_makes_no_sense_is_ignored_with_a_warning(harness, log, changes, told):
     harness.controller(**ROBOT, stack=MOVING)
     commands, status, bad = Commands(harness), Status(harness), Standing(harness, **changes)
-    harness.spin_until(lambda: status.head == 'no odometry', meanwhile=bad.publish)
+    harness.spin_until(lambda: status.head.startswith('no odometry (ignored: '),
+                       meanwhile=bad.publish)
     harness.spin_for_more(commands.joints, 5, meanwhile=bad.publish)
     assert not np.any(commands.joints) and not np.any(commands.base)
     lines = [line for line in log().splitlines() if 'odometry ignored' in line]

@@ -132,6 +132,7 @@ def test_only_the_first_description_counts(harness):
     harness.spin_until(lambda: status.task('rest'))
     description.publish(String(data=PANDA_URDF))
     harness.spin_for_more(status.messages, 5)
+    harness.spin_for_more(commands, 5)
     assert {len(command) for command in commands} == {3}
 
 

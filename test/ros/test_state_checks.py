@@ -20,7 +20,7 @@ import re
 import numpy as np
 import pytest
 from tp_controller.nodes.joint_states import JointStateBuffer
-from tp_controller.nodes.state_checks import Following, MotionCheck, StampAge
+from tp_controller.nodes.state_checks import FollowCheck, Following, LimitCheck, StampAge
 from tp_controller.nodes.stops import Stops
 
 LIMIT = 0.1
@@ -126,12 +126,16 @@ def drive(seed, check, *, lag=0.0, delay=0, noise=0.0, quantum=0.0, dropped=0.0,
 
 def checker(endless=False, **values):
     """Return a check of one joint."""
-    return MotionCheck(('joint1',), np.array([-1.0]), np.array([1.0]), np.array([endless]),
-                       Following(**values), 0.05)
+    return FollowCheck(('joint1',), np.array([endless]), Following(**values))
+
+
+def limits():
+    """Return a check of the position limits of one joint."""
+    return LimitCheck(('joint1',), np.array([-1.0]), np.array([1.0]), 0.05)
 
 
 def test_a_joint_that_passes_a_limit_is_named_and_one_that_starts_outside_is_not():
-    check = checker()
+    check = limits()
     assert not check.passed(np.array([1.2]))
     assert not check.passed(np.array([1.0])) and not check.passed(np.array([1.04]))
     assert check.passed(np.array([1.06])) == 'joint1 has passed its position limit, at 1.06'
@@ -177,7 +181,7 @@ def test_a_clock_that_is_set_back_hides_no_joint_that_stands_still():
 
 
 def test_a_joint_that_is_led_back_with_noise_has_not_passed_its_limit():
-    check, random = checker(), np.random.default_rng(0)
+    check, random = limits(), np.random.default_rng(0)
     for outside in np.linspace(0.06, -0.01, 2000):
         assert not check.passed(np.array([1.0 + outside + 1e-3 * random.standard_normal()]))
 

@@ -40,9 +40,11 @@ SETTINGS = tuple(item.name for item in fields(Settings) if item.name != 'period'
 READ = ('robot', 'robot_description', 'base', 'world_frame', 'joints', 'stack', 'rate',
         'state_timeout', *SETTINGS)
 OF_THE_NODE = (
-    'command_joints', 'check_stamps', 'jump_tolerance', 'limit_tolerance', 'follow_window',
-    'settle_time', 'exclusive', 'watchdog_timeout', 'command_deadline', 'state_deadline',
-    'autostart', 'realtime_priority', 'processor', 'lock_memory', 'freeze_garbage',
+    'command_joints', 'check_stamps', 'jump_tolerance', 'odometry_jump_tolerance',
+    'limit_tolerance', 'follow_window', 'settle_time', 'exclusive', 'require_listener',
+    'require_watchdog', 'stop_deceleration', 'keep_goals', 'enable_topic', 'enable_timeout',
+    'permit_topics', 'speed_scaling_topic', 'speed_scaling_full', 'watchdog_timeout',
+    'command_deadline', 'state_deadline', 'autostart', 'realtime_priority', 'processor', 'lock_memory', 'freeze_garbage',
     'status_rate', 'use_sim_time')
 FAMILIES = ('limits.', 'tasks.', 'qos_overrides.')
 

@@ -155,6 +155,20 @@ class Controller:
         self._started = False
         self.stack.reset()
 
+    def forget_goals(self) -> None:
+        """
+        Give all tasks, in the next cycle, the value they have then as goal; bounds stay.
+
+        Raises
+        ------
+        EvaluationError
+            A task fails; the others forget their goals all the same.
+
+        """
+        self._transition.announce(0)
+        self._started = False
+        self.stack.forget_goals()
+
     def halt(self, now: float) -> None:
         """
         Say that no motion is commanded now, whatever the last update returned.
@@ -169,6 +183,45 @@ class Controller:
         self._velocity = np.zeros(self.robot.n)
         self._transition.end()
         self._transition.announce(0)
+
+    def slow_down(self, q: ArrayLike, now: float, deceleration: float,
+                  elapsed: float | None = None) -> Array:
+        """
+        Return the next velocity of a ramped stop, in place of `update`.
+
+        All joints slow down by the same factor, so that the robot stays on its path through the
+        configurations. The fastest one has the deceleration, or more where a position limit
+        demands it.
+
+        Parameters
+        ----------
+        q, now, elapsed
+            See `update`.
+        deceleration : float
+            More than zero [rad/s² or m/s²].
+
+        Returns
+        -------
+        ndarray (n,)
+            Zero at the end; call `halt` then.
+
+        """
+        before, last = self._velocity, self._last_update
+        if elapsed is None:
+            elapsed = now - last if last is not None else 0.0
+        passed = min(max(elapsed, 0.0), 1.0) or self._settings.period
+        self.halt(now)
+        fastest = float(np.abs(before).max(initial=0.0))
+        left = fastest - deceleration * passed
+        if not left > 0.0:
+            return self._velocity
+        bounds = self._limits.at(self.robot.positions(np.asarray(q, dtype=float)), before, passed)
+        least, most = bounds.settled
+        with np.errstate(divide='ignore', invalid='ignore'):
+            share = np.where(before > 0.0, most, -least) / np.abs(before)
+        factor = min(left / fastest, float(np.nanmin(np.maximum(share, 0.0))))
+        self._velocity = factor * before
+        return self._velocity
 
     @property
     def settings(self) -> Settings:

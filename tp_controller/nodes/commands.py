@@ -12,9 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Velocities out: to the joints and to the base, from whichever thread may say so."""
+"""Velocities out: to the joints and to the base, from any thread."""
 
-from array import array
 from collections.abc import Callable
 from threading import Lock
 
@@ -22,11 +21,11 @@ import numpy as np
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.nodes.base_topics import FixedBase, MovingBase
+from tp_controller.nodes.numbers_publisher import NumbersPublisher
 
 TOPIC = 'velocity_controller/commands'
 # How long the last zero may take to arrive when the node ends [s].
@@ -54,28 +53,30 @@ class Commands:
 
     Attributes
     ----------
-    topic : str
-        Full name of the topic of the joints' velocities.
+    joints : NumbersPublisher
+        Of the velocities of the joints.
     interruptions : int
         How often `interrupt` was called: what a cycle notes when it begins.
+    silent : bool
+        Nothing is published, not even zeros, because another node commands the robot.
 
     """
 
     def __init__(self, node: Node, topic: Callable[[str], str], robot: Robot,
                  names: list[str], base: MovingBase | FixedBase, qos: QoSProfile) -> None:
-        self._node, self._base = node, base
+        self._base = base
         self._order = np.array([robot.joint_index(name) for name in names], dtype=int)
-        # Serialized once: the velocities are its end.
-        size = 8 * len(names)
-        self._message = bytearray(serialize_message(Float64MultiArray(data=array(
-            'd', bytes(size)))))
-        self._view = np.frombuffer(self._message, dtype='<f8',
-                                   offset=len(self._message) - size)
         self._zeros = np.zeros(robot.n)
-        self.topic = topic(TOPIC)
-        self._publisher = node.create_publisher(Float64MultiArray, self.topic, qos)
+        self.joints = NumbersPublisher(node, Float64MultiArray(data=[0.0] * len(names)),
+                                       len(names), topic(TOPIC), qos)
         self._gate = Lock()
         self.interruptions = 0
+        self.silent = False
+
+    @property
+    def publishers(self) -> list[NumbersPublisher]:
+        """Return the publishers of joints and base."""
+        return [self.joints, *self._base.publishers]
 
     def publish(self, velocity: Array, noted: int) -> bool:
         """
@@ -101,18 +102,24 @@ class Commands:
             for _ in range(times):
                 self._put(self._zeros)
 
+    def withdraw(self) -> None:
+        """Command no motion for the last time, and leave the robot to another node."""
+        if not self.silent:
+            self.interrupt(LAST_ZEROS)
+            self.silent = True
+
     def wait(self) -> None:
         """Wait until the last command has arrived, for a while."""
-        for publisher in (self._publisher, self._base):
+        for publisher in self.publishers:
             publisher.wait_for_all_acked(Duration(seconds=LAST_ZERO_SECONDS))
 
     def close(self) -> None:
         """Give the topics up."""
         self._base.close()
-        self._node.destroy_publisher(self._publisher)
+        self.joints.close()
 
     def _put(self, velocity: Array) -> None:
         """Publish velocities (n,)."""
-        self._view[:] = velocity[self._order]
-        self._publisher.publish(bytes(self._message))
-        self._base.publish(velocity)
+        if not self.silent:
+            self.joints.publish(velocity[self._order])
+            self._base.publish(velocity)

@@ -15,7 +15,7 @@
 """The controller node: joint states, odometry and goals in, velocities and status out."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 import math
 import sys
@@ -36,6 +36,7 @@ from std_srvs.srv import Trigger
 from tp_controller.control.settings import Settings
 from tp_controller.errors import EvaluationError, in_words, RobotError, SettingsError
 from tp_controller.model.robot import Robot
+from tp_controller.nodes.competitors import Competitors
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.loop import boot_time, ControlLoop, INACTIVE
 from tp_controller.nodes.parameters import (
@@ -52,6 +53,7 @@ from tp_controller.nodes.parameters import (
     undeclare_limits,
     warn_unknown,
 )
+from tp_controller.nodes.permits import PARAMETERS as PERMITS
 from tp_controller.nodes.realtime import prepare
 from tp_controller.nodes.reporter import Reporter
 from tp_controller.nodes.runner import ClosableNode, run, spinning
@@ -59,7 +61,6 @@ from tp_controller.nodes.shared_controller import SharedController
 from tp_controller.nodes.task_parameters import TaskParameters
 from tp_controller.nodes.task_topics import TaskTopics
 from tp_controller.nodes.watchdog import Watchdog
-from tp_controller.nodes.watchdog_node import ENDING
 from tp_controller.solver.compiled import running
 from tp_controller.tasks.stack import Stack
 
@@ -80,17 +81,31 @@ PARAMETERS = (
          'moves, since their receipt, from which zeros are commanded', 's', 1e-3, 10.0, True),
     Spec('check_stamps', True, 'leave out joint states that are older than `state_timeout` by '
          'their stamps, or ahead of time; a stamp of 0 is none', fixed=True),
-    Spec('jump_tolerance', 0.1, 'what a joint may move beyond its velocity limit between two '
-         'joint states before the robot is stopped, until ~/start (inf: any distance)', 'rad or m',
-         0.0, math.inf, True),
-    Spec('limit_tolerance', 0.05, 'how far a joint may pass a position limit before the robot is '
-         'stopped, until ~/start (inf: never)', 'rad or m', 0.0, math.inf, True),
-    Spec('follow_window', 1.0, 'time after which a joint that does not follow its command stops '
-         'the robot, until ~/start (0: never)', 's', 0.0, 60.0, True),
+    Spec('jump_tolerance', 0.1, 'distance that a joint may move beyond its velocity limit, '
+         'between two joint states or within `state_timeout`, or beyond twice its command within '
+         '`follow_window`, before the robot is stopped, until ~/start (inf: any distance)',
+         'rad or m', 0.0, math.inf, True),
+    Spec('odometry_jump_tolerance', 0.25, 'the same for the base and its odometry; at least the '
+         'corrections of the localisation', 'm or rad', 0.0, math.inf, True),
+    Spec('limit_tolerance', 0.05, 'distance of a joint beyond a position limit, before it moves '
+         'or in motion, at which the robot is stopped, until ~/start (inf: never)', 'rad or m',
+         0.0, math.inf),
+    Spec('follow_window', 1.0, 'time after which a joint, or a base, that does not follow its '
+         'command stops the robot, until ~/start (0: never)', 's', 0.0, 60.0, True),
     Spec('settle_time', 0.3, 'for how long everything has to be in order after joint states or '
          'odometry were late, before the robot moves again', 's', 0.0, 60.0, True),
-    Spec('exclusive', True, 'stop, until ~/start, if another node publishes the same commands '
-         'when this one starts; later ones are only reported', fixed=True),
+    Spec('exclusive', True, 'publish nothing, until ~/start, if another node publishes the same '
+         'commands when this one starts, or as soon as commands of another one are received',
+         fixed=True),
+    Spec('require_listener', False, 'stop while no node other than watchdogs listens to the '
+         'commands', fixed=True),
+    Spec('require_watchdog', False, 'stop while no node whose name ends in watchdog listens to '
+         'the commands', fixed=True),
+    Spec('stop_deceleration', 0.0, 'deceleration of a stop while positions are known; at most the '
+         'one the drives can follow (0: zeros at once)', 'rad/s² or m/s²', 0.0, 1e6),
+    Spec('keep_goals', False, 'after a deactivation go on to the goals of before; else the tasks '
+         'stay where they are when the node is activated again'),
+    *PERMITS,
     Spec('watchdog_timeout', 0.2, 'time without a completed cycle after which zeros are commanded '
          'from outside the loop', 's', 0.01, 10.0, True),
     Spec('command_deadline', 0.0, 'longest time between two commands that is promised to those '
@@ -113,10 +128,8 @@ PARAMETERS = (
     Spec('status_rate', 10.0, 'status and marker messages per second', 'Hz', 0.1, 1000.0, True),
     *SETTINGS,
 )
-# How often other publishers are looked for, and until when this node counts as the newcomer [s].
-LOOK_SECONDS, NEW_SECONDS = 0.5, 2.0
-# Of ROS, for nodes without a name.
-UNKNOWN = '_NODE_NAME_UNKNOWN_'
+# How often other nodes are looked for, and those of the same name [s].
+LOOK_SECONDS, NAMES_SECONDS = 0.1, 0.5
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STOPPED = 'stopped; call ~/start to go on'
 NO_ROBOT = 'no robot description yet'
@@ -158,7 +171,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._stack_fault, self._taken = '', ''
         self._configured = self._active = self._stopped = False
         self._fault: Exception | None = None
-        self._others: dict[str, int] = {}
+        self._competitors: Competitors | None = None
+        self._namesakes = 0
         self._reporter = Reporter(self, self._values['status_rate'], self._log)
         # A stop must not wait until a stack has been read.
         self.loop_node.create_service(Trigger, self.resolve_service_name('~/stop'), self._on_stop)
@@ -167,8 +181,9 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         take_numbers_as_text(self)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
-        self.create_timer(LOOK_SECONDS, self._look_for_others,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(LOOK_SECONDS, self._look_for_others, clock=steady)
+        self.create_timer(NAMES_SECONDS, self._look_for_namesakes, clock=steady)
         self._refuse_strange_transitions()
         self._reporter.leave(NOT_CONFIGURED)
         if self._values['autostart']:
@@ -282,17 +297,19 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
 
     def _activate(self) -> None:
         """Let the loop command velocities, if there is one yet."""
-        if self._loop is not None and self._active:
+        if self._loop is not None and self._competitors is not None and self._active:
+            self._competitors.activate()
             self._loop.activate()
-            # Others that publish the same commands were there before.
-            self._others, self._since = {}, boot_time()
             self._hold()
 
     def _deactivate(self) -> None:
-        """Command zeros for the last time."""
+        """Stop the robot, and command nothing any more."""
         self._active = False
-        if self._loop is not None:
-            self._loop.deactivate(INACTIVE)
+        if self._loop is not None and self._controller is not None:
+            self._loop.come_to_rest(INACTIVE)
+            if not self._values['keep_goals']:
+                with suppress(EvaluationError):  # reported when the task is evaluated
+                    self._controller.forget_goals()
         self._hold()
 
     def _clean_up(self) -> None:
@@ -301,12 +318,14 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
             self._topics.close()
         if self._task_parameters is not None:
             self._task_parameters.close()
+        if self._competitors is not None:
+            self._competitors.close()
         if self._loop is not None:
             self._loop.close()
         if self._descriptions is not None:
             self.destroy_subscription(self._descriptions)
         self._loop = self._controller = self._topics = self._descriptions = None
-        self._task_parameters = None
+        self._task_parameters = self._competitors = None
         undeclare_limits(self)
         self._configured, self._stack_fault = False, ''
         self._reporter.leave(NOT_CONFIGURED)
@@ -356,6 +375,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         controller = SharedController(robot, Stack([]), self._settings)
         self._loop = ControlLoop(self.loop_node, self.resolve_topic_name, controller,
                                  self._values, self._log)
+        self._competitors = Competitors(self, self.loop_node, self._loop, self._values, self._log)
         self._controller = controller
         self._topics = TaskTopics(self, controller, boot_time, self._log)
         self._task_parameters = TaskParameters(self, controller, self._log)
@@ -430,6 +450,9 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._settings = self._settings_of(self._values)
         if self._controller is None or self._task_parameters is None:
             return
+        if self._loop is not None:
+            self._loop.limit_tolerance = self._values['limit_tolerance']
+            self._loop.deceleration = self._values['stop_deceleration']
         stack = self._checked_stack if 'stack' in changed else None
         # As it was is what the tasks' goals have been sent for; ~/reload starts afresh.
         if stack is not None and stack.text != self._controller.stack.text:
@@ -442,34 +465,24 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
     # Others, services ---------------------------------------------------------------------
 
     def _look_for_others(self) -> None:
-        """Notice other publishers of the same commands, and nodes of the same name."""
-        if self._loop is None or not self._active:
-            return
-        topic, own = self._loop.commands.topic, (self.get_name(), self.get_namespace())
-        publishing = _publishing(topic)
-        others = {publishing: self._competitors(topic),
-                  f'another node has the name {self.get_fully_qualified_name()}':
-                  self.get_node_names_and_namespaces().count(own) - 1}
-        for what, count in others.items():
-            if count > self._others.get(what, 0):
-                self._log.warning(what)
-                # A name alone may be that of a node that was killed: it is heard of for 20 s.
-                if self._values['exclusive'] and what == publishing \
-                        and boot_time() - self._since < NEW_SECONDS:
-                    self._loop.stops.latch(what)
-        self._others, self._loop.figures.other_publishers = others, others[publishing]
+        """Look for nodes that publish commands, too, listen to them, or allow motion."""
+        if self._loop is not None and self._competitors is not None and self._active:
+            self._loop.permits.look(self, self._log)
+            self._competitors.look()
 
-    def _competitors(self, topic: str) -> int:
-        """Return how many other nodes publish on a topic; those that only watch do not count."""
-        # A node that has just been found may have no name yet.
-        return sum(not info.node_name.endswith((ENDING, UNKNOWN))
-                   for info in self.get_publishers_info_by_topic(topic)) - 1
+    def _look_for_namesakes(self) -> None:
+        """Report nodes of the same name."""
+        own = self.get_name(), self.get_namespace()
+        count = self.get_node_names_and_namespaces().count(own) - 1
+        if count > self._namesakes:
+            self._log.warning(f'another node has the name {self.get_fully_qualified_name()}')
+        self._namesakes = count
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Stop, until ~/start."""
         self._stopped = True
         self._hold()
-        if self._loop is not None and self._active:
+        if self._loop is not None and self._active and not self._loop.deceleration:
             self._loop.commands.interrupt()
         response.success, response.message = True, 'stopped'
         return response
@@ -491,6 +504,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
             except EvaluationError as error:
                 response.success, response.message = False, f'not started: {error}'
                 return response
+        if self._competitors is not None:
+            self._competitors.restart()
         self._stopped = False
         self._hold()
         response.success, response.message = True, 'started'
@@ -498,13 +513,9 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
 
     def _lasting(self) -> str:
         """Return what stopped the robot and is not over yet, if anything."""
-        loop = self._loop
-        if loop is None or not self._active:
+        if self._loop is None or self._competitors is None or not self._active:
             return ''
-        publishing = _publishing(loop.commands.topic)
-        if loop.stops.latched == publishing and self._competitors(loop.commands.topic):
-            return publishing
-        return loop.lasting()
+        return self._competitors.fault() or self._loop.lasting()
 
     def _on_reload(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Read the stack file again; one with faults leaves the stack as it is."""
@@ -514,11 +525,6 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         except Exception as error:
             response.success, response.message = False, in_words(error)
         return response
-
-
-def _publishing(topic: str) -> str:
-    """Return what is said where others publish commands, too."""
-    return f'another node publishes on {topic}'
 
 
 def _refuse_with_stack(given: Mapping[str, object]) -> None:

@@ -41,14 +41,16 @@ class Figures:
     missed_deadlines : int
         How often joint states came later than `state_deadline`.
     other_publishers : int
-        How many other nodes publish the same commands.
+        Number of other nodes that publish the same commands.
+    listeners, watchdogs : int
+        Number of nodes, and of watchdogs, that listen to the commands.
 
     """
 
     def __init__(self, period: float) -> None:
         self._period = period
         self.cycles = self.overruns = self.stalls = self.missed_deadlines = 0
-        self.other_publishers = 0
+        self.other_publishers = self.listeners = self.watchdogs = 0
         # Start, duration, and time from a joint state to its command, of the last cycles.
         self._times = np.full((CYCLES, 3), np.nan)
         self._last_start = np.inf
@@ -74,6 +76,7 @@ class Figures:
                 'overruns': str(self.overruns), 'stalls': str(self.stalls),
                 'missed deadlines': str(self.missed_deadlines),
                 'other publishers': str(self.other_publishers),
+                'listeners': str(self.listeners), 'watchdogs': str(self.watchdogs),
                 'solver': running(), 'cycles left to Python': str(left_to_the_reference())}
 
 

@@ -21,7 +21,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tp_controller.model.spatial import Array
-from tp_controller.nodes.state_checks import motion, StampAge
+from tp_controller.nodes.state_checks import History, motion, StampAge
 from tp_controller.tasks.keys import LARGEST
 
 Rows = NDArray[np.intp]
@@ -115,6 +115,8 @@ class JointStateBuffer:
         Positions of the passive joints, `passive_start` before the first [rad or m].
     contradiction : str
         The first that was noticed since `forget`; empty where there was none.
+    delay : float
+        Age of the last message by its stamp, even if it was ignored [s].
 
     """
 
@@ -140,6 +142,10 @@ class JointStateBuffer:
         self._endless = np.zeros(self._n, dtype=bool) if endless is None else endless
         self._turns = bool(self._endless.any())
         self._late, self._tolerance = late, tolerance
+        # Time that a position may be late by, and after which it is compared again.
+        self._slack = min(late, 1.0)
+        self._history = History(self._slack)
+        self.delay = 0.0
         self.contradiction, self._contradicted = '', -math.inf
         self._ignored, self._ignored_at = '', -math.inf
         self._clock = -math.inf
@@ -148,6 +154,7 @@ class JointStateBuffer:
         self._spoken = Heard()
         self._window = slice(0)
         self._last: Sequence[float] = ()
+        self._reference: Sequence[float] = ()
 
     def forget(self) -> None:
         """Forget what contradicted itself."""
@@ -158,6 +165,7 @@ class JointStateBuffer:
         self._heard[:self._n] = [Heard()] * self._n
         self._whole = self._surely = -math.inf
         self._speaker = None
+        self._history.clear()
 
     def lasting(self, now: float) -> str:
         """Return the contradiction that was noticed within the last second, if any."""
@@ -211,16 +219,18 @@ class JointStateBuffer:
             # It was set back, as that of a simulation.
             for heard in self._heard:
                 heard.measured = -math.inf
+            self._history.clear()
             plan = self._plan(names)
         self._clock = clock
         # A clock that has not begun says nothing about stamps.
         fault = plan.age.fault(stamp, clock) if clock > 0.0 else ''
+        self.delay = plan.age.delay
         return fault or self._take_positions(plan, positions, now, clock)
 
     def _take_positions(self, plan: Plan, positions: Sequence[float] | Array, now: float,
                         clock: float) -> str:
         """Take the positions of a message; return what is wrong with them, or nothing."""
-        if self._is_usual(plan, positions):
+        if self._is_usual(plan, positions, clock):
             if not plan.age.overtaken:
                 self._last = tuple(positions[self._window])
                 self._positions[plan.rows] = self._last
@@ -241,20 +251,32 @@ class JointStateBuffer:
         self._note(plan, heard, now, clock)
         for row in rows.tolist():
             self._heard[row] = heard
+        if self._history.is_due(clock):
+            self._history.replace(self.q, self._measured(), clock)
         self._speaker = None
         if isinstance(plan.source, slice) and known.all():
             self._speaker, self._spoken = plan, heard
             self._window, self._last = plan.source, values.tolist()
+            self._reference = self._references(plan)
         return ''
 
-    def _is_usual(self, plan: Plan, positions: Sequence[float] | Array) -> bool:
-        """Say whether who has spoken last says that no joint has moved far since."""
-        if plan is not self._speaker:
+    def _is_usual(self, plan: Plan, positions: Sequence[float] | Array, clock: float) -> bool:
+        """Return whether the last publisher goes on, and no joint has moved far since."""
+        if plan is not self._speaker or self._history.is_due(clock):
             return False
-        for position, last, most in zip(positions[self._window], self._last, plan.passable):
-            if not -most <= position - last <= most:
+        for position, last, reference, most in zip(positions[self._window], self._last,
+                                                   self._reference, plan.passable):
+            if not (-most <= position - last <= most
+                    and -most <= position - reference <= most):
                 return False
         return True
+
+    def _references(self, plan: Plan) -> Sequence[float]:
+        """Return the reference positions of the joints of a message."""
+        positions = self._positions.copy()
+        positions[:self._n] = self._history.positions
+        references: list[float] = positions[plan.rows].tolist()
+        return references
 
     def _note(self, plan: Plan, heard: Heard, now: float, clock: float) -> None:
         """Note when positions were heard."""
@@ -286,19 +308,31 @@ class JointStateBuffer:
         return True
 
     def _check_motion(self, plan: Plan, values: Array, now: float, clock: float) -> None:
-        """Notice joints that are farther away than they can have moved since."""
+        """Notice joints that are farther away than they can have moved since they were heard."""
         rows = plan.driven
-        moved = np.abs(values[plan.of_driven] - self._positions[rows])
-        if self._turns:
-            moved = np.abs(motion(moved, self._endless[rows]))
-        measured = np.array([self._heard[row].measured for row in self._numbers[rows].tolist()])
-        passed = np.minimum(clock - measured, LONG)
-        jumped = moved > self._speeds[rows] * (passed + min(self._late, 1.0)) + self._tolerance
+        measured = self._measured()
+        self._compare(plan, values[plan.of_driven] - self._positions[rows], clock - measured[rows],
+                      now)
+        if self._history.positions is not None:
+            since = np.asarray(self._history.measured)[rows]
+            self._compare(plan, values[plan.of_driven] - self._history.positions[rows],
+                          clock - since, now)
+
+    def _compare(self, plan: Plan, moved: Array, passed: Array, now: float) -> None:
+        """Notice joints that moved farther in a time than their velocity limits allow."""
+        rows = plan.driven
+        moved = np.abs(motion(moved, self._endless[rows]) if self._turns else moved)
+        passed = np.minimum(passed, LONG)
+        jumped = moved > self._speeds[rows] * (passed + self._slack) + self._tolerance
         if jumped.any():
             which = int(np.argmax(jumped))
             name = self._names[self._numbers[rows][which]]
             self._contradict(f'{name} jumped by {moved[which]:.2g} '
                              f'in {passed[which]:.2g} s', now)
+
+    def _measured(self) -> Array:
+        """Return when the positions of the driven joints were measured (n,) [s]."""
+        return np.array([heard.measured for heard in self._heard[:self._n]])
 
     def _contradict(self, what: str, now: float) -> None:
         """Keep a contradiction; the first one is told."""
@@ -318,7 +352,7 @@ class JointStateBuffer:
         self._plans[names] = Plan(
             _sliced(np.array([index for index, _ in found], dtype=np.intp)), _sliced(rows),
             _sliced(driven), _sliced(np.flatnonzero(rows < self._n)),
-            [min(speeds[row] * min(self._late, 1.0) + self._tolerance, 1.0) for row in rows],
+            [min(speeds[row] * self._slack + self._tolerance, 1.0) for row in rows],
             len(driven) == self._n, ', '.join(twice), StampAge(self._late))
         return self._plans[names]
 

@@ -25,33 +25,35 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from tp_controller.control.report import Report
 from tp_controller.errors import EvaluationError, in_words, RobotError, TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
-from tp_controller.nodes.base_topics import FixedBase, MovingBase, waiting
+from tp_controller.nodes.base_topics import FixedBase, LONGEST_WAIT, MovingBase, waiting
 from tp_controller.nodes.commands import Commands, LAST_ZEROS
 from tp_controller.nodes.deadlines import promise, state_events, state_qos
 from tp_controller.nodes.figures import Figures
 from tp_controller.nodes.gaps import Gaps
 from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.nodes.log import Log
+from tp_controller.nodes.odometry_check import OdometryCheck
 from tp_controller.nodes.parameters import names_in
+from tp_controller.nodes.permits import Permits
 from tp_controller.nodes.shared_controller import SharedController
-from tp_controller.nodes.state_checks import Following, MotionCheck
+from tp_controller.nodes.state_checks import FollowCheck, Following, LimitCheck
 from tp_controller.nodes.stops import Stops
 from tp_controller.nodes.wire import JointStateReader
 
 # A shorter silence of the loop is not told from the jitter of a busy machine [s].
 SHORTEST_STALL = 0.05
-# Of joint states that may have waited for longer only the newest is used [s]. On a busy machine
-# (load 5) with 2 ms in its place 1 to 8 % of the states at 1 kHz, and 2 to 4 % at 2 kHz, get no
-# answer; with 10 ms at most 0.1 and 0.3 %.
-LONGEST_WAIT = 10e-3
 # A shorter time between two cycles is none in which nothing waited [s].
 SHORTEST_PAUSE = 1e-4
+# Commanded motion of a base, per tolerated jump of its odometry, from which it has to follow: a
+# correction by the whole tolerance must not hide that it does.
+CORRECTED = 1.5
 LATE_CYCLE = 'no cycle was completed within watchdog_timeout'
 INACTIVE = 'inactive; activate the node to go on'
 # Ages and the like in a reason: they change all the time while its cause is the same.
@@ -93,6 +95,12 @@ class ControlLoop:
     ----------
     hold : str
         What somebody has to change before the robot moves; empty where nothing has to.
+    unmet : str
+        A requirement that is not met; empty where none is.
+    permits : Permits
+        Inputs that allow motion.
+    deceleration : float
+        Of a ramped stop [rad/s² or m/s²]; 0: zeros at once.
     active : bool
         Anything is commanded at all.
     stop_reason : str
@@ -117,16 +125,19 @@ class ControlLoop:
         names = _ordered(robot, names_in(values['command_joints']))
         self._watch_over(robot, values)
         qos, deadline = promise(values['command_deadline']), values['state_deadline']
-        self._base = MovingBase(node, topic, robot, qos) if robot.moves else FixedBase()
+        self._base = self._make_base(topic, qos, values) if robot.moves else FixedBase()
         self.commands = Commands(node, topic, robot, names, self._base, qos)
         self.stops = Stops(values['settle_time'])
-        self.hold, self.active = INACTIVE, False
+        self.permits = Permits(node, topic, values, self.stops, boot_time)
+        self.deceleration = values['stop_deceleration']
+        self.hold, self.unmet, self.active = INACTIVE, '', False
+        self._ending = ''
         self.stop_reason = INACTIVE
         self.report: Report | None = None
         self.reported = -math.inf
         self.figures = Figures(1.0 / self._rate if self._rate > 0.0 else math.inf)
         self.gaps = Gaps()
-        self._resting, self._noted = False, 0
+        self._resting, self._noted = True, 0
         self._heard = self.completed = self._received = self._last_cycle = boot_time()
         # When the loop had nothing to do last.
         self._busy_since = self._heard
@@ -152,8 +163,20 @@ class ControlLoop:
             endless, self._timeout if values['check_stamps'] else math.inf,
             values['jump_tolerance'])
         self._reader = JointStateReader()
-        self._motion = MotionCheck(robot.joint_names, lower, upper, endless,
-                                   Following(values['follow_window']), values['limit_tolerance'])
+        self._limits = LimitCheck(robot.joint_names, lower, upper, values['limit_tolerance'])
+        self._follow = FollowCheck(robot.joint_names, endless, Following(
+            values['follow_window'], excess=values['jump_tolerance']))
+
+    def _make_base(self, topic: Callable[[str], str], qos: QoSProfile,
+                   values: dict[str, Any]) -> MovingBase:
+        """Return the topics of a base that moves, with the checks of its odometry."""
+        robot, tolerance = self._controller.robot, values['odometry_jump_tolerance']
+        names = robot.velocity_names[:robot.joint_columns.start]
+        late = self._timeout if values['check_stamps'] else math.inf
+        follow = FollowCheck(names, np.zeros(len(names), dtype=bool), Following(
+            values['follow_window'], distance=max(0.05, CORRECTED * tolerance), excess=tolerance))
+        return MovingBase(self._node, topic, robot, qos, OdometryCheck(robot, late, tolerance),
+                          follow)
 
     def _start_timers(self, watchdog_timeout: float) -> list[Timer]:
         """Start the cycle, and what watches over it on the steady clock."""
@@ -169,11 +192,23 @@ class ControlLoop:
 
     def close(self) -> None:
         """Give topics and timers up."""
-        self.active = False
+        if self.active:
+            # As in a ramped stop that is under way.
+            self.deactivate(INACTIVE)
+        self.permits.close()
         for timer in self._timers:
             self._node.destroy_timer(timer)
         self._node.destroy_subscription(self._states)
         self.commands.close()
+
+    @property
+    def limit_tolerance(self) -> float:
+        """Return by how much a joint may be beyond a position limit [rad or m]."""
+        return self._limits.tolerance
+
+    @limit_tolerance.setter
+    def limit_tolerance(self, tolerance: float) -> None:
+        self._limits.tolerance = tolerance
 
     # What others may call -----------------------------------------------------------------
 
@@ -190,12 +225,19 @@ class ControlLoop:
     def activate(self) -> None:
         """Command something from now on."""
         self._heard = self.completed = boot_time()
-        self.active = True
+        self.active, self._ending = True, ''
 
     def deactivate(self, reason: str) -> None:
-        """Command zeros for the last time, and say why."""
-        self.active, self.stop_reason = False, reason
+        """Command zeros for the last time, at once, and say why."""
+        self.active, self.stop_reason, self._ending = False, reason, ''
         self.commands.interrupt(LAST_ZEROS)
+
+    def come_to_rest(self, reason: str) -> None:
+        """Deactivate the loop after a ramped stop, at once where there is nothing to ramp."""
+        if self.deceleration and self.active and not self._resting:
+            self.hold, self._ending = reason, reason
+        else:
+            self.deactivate(reason)
 
     def place(self) -> tuple[Array, Array] | None:
         """Return where the robot is by what was heard last, as `Controller.configuration`."""
@@ -208,13 +250,15 @@ class ControlLoop:
         """Return what speaks against starting the robot now, if anything."""
         now = boot_time()
         # Where something is missing the robot would move once it is back, whenever that is.
-        return self._buffer.lasting(now) or self._missing(now)
+        return self._buffer.lasting(now) or self._base.lasting(now) or self._unknown(now) \
+            or self.unmet or self.permits.refusal() or self._limits.outside(self._buffer.q)
 
     def restart(self) -> None:
         """Forget the faults that are over, and let tasks without a goal stay where they are."""
         self._controller.restart()
         self._buffer.forget()
-        self._motion.forget()
+        self._base.forget()
+        self._forget_motion()
         self.stops.latched = ''
 
     # What comes in ------------------------------------------------------------------------
@@ -240,7 +284,7 @@ class ControlLoop:
         pause = now - self.completed
         if pause >= SHORTEST_PAUSE:
             self._busy_since = now
-        return max(pause, now - self._busy_since) > LONGEST_WAIT
+        return max(pause, now - self._busy_since, self._buffer.delay) > LONGEST_WAIT
 
     def _put(self, raw: bytes) -> None:
         """Take joint positions, or say why not."""
@@ -251,24 +295,38 @@ class ControlLoop:
             self._log.warning(f'joint state ignored: {in_words(error)}', 'joint state')
             return
         fault = self._buffer.put(names, positions, now, stamp, self._robot_time(now))
-        if self._buffer.contradiction and self.stops.moved:
-            self.stops.latch(self._buffer.contradiction)
-        elif self._buffer.contradiction:
-            # As of a driver that publishes zeros before it has read any position.
-            self._buffer.forget()
+        self._contradict(self._buffer)
         if fault:
             self._log.warning(f'joint state ignored: {fault}', 'joint state')
+
+    def _contradict(self, source: JointStateBuffer | MovingBase | FixedBase) -> None:
+        """Stop, until ~/start, if positions have jumped while the robot moved."""
+        if source.contradiction and self.stops.moved:
+            self.stops.latch(source.contradiction)
+        elif source.contradiction:
+            # As of a driver that publishes zeros before it has read any position.
+            source.forget()
 
     def _on_odometry(self, message: Odometry) -> None:
         """Take odometry; it starts the cycle without a timer and without driven joints."""
         if not self.active or self._stood_still():
             return
-        fault = self._base.put(message, boot_time())
+        received = boot_time()
+        good = self._put_odometry(message)
+        for each in self._base.waiting():
+            good = self._put_odometry(each) or good
+        if good and self._rate == 0.0 and not self._controller.robot.joint_names:
+            self._received = received
+            self._cycle()
+
+    def _put_odometry(self, message: Odometry) -> bool:
+        """Take odometry and return True, or log why not."""
+        now = boot_time()
+        fault = self._base.put(message, now, self._robot_time(now))
+        self._contradict(self._base)
         if fault:
             self._log.warning(f'odometry ignored: {fault}', 'odometry')
-        elif self._rate == 0.0 and not self._controller.robot.joint_names:
-            self._received = boot_time()
-            self._cycle()
+        return not fault
 
     def _on_timer(self) -> None:
         """Run a cycle."""
@@ -310,10 +368,16 @@ class ControlLoop:
             # Others have commanded zeros since: the motion begins from rest.
             self._noted = noted
             self._rest()
-        reason = self._find_stop_reason(now) or self._command(now, robot_time, elapsed, noted)
-        if reason:
+        reason = self._find_stop_reason(now)
+        if self._resting and not reason:
+            self._check_start()
+            reason = self._find_stop_reason(now)
+        reason = reason or self._command(now, robot_time, elapsed, noted)
+        if reason and not self._slow_down(now, elapsed, noted):
             self._zeros()
         self._tell(reason)
+        if self._ending and self._resting:
+            self.deactivate(self._ending)
         self.completed = boot_time()
         self.figures.add(now, self.completed, self._received)
         self.gaps.open(self.completed)
@@ -324,12 +388,12 @@ class ControlLoop:
             command = self._controller.update(self._base.configuration(self._buffer.q), now,
                                               self._buffer.passive, elapsed)
         except EvaluationError as error:
-            self.stops.latch(str(error))
+            self.stops.latch(str(error), abrupt=False)
             return self._find_stop_reason(now)
         except TpControllerError as error:
             return str(error)
         except Exception as error:  # of a task that somebody else wrote
-            self.stops.latch(in_words(error))
+            self.stops.latch(in_words(error), abrupt=False)
             self._log.error(traceback.format_exc(), in_words(error))
             return self._find_stop_reason(now)
         took = boot_time() - now
@@ -341,10 +405,26 @@ class ControlLoop:
             return ''
         return self._find_stop_reason(now + took) or 'interrupted'
 
+    def _slow_down(self, now: float, elapsed: float, noted: int) -> bool:
+        """Command the next velocity of a ramped stop; return whether there is one."""
+        if self._resting or not self.deceleration or self.stops.abrupt or self._unknown(now):
+            return False
+        velocity = self._controller.slow_down(self._base.configuration(self._buffer.q), now,
+                                              self.deceleration, elapsed)
+        return bool(velocity.any()) and self.commands.publish(velocity, noted)
+
+    def _check_start(self) -> None:
+        """Stop, until ~/start, if a joint is outside of its limits before it is moved."""
+        fault = self._limits.outside(self._buffer.q)
+        if fault:
+            self.stops.latch(fault)
+
     def _check_motion(self, velocity: Array, now: float) -> None:
         """Stop, until ~/start, if the robot does not follow or passes a limit."""
         q, joints = self._buffer.q, velocity[self._controller.robot.joint_columns]
-        fault = self._motion.passed(q) or self._motion.check(q, joints, now)
+        share = self.permits.speed
+        fault = self._limits.passed(q) or self._follow.check(q, share * joints, now) \
+            or self._base.follows(velocity, now)
         if fault:
             self.stops.latch(fault)
 
@@ -357,9 +437,15 @@ class ControlLoop:
         """Let the next motion begin from rest."""
         if not self._resting:
             # Nothing is to be followed meanwhile.
-            self._motion.forget()
+            self._forget_motion()
             self._resting = True
         self._controller.halt(boot_time())
+
+    def _forget_motion(self) -> None:
+        """Let the checks of motion begin anew."""
+        self._limits.forget()
+        self._follow.forget()
+        self._base.rest()
 
     def _tell(self, reason: str) -> None:
         """Log why the robot is stopped, or that it moves again, where that has changed."""
@@ -367,7 +453,8 @@ class ControlLoop:
             return
         self.stop_reason = reason
         if reason:
-            self._log.warning(f'commanding zeros: {reason}', SECONDS.sub('', reason))
+            what = 'nothing' if self.commands.silent else 'zeros'
+            self._log.warning(f'commanding {what}: {reason}', SECONDS.sub('', reason))
             return
         self._log.info('running')
         unheard = self._buffer.unheard()
@@ -381,7 +468,11 @@ class ControlLoop:
         return self.hold or self.stops.reason(self._missing(now), now)
 
     def _missing(self, now: float) -> str:
-        """Return what has not arrived for too long; empty if nothing is missing."""
+        """Return what has not arrived for too long, or is not allowed now; empty if nothing."""
+        return self._unknown(now) or self.unmet or self.permits.reason(now)
+
+    def _unknown(self, now: float) -> str:
+        """Return which positions have not arrived for too long; empty if all are known."""
         missing = self._buffer.missing(now, self._timeout)
         if missing:
             ignored = self._buffer.ignored(now, self._timeout)

@@ -56,6 +56,8 @@ class SharedController(Controller):
 
     update = _alone(Controller.update)
     halt = _alone(Controller.halt)
+    slow_down = _alone(Controller.slow_down)
+    forget_goals = _alone(Controller.forget_goals)
     restart = _alone(Controller.restart)
     replace_stack = _alone(Controller.replace_stack)
     set_goal = _alone(Controller.set_goal)

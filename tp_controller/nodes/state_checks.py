@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-What joint states say about themselves: how old they are, and whether they can be true.
+Plausibility checks of joint states and odometry: age, jumps, limits, following.
 
-Everything here is numbers in and sentences out. A message that cannot be believed is left out;
-what that means for the robot is decided in `tp_controller.nodes.stops`.
+Everything here is numbers in and sentences out. An implausible message is dropped; the
+consequence for the robot is decided in `tp_controller.nodes.stops`.
 """
 
 from collections import deque
@@ -54,15 +54,20 @@ class StampAge:
 
     Attributes
     ----------
+    limit : float
+        See above.
     age : float
         Of the last message that was not too old [s].
+    delay : float
+        Age of the last message, even if it was too old [s].
     overtaken : bool
         A newer one had come before that.
 
     """
 
     def __init__(self, limit: float) -> None:
-        self._limit, self.age, self.overtaken = limit, 0.0, False
+        self.limit, self.age, self.overtaken = limit, 0.0, False
+        self.delay = 0.0
         self._newest = -math.inf
         # The last stamp, of whatever message, and whether stamps have made a step since one that
         # was believed, as those of messages that are late do not.
@@ -85,18 +90,19 @@ class StampAge:
             When it was received [s].
 
         """
-        if stamp == 0.0 or math.isinf(self._limit):
-            self.age, self.overtaken = 0.0, False
+        if stamp == 0.0 or math.isinf(self.limit):
+            self.age, self.delay, self.overtaken = 0.0, 0.0, False
             return ''
         difference = received - stamp
         offset = min(self._older, self._newer)
         age = difference - offset if math.isfinite(offset) else 0.0
-        self._stepped |= stamp < self._seen - 0.5 * self._limit or age < -self._limit
+        self.delay = age
+        self._stepped |= stamp < self._seen - 0.5 * self.limit or age < -self.limit
         self._seen = stamp
-        if abs(age) > self._limit and not self._is_another_clock(difference, received):
+        if abs(age) > self.limit and not self._is_another_clock(difference, received):
             return f'{age:.2g} s old by its stamp' if age > 0.0 \
                 else f'stamped {-age:.2g} s ahead of the ones before'
-        if abs(age) > self._limit:
+        if abs(age) > self.limit:
             self._older = self._newer = difference
             self._newest, age = -math.inf, 0.0
         self._off, self._stepped, self.age = None, False, max(age, 0.0)
@@ -115,27 +121,69 @@ class StampAge:
         """Say whether stamps have been off by the same time for long enough."""
         since, least, most = self._off or (received, difference, difference)
         least, most = min(least, difference), max(most, difference)
-        if most - least > self._limit:
+        if most - least > self.limit:
             since, least, most = received, difference, difference
         self._off = since, least, most
         return self._stepped and received - since >= RELEARNED
 
 
+class History:
+    """
+    Reference positions of some time ago, against which slow drift becomes visible.
+
+    Consecutive messages may each deviate by the whole allowance. Compared with a position that
+    is up to `age` seconds old, they may do so only once in that time.
+
+    Parameters
+    ----------
+    age : float
+        Age at which a reference is replaced [s].
+
+    Attributes
+    ----------
+    positions : ndarray or None
+        Of the reference; None before the first.
+    measured : ndarray or float
+        Times of the measurements [s].
+
+    """
+
+    def __init__(self, age: float) -> None:
+        self._age, self._since = age, -math.inf
+        self.positions: Array | None = None
+        self.measured: Array | float = -math.inf
+
+    def clear(self) -> None:
+        """Drop the reference."""
+        self.positions, self._since = None, -math.inf
+
+    def is_due(self, now: float) -> bool:
+        """Return whether the reference is to be replaced, because it is old or there is none."""
+        return not 0.0 <= now - self._since < self._age
+
+    def replace(self, positions: Array, measured: Array | float, now: float) -> None:
+        """Take a copy of positions as the reference from now on."""
+        self.positions, self.measured, self._since = positions.copy(), measured, now
+
+
 @dataclass(frozen=True)
 class Following:
     """
-    When a robot counts as one that does not follow.
+    Definition of a robot that does not follow its commands.
 
     Attributes
     ----------
     window : float
-        Time over which motion is compared [s]; 0: never.
+        Time over which motion is compared [s]; 0: never. Motion that is too slow for it is
+        compared over `SLOW` times this time.
     lag : float
-        By how much the robot may be late [s].
+        Largest delay of a robot that follows [s].
     distance : float
-        What has to be commanded in that time, at least [rad or m].
+        Commanded motion in that time from which the measured one counts [rad or m].
     share : float
-        Smallest share of it that counts as following [1].
+        Smallest share of the commanded motion that counts as following [1].
+    excess : float
+        Measured motion beyond twice the commanded one that is tolerated [rad or m].
 
     """
 
@@ -143,11 +191,12 @@ class Following:
     lag: float = 0.3
     distance: float = 0.05
     share: float = 0.2
+    excess: float = 0.1
 
 
-class MotionCheck:
+class LimitCheck:
     """
-    Whether joints move as they are commanded, and stay within their limits.
+    Position limits that are passed in motion, or violated before it begins.
 
     Parameters
     ----------
@@ -155,42 +204,43 @@ class MotionCheck:
         Of the driven joints.
     lower, upper : ndarray (n,)
         Their position limits [rad or m].
-    endless : ndarray (n,) of bool
-        Which of them turn without end.
-    following : Following
     tolerance : float
-        By how much a joint may pass a limit [rad or m].
+        Distance beyond a limit from which it counts [rad or m].
+
+    Attributes
+    ----------
+    tolerance : float
+        See above; it may be changed at any time.
 
     """
 
-    # Samples in a window.
-    SAMPLES = 20
-
     def __init__(self, names: tuple[str, ...], lower: Array, upper: Array,
-                 endless: NDArray[np.bool_], following: Following, tolerance: float) -> None:
-        self._names, self._following = names, following
-        self._lower, self._upper, self._tolerance = lower, upper, tolerance
+                 tolerance: float) -> None:
+        self._names, self._lower, self._upper, self.tolerance = names, lower, upper, tolerance
         self._ranges = list(zip(lower.tolist(), upper.tolist()))
-        self._endless = endless
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: what comes next need not follow from what was."""
-        late = 1 + math.ceil(self.SAMPLES * self._following.lag / (self._following.window or 1.0))
-        self._samples: deque[tuple[Array, Array, float]] = deque(maxlen=self.SAMPLES + late)
-        self._commanded = np.zeros(len(self._names))
-        self._velocity = np.zeros(len(self._names))
-        self._sampled = self._last = -math.inf
-        # Where a joint starts outside it is led back.
+        """Begin anew: the next positions need not follow from the ones before."""
+        # A joint that starts outside, within the tolerance, is led back.
         self._inside = np.zeros(len(self._names), dtype=bool)
         self._all_inside = False
 
+    def outside(self, q: Array) -> str:
+        """Return the joint that is outside of its limits by more than the tolerance, if any."""
+        beyond = np.maximum(q - self._upper, self._lower - q)
+        if not (beyond > self.tolerance).any():
+            return ''
+        joint = int(np.argmax(beyond))
+        return (f'{self._names[joint]} is at {q[joint]:.4g}, outside its position limits '
+                f'{self._lower[joint]:.4g} … {self._upper[joint]:.4g}: wrong unit or offset?')
+
     def passed(self, q: Array) -> str:
-        """Return which joint has passed a position limit since it was inside; q (n,)."""
+        """Return the joint that has passed a limit since it was inside, if any; q (n,)."""
         if self._all_inside and self._is_inside(q.tolist()):
             return ''
         beyond = np.maximum(q - self._upper, self._lower - q)
-        gone = self._inside & (beyond > self._tolerance)
+        gone = self._inside & (beyond > self.tolerance)
         self._inside = (self._inside | (beyond <= 0.0)) & ~gone
         self._all_inside = bool(self._inside.all())
         if not gone.any():
@@ -199,22 +249,54 @@ class MotionCheck:
         return f'{self._names[joint]} has passed its position limit, at {q[joint]:.4g}'
 
     def _is_inside(self, positions: list[float]) -> bool:
-        """Say whether all joints are within their limits; quicker than numpy for a few."""
+        """Return whether all joints are within their limits; quicker than numpy for a few."""
         for position, (lower, upper) in zip(positions, self._ranges):
             if not lower <= position <= upper:
                 return False
         return True
 
+
+class FollowCheck:
+    """
+    Whether joints, or the axes of a base, move as they are commanded.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the joints or axes.
+    endless : ndarray (n,) of bool
+        Marks joints that turn without end.
+    following : Following
+
+    """
+
+    # Samples in a window, and windows in the one for slow motion.
+    SAMPLES, SLOW = 20, 5
+
+    def __init__(self, names: tuple[str, ...], endless: NDArray[np.bool_],
+                 following: Following) -> None:
+        self._names, self._endless, self._following = names, endless, following
+        self._late = 1 + math.ceil(self.SAMPLES * following.lag / (following.window or 1.0))
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: the next positions need not follow from the ones before."""
+        self._samples: deque[tuple[Array, Array, float]] = deque(
+            maxlen=1 + self.SLOW * self.SAMPLES + self._late)
+        self._commanded = np.zeros(len(self._names))
+        self._velocity = np.zeros(len(self._names))
+        self._sampled = self._last = -math.inf
+
     def check(self, q: Array, velocity: Array, now: float) -> str:
         """
-        Return which joint does not follow; empty where all do.
+        Return the first joint that does not follow; empty where all do.
 
         Parameters
         ----------
         q : ndarray (n,)
             Measured positions [rad or m].
         velocity : ndarray (n,)
-            What is commanded from now on, and is not changed afterwards [rad/s or m/s].
+            Command in force from now on, not modified afterwards [rad/s or m/s].
         now : float
             [s]
 
@@ -233,22 +315,37 @@ class MotionCheck:
             return ''
         self._sampled = now
         self._samples.append((q.copy(), self._commanded, now))
-        return self._fault() if len(self._samples) == self._samples.maxlen else ''
+        return self._fault()
 
     def _fault(self) -> str:
-        """Return which joint has not followed in the window that ends now."""
-        positions, commanded, times = (np.array(rows) for rows in zip(*self._samples))
-        moved = motion(np.diff(positions[-1 - self.SAMPLES:], axis=0), self._endless).sum(axis=0)
-        # What was commanded in windows of the same length that end earlier: however late the
-        # robot is, one of them is what it has to follow now.
-        asked = commanded[self.SAMPLES:] - commanded[:-self.SAMPLES]
-        least = np.where(np.abs(np.sign(asked).sum(axis=0)) == len(asked),
-                         np.abs(asked).min(axis=0), 0.0)
-        along = moved * np.sign(asked[-1])
-        still = (least > self._following.distance) & (along < self._following.share * least)
-        if not still.any():
+        """Return the first joint that has not followed in one of the windows that end now."""
+        lengths = [length for length in (self.SAMPLES, self.SLOW * self.SAMPLES)
+                   if len(self._samples) >= 1 + length + self._late]
+        if not lengths:
             return ''
-        joint = int(np.argmax(still))
-        return (f'{self._names[joint]} does not follow: commanded to move by '
-                f'{asked[-1][joint]:.2g}, moved by {moved[joint]:.2g} '
-                f'in {times[-1] - times[-1 - self.SAMPLES]:.2g} s')
+        positions, commanded, times = (np.array(rows) for rows in zip(*self._samples))
+        steps = motion(np.diff(positions, axis=0), self._endless)
+        for length in lengths:
+            moved = steps[-length:].sum(axis=0)
+            # Commanded in windows of the same length that end earlier: whatever the delay of the
+            # robot, one of them is the motion that it has to follow now.
+            last = 1 + self._late
+            asked = commanded[-last:] - commanded[-last - length:-length]
+            joint = self._astray(moved, asked)
+            if joint is not None:
+                return (f'{self._names[joint]} does not follow: commanded to move by '
+                        f'{asked[-1][joint]:.2g}, moved by {moved[joint]:.2g} '
+                        f'in {times[-1] - times[-1 - length]:.2g} s')
+        return ''
+
+    def _astray(self, moved: Array, asked: Array) -> int | None:
+        """Return a joint whose motion (n,) fits none of the commanded ones (k, n), if any."""
+        following = self._following
+        size = np.abs(asked)
+        least = np.where(np.abs(np.sign(asked).sum(axis=0)) == len(asked), size.min(axis=0), 0.0)
+        along = moved * np.sign(asked[-1])
+        still = (least > following.distance) & (along < following.share * least)
+        slack = following.excess + size.max(axis=0)
+        away = (moved > asked.max(axis=0) + slack) | (moved < asked.min(axis=0) - slack)
+        wrong = still | away
+        return int(np.argmax(wrong)) if wrong.any() else None

@@ -36,6 +36,8 @@ class Stops:
         What stops the robot until this is emptied.
     moved : bool
         There was a cycle without a reason to stop.
+    abrupt : bool
+        Zeros have to be commanded at once: it is not known where the robot is, or how it moves.
 
     """
 
@@ -44,7 +46,7 @@ class Stops:
         self.latched = self._passing = ''
         self._ended = self._interrupted = -math.inf
         # Before that there is nothing to settle.
-        self.moved = False
+        self.moved = self.abrupt = False
 
     def reason(self, passing: str, now: float) -> str:
         """
@@ -69,13 +71,15 @@ class Stops:
             return f'{self.latched}; call ~/start to go on'
         if self._passing:
             return self._passing if passing else f'{self._passing}, until a moment ago'
-        self.moved = True
+        self.moved, self.abrupt = True, False
         return ''
 
     def interrupt(self, passing: str, now: float) -> None:
         """Stop for what is over already, for `settle` seconds from now on."""
         self._passing, self._ended, self._interrupted = passing, now, now
+        self.abrupt = True
 
-    def latch(self, fault: str) -> None:
-        """Stop until the next start; the first fault is the one that is told."""
+    def latch(self, fault: str, abrupt: bool = True) -> None:
+        """Stop until the next start; the first fault is the one that is reported."""
         self.latched = self.latched or fault
+        self.abrupt = self.abrupt or abrupt

@@ -27,12 +27,11 @@ from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Float64MultiArray
 from tp_controller.nodes.base_topics import twist_of
 from tp_controller.nodes.commands import LAST_ZEROS, TOPIC
+from tp_controller.nodes.competitors import WATCHDOG
 from tp_controller.nodes.parameters import declare, keep_fixed, Spec, warn_unknown
 from tp_controller.nodes.runner import ClosableNode, run
 
-# Controllers that publish the same commands take nodes whose name ends so for no competitors.
-ENDING = 'watchdog'
-NAME = f'tp_{ENDING}'
+NAME = f'tp_{WATCHDOG}'
 PARAMETERS = (
     Spec('timeout', 0.2, 'time without a command, after one that moves the robot, after which '
          'zeros are commanded', 's', 0.01, 10.0, True),

@@ -213,6 +213,9 @@ class BoundedTask(Task):
         super().reset()
         self._latest = self._before = None
 
+    def forget_goal(self) -> None:
+        """Keep the goal: where a region is does not depend on the robot."""
+
     def inherit_goal(self, other: Task) -> None:
         """Go on with the goal of a task that this one replaces, and with what it knows."""
         super().inherit_goal(other)

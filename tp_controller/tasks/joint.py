@@ -161,6 +161,12 @@ class Joint(JointTask):
         if self.has_default_goal:
             self.goal = np.where(self._default_rows, math.nan, self.goal)
 
+    def forget_goal(self) -> None:
+        """Drop the goals of all joints."""
+        super().forget_goal()
+        self._default_rows[:] = False
+        self.has_default_goal = False
+
     def inherit_goal(self, other: Task) -> None:
         """Go on with the positions of a task that this one replaces, where it gives none."""
         if not self.is_compatible(other):

@@ -144,14 +144,11 @@ class Stack:
 
     def reset(self) -> None:
         """Let tasks forget their default goals."""
-        failed = None
-        for task in self.tasks.values():
-            try:
-                attempt(task, task.reset)
-            except EvaluationError as error:
-                failed = error
-        if failed:
-            raise failed
+        _attempt_all((task, task.reset) for task in self.tasks.values())
+
+    def forget_goals(self) -> None:
+        """Let tasks forget their goals, so that the next start takes the values of then."""
+        _attempt_all((task, task.forget_goal) for task in self.tasks.values())
 
     def evaluate(self, state: RobotState, now: float) -> list[list[Evaluation]]:
         """
@@ -419,6 +416,18 @@ class _Reader:
         """Note a fault at the line of a YAML node."""
         line = node.start_mark.line + 1 if node is not None else 1
         self._faults.append(Fault(line, where, message))
+
+
+def _attempt_all(calls: Iterable[tuple[Task, Callable[[], None]]]) -> None:
+    """Call methods of tasks, all of them, and raise the last failure."""
+    failed = None
+    for task, call in calls:
+        try:
+            attempt(task, call)
+        except EvaluationError as error:
+            failed = error
+    if failed:
+        raise failed
 
 
 def _names(tasks: Iterable[Task]) -> str:

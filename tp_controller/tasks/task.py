@@ -315,6 +315,11 @@ class Task(ABC):
         if self.has_default_goal:
             self.goal = None
 
+    def forget_goal(self) -> None:
+        """Drop the goal, so that the next start takes the value that the task has then."""
+        if self.goal is not None:
+            self.goal, self.has_default_goal = None, True
+
     # Pictures
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
