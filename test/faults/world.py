@@ -19,7 +19,9 @@ from collections import deque
 import itertools
 from types import SimpleNamespace
 
+from geometry_msgs.msg import Twist
 from monitor import Monitor
+from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
@@ -28,6 +30,7 @@ from std_msgs.msg import Float64MultiArray
 from tp_controller import Stack
 from tp_controller.control.settings import Settings
 from tp_controller.nodes import loop as loop_module
+from tp_controller.nodes.base_topics import fill_odometry, twist_of
 from tp_controller.nodes.controller_node import PARAMETERS
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.loop import ControlLoop
@@ -43,9 +46,8 @@ DEFAULTS = {spec.name: spec.default for spec in PARAMETERS}
 class Queue:
     """The queue of a subscription: what came last, as many messages as its depth."""
 
-    msg_type, raw = JointState, True
-
-    def __init__(self, callback, depth):
+    def __init__(self, kind, raw, callback, depth):
+        self.msg_type, self.raw = kind, raw
         self.callback, self._messages = callback, deque(maxlen=depth)
         self.handle = self
 
@@ -76,9 +78,9 @@ class WorldNode:
     def __init__(self, world):
         self._world, self.queues, self.timers = world, [], []
 
-    def create_subscription(self, kind, topic, callback, qos, **_):
+    def create_subscription(self, kind, topic, callback, qos, raw=False, **_):
         """Return a queue."""
-        self.queues.append(Queue(callback, qos.depth))
+        self.queues.append(Queue(kind, raw, callback, qos.depth))
         return self.queues[-1]
 
     def create_timer(self, period, callback, clock=None):
@@ -89,7 +91,8 @@ class WorldNode:
 
     def create_publisher(self, kind, topic, qos, **_):
         """Return what hands commands to the world."""
-        return SimpleNamespace(publish=self._world.hear)
+        hear = self._world.hear if kind is Float64MultiArray else self._world.hear_base
+        return SimpleNamespace(publish=hear)
 
     def get_parameter(self, name):
         """Return that time is not simulated for those who ask."""
@@ -129,6 +132,10 @@ class World:
         Why the robot was stopped, one after another.
     sent : sequence of float
         Positions of the last joint state.
+    locate : callable
+        As `report`, of the odometry of a base that moves.
+    slip : callable
+        Called with the velocities of the base; returns those that it has.
 
     """
 
@@ -138,9 +145,14 @@ class World:
         values = {**DEFAULTS, **values}
         self.values = values
         self.period = 1.0 / values['rate'] if values['rate'] else values['state_timeout']
-        self.q, self.velocity = np.array(q, dtype=float), np.zeros(robot.n)
+        self.q = np.array(q, dtype=float)
+        self.velocity = np.zeros(len(robot.joint_names))
+        # Where base and joints truly are, and how the base was commanded to move.
+        self.base = robot.configuration(self.q)[:robot.nq - len(self.q)]
+        self.twist = np.zeros(robot.n - len(self.q))
+        self.locate, self.slip = (lambda world: [world.odometry()]), (lambda velocity: velocity)
         self.heard_at = self.now
-        self.monitor, self.told = Monitor(), []
+        self.monitor, self.told, self.located = Monitor(), [], []
         self.report, self.plant = (lambda world: [world.state()]), (lambda velocity: velocity)
         self.frozen, self.receiver_timeout = False, np.inf
         self.controller = SharedController(robot, Stack.from_yaml(stack, robot),
@@ -161,6 +173,21 @@ class World:
                              position=list(self.q if q is None else q))
         message.header.stamp = Time(nanoseconds=round(1e9 * (CLOCK_OFFSET + stamp))).to_msg()
         return message
+
+    def odometry(self, base=None, stamp=None):
+        """Return odometry: true by default."""
+        if base is None and stamp is None:
+            self.located.append(self.now)
+        stamp = self.now if stamp is None else stamp
+        message = Odometry()
+        fill_odometry(message, self.robot.base_placement(
+            np.concatenate((self.base if base is None else base, self.q))), np.zeros(6))
+        message.header.stamp = Time(nanoseconds=round(1e9 * (CLOCK_OFFSET + stamp))).to_msg()
+        return message
+
+    def hear_base(self, raw):
+        """Take a command for the base."""
+        self.twist = self.robot.base_velocities(twist_of(deserialize_message(raw, Twist)))
 
     def hear(self, raw):
         """Take a command."""
@@ -188,19 +215,27 @@ class World:
         """Make one step of the robot, of its joint states and of the loop."""
         self.now += STEP
         if self.now - self.heard_at > self.receiver_timeout:
-            self.velocity = np.zeros(self.robot.n)
+            self.velocity = np.zeros(len(self.q))
         self.q = self.q + STEP * self.plant(self.velocity)
+        if self.robot.moves:
+            whole = np.concatenate((self.base, self.q))
+            moved = self.robot.integrate(whole, np.concatenate((
+                self.slip(self.twist), np.zeros(len(self.q)))), STEP)
+            self.base = moved[:len(self.base)]
         self.monitor.position(self.now, self.q)
         if next(self._steps) % round(STATE_PERIOD / STEP) == 0:
             for message in self.report(self):
                 self.node.queues[0].put(serialize_message(message))
                 self.sent = message.position
+            for message in self.locate(self) if self.robot.moves else ():
+                self.node.queues[1].put(message)
         if not self.frozen:
             self._run_loop()
 
     def _run_loop(self):
         """Do what an executor does."""
-        self.node.queues[0].run()
+        for queue in self.node.queues:
+            queue.run()
         for timer in self.node.timers:
             if self.now >= timer.due - 1e-9:
                 timer.callback()

@@ -1,0 +1,231 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Odometry and bases at fault, in computed time, on every kind of base and from 20 Hz to 1 kHz.
+
+The base goes on as it was told last, until the next command; the world knows where it truly is.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from robots import PANDA_DH, PANDA_READY
+from scipy.spatial.transform import Rotation
+from tp_controller import Robot
+from world import World
+
+SEEDS = range(2)
+BASES = 'planar', 'differential', 'floating', 'underwater'
+RATES = 20.0, 100.0, 0.0, 1000.0
+ROBOTS = {base: Robot.from_file(PANDA_DH, base=base) for base in BASES}
+STACK = '- drive: {type: base_pose, gain: 1.0}\n- posture: {type: posture, gain: 0.5}\n'
+# What a computed clock and its steps may add to a timeout [s].
+STEPS = 0.02
+
+
+def make_world(patch, base, rate, **values):
+    """Return a world whose base is on its way to a place far ahead."""
+    world = World(patch, ROBOTS[base], STACK, PANDA_READY, rate=rate, **values)
+    goal = np.eye(4)
+    goal[0, 3] = 30.0
+    world.controller.set_goal('drive', goal, world.now)
+    assert world.run(1.0, until=lambda: drives(world)), world.stopped()
+    world.run(0.5)
+    return world
+
+
+def drives(world):
+    """Return whether the base is commanded to move, by more than a little."""
+    return bool(np.abs(world.twist).max() > 0.2)
+
+
+# Faults ---------------------------------------------------------------------------------------
+
+def silence(world, random):
+    """Send nothing."""
+    return lambda world: []
+
+
+def repeated(world, random):
+    """Send the same message again and again."""
+    base, stamp = world.base.copy(), world.now
+    return lambda world: [world.odometry(base, stamp)]
+
+
+def old(world, random):
+    """Stamp everything as if it were old."""
+    shift = 10.0 ** random.uniform(-0.6, 3.0)
+    return lambda world: [world.odometry(stamp=world.now - shift)]
+
+
+def ahead(world, random):
+    """Stamp everything as if it came from the future."""
+    shift = 10.0 ** random.uniform(-0.6, 3.0)
+    return lambda world: [world.odometry(stamp=world.now + shift)]
+
+
+def not_a_number(world, random):
+    """Send a position that is no number."""
+    def report(world):
+        message = world.odometry()
+        message.pose.pose.position.y = math.nan
+        return [message]
+    return report
+
+
+@pytest.mark.parametrize('seed', SEEDS[:1])
+@pytest.mark.parametrize('rate', RATES)
+@pytest.mark.parametrize('base', BASES)
+@pytest.mark.parametrize('fault', [silence, repeated, old, ahead, not_a_number])
+def test_odometry_that_is_late_or_no_pose_stops_the_robot(monkeypatch, fault, base, rate, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, base, rate)
+    world.locate = fault(world, random)
+    assert world.run(world.values['state_timeout'] + world.period + STEPS,
+                     until=lambda: world.stopped().startswith('no odometry')), world.stopped()
+    assert not world.twist.any() and not world.velocity.any()
+    stopped_at = world.base.copy()
+    world.run(1.5)
+    assert (world.base == stopped_at).all()
+    world.locate = lambda world: [world.odometry()]
+    assert world.run(1.0, until=lambda: drives(world)), world.stopped()
+
+
+@pytest.mark.parametrize('rate', RATES)
+@pytest.mark.parametrize('base', BASES)
+@pytest.mark.parametrize('distance', [0.5, 5.0])
+def test_odometry_that_jumps_stops_the_robot_until_a_start(monkeypatch, base, rate, distance):
+    world = make_world(monkeypatch, base, rate)
+    world.base = world.robot.integrate(
+        np.concatenate((world.base, world.q)),
+        np.concatenate((np.eye(len(world.twist))[0], np.zeros(7))), distance)[:len(world.base)]
+    assert world.run(world.period + STEPS, until=world.stopped)
+    assert 'odometry jumped by' in world.stopped() and not world.twist.any()
+    stopped_at = world.base.copy()
+    world.run(1.1)
+    assert (world.base == stopped_at).all() and 'call ~/start to go on' in world.stopped()
+    assert world.loop.lasting() == ''
+    world.loop.restart()
+    assert world.run(0.5, until=lambda: drives(world))
+
+
+@pytest.mark.parametrize('rate', RATES)
+@pytest.mark.parametrize('base', BASES)
+def test_odometry_that_runs_away_in_small_steps_stops_the_robot(monkeypatch, base, rate):
+    world = make_world(monkeypatch, base, rate)
+    # Each step is far below what may lie between two messages.
+    world.slip = lambda velocity: 6.0 * np.ones_like(velocity)
+    assert world.run(0.4, until=world.stopped), world.base
+    assert 'odometry jumped by' in world.stopped() and not world.twist.any()
+
+
+def frozen(world):
+    """Let the odometry report one place with stamps that go on."""
+    place = world.base.copy()
+    world.locate = lambda world: [world.odometry(place)]
+
+
+def blocked(world):
+    """Block the wheels."""
+    world.slip = np.zeros_like
+
+
+def reversed_(world):
+    """Let the base drive the other way."""
+    world.slip = np.negative
+
+
+def fast(world):
+    """Let the base drive three times as fast."""
+    world.slip = lambda velocity: 3.0 * velocity
+
+
+@pytest.mark.parametrize('rate', RATES)
+@pytest.mark.parametrize('base', BASES)
+@pytest.mark.parametrize('fault', [frozen, blocked, reversed_, fast])
+def test_a_base_that_does_not_follow_is_stopped_until_a_start(monkeypatch, fault, base, rate):
+    world = make_world(monkeypatch, base, rate)
+    fault(world)
+    # One window of 1 s, the lag of 0.3 s, and at 20 Hz 27 cycles.
+    assert world.run(1.5, until=world.stopped)
+    assert 'base_x does not follow' in world.stopped() and not world.twist.any()
+    assert 'call ~/start to go on' in world.stopped()
+
+
+@pytest.mark.parametrize('base', BASES)
+def test_a_base_that_moves_slowly_has_to_follow_as_well(monkeypatch, base):
+    world = make_world(monkeypatch, base, 100.0)
+    ahead = world.robot.integrate(np.concatenate((world.base, world.q)), np.concatenate((
+        np.eye(len(world.twist))[0], np.zeros(7))), 0.4)
+    T = np.eye(4)
+    T[:2, 3] = ahead[:2]
+    world.controller.set_goal('drive', T, world.now)
+    world.run(1.0)
+    frozen(world)
+    assert 0.0 < np.abs(world.twist).max() < 0.2
+    assert world.run(8.0, until=world.stopped) and 'does not follow' in world.stopped()
+
+
+# No false alarms ------------------------------------------------------------------------------
+
+def estimated(random, rate, correction):
+    """Return odometry of an estimator: noise, a slow drift, and corrections of it."""
+    offset, due, heard = np.zeros(3), [random.uniform(0.5, 2.0)], [-1.0]
+
+    def report(world):
+        if world.now - heard[0] < 1.0 / rate - 1e-9:
+            return []
+        heard[0] = world.now
+        if due[0] < world.now - 100.0:
+            due[0] += random.uniform(0.5, 2.0)
+            offset[:] = random.uniform(-0.5, 0.5, 3) * correction
+        message = world.odometry(world.base)
+        world.located.append(world.now)
+        place, turn = message.pose.pose.position, message.pose.pose.orientation
+        place.x += offset[0] + random.normal(0.0, 0.005)
+        place.y += offset[1] + random.normal(0.0, 0.005)
+        yaw = Rotation.from_euler('z', offset[2] + random.normal(0.0, 0.005))
+        turn.x, turn.y, turn.z, turn.w = (
+            yaw * Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])).as_quat()
+        return [message]
+    return report
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('rate', RATES)
+@pytest.mark.parametrize('base', BASES)
+@pytest.mark.parametrize('correction', [0.0, 0.2])
+def test_an_estimator_that_corrects_itself_stops_nothing(monkeypatch, base, rate, seed,
+                                                         correction):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, base, rate)
+    world.locate = estimated(random, random.choice([30.0, 50.0, 200.0]), correction)
+    lag = np.zeros(len(world.twist))
+
+    def drive(velocity):
+        # As a base whose motors take 0.1 s.
+        lag[:] += 0.01 * (velocity - lag)
+        return lag
+
+    world.slip = drive
+    world.told.clear()
+    world.run(3.0)
+    # And near its goal.
+    T = np.eye(4)
+    T[:2, 3] = world.base[:2] + [0.5, 0.0]
+    world.controller.set_goal('drive', T, world.now)
+    world.run(2.0)
+    assert world.told == []
