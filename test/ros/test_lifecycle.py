@@ -156,3 +156,28 @@ def test_another_description_is_named_and_taken_after_a_cleanup(harness, log):
     for name in ('deactivate', 'cleanup', 'configure', 'activate'):
         assert change(harness, name)
     harness.spin_until(lambda: commands[-1] == [0.25], 'slower motion', meanwhile=arm.publish)
+
+
+def test_a_cycle_that_was_called_before_the_last_zeros_commands_nothing_after_them(harness):
+    controller, commands, _ = start(harness)
+    assert change(harness, 'configure') and change(harness, 'activate')
+    arm = Arm(harness)
+    harness.spin_until(lambda: any(commands and commands[-1]), 'motion', meanwhile=arm.publish)
+    loop = controller._loop
+    loop.deactivate('over')
+    loop._cycle()
+    harness.spin_until(lambda: commands[-3:] == [ZEROS] * 3, 'the last zeros')
+    assert change(harness, 'deactivate')
+    harness.spin_until(lambda: commands[-6:] == [ZEROS] * 6, 'the zeros of the transition')
+
+
+def test_a_controller_that_was_halted_moves_no_more_whatever_is_activated(harness):
+    controller, commands, status = start(harness)
+    assert change(harness, 'configure') and change(harness, 'activate')
+    arm = Arm(harness)
+    harness.spin_until(lambda: any(commands and commands[-1]), 'motion', meanwhile=arm.publish)
+    controller.halt('ended by SIGINT')
+    harness.spin_until(lambda: status.head == 'ended by SIGINT')
+    assert change(harness, 'deactivate') and change(harness, 'activate')
+    harness.spin_until(lambda: commands[-10:] == [ZEROS] * 10, meanwhile=arm.publish)
+    assert status.head == 'ended by SIGINT'

@@ -155,7 +155,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._task_parameters: TaskParameters | None = None
         self._descriptions: Subscription | None = None
         self._checked_stack: Stack | None = None
-        self._stack_fault, self._taken = '', ''
+        self._stack_fault, self._taken, self._ending = '', '', ''
         self._configured = self._active = self._stopped = False
         self._fault: Exception | None = None
         self._others: dict[str, int] = {}
@@ -196,6 +196,16 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         for fault in prepare(values['realtime_priority'], values['processor'],
                              values['lock_memory'], values['freeze_garbage']):
             self._log.warning(fault)
+
+    def halt(self, reason: str) -> None:
+        """Command zeros for the last time, and say why, whatever the other threads do."""
+        # Whoever makes or activates a loop from now on finds it stopped.
+        self._ending = reason
+        self._hold()
+        if self.context.ok():
+            if self._loop is not None:
+                self._loop.deactivate(reason)
+            self._reporter.say(reason)
 
     def close(self, reason: str) -> None:
         """Command zeros for the last time, and say why, unless ROS has ended already."""
@@ -314,8 +324,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
     def _hold(self) -> None:
         """Tell the loop what somebody has to change before the robot moves."""
         if self._loop is not None:
-            self._loop.hold = INACTIVE if not self._active else \
-                STOPPED if self._stopped else self._stack_fault
+            self._loop.hold = self._ending or (
+                INACTIVE if not self._active else STOPPED if self._stopped else self._stack_fault)
 
     # Robot --------------------------------------------------------------------------------
 
