@@ -441,13 +441,17 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         if self._controller is None or self._task_parameters is None:
             return
         stack = self._checked_stack if 'stack' in changed else None
-        # As it was is what the tasks' goals have been sent for; ~/reload starts afresh.
-        if stack is not None and stack.text != self._controller.stack.text:
-            self._use_stack(stack)
-        else:
-            with self._controller.lock:
-                self._controller.settings = self._settings
-                self._task_parameters.apply(changed)
+        try:
+            # As it was is what the tasks' goals have been sent for; ~/reload starts afresh.
+            if stack is not None and stack.text != self._controller.stack.text:
+                self._use_stack(stack)
+            else:
+                with self._controller.lock:
+                    self._controller.settings = self._settings
+                    self._task_parameters.apply(changed)
+        except Exception as error:
+            # Of a task: what it has checked may still fail.
+            self._log.error(f'parameters {", ".join(changed)}: {in_words(error)}')
 
     # Others, services ---------------------------------------------------------------------
 

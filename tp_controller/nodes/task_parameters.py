@@ -25,6 +25,7 @@ from rclpy.parameter import Parameter
 from tp_controller.control.controller import Controller
 from tp_controller.control.gains import check_gain, check_tolerance, set_gain, set_tolerance
 from tp_controller.errors import SettingsError
+from tp_controller.foreign import foreign
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.parameters import declare, Spec, TASKS, wrong_type
 from tp_controller.tasks.keys import LARGEST
@@ -139,8 +140,9 @@ class TaskParameters:
 
 def _entries(stack: Stack, period: float = math.inf) -> dict[str, TaskParameter]:
     """Return {name: TaskParameter} with the values of the tasks, in cycles of a period [s]."""
-    return {entry.spec.name: entry for task in stack.tasks.values()
-            for entry in _entries_of(task, period)}
+    with foreign:
+        return {entry.spec.name: entry for task in stack.tasks.values()
+                for entry in _entries_of(task, period)}
 
 
 def _entries_of(task: Task, period: float) -> Iterator[TaskParameter]:
