@@ -311,7 +311,8 @@ def test_parameters_change_while_the_robot_moves(any_harness):
     ({'stack': '/nowhere/stack.yaml'}, 'no file /nowhere/stack.yaml'),
     ({'rate': 50.0}, 'fixed while the node is configured'),
     ({'command_joints': ['joint1']}, 'fixed while the node is configured'),
-    ({'limits__joint1__velocity': 5.0}, 'fixed while the node is configured'),
+    ({'limits__joint1__velocity': 5.0}, 'at most 1 rad/s'),
+    ({'limits__joint1__upper': 5.0}, 'fixed while the node is configured'),
     # All or none.
     ({'stack': SLOW, 'damping': -1.0}, 'damping'),
 ])

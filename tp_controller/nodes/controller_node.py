@@ -36,6 +36,7 @@ from std_srvs.srv import Trigger
 from tp_controller.control.settings import Settings
 from tp_controller.errors import EvaluationError, in_words, RobotError, SettingsError
 from tp_controller.model.robot import Robot
+from tp_controller.nodes.limit_parameters import LimitParameters, robot_from
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.loop import boot_time, ControlLoop, INACTIVE
 from tp_controller.nodes.parameters import (
@@ -43,13 +44,11 @@ from tp_controller.nodes.parameters import (
     fixed_faults,
     names_in,
     ROBOT,
-    robot_from,
     SETTINGS,
     settings_from,
     Spec,
     take_numbers_as_text,
     TASKS,
-    undeclare_limits,
     warn_unknown,
 )
 from tp_controller.nodes.realtime import prepare
@@ -142,6 +141,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         LifecycleNodeMixin.__init__(self)
         self._values = declare(self, PARAMETERS)
         self._log = Log(self.get_logger())
+        self._limits = LimitParameters(self, adjustable=True)
         self.loop_node = Node(
             f'{self.get_name()}_loop', context=self.context, namespace=self.get_namespace(),
             # Topics get their names from this node, whatever they are remapped to.
@@ -317,7 +317,6 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
             self.destroy_subscription(self._descriptions)
         self._loop = self._controller = self._topics = self._descriptions = None
         self._task_parameters = None
-        undeclare_limits(self)
         self._configured, self._stack_fault = False, ''
         self._reporter.leave(NOT_CONFIGURED)
 
@@ -337,7 +336,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
 
     def _make_robot(self, description: str | None = None) -> Robot | None:
         """Return the robot, None without a description."""
-        return robot_from(self, self._values, description, names_in(self._values['joints']))
+        return robot_from(self._limits, self._values, description,
+                          names_in(self._values['joints']))
 
     def _on_description(self, message: String) -> None:
         """Take the first usable description from the topic."""
@@ -428,6 +428,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
                     if stack.text != self._controller.stack.text:
                         _refuse_with_stack(given)
                 self._task_parameters.check(given)
+                self._limits.check(given, self._controller)
                 self._controller.check_settings(settings, stack)
         except Exception as error:
             return SetParametersResult(successful=False, reason=in_words(error))
@@ -441,6 +442,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         if self._controller is None or self._task_parameters is None:
             return
         stack = self._checked_stack if 'stack' in changed else None
+        self._limits.apply(changed, self._controller)
         try:
             # As it was is what the tasks' goals have been sent for; ~/reload starts afresh.
             if stack is not None and stack.text != self._controller.stack.text:

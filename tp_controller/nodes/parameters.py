@@ -34,14 +34,9 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from tp_controller.control.settings import Settings
-from tp_controller.errors import RobotError, SettingsError
-from tp_controller.model.limits import BASE_LIMIT_KEYS, LIMIT_KEYS
+from tp_controller.errors import SettingsError
 from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
-from tp_controller.model.robot import Robot
 from tp_controller.resources import load_yaml
-
-# By velocity and key.
-Limits = dict[str, dict[str, float]]
 
 # What ROS tools show of a parameter that cannot change.
 FIXED = 'fixed while the node is configured'
@@ -55,7 +50,6 @@ TEXTS = (Parameter.Type.STRING, Parameter.Type.STRING_ARRAY)
 LIMITS = 'limits.'
 # Start of the names of the tasks' gains and tolerances.
 TASKS = 'tasks.'
-UNIT_ENDINGS = {'velocity': '/s', 'acceleration': '/s²'}
 EXAMPLES = {
     'DOUBLE': 'a double, such as 1.0', 'INTEGER': 'an integer, such as 1',
     'STRING': 'a string', 'BOOL': 'true or false',
@@ -229,12 +223,6 @@ def keep_fixed(node: Node) -> None:
     node.add_on_set_parameters_callback(check)
 
 
-def undeclare_limits(node: Node) -> None:
-    """Undeclare the parameters that a robot has made."""
-    for name in list(node.get_parameters_by_prefix(LIMITS[:-1])):
-        node.undeclare_parameter(LIMITS + name)
-
-
 def names_in(value: Sequence[str]) -> list[str] | None:
     """Return the names in a parameter; None, where an empty one stands for all."""
     return None if list(value) == [''] else list(value)
@@ -276,79 +264,3 @@ def settings_from(values: Mapping[str, Any], period: float, origin: str) -> Sett
     except SettingsError as error:
         raise SettingsError([f'{fault} (period is {origin})' if 'period' in fault else fault
                              for fault in error.faults]) from error
-
-
-def robot_from(node: Node, values: Mapping[str, Any], description: str | None = None,
-               joints: Sequence[str] | None = None) -> Robot | None:
-    """
-    Return the robot that the parameters describe.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Node that gets a parameter for each limit of each joint.
-    values : dict
-        Values of `ROBOT`.
-    description : str, optional
-        URDF from the topic.
-    joints : list of str, optional
-        Driven joints.
-
-    Returns
-    -------
-    Robot or None
-        None while there is no description.
-
-    Raises
-    ------
-    RobotError, SettingsError
-        What is wrong with the description or a limit.
-
-    """
-    if not values['robot'] and not values['robot_description'] and description is None:
-        return None
-    urdf: str = values['robot_description'] or description or ''
-
-    def build(limits: Limits | None = None) -> Robot:
-        options = {'joints': joints, 'limits': limits, 'base': values['base'],
-                   'world_frame': values['world_frame']}
-        if values['robot']:
-            return Robot.from_file(values['robot'], **options)
-        if '<' not in urdf:
-            raise RobotError(f'robot_description must be URDF text, not {urdf[:40]!r}; a file '
-                             'goes into the parameter robot')
-        return Robot.from_urdf(urdf, **options)
-
-    robot = build()
-    limits = _limits(node, robot)
-    return build(limits=limits) if limits else robot
-
-
-def _limits(node: Node, robot: Robot) -> Limits:
-    """Return {velocity: {key: value}} of the limits that parameters replace."""
-    specs = [Spec(f'{LIMITS}{name}.{key}', float(getattr(robot, key)[row]),
-                  f'{key} limit of {name}; changed, it replaces the one in the description',
-                  unit + UNIT_ENDINGS.get(key, ''), fixed=True)
-             for row, (name, unit) in enumerate(zip(robot.velocity_names, robot.velocity_units))
-             for key in (LIMIT_KEYS if name in robot.joint_names else BASE_LIMIT_KEYS)]
-    strange = {name for name in node._parameter_overrides
-               if name.startswith(LIMITS)} - {spec.name for spec in specs}
-    if strange:
-        raise SettingsError([f'unknown parameter {", ".join(sorted(strange))}; valid: '
-                             f'{LIMITS}<joint>.{"|".join(LIMIT_KEYS)} with the driven joints '
-                             f'{", ".join(robot.joint_names)}{_base_limits(robot)}'])
-    limits: Limits = {}
-    described = {spec.name: spec.default for spec in specs}
-    for name, value in declare(node, specs).items():
-        if value != described[name]:
-            joint, key = name.removeprefix(LIMITS).rsplit('.', 1)
-            limits.setdefault(joint, {})[key] = value
-    return limits
-
-
-def _base_limits(robot: Robot) -> str:
-    """Return which limits of a base there are, as the end of a list."""
-    names = robot.velocity_names[:robot.joint_columns.start]
-    if not names:
-        return ''
-    return f'; {LIMITS}<axis>.{"|".join(BASE_LIMIT_KEYS)} with {", ".join(names)}'

@@ -36,12 +36,12 @@ from tp_controller.errors import RobotError
 from tp_controller.model.simulator import initial_positions, KinematicSimulator, SimulatorNoise
 from tp_controller.nodes.base_topics import fill_odometry, twist_of
 from tp_controller.nodes.deadlines import promise
+from tp_controller.nodes.limit_parameters import LimitParameters, robot_from
 from tp_controller.nodes.parameters import (
     declare,
     keep_fixed,
     names_in,
     ROBOT,
-    robot_from,
     Spec,
     take_numbers_as_text,
     warn_unknown,
@@ -86,7 +86,7 @@ class SimulatorNode(ClosableNode):
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, **options)
         values = declare(self, PARAMETERS)
-        robot = robot_from(self, values)
+        robot = robot_from(LimitParameters(self), values)
         if robot is None:
             raise RobotError('parameter robot (a file) or robot_description (URDF text) is needed')
         self._robot = robot
