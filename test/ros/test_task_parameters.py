@@ -136,7 +136,7 @@ def test_a_tolerance_that_is_set_is_that_of_the_status(rig):
 @pytest.mark.parametrize('values, told', [
     ({'tasks.swing.gain': 0.0}, 'gain of task swing must be positive'),
     ({'tasks.swing.gain': -1.0}, 'out of range'),
-    ({'tasks.swing.gain': 1}, "expected 'Type.DOUBLE' got 'Type.INTEGER'"),
+    ({'tasks.swing.gain': True}, "expected 'Type.DOUBLE' got 'Type.BOOL'"),
     ({'tasks.swing.gain': [1.0, 1.0, 1.0]}, "expected 'Type.DOUBLE' got 'Type.DOUBLE_ARRAY'"),
     ({'tasks.swing.gain': float('nan')}, 'out of range'),
     ({'tasks.swing.gain': float('inf')}, 'out of range'),
@@ -202,11 +202,11 @@ def test_what_the_node_was_started_with_goes_before_every_stack(harness, tmp_pat
 
 
 @pytest.mark.parametrize('values, told', [
-    ({'swing.gain': 1}, 'parameter tasks.swing.gain must be a double, such as 1.0, not 1'),
+    ({'swing.gain': True}, 'parameter tasks.swing.gain must be a number, such as 1.0, not True'),
     ({'swing.gain': -1.0}, 'parameter tasks.swing.gain: gain of task swing must be positive'),
     ({'inside.gain': 200.0}, 'parameter tasks.inside.gain: gain 200 of task inside must be at '
                              'most 1/period = 100, or its bounds would be crossed'),
-    ({'both.gain': 2.0}, 'parameter tasks.both.gain must be a list of doubles'),
+    ({'both.gain': 2.0}, 'parameter tasks.both.gain must be a list of numbers'),
     ({'both.tolerance.m': 0.0, 'swing.gain': 0.0}, 'must be positive, got 0; parameter tasks.')])
 def test_a_faulty_start_value_is_named_and_the_robot_stays_where_it_is(harness, values, told):
     controller = harness.controller(

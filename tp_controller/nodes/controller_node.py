@@ -47,7 +47,7 @@ from tp_controller.nodes.parameters import (
     SETTINGS,
     settings_from,
     Spec,
-    take_numbers_as_text,
+    take_numbers,
     TASKS,
     warn_unknown,
 )
@@ -164,7 +164,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self.loop_node.create_service(Trigger, self.resolve_service_name('~/stop'), self._on_stop)
         for name, callback in (('start', self._on_start), ('reload', self._on_reload)):
             self.create_service(Trigger, f'~/{name}', callback)
-        take_numbers_as_text(self)
+        take_numbers(self)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self.create_timer(LOOK_SECONDS, self._look_for_others,

@@ -45,16 +45,16 @@ EQUAL = [1.0]
 # What stands for the empty list.
 EMPTY: Mapping[str, list[float] | list[str]] = {
     'weights': EQUAL, 'joints': [''], 'command_joints': ['']}
-TEXTS = (Parameter.Type.STRING, Parameter.Type.STRING_ARRAY)
+LISTS = (Parameter.Type.STRING, Parameter.Type.STRING_ARRAY, Parameter.Type.INTEGER_ARRAY)
 # Start of the names of the joints' limits.
 LIMITS = 'limits.'
 # Start of the names of the tasks' gains and tolerances.
 TASKS = 'tasks.'
 EXAMPLES = {
-    'DOUBLE': 'a double, such as 1.0', 'INTEGER': 'an integer, such as 1',
+    'DOUBLE': 'a number, such as 1.0', 'INTEGER': 'an integer, such as 1',
     'STRING': 'a string', 'BOOL': 'true or false',
     'STRING_ARRAY': 'a list of strings, such as [a, b]',
-    'DOUBLE_ARRAY': 'a list of doubles, such as [1.0, 2.0]'}
+    'DOUBLE_ARRAY': 'a list of numbers, such as [1.0, 2.0]'}
 
 
 @dataclass(frozen=True)
@@ -144,6 +144,10 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     faults: list[str] = []
     for spec in specs:
+        given = node._parameter_overrides.get(spec.name)
+        if given is not None:
+            kind = Parameter.Type.from_parameter_value(spec.default)
+            node._parameter_overrides[spec.name] = as_type(given, kind)
         try:
             values[spec.name] = node.declare_parameter(
                 spec.name, spec.default, spec.descriptor()).value
@@ -152,9 +156,8 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
         except InvalidParameterTypeException:
             faults.append(wrong_type(spec, node._parameter_overrides[spec.name].value))
         except InvalidParameterValueException:
-            given = node._parameter_overrides[spec.name].value
             faults.append(f'parameter {spec.name} must be from {spec.lower:g} to {spec.upper:g}, '
-                          f'not {given!r}')
+                          f'not {node._parameter_overrides[spec.name].value!r}')
     if faults:
         raise SettingsError(faults)
     return values
@@ -166,30 +169,31 @@ def wrong_type(spec: Spec, given: object) -> str:
     return f'parameter {spec.name} must be {EXAMPLES[kind.name]}, not {given!r}'
 
 
-def take_numbers_as_text(node: Node) -> None:
-    """
-    Take numbers that are written as text for doubles of a node from now on.
-
-    ``ros2 param load`` sends ``.inf`` and ``1.0e-05`` as text. The empty list, which has no type
-    there, stands for all joints, or equal weights, as the default does: as a start value it would
-    be refused.
-    """
+def take_numbers(node: Node) -> None:
+    """Take whatever says a number for doubles of a node from now on; see `as_type`."""
     def as_declared(parameters: Sequence[Parameter]) -> list[Parameter]:
-        return [_as_declared(node, parameter) for parameter in parameters]
+        return [as_type(parameter, node.get_parameter_or(parameter.name).type_)
+                for parameter in parameters]
 
     node.add_pre_set_parameters_callback(as_declared)
 
 
-def _as_declared(node: Node, parameter: Parameter) -> Parameter:
-    """Return a parameter with the type that it was declared with, where that is possible."""
+def as_type(parameter: Parameter, kind: Parameter.Type) -> Parameter:
+    """
+    Return a parameter with the type that it is declared with, where that is possible.
+
+    Integers are numbers, too, and ``ros2 param load`` sends ``.inf`` and ``1.0e-05`` as text. The
+    empty list, which has no type there, stands for all joints, or equal weights, as the default
+    does.
+    """
     name, value = parameter.name, parameter.value
-    kind = node.get_parameter_or(name).type_
     try:
         if name in EMPTY and isinstance(value, (list, array)) and not value:
             return Parameter(name, kind, EMPTY[name])
-        if kind is Parameter.Type.DOUBLE and isinstance(value, str):
+        if kind is Parameter.Type.DOUBLE and parameter.type_ in (
+                Parameter.Type.STRING, Parameter.Type.INTEGER):
             return Parameter(name, kind, float(value))
-        if kind is Parameter.Type.DOUBLE_ARRAY and parameter.type_ in TEXTS:
+        if kind is Parameter.Type.DOUBLE_ARRAY and parameter.type_ in LISTS:
             # Infinite ones make it a list of text, 1e-05 among others makes it a text.
             numbers = load_yaml(value) if isinstance(value, str) else value
             return Parameter(name, kind, list(map(float, numbers)))

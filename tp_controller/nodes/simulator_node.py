@@ -43,7 +43,7 @@ from tp_controller.nodes.parameters import (
     names_in,
     ROBOT,
     Spec,
-    take_numbers_as_text,
+    take_numbers,
     warn_unknown,
 )
 from tp_controller.nodes.runner import ClosableNode, run
@@ -108,7 +108,7 @@ class SimulatorNode(ClosableNode):
         self._tf = TfBroadcast(self) if values['publish_tf'] and robot.moves else None
         self._connect()
         keep_fixed(self)
-        take_numbers_as_text(self)
+        take_numbers(self)
         warn_unknown(self)
         self.get_logger().info(
             f'simulating {self._robot.name} ({len(self._robot.joint_names)} joints, base '

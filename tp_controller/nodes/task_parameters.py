@@ -27,7 +27,7 @@ from tp_controller.control.gains import check_gain, check_tolerance, set_gain, s
 from tp_controller.errors import SettingsError
 from tp_controller.foreign import foreign
 from tp_controller.nodes.log import Log
-from tp_controller.nodes.parameters import declare, Spec, TASKS, wrong_type
+from tp_controller.nodes.parameters import as_type, declare, Spec, TASKS, wrong_type
 from tp_controller.tasks.keys import LARGEST
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Task
@@ -82,7 +82,9 @@ class TaskParameters:
             given = self._started_with.get(name)
             if given is None:
                 continue
-            if given.type_ is not Parameter.Type.from_parameter_value(entry.spec.default):
+            kind = Parameter.Type.from_parameter_value(entry.spec.default)
+            given = as_type(given, kind)
+            if given.type_ is not kind:
                 faults.append(wrong_type(entry.spec, given.value))
                 continue
             task = stack.tasks[entry.task]

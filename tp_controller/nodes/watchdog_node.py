@@ -27,7 +27,13 @@ from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Float64MultiArray
 from tp_controller.nodes.base_topics import twist_of
 from tp_controller.nodes.commands import LAST_ZEROS, TOPIC
-from tp_controller.nodes.parameters import declare, keep_fixed, Spec, warn_unknown
+from tp_controller.nodes.parameters import (
+    declare,
+    keep_fixed,
+    Spec,
+    take_numbers,
+    warn_unknown,
+)
 from tp_controller.nodes.runner import ClosableNode, run
 
 # Controllers that publish the same commands take nodes whose name ends so for no competitors.
@@ -89,6 +95,7 @@ class WatchdogNode(ClosableNode):
         self.create_timer(values['timeout'] / 4.0, self._on_timer,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         keep_fixed(self)
+        take_numbers(self)
         warn_unknown(self)
 
     def close(self, reason: str) -> None:
