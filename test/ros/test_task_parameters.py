@@ -17,6 +17,7 @@
 from harness import Arm, Status
 import numpy as np
 import pytest
+from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from robots import PLANAR_DH
 from tp_controller.nodes.controller_node import ControllerNode
@@ -215,3 +216,28 @@ def test_a_faulty_start_value_is_named_and_the_robot_stays_where_it_is(harness, 
     assert controller._stack_fault.startswith('no valid stack: parameter tasks.')
     assert told in controller._stack_fault
     harness.spin_until(lambda: status.head.startswith('no valid stack'))
+
+
+def test_what_belongs_to_a_task_that_stays_is_not_made_anew(harness):
+    rig = Rig(harness)
+    rig.spin_until_command(VELOCITY)
+
+    def parts():
+        return {part for part in (*rig.controller.services, *rig.controller.subscriptions,
+                                  *rig.controller.publishers)
+                if '/swing/' in getattr(part, 'topic_name', getattr(part, 'srv_name', ''))}
+
+    before, events = parts(), harness.record(ParameterEvent, '/parameter_events')
+    assert len(before) == 3
+    assert harness.trigger('reload').success
+    assert rig.change({'stack': STACK + '- later: {type: posture}\n'}) == ''
+    assert rig.change({'stack': STACK.replace('gain: 5.0', 'gain: 4.0')}) == ''
+    assert rig.change({'damping': 0.25}) == ''
+    changed = {}
+    harness.spin_until(lambda: changed.update(
+        {each.name: each for event in events
+         for each in (*event.new_parameters, *event.changed_parameters, *event.deleted_parameters)
+         }) or 'damping' in changed, 'the events')
+    assert {'tasks.later.gain', 'tasks.inside.gain'} <= set(changed)
+    assert not {name for name in changed if name.startswith('tasks.swing.')}
+    assert parts() == before

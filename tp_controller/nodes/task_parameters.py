@@ -14,8 +14,8 @@
 
 """Gains and tolerances of the tasks of a stack as parameters."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 import math
 from typing import Any
 
@@ -99,10 +99,11 @@ class TaskParameters:
             raise SettingsError(faults)
 
     def follow_stack(self) -> None:
-        """Have the parameters of the stack in force, and no others."""
-        self.close()
-        self._declared = _entries(self._controller.stack, self._controller.settings.period)
-        declare(self._node, [entry.spec for entry in self._declared.values()])
+        """Have the parameters of the stack in force, and no others; equal ones stay."""
+        entries = _entries(self._controller.stack, self._controller.settings.period)
+        self._undeclare(name for name in self._declared if not self._stays(name, entries))
+        self._declared = entries
+        declare(self._node, [entry.spec for entry in entries.values()])
         strange = sorted(set(self._started_with) - set(self._declared))
         if strange:
             self._log.warning('parameters, ignored, of what no task of the stack has: '
@@ -127,11 +128,23 @@ class TaskParameters:
 
     def close(self) -> None:
         """Undeclare them."""
-        for name in self._declared:
+        self._undeclare(self._declared)
+        self._declared = {}
+
+    def _undeclare(self, names: Iterable[str]) -> None:
+        """Undeclare some of them."""
+        for name in names:
             # One that was refused when it was to be declared is not there.
             if self._node.has_parameter(name):
                 self._node.undeclare_parameter(name)
-        self._declared = {}
+
+    def _stays(self, name: str, entries: Mapping[str, TaskParameter]) -> bool:
+        """Return whether a parameter is what it would be if it were declared anew."""
+        if name not in entries or not self._node.has_parameter(name):
+            return False
+        before, after = self._declared[name].spec, entries[name].spec
+        return replace(before, default=after.default) == after \
+            and _plain(self._node.get_parameter(name).value) == after.default
 
     def _among(self, given: Mapping[str, Any]) -> Iterator[tuple[TaskParameter, Any]]:
         """Yield those of {parameter: value} that belong to a task."""
