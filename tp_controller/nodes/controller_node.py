@@ -118,6 +118,7 @@ LOOK_SECONDS, NEW_SECONDS = 0.5, 2.0
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STOPPED = 'stopped; call ~/start to go on'
+IGNORED = 'another description has arrived; deactivate, clean up and configure the node to take it'
 NO_ROBOT = 'no robot description yet'
 NOT_CONFIGURED = 'not configured; configure and activate the node'
 
@@ -342,9 +343,10 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
     def _on_description(self, message: String) -> None:
         """Take the first usable description from the topic."""
         if self._loop is not None:
-            if message.data != self._taken:
-                self._log.warning('topic robot_description: another description has arrived; '
-                                  'deactivate, clean up and configure the node to take it')
+            ignored = IGNORED if message.data != self._taken else ''
+            self._loop.figures.ignored_description = ignored
+            if ignored:
+                self._log.warning(f'topic robot_description: {IGNORED}')
             return
         try:
             robot = self._make_robot(message.data)

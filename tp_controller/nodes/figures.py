@@ -42,6 +42,9 @@ class Figures:
         How often joint states came later than `state_deadline`.
     other_publishers : int
         How many other nodes publish the same commands.
+    ignored_description : str
+        What to do about a robot description that has arrived and is not in use; empty where none
+        has.
 
     """
 
@@ -49,6 +52,7 @@ class Figures:
         self._period = period
         self.cycles = self.overruns = self.stalls = self.missed_deadlines = 0
         self.other_publishers = 0
+        self.ignored_description = ''
         # Start, duration, and time from a joint state to its command, of the last cycles.
         self._times = np.full((CYCLES, 3), np.nan)
         self._last_start = np.inf
@@ -74,6 +78,7 @@ class Figures:
                 'overruns': str(self.overruns), 'stalls': str(self.stalls),
                 'missed deadlines': str(self.missed_deadlines),
                 'other publishers': str(self.other_publishers),
+                'ignored description': self.ignored_description,
                 'solver': running(), 'cycles left to Python': str(left_to_the_reference())}
 
 
