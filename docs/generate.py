@@ -130,6 +130,8 @@ STATUS = {
     'cycles left to Python': 'cycles that the compiled solver could not solve',
     'stalls': 'how often the loop as a whole stood still for longer than `state_timeout`',
     'missed deadlines': 'how often joint states came later than `state_deadline`',
+    'ignored description': 'what to do where another `robot_description` has arrived than the '
+                           'one in use; empty if none has',
     'other publishers': 'how many other nodes publish the same commands',
     'type': 'type of the task',
     'level': 'level in the stack, 1 is the highest; `disabled` for a disabled task',

@@ -33,6 +33,7 @@ Every message names what is wrong and says what is valid.
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from tp_controller.foreign import foreign, Leaving
 from tp_controller.solver.errors import SolverError, suggestion, TpControllerError, unknown
 
 __all__ = [
@@ -121,13 +122,16 @@ class StackError(TpControllerError):
         super().__init__('; '.join(shown))
 
 
-def in_words(error: Exception) -> str:
+def in_words(error: BaseException) -> str:
     """Return what an exception says, with its type where it is not one of ours."""
     if isinstance(error, TpControllerError):
         return str(error)
+    if isinstance(error, Leaving) and error.__cause__ is not None:
+        error = error.__cause__
     try:
-        text = str(error)
+        with foreign:
+            text = str(error)
     except Exception:
         # An exception may be anybody's code, too.
         text = 'without a message'
-    return f'{type(error).__name__}: {text[:LONGEST]}'
+    return f'{type(error).__name__}: {text[:LONGEST]}' if text else type(error).__name__

@@ -284,6 +284,15 @@ def test_half_written_stack_is_not_taken_for_a_shorter_one(tmp_path, monkeypatch
     assert slept == [resources.SETTLED] * 2
 
 
+def test_pause_of_a_tenth_of_a_second_is_not_the_end_of_a_file(tmp_path, monkeypatch):
+    path, ages = tmp_path / 'stack.yaml', [0.1, 1.0]
+    path.write_text(TASK.format(1))
+    monkeypatch.setattr(resources.time, 'sleep',
+                        lambda seconds: path.write_text(TASK.format(1) + TASK.format(2)))
+    monkeypatch.setattr(resources.time, 'time', lambda: os.stat(path).st_mtime + ages.pop(0))
+    assert len(Stack.from_yaml(path, robots.planar()).tasks) == 2
+
+
 def test_file_that_never_settles_is_refused(tmp_path, monkeypatch):
     path = tmp_path / 'stack.yaml'
     path.write_text(TASK.format(1))

@@ -31,10 +31,12 @@ from monitor import promise_of
 import numpy as np
 import pytest
 from robots import PLANAR_DH
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tp_controller import Robot
 from tp_controller.demos.processes import NodeProcess
 from tp_controller.nodes.watchdog_node import Guard
+from visualization_msgs.msg import MarkerArray
 
 SEEDS = range(int(os.environ.get('TP_CONTROLLER_SEEDS', '5')))
 ACCELERATION = 2.0
@@ -68,6 +70,22 @@ def at_fault(self):
         {act}
     return cycle(self)
 ControlLoop._cycle = at_fault
+""")
+SKETCH = ('from tp_controller.tasks.joint import JointTask', """
+sketch = JointTask.sketch
+def at_fault(self, *arguments):
+    if switch.exists():
+        {act}
+    return sketch(self, *arguments)
+JointTask.sketch = at_fault
+""")
+PARSING = ('from tp_controller.tasks.joint import Joint', """
+parse = Joint.parse_goal
+def at_fault(self, goal):
+    if switch.exists():
+        {act}
+    return parse(self, goal)
+Joint.parse_goal = at_fault
 """)
 READING = ('from tp_controller.tasks.stack import Stack', """
 read = Stack.from_yaml.__func__
@@ -193,7 +211,76 @@ def test_a_fault_of_the_loop_ends_the_node_with_several_zeros_and_is_told(
     assert 'RuntimeError: broken' in controller.output()
 
 
+# Signals while something hangs ----------------------------------------------------------------
+
+# In C code that a signal does not interrupt.
+DEADLOCK = ('import ctypes; lock = ctypes.create_string_buffer(64); library = ctypes.CDLL(None); '
+            'library.pthread_mutex_lock(lock); library.pthread_mutex_lock(lock)')
+SLEEP = 'time.sleep(3600.0)'
+BUSY = 'exec("while True: pass")'
+# Nobody waits for this one but the interpreter when it ends.
+THREAD = 'import threading; threading.Thread(target=time.sleep, args=(3600.0,)).start()'
+
+
+def call_reload(listener):
+    """Call ~/reload, and return what has to be alive for it."""
+    reload = listener.client.node.create_client(Trigger, '/tp_controller/reload')
+    listener.wait(reload.service_is_ready, 'the service')
+    return reload.call_async(Trigger.Request())
+
+
+def look_at_markers(listener):
+    """Subscribe to the markers."""
+    return listener.client.node.create_subscription(
+        MarkerArray, '/tp_controller/markers', lambda message: None, 10)
+
+
+def send_goal(listener):
+    """Publish a goal."""
+    publisher = listener.client.node.create_publisher(JointState, '/tp_controller/swing/goal', 10)
+    listener.wait(publisher.get_subscription_count, 'a subscriber')
+    publisher.publish(JointState(name=list(JOINTS), position=[40.0, 30.0, 20.0]))
+    return publisher
+
+
+@pytest.mark.parametrize('part, trigger, act, number', [
+    (READING, call_reload, SLEEP, signal.SIGINT), (READING, call_reload, BUSY, signal.SIGTERM),
+    (READING, call_reload, DEADLOCK, signal.SIGHUP), (READING, call_reload, THREAD, signal.SIGINT),
+    (SKETCH, look_at_markers, SLEEP, signal.SIGQUIT), (PARSING, send_goal, SLEEP, signal.SIGINT)],
+    ids=['sleep', 'busy', 'deadlock', 'thread', 'sketch', 'goal'])
+def test_a_signal_stops_the_robot_whatever_hangs(replaced, listener, heads, tmp_path, part,
+                                                 trigger, act, number):
+    controller = replaced(part, f'switch.rename(f"{{switch}}ed"); {act}')
+    (tmp_path / 'switch').touch()
+    triggered = trigger(listener)
+    listener.wait((tmp_path / 'switched').exists, 'the fault', [controller])
+    listener.wait(lambda: listener.moving(), 'motion', [controller])
+    controller.process.send_signal(number)
+    listener.wait(lambda: not listener.moving(), 'zeros')
+    listener.wait(lambda: heads and heads[-1] == f'ended by {number.name}', 'the last status')
+    assert controller.process.wait(15.0) == 1
+    listener.catch_up()
+    assert not any(velocity.any() for velocity in listener.commands[-3:])
+    del triggered
+
+
+def test_a_signal_ends_a_node_that_hangs_at_its_start(domain, tmp_path):
+    (tmp_path / 'switch').touch()
+    imports, patch = READING
+    controller = ScriptProcess(
+        SCRIPT.format(imports=imports, switch=str(tmp_path / 'switch'),
+                      patch=patch.format(act=f'switch.rename(f"{{switch}}ed"); {DEADLOCK}')),
+        ['-p', f'robot:={PLANAR_DH}', '-p', f"stack:='{STACK}'"], domain, tmp_path / 'log')
+    end = time.monotonic() + 15.0
+    while not (tmp_path / 'switched').exists():
+        assert controller.running() and time.monotonic() < end, controller.output()
+        time.sleep(0.01)
+    controller.process.send_signal(signal.SIGTERM)
+    assert controller.process.wait(15.0) == 1
+
+
 # Tasks that do not return ---------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_the_watchdog_commands_zeros_while_a_task_takes_a_second(replaced, listener, heads,

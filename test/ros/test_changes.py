@@ -298,7 +298,7 @@ def test_parameters_change_while_the_robot_moves(any_harness):
 @pytest.mark.parametrize('values, told', [
     ({'damping': -0.5}, 'damping'),
     ({'damping': float('nan')}, 'damping'),
-    ({'damping': 1}, "expected 'Type.DOUBLE' got 'Type.INTEGER'"),
+    ({'damping': True}, "expected 'Type.DOUBLE' got 'Type.BOOL'"),
     ({'damping': 'much'}, "expected 'Type.DOUBLE' got 'Type.STRING'"),
     ({'braking_gain': 1000.0}, 'braking_gain 1000 must be at most 1/period = 100, or position '
      'limits would be crossed (period is 1/rate)'),
@@ -311,7 +311,8 @@ def test_parameters_change_while_the_robot_moves(any_harness):
     ({'stack': '/nowhere/stack.yaml'}, 'no file /nowhere/stack.yaml'),
     ({'rate': 50.0}, 'fixed while the node is configured'),
     ({'command_joints': ['joint1']}, 'fixed while the node is configured'),
-    ({'limits__joint1__velocity': 5.0}, 'fixed while the node is configured'),
+    ({'limits__joint1__velocity': 5.0}, 'at most 1 rad/s'),
+    ({'limits__joint1__upper': 5.0}, 'fixed while the node is configured'),
     # All or none.
     ({'stack': SLOW, 'damping': -1.0}, 'damping'),
 ])
@@ -391,7 +392,7 @@ def test_unknown_parameters_are_named_in_one_warning(harness, log):
 
 
 @pytest.mark.parametrize('values, told', [
-    ({'rate': 100}, 'parameter rate must be a double, such as 1.0, not 100'),
+    ({'rate': True}, 'parameter rate must be a number, such as 1.0, not True'),
     ({'rate': -1.0}, 'parameter rate must be from 0 to 2000, not -1.0'),
     ({'rate': float('nan')}, 'parameter rate must be from 0 to 2000, not nan'),
     ({'realtime_priority': 100}, 'parameter realtime_priority must be from 0 to 99, not 100'),
@@ -400,11 +401,11 @@ def test_unknown_parameters_are_named_in_one_warning(harness, log):
      'position limits would be crossed (period is state_timeout, because rate is 0)'),
     ({'joints': 'joint1'}, 'parameter joints must be a list of strings, such as [a, b], not '
      "'joint1'"),
-    ({'weights': ['a']}, 'parameter weights must be a list of doubles, such as [1.0, 2.0], not '),
+    ({'weights': ['a']}, 'parameter weights must be a list of numbers, such as [1.0, 2.0], not '),
     ({'stack': 5}, 'parameter stack must be a string, not 5'),
     ({'scaling': 'none'}, 'scaling must be one of'),
-    ({'damping': 1, 'rate': 1}, 'parameter rate must be a double, such as 1.0, not 1; '
-     'parameter damping must be a double, such as 1.0, not 1'),
+    ({'damping': 'a', 'rate': [1]}, 'parameter rate must be a number, such as 1.0, not '
+     "[1]; parameter damping must be a number, such as 1.0, not 'a'"),
 ])
 def test_a_faulty_value_at_the_start_is_refused_with_its_name(harness, values, told):
     with pytest.raises(SettingsError) as error:

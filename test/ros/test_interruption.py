@@ -12,10 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Signals that end a command wait for the message that is being handled."""
+"""Signals wait for the message that is being handled, and end what hangs."""
 
 import importlib
+import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -23,8 +25,9 @@ import time
 from harness import DEADLINE
 import pytest
 from std_msgs.msg import String
+from tp_controller.nodes import interruption
 from tp_controller.nodes.client import Client
-from tp_controller.nodes.interruption import uninterrupted
+from tp_controller.nodes.interruption import SignalWatch, uninterrupted
 
 
 @pytest.fixture(autouse=True)
@@ -124,3 +127,120 @@ def test_a_client_handles_the_message_that_it_took(harness, take):
         with pytest.raises(KeyboardInterrupt):
             take(client)
         assert heard == ['first']
+
+
+# Watched by a thread ------------------------------------------------------------------------
+
+STATUS = 7
+# Deadlocks in C code that no signal interrupts.
+HANGING_COMMAND = """
+import ctypes, sys
+from tp_controller.cli import main, status
+def hang(options):
+    print('hangs', flush=True)
+    lock, library = ctypes.create_string_buffer(64), ctypes.CDLL(None)
+    library.pthread_mutex_lock(lock), library.pthread_mutex_lock(lock)
+main.COMMANDS['status'] = status.COMMAND._replace(run=hang)
+sys.exit(main.main(['status']))
+"""
+
+
+@pytest.fixture
+def forced(monkeypatch):
+    """Let both signals do nothing; return the exit statuses that end the process by force."""
+    statuses = []
+    monkeypatch.setattr(os, '_exit', statuses.append)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
+    return statuses
+
+
+def wait_for(statuses):
+    """Wait until the process would have ended by force."""
+    end = time.monotonic() + DEADLINE
+    while not statuses:
+        assert time.monotonic() < end
+        time.sleep(0.001)
+
+
+def started(**options):
+    """Return a watch that has been started."""
+    watch = SignalWatch((signal.SIGINT, signal.SIGTERM), STATUS, **options)
+    watch.start()
+    return watch
+
+
+def test_the_first_signal_acts_on_another_thread_and_forces_nothing(forced):
+    acts, acted = [], threading.Event()
+
+    def act(number):
+        acts.append((number, threading.current_thread() is threading.main_thread()))
+        acted.set()
+
+    watch = started(act=act)
+    signal.raise_signal(signal.SIGTERM)
+    assert acted.wait(DEADLINE)
+    watch.close()
+    assert acts == [(signal.SIGTERM, False)] and not forced
+
+
+@pytest.mark.parametrize('act', [None, lambda number: threading.Event().wait()],
+                         ids=['nothing', 'hangs'])
+def test_a_further_signal_ends_the_process(forced, monkeypatch, act):
+    monkeypatch.setattr(interruption, 'REPEAT_SECONDS', 0.0)
+    watch = started(act=act)
+    signal.raise_signal(signal.SIGINT)
+    signal.raise_signal(signal.SIGINT)
+    wait_for(forced)
+    watch.close()
+    assert forced == [STATUS]
+
+
+def test_a_signal_that_a_launch_repeats_at_once_leaves_time_to_end(forced, monkeypatch):
+    monkeypatch.setattr(interruption, 'REPEAT_SECONDS', 60.0)
+    watch = started(limit=60.0)
+    for _ in range(3):
+        signal.raise_signal(signal.SIGINT)
+    watch.close()
+    assert not forced
+
+
+def test_a_process_that_does_not_end_in_time_is_ended(forced, monkeypatch):
+    monkeypatch.setattr(interruption, 'REPEAT_SECONDS', 0.0)
+    watch = started(limit=0.01)
+    signal.raise_signal(signal.SIGINT)
+    wait_for(forced)
+    watch.close()
+    assert forced == [STATUS]
+
+
+def test_a_signal_that_waited_for_a_message_counts_once(forced, monkeypatch):
+    monkeypatch.setattr(interruption, 'REPEAT_SECONDS', 0.0)
+    watch = started()
+    with uninterrupted():
+        signal.raise_signal(signal.SIGINT)
+    watch.close()
+    assert not forced
+
+
+def test_other_signals_end_nothing(forced, monkeypatch):
+    monkeypatch.setattr(interruption, 'REPEAT_SECONDS', 0.0)
+    before = signal.signal(signal.SIGUSR1, lambda *_: None)
+    watch = started(limit=0.0)
+    signal.raise_signal(signal.SIGUSR1)
+    watch.close()
+    signal.signal(signal.SIGUSR1, before)
+    assert not forced
+
+
+def test_a_second_ctrl_c_ends_a_command_that_hangs_in_c_code():
+    command = subprocess.Popen([sys.executable, '-c', HANGING_COMMAND], stdout=subprocess.PIPE,
+                               text=True)
+    with command:
+        assert command.stdout.readline() == 'hangs\n'
+        end = time.monotonic() + DEADLINE
+        while command.poll() is None and time.monotonic() < end:
+            command.send_signal(signal.SIGINT)
+            time.sleep(0.05)
+        command.kill()
+    assert command.returncode == 128 + signal.SIGINT

@@ -141,7 +141,7 @@ def test_another_description_is_named_and_taken_after_a_cleanup(harness, log):
         <joint name="turn" type="revolute"><parent link="base"/><child link="tip"/>
         <axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="{}" effort="1"/></joint>
         </robot>"""
-    _, commands, _ = start(
+    _, commands, status = start(
         harness, robot_description='', robot='',
         stack='- swing: {type: joint, joints: turn, target: [1.9], gain: 10}\n')
     assert change(harness, 'configure') and change(harness, 'activate')
@@ -153,6 +153,44 @@ def test_another_description_is_named_and_taken_after_a_cleanup(harness, log):
     descriptions.publish(String(data=urdf.format(0.25)))
     harness.spin_until_logged(log, 'another description has arrived', arm.publish)
     assert commands[-1] == [1.0]
+
+    def spin_until_ignored(told):
+        harness.spin_until(lambda: status.of_node('ignored description') == told, told or 'none',
+                           meanwhile=arm.publish)
+
+    ignored = 'another description has arrived; deactivate, clean up and configure the node ' \
+        'to take it'
+    spin_until_ignored(ignored)
+    descriptions.publish(String(data=urdf.format(1.0)))
+    spin_until_ignored('')
+    descriptions.publish(String(data=urdf.format(0.25)))
+    spin_until_ignored(ignored)
     for name in ('deactivate', 'cleanup', 'configure', 'activate'):
         assert change(harness, name)
     harness.spin_until(lambda: commands[-1] == [0.25], 'slower motion', meanwhile=arm.publish)
+    spin_until_ignored('')
+
+
+def test_a_cycle_that_was_called_before_the_last_zeros_commands_nothing_after_them(harness):
+    controller, commands, _ = start(harness)
+    assert change(harness, 'configure') and change(harness, 'activate')
+    arm = Arm(harness)
+    harness.spin_until(lambda: any(commands and commands[-1]), 'motion', meanwhile=arm.publish)
+    loop = controller._loop
+    loop.deactivate('over')
+    loop._cycle()
+    harness.spin_until(lambda: commands[-3:] == [ZEROS] * 3, 'the last zeros')
+    assert change(harness, 'deactivate')
+    harness.spin_until(lambda: commands[-6:] == [ZEROS] * 6, 'the zeros of the transition')
+
+
+def test_a_controller_that_was_halted_moves_no_more_whatever_is_activated(harness):
+    controller, commands, status = start(harness)
+    assert change(harness, 'configure') and change(harness, 'activate')
+    arm = Arm(harness)
+    harness.spin_until(lambda: any(commands and commands[-1]), 'motion', meanwhile=arm.publish)
+    controller.halt('ended by SIGINT')
+    harness.spin_until(lambda: status.head == 'ended by SIGINT')
+    assert change(harness, 'deactivate') and change(harness, 'activate')
+    harness.spin_until(lambda: commands[-10:] == [ZEROS] * 10, meanwhile=arm.publish)
+    assert status.head == 'ended by SIGINT'

@@ -23,7 +23,10 @@ from rclpy.parameter import (
     parameter_value_to_python,
 )
 from rclpy.parameter_client import AsyncParameterClient
-from robots import CONFIG
+from robots import CONFIG, PLANAR_DH
+from tp_controller.nodes.controller_node import ControllerNode
+from tp_controller.nodes.simulator_node import SimulatorNode
+from tp_controller.nodes.watchdog_node import WatchdogNode
 import yaml
 
 STACK = """
@@ -196,6 +199,38 @@ def test_a_number_may_be_written_as_the_tools_of_ros_write_it(harness):
     for text in ('much', 'nan', '', 'true', '[1.0]', '-inf'):
         assert client.change('singular_region', text) != ''
     assert client.values()['singular_region'] == 0.1
+
+
+def test_an_integer_is_a_number_wherever_a_number_is_needed(harness, tmp_path):
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(
+        '/tp_controller:\n  ros__parameters:\n    rate: 50\n    damping: 1\n'
+        '    weights: [1, 2, 3]\n    workspace: [-1, 1, -1, 1, -1, 1]\n'
+        '    limits: {joint1: {velocity: 2}}\n'
+        '    tasks: {swing: {gain: 3, tolerance: 1}}\n')
+    harness.make(ControllerNode, robot=str(PLANAR_DH), stack=STACK,
+                 arguments=['--ros-args', '--params-file', str(path)])
+    client = Client(harness, '/tp_controller')
+    values = {'rate': 50.0, 'damping': 1.0, 'weights': [1.0, 2.0, 3.0],
+              'workspace': [-1.0, 1.0, -1.0, 1.0, -1.0, 1.0], 'limits.joint1.velocity': 2.0,
+              'tasks.swing.gain': 3.0, 'tasks.swing.tolerance': 1.0}
+    assert {name: client.values()[name] for name in values} == values
+    for name, given, value in (('damping', 0, 0.0), ('weights', [3, 2, 1], [3.0, 2.0, 1.0]),
+                               ('limits.joint1.velocity', 1, 1.0), ('tasks.swing.gain', 2, 2.0),
+                               ('weights', '[1, 2.5, 3]', [1.0, 2.5, 3.0])):
+        assert client.change(name, given) == ''
+        assert client.values()[name] == value and type(client.values()[name]) is type(value)
+    # Integers stay integers, and truth is no number.
+    assert client.change('damping', True) != ''
+    assert client.change('realtime_priority', 1.0) != ''
+
+
+def test_an_integer_is_a_number_for_the_other_nodes_too(harness):
+    for kind, values in ((SimulatorNode, {'robot': str(PLANAR_DH), 'rate': 100, 'lag': 1}),
+                         (WatchdogNode, {'timeout': 1})):
+        node = harness.make(kind, **values)
+        assert node.get_parameter(list(values)[-1]).value == 1.0
+        assert Client(harness, node.get_fully_qualified_name()).change(list(values)[-1], 1) == ''
 
 
 SIMULATORS = {

@@ -147,7 +147,7 @@ def test_limits_of_the_topics_robot_are_no_unknown_parameters(harness, log):
 @pytest.mark.parametrize('parameters, told', [
     ({'limits__joint7__velocity': 1.0}, 'unknown parameter limits.joint7.velocity; valid: '),
     ({'limits__joint1__speed': 1.0}, 'unknown parameter limits.joint1.speed; valid: '),
-    ({'limits__joint1__velocity': 1}, 'limits.joint1.velocity must be a double'),
+    ({'limits__joint1__velocity': True}, 'limits.joint1.velocity must be a number'),
     ({'limits__joint1__velocity': -1.0}, 'joint joint1: velocity limit -1.0'),
     ({'limits__joint1__lower': float('nan')}, 'joint joint1: lower limit must be a number, '
      'not nan'),

@@ -15,6 +15,7 @@
 """The runner, which spins a node until it ends."""
 
 import os
+import signal
 import threading
 
 from harness import DEADLINE
@@ -22,16 +23,7 @@ import pytest
 from rclpy.exceptions import InvalidHandle
 from tp_controller.nodes import runner
 from tp_controller.nodes.middleware import VARIABLES
-from tp_controller.nodes.runner import _spin, ClosableNode, make_executor
-
-
-@pytest.fixture
-def pipe():
-    """Return the two ends of a pipe."""
-    reader, writer = os.pipe()
-    yield reader, writer
-    os.close(writer)
-    os.close(reader)
+from tp_controller.nodes.runner import _spin, ClosableNode, Ending, make_executor
 
 
 class Spun(ClosableNode):
@@ -48,56 +40,54 @@ def node_with_a_timer(harness, callback):
     return node
 
 
-def test_a_byte_on_the_pipe_ends_the_spinning(harness, pipe):
-    calls = []
+def test_a_signal_ends_the_spinning(harness):
+    calls, ending = [], Ending()
 
     def tick():
         calls.append(1)
         if len(calls) == 10:
-            os.write(pipe[1], b'!')
+            ending.begin(signal.SIGINT)
 
     node = node_with_a_timer(harness, tick)
-    _spin(node, pipe[0])
+    _spin(node, ending)
     assert len(calls) >= 10
     node.destroy_node()
 
 
-def test_a_call_to_a_service_that_is_gone_does_not_end_the_node(harness, pipe):
-    calls = []
+def test_a_call_to_a_service_that_is_gone_does_not_end_the_node(harness):
+    calls, ending = [], Ending()
 
     def tick():
         calls.append(1)
         if len(calls) == 3:
             raise InvalidHandle('the service is gone')
         if len(calls) == 6:
-            os.write(pipe[1], b'!')
+            ending.begin(signal.SIGINT)
 
     node = node_with_a_timer(harness, tick)
-    _spin(node, pipe[0])
+    _spin(node, ending)
     assert len(calls) >= 6
     node.destroy_node()
 
 
-def test_a_fault_of_our_own_is_not_hidden(harness, pipe):
+def test_a_fault_of_our_own_is_not_hidden(harness):
     def tick():
         raise ZeroDivisionError
 
     node = node_with_a_timer(harness, tick)
     with pytest.raises(ZeroDivisionError):
-        _spin(node, pipe[0])
+        _spin(node, Ending())
     node.destroy_node()
-    os.write(pipe[1], b'!')
 
 
-def test_the_end_of_the_context_ends_the_spinning(harness, pipe):
+def test_the_end_of_the_context_ends_the_spinning(harness):
     node = node_with_a_timer(harness, lambda: None)
-    spinning = threading.Thread(target=_spin, args=(node, pipe[0]))
+    spinning = threading.Thread(target=_spin, args=(node, Ending()))
     spinning.start()
     harness.executor.spin_once(timeout_sec=0.05)
     harness.context.try_shutdown()
     spinning.join(DEADLINE)
     assert not spinning.is_alive()
-    os.write(pipe[1], b'!')
 
 
 def test_the_executor_is_the_one_of_its_context(harness):
@@ -117,7 +107,7 @@ def test_a_node_announces_itself_often_from_the_start(monkeypatch, tmp_path):
         raise RuntimeError('enough')
 
     monkeypatch.setattr(runner, 'init', start)
-    monkeypatch.setattr(runner, '_catch_signals', lambda: None)
+    monkeypatch.setattr(runner, '_catch_signals', lambda ending: None)
     monkeypatch.setattr(runner.sys, 'setswitchinterval', lambda seconds: None)
     monkeypatch.setattr(os, 'environ', dict(os.environ))
     assert runner.run(Spun, 'node', []) == 1

@@ -215,7 +215,7 @@ def test_a_speed_that_cannot_be_kept_does_not_block_the_node(harness, log):
     ({'initial_positions': '/nowhere/start.yaml'}, 'no file /nowhere/start.yaml'),
     ({'initial_positions': '[1, 2, 3]'}, 'initial positions'),
     ({'seed': -1}, 'seed must be a whole number that is not negative, not -1'),
-    ({'rate': 100}, 'parameter rate must be a double, such as 1.0, not 100'),
+    ({'rate': True}, 'parameter rate must be a number, such as 1.0, not True'),
     ({'rate': 0.0}, 'parameter rate must be from 1 to 5000, not 0.0'),
     ({'speed': float('nan')}, 'parameter speed must be from 0.01 to 1000, not nan'),
     ({'publish_clock': 1}, 'parameter publish_clock must be true or false, not 1'),

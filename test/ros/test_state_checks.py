@@ -279,3 +279,22 @@ def test_after_a_clock_was_set_back_its_messages_count_again():
         for time in times:
             buffer.put(['a'], [time + later], 11.0 + time + later, 100.0 + shift + time + later)
     assert buffer.q == [times[-1] + 5.0]
+
+
+def follow(check, q, start, share=1.0, period=0.01):
+    """Return the faults of 2 s, from `q`, of a joint that moves by a share of its command."""
+    faults = []
+    for cycle in range(200):
+        faults.append(check.check(q.copy(), np.array([0.1]), start + period * cycle))
+        q += share * 0.1 * period
+    return [fault for fault in faults if fault]
+
+
+@pytest.mark.parametrize('leap', [0.3, 0.6, 0.9, 10.0, 1e9, -5.0])
+def test_a_clock_that_leaps_is_no_robot_that_does_not_follow(leap):
+    check, q = checker(), np.array([-0.9])
+    assert not follow(check, q, 0.0)
+    # Commands were in force for a cycle only, whatever the clock says.
+    assert not follow(check, q, 2.0 + leap)
+    # One that stops following is still noticed.
+    assert 'joint1 does not follow' in follow(check, q, 4.0 + leap, share=0.0)[0]

@@ -59,7 +59,8 @@ def test_the_status_has_the_node_first_and_then_every_task_by_priority(harness):
         'scale', 'limiting', 'cycles', 'rate [Hz]', 'cycle median [ms]', 'cycle p99 [ms]',
         'cycle max [ms]', 'state to command median [ms]', 'state to command p99 [ms]',
         'state to command max [ms]', 'overruns', 'stalls', 'missed deadlines',
-        'other publishers', 'listeners', 'watchdogs', 'solver', 'cycles left to Python']
+        'other publishers', 'listeners', 'watchdogs', 'ignored description', 'solver',
+        'cycles left to Python']
     assert message.status[0].level == OK
     assert message.header.stamp.sec > 0
 
@@ -233,7 +234,8 @@ def test_stamps_are_simulated_time_where_it_is_used(harness):
 
 # Numbers --------------------------------------------------------------------------------------
 
-LABEL = 'error [m], tolerance [m], error [rad], tolerance [rad], wanted speed, achieved speed'
+LABEL = 'error [m], tolerance [m], error [rad], tolerance [rad], wanted speed, ' \
+    'achieved speed, stamp [s]'
 
 
 def named(message):
@@ -247,6 +249,7 @@ def named(message):
 def test_numbers_of_a_task_are_those_of_its_status(harness):
     rig = Rig(harness, '- both: {type: pose, frame: link3, axes: [x, rz], gain: 2.0}\n'
                        '- rest: {type: posture, target: [0.0, 0.0, 0.0]}')
+    before = rig.controller.get_clock().now().nanoseconds * 1e-9
     numbers = harness.record(Float64MultiArray, '/tp_controller/both/numbers')
     others = harness.record(Float64MultiArray, '/tp_controller/rest/numbers')
     publisher = harness.publisher(PoseStamped, '/tp_controller/both/goal')
@@ -259,11 +262,13 @@ def test_numbers_of_a_task_are_those_of_its_status(harness):
     rig.spin_until(lambda: rig.status.task('both')['goals accepted'] == '1')
     del numbers[:], others[:]
     rig.spin_until(lambda: numbers and others)
+    after = rig.controller.get_clock().now().nanoseconds * 1e-9
     task, values = rig.status.task('both'), named(numbers[-1])
     assert values['error [m]'] == pytest.approx(0.05) and values['error [rad]'] > 0.1
+    assert before <= values.pop('stamp [s]') <= after
     for name, value in values.items():
         assert value == pytest.approx(float(task[name]), rel=1e-5)
-    for name, value in named(others[-1]).items():
+    for name, value in list(named(others[-1]).items())[:-1]:
         assert value == pytest.approx(float(rig.status.task('rest')[name]), rel=1e-5)
 
 
@@ -274,15 +279,16 @@ def test_numbers_that_are_not_known_are_nan_in_the_same_layout(harness):
     def known():
         return [name for name, value in named(numbers[-1]).items() if not np.isnan(value)]
 
-    names = ['error [rad]', 'tolerance [rad]', 'wanted speed', 'achieved speed']
+    names = ['error [rad]', 'tolerance [rad]', 'wanted speed', 'achieved speed', 'stamp [s]']
+    at_rest = ['tolerance [rad]', 'stamp [s]']
     harness.spin_until(lambda: numbers)
-    assert known() == ['tolerance [rad]'] and list(named(numbers[-1])) == names
+    assert known() == at_rest and list(named(numbers[-1])) == names
     rig.spin_until(lambda: known() == names)
     harness.enable('rest', False)
-    rig.spin_until(lambda: known() == ['tolerance [rad]'])
+    rig.spin_until(lambda: known() == at_rest)
     harness.enable('rest', True)
     rig.spin_until(lambda: known() == names)
-    harness.spin_until(lambda: known() == ['tolerance [rad]'])
+    harness.spin_until(lambda: known() == at_rest)
     assert {message.layout.dim[0].label for message in numbers} == {', '.join(names)}
 
 

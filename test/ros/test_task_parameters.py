@@ -17,6 +17,7 @@
 from harness import Arm, Status
 import numpy as np
 import pytest
+from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from robots import PLANAR_DH
 from tp_controller.nodes.controller_node import ControllerNode
@@ -136,7 +137,7 @@ def test_a_tolerance_that_is_set_is_that_of_the_status(rig):
 @pytest.mark.parametrize('values, told', [
     ({'tasks.swing.gain': 0.0}, 'gain of task swing must be positive'),
     ({'tasks.swing.gain': -1.0}, 'out of range'),
-    ({'tasks.swing.gain': 1}, "expected 'Type.DOUBLE' got 'Type.INTEGER'"),
+    ({'tasks.swing.gain': True}, "expected 'Type.DOUBLE' got 'Type.BOOL'"),
     ({'tasks.swing.gain': [1.0, 1.0, 1.0]}, "expected 'Type.DOUBLE' got 'Type.DOUBLE_ARRAY'"),
     ({'tasks.swing.gain': float('nan')}, 'out of range'),
     ({'tasks.swing.gain': float('inf')}, 'out of range'),
@@ -202,11 +203,11 @@ def test_what_the_node_was_started_with_goes_before_every_stack(harness, tmp_pat
 
 
 @pytest.mark.parametrize('values, told', [
-    ({'swing.gain': 1}, 'parameter tasks.swing.gain must be a double, such as 1.0, not 1'),
+    ({'swing.gain': True}, 'parameter tasks.swing.gain must be a number, such as 1.0, not True'),
     ({'swing.gain': -1.0}, 'parameter tasks.swing.gain: gain of task swing must be positive'),
     ({'inside.gain': 200.0}, 'parameter tasks.inside.gain: gain 200 of task inside must be at '
                              'most 1/period = 100, or its bounds would be crossed'),
-    ({'both.gain': 2.0}, 'parameter tasks.both.gain must be a list of doubles'),
+    ({'both.gain': 2.0}, 'parameter tasks.both.gain must be a list of numbers'),
     ({'both.tolerance.m': 0.0, 'swing.gain': 0.0}, 'must be positive, got 0; parameter tasks.')])
 def test_a_faulty_start_value_is_named_and_the_robot_stays_where_it_is(harness, values, told):
     controller = harness.controller(
@@ -215,3 +216,28 @@ def test_a_faulty_start_value_is_named_and_the_robot_stays_where_it_is(harness, 
     assert controller._stack_fault.startswith('no valid stack: parameter tasks.')
     assert told in controller._stack_fault
     harness.spin_until(lambda: status.head.startswith('no valid stack'))
+
+
+def test_what_belongs_to_a_task_that_stays_is_not_made_anew(harness):
+    rig = Rig(harness)
+    rig.spin_until_command(VELOCITY)
+
+    def parts():
+        return {part for part in (*rig.controller.services, *rig.controller.subscriptions,
+                                  *rig.controller.publishers)
+                if '/swing/' in getattr(part, 'topic_name', getattr(part, 'srv_name', ''))}
+
+    before, events = parts(), harness.record(ParameterEvent, '/parameter_events')
+    assert len(before) == 3
+    assert harness.trigger('reload').success
+    assert rig.change({'stack': STACK + '- later: {type: posture}\n'}) == ''
+    assert rig.change({'stack': STACK.replace('gain: 5.0', 'gain: 4.0')}) == ''
+    assert rig.change({'damping': 0.25}) == ''
+    changed = {}
+    harness.spin_until(lambda: changed.update(
+        {each.name: each for event in events
+         for each in (*event.new_parameters, *event.changed_parameters, *event.deleted_parameters)
+         }) or 'damping' in changed, 'the events')
+    assert {'tasks.later.gain', 'tasks.inside.gain'} <= set(changed)
+    assert not {name for name in changed if name.startswith('tasks.swing.')}
+    assert parts() == before

@@ -99,10 +99,10 @@ def test_a_signal_ends_a_node_that_still_waits_for_its_robot(start, listener):
 # Faults at the start --------------------------------------------------------------------------
 
 FAULTS = [
-    ('controller_node', ['-p', 'rate:=100'],
-     'parameter rate must be a double, such as 1.0, not 100'),
-    ('controller_node', ['-p', 'rate:=-1.0', '-p', 'state_timeout:=1'],
-     'parameter rate must be from 0 to 2000, not -1.0; parameter state_timeout must be a double'),
+    ('controller_node', ['-p', 'rate:=true'],
+     'parameter rate must be a number, such as 1.0, not True'),
+    ('controller_node', ['-p', 'rate:=-1.0', '-p', 'state_timeout:=a'],
+     'parameter rate must be from 0 to 2000, not -1.0; parameter state_timeout must be a number'),
     ('controller_node', ['-p', 'limits.joint9.velocity:=1.0'],
      'unknown parameter limits.joint9.velocity'),
     ('controller_node', ['-p', 'command_joints:=[joint1, joint9]'], 'parameter command_joints'),

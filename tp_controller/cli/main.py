@@ -19,12 +19,14 @@ import argparse
 from collections.abc import Sequence
 import importlib
 from importlib.metadata import PackageNotFoundError, version
+import signal
 import sys
 from typing import NoReturn
 
 import argcomplete
 from tp_controller.cli import check, demo, goal, plot, record, status, view
 from tp_controller.errors import TpControllerError
+from tp_controller.nodes.interruption import ENDING, SignalWatch
 
 EXAMPLES = """\
 examples:
@@ -52,6 +54,7 @@ CURES = {
     ('dask', 'distributed'): "the backend dask needs it: pip install 'dask[distributed]'",
     ('ray',): 'the backend ray needs it: pip install ray',
 }
+INTERRUPTED = 128 + signal.SIGINT
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -86,6 +89,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     argcomplete.autocomplete(parser)
     options = parser.parse_args(
         _mark_numbers(sys.argv[1:] if arguments is None else arguments))
+    # The first Ctrl-C is an exception, which waits for C code to return.
+    watch = SignalWatch(ENDING, INTERRUPTED)
+    watch.start()
     try:
         return options.run(options)
     except TpControllerError as error:
@@ -95,7 +101,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _lacks(error)
     except KeyboardInterrupt:
         print('tp_controller: interrupted', file=sys.stderr)
-        return 130
+        return INTERRUPTED
+    finally:
+        watch.close()
 
 
 def controller_node() -> int:

@@ -23,6 +23,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.velocity_limits import SAME, VelocityBounds
+from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
@@ -348,7 +349,8 @@ class Causes:
     def _at_minimum(self, evaluation: Evaluation) -> bool:
         """Say whether the error of a task is at a minimum; where that fails, it is not."""
         try:
-            return self._is_minimum(evaluation)
+            with foreign:
+                return self._is_minimum(evaluation)
         except Exception:
             # A type of another package may fail anywhere.
             return False

@@ -14,7 +14,7 @@
 
 """The controller: joint positions in, joint velocities and a report out."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +28,7 @@ from tp_controller.control.goal_limits import check_goal
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
 from tp_controller.control.transition import kept_above, Transition
-from tp_controller.control.velocity_limits import VelocityLimits
+from tp_controller.control.velocity_limits import lowered, VelocityLimits
 from tp_controller.errors import (
     EvaluationError,
     GoalError,
@@ -97,6 +97,7 @@ class Controller:
         self._started = False
         # What was commanded last, and when; at rest before the first command.
         self._velocity = np.zeros(robot.n)
+        self._velocity_limits = robot.velocity
         self._last_update: float | None = None
         self._memory: Memory = ()
         self._transition = Transition(0.0)
@@ -238,8 +239,9 @@ class Controller:
     def _use(self, settings: Settings) -> None:
         """Act by settings that were checked."""
         self._settings = settings
-        self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain)
-        self._speed_cap = settings.speed_cap(self.robot)
+        self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain,
+                                      self._velocity_limits)
+        self._speed_cap = settings.speed_cap(self.robot, self._velocity_limits)
         self._options = settings.solver_options(self.robot.n)
         self._time.expect(settings.period)
         self.stack.limit_time(settings.task_budget * settings.period)
@@ -265,6 +267,39 @@ class Controller:
             faults += gain_faults(task, task.gain, settings.period)
         if faults:
             raise SettingsError(faults)
+
+    @property
+    def velocity_limits(self) -> Array:
+        """Return the velocity limits in force (n,) [rad/s or m/s]."""
+        return self._velocity_limits.copy()
+
+    def check_velocity_limits(self, limits: Mapping[str, float]) -> None:
+        """Raise `SettingsError` if `set_velocity_limits` cannot set such limits."""
+        lowered(self.robot, self._velocity_limits, limits)
+
+    def set_velocity_limits(self, limits: Mapping[str, float]) -> None:
+        """
+        Lower velocity limits from the next cycle on, or raise them again.
+
+        A joint that is faster brakes with its acceleration limit, or at once where it has none.
+
+        Parameters
+        ----------
+        limits : mapping
+            {velocity: limit}, of `Robot.velocity_names` [rad/s or m/s]; others stay.
+
+        Raises
+        ------
+        SettingsError
+            All that are not above 0, or are beyond the limit of the robot; those before stay in
+            force.
+
+        """
+        found = lowered(self.robot, self._velocity_limits, limits)
+        if not np.array_equal(found, self._velocity_limits):
+            self._velocity_limits = found
+            self._use(self._settings)
+            self._transition.announce(0)
 
     def set_gain(self, name: str, gain: Gain) -> None:
         """

@@ -19,6 +19,7 @@ from contextlib import contextmanager
 
 import numpy as np
 from tp_controller.errors import SettingsError
+from tp_controller.foreign import foreign
 from tp_controller.tasks.keys import Gain, parse_gain, Tolerance
 from tp_controller.tasks.task import Task
 
@@ -45,19 +46,22 @@ def check_gain(task: Task, gain: Gain, period: float) -> None:
 def set_gain(task: Task, gain: Gain, period: float) -> None:
     """Give a task another gain, or raise `SettingsError` as `check_gain` does."""
     check_gain(task, gain, period)
-    task.set_gain(gain)
+    with foreign:
+        task.set_gain(gain)
 
 
 def check_tolerance(task: Task, tolerance: Tolerance) -> None:
     """Raise `SettingsError` if a task cannot have such tolerances."""
     with _as_setting(task, 'tolerance'):
-        task.parse_tolerance(tolerance)
+        with foreign:
+            task.parse_tolerance(tolerance)
 
 
 def set_tolerance(task: Task, tolerance: Tolerance) -> None:
     """Give a task other tolerances, or raise `SettingsError` as `check_tolerance` does."""
     check_tolerance(task, tolerance)
-    task.set_tolerance(tolerance)
+    with foreign:
+        task.set_tolerance(tolerance)
 
 
 @contextmanager

@@ -22,6 +22,7 @@ import numpy as np
 from tp_controller.control.causes import Cause, Causes, missing_of, Place
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.reasons import hint_of, limit_text, reason_of
+from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.solver.solution import Solution
@@ -62,7 +63,8 @@ class TaskReport:
         self.reached, self.wanted_speed, self.achieved_speed = False, 0.0, 0.0
         self.fault = fault
         try:
-            self.errors = self._measure(task, velocity)
+            with foreign:
+                self.errors = self._measure(task, velocity)
         except Exception as error:
             # Of a type of another package; it is carried out all the same.
             self.fault = fault or raised(task.reported_errors, error)

@@ -137,16 +137,18 @@ class Settings:
         return Options(n, Damping(self.damping, self.singular_region, self.release_region,
                                   self.regularisation), self.weights or None, self.scaling)
 
-    def speed_cap(self, robot: Robot) -> Array | None:
+    def speed_cap(self, robot: Robot, velocity: Array | None = None) -> Array | None:
         """
         Return the speeds (n,) that levels below the first may use; None for all there are.
 
-        Only a joint that needs time to get faster has to be kept ready.
+        Only a joint that needs time to get faster has to be kept ready. The velocity limits (n,)
+        are those of the robot by default.
         """
         slow = np.isfinite(robot.acceleration)
         if not slow.any():
             return None
-        return np.where(slow, (1.0 - self.reserve) * robot.velocity, robot.velocity)
+        velocity = robot.velocity if velocity is None else velocity
+        return np.where(slow, (1.0 - self.reserve) * velocity, velocity)
 
     def _faults(self, item: Field[Any]) -> Iterator[str]:
         """Return what is wrong with one field."""

@@ -22,6 +22,7 @@ from typing import TypeAlias
 
 from numpy.typing import ArrayLike
 from tp_controller.control.controller import Controller
+from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.tasks.guard import PATIENCE, raised
 from tp_controller.tasks.sketch import Sketch
@@ -95,7 +96,8 @@ class Sketcher:
             return []
         began = time.monotonic()
         try:
-            parts = list(islice(task.probe().sketch(self._state), MOST_PARTS))
+            with foreign:
+                parts = list(islice(task.probe().sketch(self._state), MOST_PARTS))
         except Exception as error:
             # Of a type of another package; it is carried out all the same.
             self._refused(task.name, raised(Task.sketch, error))

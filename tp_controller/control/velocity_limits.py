@@ -14,13 +14,15 @@
 
 """Bounds on the joint velocities, from velocity, position and acceleration limits."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
+from tp_controller.errors import SettingsError, unknown
 from tp_controller.model.compiled import MOTION
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.resources import is_number
 from tp_controller.solver.compiled import MOST
 
 # A joint outside its range has to come back at this share of its speed limit, or at RETURN_SPEED
@@ -142,6 +144,42 @@ def bounded(braking: Array, velocity: Array, window: Array | None) -> Array:
                      np.minimum(np.maximum(upper, least), most), lower, upper, *braking, *window))
 
 
+def lowered(robot: Robot, limits: Array, changes: Mapping[str, float]) -> Array:
+    """
+    Return velocity limits (n,) with some of them changed.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose own limits are the largest possible.
+    limits : ndarray (n,)
+        Before the change [rad/s or m/s].
+    changes : mapping
+        {velocity: limit}, of `Robot.velocity_names`.
+
+    Raises
+    ------
+    SettingsError
+        All changes that are not possible.
+
+    """
+    faults, limits = [], limits.copy()
+    for name, value in changes.items():
+        if name not in robot.velocity_names:
+            faults.append(unknown('velocity', name, robot.velocity_names))
+            continue
+        row = robot.velocity_names.index(name)
+        largest = float(robot.velocity[row])
+        if not is_number(value) or not 0.0 < value <= largest:
+            faults.append(f'velocity limit of {name} must be above 0 and at most {largest:g} '
+                          f'{robot.velocity_units[row]}/s, that of the robot, not {value!r}')
+        else:
+            limits[row] = value
+    if faults:
+        raise SettingsError(faults)
+    return limits
+
+
 class Limits(Protocol):
     """What motion.cpp does of `VelocityLimits`."""
 
@@ -172,14 +210,18 @@ class VelocityLimits:
         T, the longest time between two commands [s].
     braking_gain : float
         g [1/s], at most 1/T.
+    velocity : ndarray (n,), optional
+        Velocity limits [rad/s or m/s]; those of the robot by default.
 
     """
 
-    def __init__(self, robot: Robot, period: float, braking_gain: float) -> None:
-        self._lower, self._upper, self._velocity = robot.lower, robot.upper, robot.velocity
+    def __init__(self, robot: Robot, period: float, braking_gain: float,
+                 velocity: Array | None = None) -> None:
+        self._lower, self._upper = robot.lower, robot.upper
+        self._velocity = robot.velocity if velocity is None else velocity
         self._endless = bool((self._upper - self._lower > FAR).any())
         self._period, self._gain = period, braking_gain
-        self._return = np.minimum(RETURN_SHARE * robot.velocity, RETURN_SPEED)
+        self._return = np.minimum(RETURN_SHARE * self._velocity, RETURN_SPEED)
         self._acceleration: Array | None = None
         if np.isfinite(robot.acceleration).any():
             self._acceleration = np.minimum(robot.acceleration, UNLIMITED)

@@ -37,6 +37,7 @@ from tp_controller.control.settings import Settings
 from tp_controller.errors import EvaluationError, in_words, RobotError, SettingsError
 from tp_controller.model.robot import Robot
 from tp_controller.nodes.competitors import Competitors
+from tp_controller.nodes.limit_parameters import LimitParameters, robot_from
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.loop import boot_time, ControlLoop, INACTIVE
 from tp_controller.nodes.parameters import (
@@ -44,13 +45,11 @@ from tp_controller.nodes.parameters import (
     fixed_faults,
     names_in,
     ROBOT,
-    robot_from,
     SETTINGS,
     settings_from,
     Spec,
-    take_numbers_as_text,
+    take_numbers,
     TASKS,
-    undeclare_limits,
     warn_unknown,
 )
 from tp_controller.nodes.permits import PARAMETERS as PERMITS
@@ -132,6 +131,7 @@ PARAMETERS = (
 LOOK_SECONDS, NAMES_SECONDS = 0.1, 0.5
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STOPPED = 'stopped; call ~/start to go on'
+IGNORED = 'another description has arrived; deactivate, clean up and configure the node to take it'
 NO_ROBOT = 'no robot description yet'
 NOT_CONFIGURED = 'not configured; configure and activate the node'
 
@@ -155,6 +155,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         LifecycleNodeMixin.__init__(self)
         self._values = declare(self, PARAMETERS)
         self._log = Log(self.get_logger())
+        self._limits = LimitParameters(self, adjustable=True)
         self.loop_node = Node(
             f'{self.get_name()}_loop', context=self.context, namespace=self.get_namespace(),
             # Topics get their names from this node, whatever they are remapped to.
@@ -168,7 +169,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._task_parameters: TaskParameters | None = None
         self._descriptions: Subscription | None = None
         self._checked_stack: Stack | None = None
-        self._stack_fault, self._taken = '', ''
+        self._stack_fault, self._taken, self._ending = '', '', ''
         self._configured = self._active = self._stopped = False
         self._fault: Exception | None = None
         self._competitors: Competitors | None = None
@@ -178,7 +179,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self.loop_node.create_service(Trigger, self.resolve_service_name('~/stop'), self._on_stop)
         for name, callback in (('start', self._on_start), ('reload', self._on_reload)):
             self.create_service(Trigger, f'~/{name}', callback)
-        take_numbers_as_text(self)
+        take_numbers(self)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -211,6 +212,16 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         for fault in prepare(values['realtime_priority'], values['processor'],
                              values['lock_memory'], values['freeze_garbage']):
             self._log.warning(fault)
+
+    def halt(self, reason: str) -> None:
+        """Command zeros for the last time, and say why, whatever the other threads do."""
+        # Whoever makes or activates a loop from now on finds it stopped.
+        self._ending = reason
+        self._hold()
+        if self.context.ok():
+            if self._loop is not None:
+                self._loop.deactivate(reason)
+            self._reporter.say(reason)
 
     def close(self, reason: str) -> None:
         """Command zeros for the last time, and say why, unless ROS has ended already."""
@@ -326,15 +337,14 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
             self.destroy_subscription(self._descriptions)
         self._loop = self._controller = self._topics = self._descriptions = None
         self._task_parameters = self._competitors = None
-        undeclare_limits(self)
         self._configured, self._stack_fault = False, ''
         self._reporter.leave(NOT_CONFIGURED)
 
     def _hold(self) -> None:
         """Tell the loop what somebody has to change before the robot moves."""
         if self._loop is not None:
-            self._loop.hold = INACTIVE if not self._active else \
-                STOPPED if self._stopped else self._stack_fault
+            self._loop.hold = self._ending or (
+                INACTIVE if not self._active else STOPPED if self._stopped else self._stack_fault)
 
     # Robot --------------------------------------------------------------------------------
 
@@ -346,14 +356,16 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
 
     def _make_robot(self, description: str | None = None) -> Robot | None:
         """Return the robot, None without a description."""
-        return robot_from(self, self._values, description, names_in(self._values['joints']))
+        return robot_from(self._limits, self._values, description,
+                          names_in(self._values['joints']))
 
     def _on_description(self, message: String) -> None:
         """Take the first usable description from the topic."""
         if self._loop is not None:
-            if message.data != self._taken:
-                self._log.warning('topic robot_description: another description has arrived; '
-                                  'deactivate, clean up and configure the node to take it')
+            ignored = IGNORED if message.data != self._taken else ''
+            self._loop.figures.ignored_description = ignored
+            if ignored:
+                self._log.warning(f'topic robot_description: {IGNORED}')
             return
         try:
             robot = self._make_robot(message.data)
@@ -438,6 +450,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
                     if stack.text != self._controller.stack.text:
                         _refuse_with_stack(given)
                 self._task_parameters.check(given)
+                self._limits.check(given, self._controller)
                 self._controller.check_settings(settings, stack)
         except Exception as error:
             return SetParametersResult(successful=False, reason=in_words(error))
@@ -454,13 +467,18 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
             self._loop.limit_tolerance = self._values['limit_tolerance']
             self._loop.deceleration = self._values['stop_deceleration']
         stack = self._checked_stack if 'stack' in changed else None
-        # As it was is what the tasks' goals have been sent for; ~/reload starts afresh.
-        if stack is not None and stack.text != self._controller.stack.text:
-            self._use_stack(stack)
-        else:
-            with self._controller.lock:
-                self._controller.settings = self._settings
-                self._task_parameters.apply(changed)
+        self._limits.apply(changed, self._controller)
+        try:
+            # As it was is what the tasks' goals have been sent for; ~/reload starts afresh.
+            if stack is not None and stack.text != self._controller.stack.text:
+                self._use_stack(stack)
+            else:
+                with self._controller.lock:
+                    self._controller.settings = self._settings
+                    self._task_parameters.apply(changed)
+        except Exception as error:
+            # Of a task: what it has checked may still fail.
+            self._log.error(f'parameters {", ".join(changed)}: {in_words(error)}')
 
     # Others, services ---------------------------------------------------------------------
 

@@ -44,6 +44,9 @@ class Figures:
         Number of other nodes that publish the same commands.
     listeners, watchdogs : int
         Number of nodes, and of watchdogs, that listen to the commands.
+    ignored_description : str
+        What to do about a robot description that has arrived and is not in use; empty where none
+        has.
 
     """
 
@@ -51,6 +54,7 @@ class Figures:
         self._period = period
         self.cycles = self.overruns = self.stalls = self.missed_deadlines = 0
         self.other_publishers = self.listeners = self.watchdogs = 0
+        self.ignored_description = ''
         # Start, duration, and time from a joint state to its command, of the last cycles.
         self._times = np.full((CYCLES, 3), np.nan)
         self._last_start = np.inf
@@ -77,6 +81,7 @@ class Figures:
                 'missed deadlines': str(self.missed_deadlines),
                 'other publishers': str(self.other_publishers),
                 'listeners': str(self.listeners), 'watchdogs': str(self.watchdogs),
+                'ignored description': self.ignored_description,
                 'solver': running(), 'cycles left to Python': str(left_to_the_reference())}
 
 

@@ -12,14 +12,100 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Ctrl-C between two messages, never in the middle of one."""
+"""Signals that end a process: never in the middle of a message, and whatever hangs."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+import os
+import select
 import signal
+import sys
 import threading
+import time
+from typing import Any
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
+# A launch repeats Ctrl-C at once: only signals that come later are a demand of their own [s].
+REPEAT_SECONDS = 1.0
+# Written in place of a signal, of which none is 0.
+CLOSED = 0
+
+
+class SignalWatch:
+    """
+    Reads signals on a thread of its own, whatever hangs on the others.
+
+    The signals need handlers in Python, which run on the main thread, if at all. A further signal
+    ends the process at once, but not sooner than `REPEAT_SECONDS` after the first one. C code that
+    holds the interpreter lock holds this thread up, too.
+
+    Parameters
+    ----------
+    numbers : collection of int
+        Signals that end the process.
+    status : int
+        Exit status where the process is ended by force.
+    act : callable, optional
+        Called with the number of the first signal.
+    limit : float, optional
+        Time from the first signal to the forced end of the process [s]; by default it is only
+        ended by a further signal.
+
+    """
+
+    def __init__(self, numbers: Collection[int], status: int,
+                 act: Callable[[int], None] | None = None, limit: float | None = None) -> None:
+        self._numbers, self._status = frozenset(numbers), status
+        self._act, self._limit = act, limit
+        self._reader, self._writer = os.pipe()
+        self._arrived = select.poll()
+        self._arrived.register(self._reader, select.POLLIN)
+        self._thread = threading.Thread(target=self._watch, name='signals', daemon=True)
+
+    def start(self) -> None:
+        """Watch from now on; only the main thread may call this."""
+        os.set_blocking(self._writer, False)
+        # A handler in Python would run only once the main thread returns from C++.
+        self._before = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Watch no more."""
+        signal.set_wakeup_fd(self._before)
+        os.write(self._writer, bytes([CLOSED]))
+        self._thread.join()
+        os.close(self._reader)
+        os.close(self._writer)
+
+    def _watch(self) -> None:
+        """Act on the first signal, and end the process by force where that is due."""
+        first = self._read(None)
+        if first == CLOSED:
+            return
+        began = time.monotonic()
+        if self._act is not None:
+            # Not on this thread: what it waits for may hang, too.
+            threading.Thread(target=self._act, args=(first,), daemon=True).start()
+        end = None if self._limit is None else began + self._limit
+        if self._read(end) != CLOSED and not self._closes(began + REPEAT_SECONDS):
+            os._exit(self._status)
+
+    def _closes(self, end: float) -> bool:
+        """Return whether this is closed before a time [s]."""
+        while (number := self._read(end)) is not None:
+            if number == CLOSED:
+                return True
+        return False
+
+    def _read(self, end: float | None) -> int | None:
+        """Return the next signal or `CLOSED`; None where none comes until a time [s]."""
+        while True:
+            left = None if end is None else 1e3 * max(end - time.monotonic(), 0.0)
+            if not self._arrived.poll(left):
+                return None
+            number, = os.read(self._reader, 1)
+            if number == CLOSED or number in self._numbers:
+                return number
 
 
 @contextmanager
@@ -35,12 +121,21 @@ def uninterrupted() -> Iterator[None]:
         yield
         return
     arrived: list[int] = []
-    before = {number: signal.signal(number, lambda each, _: arrived.append(each))
-              for number in ENDING}
+    before: dict[int, Any] = {
+        number: signal.signal(number, lambda each, _: arrived.append(each))
+        for number in ENDING}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
         for got in arrived:
-            signal.raise_signal(got)
+            _handle(got, before[got])
+
+
+def _handle(number: int, handler: Any) -> None:
+    """Let a handler have its signal; sent once more, `SignalWatch` would count it twice."""
+    if callable(handler):
+        handler(number, sys._getframe())
+    else:
+        signal.raise_signal(number)

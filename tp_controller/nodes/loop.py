@@ -364,6 +364,9 @@ class ControlLoop:
         elapsed = robot_time - self._last_robot_time
         self._last_cycle, self._last_robot_time = now, robot_time
         noted = self.commands.interruptions
+        if not self.active:
+            # The last zeros have been commanded since this cycle was called.
+            return
         if noted != self._noted:
             # Others have commanded zeros since: the motion begins from rest.
             self._noted = noted

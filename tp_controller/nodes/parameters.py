@@ -34,14 +34,9 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from tp_controller.control.settings import Settings
-from tp_controller.errors import RobotError, SettingsError
-from tp_controller.model.limits import BASE_LIMIT_KEYS, LIMIT_KEYS
+from tp_controller.errors import SettingsError
 from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
-from tp_controller.model.robot import Robot
 from tp_controller.resources import load_yaml
-
-# By velocity and key.
-Limits = dict[str, dict[str, float]]
 
 # What ROS tools show of a parameter that cannot change.
 FIXED = 'fixed while the node is configured'
@@ -50,17 +45,16 @@ EQUAL = [1.0]
 # What stands for the empty list.
 EMPTY: Mapping[str, list[float] | list[str]] = {
     'weights': EQUAL, 'joints': [''], 'command_joints': ['']}
-TEXTS = (Parameter.Type.STRING, Parameter.Type.STRING_ARRAY)
+LISTS = (Parameter.Type.STRING, Parameter.Type.STRING_ARRAY, Parameter.Type.INTEGER_ARRAY)
 # Start of the names of the joints' limits.
 LIMITS = 'limits.'
 # Start of the names of the tasks' gains and tolerances.
 TASKS = 'tasks.'
-UNIT_ENDINGS = {'velocity': '/s', 'acceleration': '/s²'}
 EXAMPLES = {
-    'DOUBLE': 'a double, such as 1.0', 'INTEGER': 'an integer, such as 1',
+    'DOUBLE': 'a number, such as 1.0', 'INTEGER': 'an integer, such as 1',
     'STRING': 'a string', 'BOOL': 'true or false',
     'STRING_ARRAY': 'a list of strings, such as [a, b]',
-    'DOUBLE_ARRAY': 'a list of doubles, such as [1.0, 2.0]'}
+    'DOUBLE_ARRAY': 'a list of numbers, such as [1.0, 2.0]'}
 
 
 @dataclass(frozen=True)
@@ -150,6 +144,10 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     faults: list[str] = []
     for spec in specs:
+        given = node._parameter_overrides.get(spec.name)
+        if given is not None:
+            kind = Parameter.Type.from_parameter_value(spec.default)
+            node._parameter_overrides[spec.name] = as_type(given, kind)
         try:
             values[spec.name] = node.declare_parameter(
                 spec.name, spec.default, spec.descriptor()).value
@@ -158,9 +156,8 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
         except InvalidParameterTypeException:
             faults.append(wrong_type(spec, node._parameter_overrides[spec.name].value))
         except InvalidParameterValueException:
-            given = node._parameter_overrides[spec.name].value
             faults.append(f'parameter {spec.name} must be from {spec.lower:g} to {spec.upper:g}, '
-                          f'not {given!r}')
+                          f'not {node._parameter_overrides[spec.name].value!r}')
     if faults:
         raise SettingsError(faults)
     return values
@@ -172,30 +169,31 @@ def wrong_type(spec: Spec, given: object) -> str:
     return f'parameter {spec.name} must be {EXAMPLES[kind.name]}, not {given!r}'
 
 
-def take_numbers_as_text(node: Node) -> None:
-    """
-    Take numbers that are written as text for doubles of a node from now on.
-
-    ``ros2 param load`` sends ``.inf`` and ``1.0e-05`` as text. The empty list, which has no type
-    there, stands for all joints, or equal weights, as the default does: as a start value it would
-    be refused.
-    """
+def take_numbers(node: Node) -> None:
+    """Take whatever says a number for doubles of a node from now on; see `as_type`."""
     def as_declared(parameters: Sequence[Parameter]) -> list[Parameter]:
-        return [_as_declared(node, parameter) for parameter in parameters]
+        return [as_type(parameter, node.get_parameter_or(parameter.name).type_)
+                for parameter in parameters]
 
     node.add_pre_set_parameters_callback(as_declared)
 
 
-def _as_declared(node: Node, parameter: Parameter) -> Parameter:
-    """Return a parameter with the type that it was declared with, where that is possible."""
+def as_type(parameter: Parameter, kind: Parameter.Type) -> Parameter:
+    """
+    Return a parameter with the type that it is declared with, where that is possible.
+
+    Integers are numbers, too, and ``ros2 param load`` sends ``.inf`` and ``1.0e-05`` as text. The
+    empty list, which has no type there, stands for all joints, or equal weights, as the default
+    does.
+    """
     name, value = parameter.name, parameter.value
-    kind = node.get_parameter_or(name).type_
     try:
         if name in EMPTY and isinstance(value, (list, array)) and not value:
             return Parameter(name, kind, EMPTY[name])
-        if kind is Parameter.Type.DOUBLE and isinstance(value, str):
+        if kind is Parameter.Type.DOUBLE and parameter.type_ in (
+                Parameter.Type.STRING, Parameter.Type.INTEGER):
             return Parameter(name, kind, float(value))
-        if kind is Parameter.Type.DOUBLE_ARRAY and parameter.type_ in TEXTS:
+        if kind is Parameter.Type.DOUBLE_ARRAY and parameter.type_ in LISTS:
             # Infinite ones make it a list of text, 1e-05 among others makes it a text.
             numbers = load_yaml(value) if isinstance(value, str) else value
             return Parameter(name, kind, list(map(float, numbers)))
@@ -227,12 +225,6 @@ def keep_fixed(node: Node) -> None:
         return SetParametersResult(successful=not faults, reason='; '.join(faults))
 
     node.add_on_set_parameters_callback(check)
-
-
-def undeclare_limits(node: Node) -> None:
-    """Undeclare the parameters that a robot has made."""
-    for name in list(node.get_parameters_by_prefix(LIMITS[:-1])):
-        node.undeclare_parameter(LIMITS + name)
 
 
 def names_in(value: Sequence[str]) -> list[str] | None:
@@ -276,79 +268,3 @@ def settings_from(values: Mapping[str, Any], period: float, origin: str) -> Sett
     except SettingsError as error:
         raise SettingsError([f'{fault} (period is {origin})' if 'period' in fault else fault
                              for fault in error.faults]) from error
-
-
-def robot_from(node: Node, values: Mapping[str, Any], description: str | None = None,
-               joints: Sequence[str] | None = None) -> Robot | None:
-    """
-    Return the robot that the parameters describe.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Node that gets a parameter for each limit of each joint.
-    values : dict
-        Values of `ROBOT`.
-    description : str, optional
-        URDF from the topic.
-    joints : list of str, optional
-        Driven joints.
-
-    Returns
-    -------
-    Robot or None
-        None while there is no description.
-
-    Raises
-    ------
-    RobotError, SettingsError
-        What is wrong with the description or a limit.
-
-    """
-    if not values['robot'] and not values['robot_description'] and description is None:
-        return None
-    urdf: str = values['robot_description'] or description or ''
-
-    def build(limits: Limits | None = None) -> Robot:
-        options = {'joints': joints, 'limits': limits, 'base': values['base'],
-                   'world_frame': values['world_frame']}
-        if values['robot']:
-            return Robot.from_file(values['robot'], **options)
-        if '<' not in urdf:
-            raise RobotError(f'robot_description must be URDF text, not {urdf[:40]!r}; a file '
-                             'goes into the parameter robot')
-        return Robot.from_urdf(urdf, **options)
-
-    robot = build()
-    limits = _limits(node, robot)
-    return build(limits=limits) if limits else robot
-
-
-def _limits(node: Node, robot: Robot) -> Limits:
-    """Return {velocity: {key: value}} of the limits that parameters replace."""
-    specs = [Spec(f'{LIMITS}{name}.{key}', float(getattr(robot, key)[row]),
-                  f'{key} limit of {name}; changed, it replaces the one in the description',
-                  unit + UNIT_ENDINGS.get(key, ''), fixed=True)
-             for row, (name, unit) in enumerate(zip(robot.velocity_names, robot.velocity_units))
-             for key in (LIMIT_KEYS if name in robot.joint_names else BASE_LIMIT_KEYS)]
-    strange = {name for name in node._parameter_overrides
-               if name.startswith(LIMITS)} - {spec.name for spec in specs}
-    if strange:
-        raise SettingsError([f'unknown parameter {", ".join(sorted(strange))}; valid: '
-                             f'{LIMITS}<joint>.{"|".join(LIMIT_KEYS)} with the driven joints '
-                             f'{", ".join(robot.joint_names)}{_base_limits(robot)}'])
-    limits: Limits = {}
-    described = {spec.name: spec.default for spec in specs}
-    for name, value in declare(node, specs).items():
-        if value != described[name]:
-            joint, key = name.removeprefix(LIMITS).rsplit('.', 1)
-            limits.setdefault(joint, {})[key] = value
-    return limits
-
-
-def _base_limits(robot: Robot) -> str:
-    """Return which limits of a base there are, as the end of a list."""
-    names = robot.velocity_names[:robot.joint_columns.start]
-    if not names:
-        return ''
-    return f'; {LIMITS}<axis>.{"|".join(BASE_LIMIT_KEYS)} with {", ".join(names)}'

@@ -21,7 +21,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from tp_controller.control.report import TaskReport
+from tp_controller.control.report import Report, TaskReport
 from tp_controller.control.sketcher import Sketcher
 from tp_controller.errors import RobotError
 from tp_controller.nodes.figures import Figures
@@ -113,6 +113,10 @@ class Reporter:
         self._numbers.publish(self._reports)
         self._draw()
 
+    def say(self, reason: str) -> None:
+        """Publish why zeros are commanded, and nothing about the tasks, which may hang."""
+        self._status.publish(self._of(reason, None, None, {}))
+
     def close(self) -> None:
         """Remove what others still show."""
         self._goals.close()
@@ -164,13 +168,17 @@ class Reporter:
         self._wait()
         loop, records = self._loop, self._records()
         self._wait()
+        return self._of(loop.stop_reason if loop else self.reason, loop.report if loop else None,
+                        self._controller, records)
+
+    def _of(self, reason: str, report: Report | None, controller: SharedController | None,
+            records: Mapping[str, GoalRecord]) -> DiagnosticArray:
+        """Return the status with a reason for zeros, and what is known about the tasks."""
+        loop = self._loop
         figures = (loop.figures if loop else Figures(math.inf)).told()
         self._wait()
-        return diagnostics(
-            self._node.get_clock().now().to_msg(), self._name,
-            loop.stop_reason if loop else self.reason,
-            loop.report if loop else None, self._controller, records,
-            figures, self._wait)
+        return diagnostics(self._node.get_clock().now().to_msg(), self._name, reason, report,
+                           controller, records, figures, self._wait)
 
     def _reports(self) -> Sequence[TaskReport]:
         """Return what is known about every task."""

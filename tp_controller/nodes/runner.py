@@ -25,6 +25,7 @@ import sys
 from textwrap import wrap
 import threading
 from types import ModuleType
+from typing import cast
 
 from rclpy import init, try_shutdown
 from rclpy.context import Context
@@ -35,6 +36,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from tp_controller.errors import in_words, TpControllerError
+from tp_controller.nodes.interruption import SignalWatch
 from tp_controller.nodes.middleware import set_up_fast_dds
 
 HELP_WIDTH = 95
@@ -46,6 +48,8 @@ NAMES = {number.value: number.name for number in SIGNALS}
 LONG = 1e8
 # How long a thread is waited for, and the name of those that are [s].
 PATIENCE_SECONDS, BESIDE = 1.0, 'beside'
+# How long a node takes at most to end after a signal, and its exit status if it does not [s].
+ENDING_SECONDS, STUCK = 5.0, 1
 # How long a thread that is busy in Python may hold up the others [s]; Python's own is 5 ms.
 SWITCH_SECONDS = 1e-4
 # What Fast DDS sends over, unless the environment says so already. Through shared memory, its
@@ -61,6 +65,14 @@ class ClosableNode(Node, ABC):
     @abstractmethod
     def close(self, reason: str) -> None:
         """Act for the last time, while publishing still works, and say why the node ends."""
+
+    def halt(self, reason: str) -> None:
+        """
+        Stop what moves, and say why, before `close` or in its place.
+
+        Called from any thread, whatever hangs on the others: it may wait for nothing, and call no
+        code of a task. Nothing may move afterwards.
+        """
 
     def beside(self, failed: Callable[[BaseException], None]) -> AbstractContextManager[None]:
         """Return what runs on other threads meanwhile; it calls `failed` if that ends."""
@@ -99,7 +111,8 @@ def run(make_node: Callable[[], ClosableNode], name: str,
     if {'-h', '--help'} & set(sys.argv[1:] if args is None else args):
         print(_help(sys.modules[make_node.__module__]))
         return 0
-    arrived = _catch_signals()
+    ending = Ending()
+    _catch_signals(ending)
     sys.setswitchinterval(SWITCH_SECONDS)
     os.environ.setdefault(*TRANSPORTS)
     set_up_fast_dds()
@@ -112,7 +125,7 @@ def run(make_node: Callable[[], ClosableNode], name: str,
     node, reason = None, 'ended'
     try:
         node = make_node()
-        reason = _spin(node, arrived)
+        reason = _spin(node, ending)
     except (TpControllerError, ParameterException) as error:
         get_logger(name).fatal(str(error))
         reason = f'ended: {error}'
@@ -125,7 +138,7 @@ def run(make_node: Callable[[], ClosableNode], name: str,
             node.close(reason)
             if _is_stuck():
                 # It would be waited for in vain, and with it everything that it uses.
-                os._exit(1)
+                os._exit(STUCK)
             node.destroy_node()
         try_shutdown()
     return 0
@@ -146,19 +159,52 @@ def _help(module: ModuleType) -> str:
     return '\n'.join(lines)
 
 
-def _catch_signals() -> int:
+class Ending:
     """
-    Catch the signals that end a node; return a file that a byte arrives at for each.
+    Ends a node from any thread.
+
+    Attributes
+    ----------
+    reason : str
+        Why the node has to end; empty while it goes on.
+
+    """
+
+    def __init__(self) -> None:
+        self.reason = ''
+        self._node: ClosableNode | None = None
+        self._spun: Future | None = None
+
+    def follow(self, node: ClosableNode, spun: Future) -> None:
+        """End a node from now on, which spins until a future is done."""
+        self._node, self._spun = node, spun
+        if self.reason:
+            self._act()
+
+    def begin(self, number: int) -> None:
+        """End the node because of a signal."""
+        self.reason = f'ended by {NAMES[number]}'
+        self._act()
+
+    def _act(self) -> None:
+        """Stop what moves, and then let the main thread end the node, if it can."""
+        node, spun = self._node, self._spun
+        if node is not None and spun is not None:
+            try:
+                node.halt(self.reason)
+            finally:
+                spun.set_result(self.reason)
+
+
+def _catch_signals(ending: Ending) -> None:
+    """
+    Let signals end the node, until the end of the process.
 
     rclpy's own handlers shut the context down at once, when no zero can be published any more.
-    A handler in Python would run only once the executor returns from C++, hence the file.
     """
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
     for number in SIGNALS:
         signal.signal(number, lambda *_: None)
-    return reader
+    SignalWatch(SIGNALS, STUCK, ending.begin, ENDING_SECONDS).start()
 
 
 @contextmanager
@@ -201,17 +247,12 @@ def spinning(node: Node, failed: Callable[[BaseException], None],
             executor.shutdown()
 
 
-def _spin(node: ClosableNode, arrived: int) -> str:
+def _spin(node: ClosableNode, ending: Ending) -> str:
     """Spin until a signal arrives or somebody shuts the context down; return which."""
     executor = make_executor(node.context)
     executor.add_node(node)
     ended = Future(executor=executor)
-
-    def wait_for_signal() -> None:
-        number = os.read(arrived, 1)[0]
-        ended.set_result(NAMES.get(number, 'a signal'))
-
-    threading.Thread(target=wait_for_signal, daemon=True).start()
+    ending.follow(node, ended)
     try:
         with node.beside(ended.set_exception):
             _spin_until(ended, executor)
@@ -219,7 +260,7 @@ def _spin(node: ClosableNode, arrived: int) -> str:
         pass
     finally:
         executor.shutdown()
-    return f'ended by {ended.result()}' if ended.done() else 'ended: ROS was shut down'
+    return cast(str, ended.result()) if ended.done() else 'ended: ROS was shut down'
 
 
 def _spin_until(ended: Future, executor: Executor) -> None:

@@ -64,5 +64,6 @@ class SharedController(Controller):
     set_feed_forward = _alone(Controller.set_feed_forward)
     enable = _alone(Controller.enable)
     set_gain = _alone(Controller.set_gain)
+    set_velocity_limits = _alone(Controller.set_velocity_limits)
     set_tolerance = _alone(Controller.set_tolerance)
     configuration = _alone(Controller.configuration)

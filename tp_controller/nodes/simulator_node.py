@@ -36,14 +36,14 @@ from tp_controller.errors import RobotError
 from tp_controller.model.simulator import initial_positions, KinematicSimulator, SimulatorNoise
 from tp_controller.nodes.base_topics import fill_odometry, twist_of
 from tp_controller.nodes.deadlines import promise
+from tp_controller.nodes.limit_parameters import LimitParameters, robot_from
 from tp_controller.nodes.parameters import (
     declare,
     keep_fixed,
     names_in,
     ROBOT,
-    robot_from,
     Spec,
-    take_numbers_as_text,
+    take_numbers,
     warn_unknown,
 )
 from tp_controller.nodes.runner import ClosableNode, run
@@ -86,7 +86,7 @@ class SimulatorNode(ClosableNode):
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, **options)
         values = declare(self, PARAMETERS)
-        robot = robot_from(self, values)
+        robot = robot_from(LimitParameters(self), values)
         if robot is None:
             raise RobotError('parameter robot (a file) or robot_description (URDF text) is needed')
         self._robot = robot
@@ -108,7 +108,7 @@ class SimulatorNode(ClosableNode):
         self._tf = TfBroadcast(self) if values['publish_tf'] and robot.moves else None
         self._connect()
         keep_fixed(self)
-        take_numbers_as_text(self)
+        take_numbers(self)
         warn_unknown(self)
         self.get_logger().info(
             f'simulating {self._robot.name} ({len(self._robot.joint_names)} joints, base '

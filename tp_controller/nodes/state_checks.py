@@ -32,6 +32,9 @@ from tp_controller.model.spatial import Array, wrap_angle
 REMEMBERED = 5.0
 # After how long stamps that are off by a constant time are taken as another clock [s].
 RELEARNED = 2.0
+# A longer step between two cycles, as a share of the window in which a robot has to follow, is a
+# leap of the clock. It is so short that a robot which did not move meanwhile follows all the same.
+LEAP = 0.5
 
 
 def motion(change: Array, endless: NDArray[np.bool_]) -> Array:
@@ -304,8 +307,8 @@ class FollowCheck:
         window = self._following.window
         if not window or not len(q):
             return ''
-        if now < self._last:
-            # The clock was set back.
+        if self._last > -math.inf and not 0.0 <= now - self._last <= LEAP * window:
+            # The clock was set: nobody knows for how long the last command was in force.
             self.forget()
         if self._last > -math.inf:
             self._commanded = self._commanded + self._velocity * (now - self._last)

@@ -56,17 +56,19 @@ class TaskNumbers:
         heard = {name: publisher for name, publisher in self._publishers.items()
                  if publisher.get_subscription_count()}
         if heard:
+            stamp = 1e-9 * self._node.get_clock().now().nanoseconds
             for report in reports():
                 if report.name in heard:
-                    heard[report.name].publish(numbers(report))
+                    heard[report.name].publish(numbers(report, stamp))
 
 
-def numbers(report: TaskReport) -> Float64MultiArray:
+def numbers(report: TaskReport, stamp: float) -> Float64MultiArray:
     """
     Return what is known about a task, always in the same layout.
 
     Its one dimension has the names of all numbers as its label. What is not known, because the
-    task is disabled or the robot is stopped, is NaN.
+    task is disabled or the robot is stopped, is NaN. No message of common_interfaces has a header
+    and named numbers, so the time [s] is the last number.
     """
     named: dict[str, float] = {}
     for error, unit, tolerance in report.errors:
@@ -74,6 +76,7 @@ def numbers(report: TaskReport) -> Float64MultiArray:
     known = report.carried_out
     named['wanted speed'] = report.wanted_speed if known else math.nan
     named['achieved speed'] = report.achieved_speed if known else math.nan
+    named['stamp [s]'] = stamp
     message = Float64MultiArray(data=list(named.values()))
     message.layout.dim = [MultiArrayDimension(label=SEPARATOR.join(named), size=len(named),
                                               stride=len(named))]

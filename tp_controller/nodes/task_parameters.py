@@ -14,8 +14,8 @@
 
 """Gains and tolerances of the tasks of a stack as parameters."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 import math
 from typing import Any
 
@@ -25,8 +25,9 @@ from rclpy.parameter import Parameter
 from tp_controller.control.controller import Controller
 from tp_controller.control.gains import check_gain, check_tolerance, set_gain, set_tolerance
 from tp_controller.errors import SettingsError
+from tp_controller.foreign import foreign
 from tp_controller.nodes.log import Log
-from tp_controller.nodes.parameters import declare, Spec, TASKS, wrong_type
+from tp_controller.nodes.parameters import as_type, declare, Spec, TASKS, wrong_type
 from tp_controller.tasks.keys import LARGEST
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Task
@@ -81,7 +82,9 @@ class TaskParameters:
             given = self._started_with.get(name)
             if given is None:
                 continue
-            if given.type_ is not Parameter.Type.from_parameter_value(entry.spec.default):
+            kind = Parameter.Type.from_parameter_value(entry.spec.default)
+            given = as_type(given, kind)
+            if given.type_ is not kind:
                 faults.append(wrong_type(entry.spec, given.value))
                 continue
             task = stack.tasks[entry.task]
@@ -96,10 +99,11 @@ class TaskParameters:
             raise SettingsError(faults)
 
     def follow_stack(self) -> None:
-        """Have the parameters of the stack in force, and no others."""
-        self.close()
-        self._declared = _entries(self._controller.stack, self._controller.settings.period)
-        declare(self._node, [entry.spec for entry in self._declared.values()])
+        """Have the parameters of the stack in force, and no others; equal ones stay."""
+        entries = _entries(self._controller.stack, self._controller.settings.period)
+        self._undeclare(name for name in self._declared if not self._stays(name, entries))
+        self._declared = entries
+        declare(self._node, [entry.spec for entry in entries.values()])
         strange = sorted(set(self._started_with) - set(self._declared))
         if strange:
             self._log.warning('parameters, ignored, of what no task of the stack has: '
@@ -124,11 +128,23 @@ class TaskParameters:
 
     def close(self) -> None:
         """Undeclare them."""
-        for name in self._declared:
+        self._undeclare(self._declared)
+        self._declared = {}
+
+    def _undeclare(self, names: Iterable[str]) -> None:
+        """Undeclare some of them."""
+        for name in names:
             # One that was refused when it was to be declared is not there.
             if self._node.has_parameter(name):
                 self._node.undeclare_parameter(name)
-        self._declared = {}
+
+    def _stays(self, name: str, entries: Mapping[str, TaskParameter]) -> bool:
+        """Return whether a parameter is what it would be if it were declared anew."""
+        if name not in entries or not self._node.has_parameter(name):
+            return False
+        before, after = self._declared[name].spec, entries[name].spec
+        return replace(before, default=after.default) == after \
+            and _plain(self._node.get_parameter(name).value) == after.default
 
     def _among(self, given: Mapping[str, Any]) -> Iterator[tuple[TaskParameter, Any]]:
         """Yield those of {parameter: value} that belong to a task."""
@@ -139,8 +155,9 @@ class TaskParameters:
 
 def _entries(stack: Stack, period: float = math.inf) -> dict[str, TaskParameter]:
     """Return {name: TaskParameter} with the values of the tasks, in cycles of a period [s]."""
-    return {entry.spec.name: entry for task in stack.tasks.values()
-            for entry in _entries_of(task, period)}
+    with foreign:
+        return {entry.spec.name: entry for task in stack.tasks.values()
+                for entry in _entries_of(task, period)}
 
 
 def _entries_of(task: Task, period: float) -> Iterator[TaskParameter]:

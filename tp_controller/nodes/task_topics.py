@@ -29,9 +29,11 @@ from tp_controller.control.controller import Controller
 from tp_controller.errors import GoalError, in_words
 from tp_controller.nodes import Message
 from tp_controller.nodes.goal_messages import GoalMessage, messages_of, Parts
+from tp_controller.nodes.goal_subscription import GoalSubscription
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.tf_frames import TfFrames
 from tp_controller.tasks.collision import ALL
+from tp_controller.tasks.guard import accept
 
 # Time to the next try where a topic could not be opened [s], and how many tries are strange.
 REOPEN_PERIOD = 0.02
@@ -184,9 +186,8 @@ class TaskTopics:
             service = self._node.create_service(kind, f'~/{name}/{topic}',
                                                 partial(self._on_enable, name))
             return partial(self._node.destroy_service, service)
-        subscription = self._node.create_subscription(
-            kind, f'~/{name}/{topic}', partial(self.take, name, topic), 10)
-        return partial(self._node.destroy_subscription, subscription)
+        return GoalSubscription(self._node, kind, f'~/{name}/{topic}',
+                                partial(self.take, name, topic)).close
 
     def _on_enable(self, name: str, request: SetBool.Request,
                    response: SetBool.Response) -> SetBool.Response:
@@ -220,7 +221,8 @@ class TaskTopics:
         now = self._clock()
         if goal is not None and feed_forward is not None:
             # A message is taken as a whole or not at all.
-            self._controller.stack.tasks[name].parse_feed_forward(feed_forward)
+            task = self._controller.stack.tasks[name]
+            accept(task, task.parse_feed_forward, feed_forward)
         remarks: Collection[str] = ()
         if goal is not None:
             remarks = self._controller.set_goal(name, goal, now, frame)
@@ -235,7 +237,8 @@ class TaskTopics:
         task = self._controller.stack.tasks[name]
         placed = [(None if frame == task.reference else self._frame(frame), goal)
                   for frame, goal in parts]
-        task.parse_goal({key: value for _, goal in placed for key, value in goal.items()})
+        accept(task, task.parse_goal,
+               {key: value for _, goal in placed for key, value in goal.items()})
         now = self._clock()
         # What is in other frames may still be refused where no joint positions are known.
         placed.sort(key=lambda part: part[0] is None)

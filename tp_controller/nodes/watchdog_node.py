@@ -28,7 +28,13 @@ from std_msgs.msg import Float64MultiArray
 from tp_controller.nodes.base_topics import twist_of
 from tp_controller.nodes.commands import LAST_ZEROS, TOPIC
 from tp_controller.nodes.competitors import WATCHDOG
-from tp_controller.nodes.parameters import declare, keep_fixed, Spec, warn_unknown
+from tp_controller.nodes.parameters import (
+    declare,
+    keep_fixed,
+    Spec,
+    take_numbers,
+    warn_unknown,
+)
 from tp_controller.nodes.runner import ClosableNode, run
 
 NAME = f'tp_{WATCHDOG}'
@@ -88,6 +94,7 @@ class WatchdogNode(ClosableNode):
         self.create_timer(values['timeout'] / 4.0, self._on_timer,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         keep_fixed(self)
+        take_numbers(self)
         warn_unknown(self)
 
     def close(self, reason: str) -> None:

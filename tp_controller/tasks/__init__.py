@@ -24,6 +24,7 @@ from functools import lru_cache
 from importlib.metadata import entry_points
 
 from tp_controller.errors import in_words, TpControllerError
+from tp_controller.foreign import foreign
 from tp_controller.tasks.base_pose import BaseOrientation, BasePose
 from tp_controller.tasks.bounded import BoundedTask
 from tp_controller.tasks.center_of_mass import CenterOfMass
@@ -62,7 +63,8 @@ def _load_entry_points() -> None:
     """Load the types that other packages add."""
     for entry in entry_points(group=ENTRY_POINTS):
         try:
-            entry.load()
+            with foreign:
+                entry.load()
         except Exception as error:
             # It is code of others, which may fail in any way.
             raise TpControllerError(f'task types of {entry.value!r}: {in_words(error)}') from error

@@ -33,6 +33,7 @@ from tp_controller.errors import (
     SolverError,
     TpControllerError,
 )
+from tp_controller.foreign import foreign
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import check_level
@@ -56,7 +57,8 @@ def attempt(task: Task, method: Callable[Given, Returned], *arguments: Given.arg
             **options: Given.kwargs) -> Returned:
     """Return what a method of a task does; `EvaluationError` where it raises any exception."""
     try:
-        return method(*arguments, **options)
+        with foreign:
+            return method(*arguments, **options)
     except Exception as error:
         raise EvaluationError(task.name, raised(method, error)) from error
 
@@ -65,7 +67,8 @@ def accept(task: Task, method: Callable[Given, Returned], *arguments: Given.args
            **options: Given.kwargs) -> Returned:
     """Return what a method of a task that takes a goal does; `GoalError` where it fails."""
     try:
-        return method(*arguments, **options)
+        with foreign:
+            return method(*arguments, **options)
     except TpControllerError:
         raise
     except Exception as error:

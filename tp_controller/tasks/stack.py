@@ -31,6 +31,7 @@ from tp_controller.errors import (
     TaskError,
     unknown,
 )
+from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.model.state import RobotState
 from tp_controller.resources import read_source, YamlLoader
@@ -174,7 +175,9 @@ class Stack:
         """
         if not self._foreign:
             try:
-                return [[task.evaluate(state, now) for task in group] for group in self.active]
+                with foreign:
+                    return [[task.evaluate(state, now) for task in group]
+                            for group in self.active]
             except Exception:
                 # Which one it was comes out below.
                 pass
@@ -224,7 +227,8 @@ def shared_levels(before: Groups, after: Groups) -> int:
 def _is_equivalent(one: Task, other: Task) -> bool:
     """Say whether a task demands what another does; where that fails, it does not."""
     try:
-        return bool(one.is_equivalent(other))
+        with foreign:
+            return bool(one.is_equivalent(other))
     except Exception:
         return False
 
@@ -377,13 +381,14 @@ class _Reader:
         """Return a task of a type, or None and note what is wrong with its keys."""
         missing: list[str] = []
         try:
-            accepted, described = task_type.accepted_keys(), task_type.described_keys()
-            missing = self._check_keys(name, key, accepted, described, values, lines)
-            # Missing keys are tried as None, so that faults of the other ones are found too.
-            make: Callable[..., Task] = task_type
-            task = make(self._robot, name, **dict.fromkeys(missing), **values)
-            if all(hasattr(task, attribute) for attribute in MADE):
-                return task
+            with foreign:
+                accepted, described = task_type.accepted_keys(), task_type.described_keys()
+                missing = self._check_keys(name, key, accepted, described, values, lines)
+                # Missing keys are tried as None, so that faults of the other ones are found too.
+                make: Callable[..., Task] = task_type
+                task = make(self._robot, name, **dict.fromkeys(missing), **values)
+                if all(hasattr(task, attribute) for attribute in MADE):
+                    return task
             self._fault(key, name, f'type {task_type.type_name}: its constructor must call that '
                                    'of Task')
         except TaskError as error:

@@ -21,6 +21,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+import robots
+from tp_controller import Controller, Robot, Settings, SettingsError, Stack
 from tp_controller.control.velocity_limits import VelocityLimits
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
@@ -318,3 +320,54 @@ def test_bounds_without_a_limit_are_set_by_the_next_one(names, upper):
     assert bounds.upper == pytest.approx([0.5, 0.5])
     if 'acceleration limit' not in names:
         assert without.lower == pytest.approx([-1.0, -1.0])
+
+
+# Limits that change
+
+
+def fast_controller(**limits):
+    """Return a controller of the planar arm whose first joint moves as fast as it may."""
+    robot = Robot.from_file(robots.PLANAR_DH, limits={'joint1': limits})
+    stack = Stack.from_yaml('- swing: {type: joint, joints: joint1, target: [3], gain: 5}', robot)
+    return Controller(robot, stack, Settings(period=0.01, blend=0.0))
+
+
+def test_a_lowered_velocity_limit_acts_from_the_next_cycle_on():
+    controller = fast_controller()
+    assert controller.update(np.zeros(3), 0.0).velocity[0] == pytest.approx(1.0)
+    controller.set_velocity_limits({'joint1': 0.25})
+    assert controller.update(np.zeros(3), 0.01).velocity[0] == pytest.approx(0.25)
+    assert controller.velocity_limits.tolist() == [0.25, 1.0, 1.0]
+    controller.set_velocity_limits({'joint1': 1.0})
+    assert controller.update(np.zeros(3), 0.02).velocity[0] == pytest.approx(1.0)
+
+
+def test_a_raised_velocity_limit_is_blended_in_as_a_setting_is():
+    controller = fast_controller()
+    controller.settings = Settings(period=0.01, blend=10.0)
+    controller.set_velocity_limits({'joint1': 0.25})
+    for cycle in range(3):
+        controller.update(np.zeros(3), 0.01 * cycle)
+    controller.set_velocity_limits({'joint1': 1.0})
+    assert controller.update(np.zeros(3), 0.03).velocity[0] < 0.3
+
+
+def test_other_settings_and_a_new_stack_leave_a_lowered_limit_in_force():
+    controller = fast_controller(acceleration=5.0)
+    controller.set_velocity_limits({'joint1': 0.25})
+    controller.settings = Settings(period=0.01, blend=0.0, damping=0.2)
+    controller.replace_stack(Stack.from_yaml(controller.stack.text, controller.robot))
+    speeds = [controller.update(np.zeros(3), 0.01 * cycle).velocity[0] for cycle in range(20)]
+    assert max(speeds) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize('limits, told', [
+    ({'joint1': 0.0}, 'velocity limit of joint1 must be above 0 and at most 1 rad/s'),
+    ({'joint1': 1.1}, 'at most 1 rad/s, that of the robot, not 1.1'),
+    ({'joint1': math.nan}, 'not nan'), ({'joint1': '0.5'}, "not '0.5'"),
+    ({'joint2': 0.5, 'joint9': 0.5}, "unknown velocity 'joint9'")])
+def test_velocity_limits_that_cannot_be_leave_all_as_they_were(limits, told):
+    controller = fast_controller()
+    with pytest.raises(SettingsError, match=told):
+        controller.set_velocity_limits(limits)
+    assert controller.velocity_limits.tolist() == [1.0, 1.0, 1.0]

@@ -1,0 +1,62 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Goals are heard whatever their publishers promise, and count once."""
+
+from harness import Arm, Status
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Int32
+from tp_controller.nodes.goal_subscription import GoalSubscription
+
+BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def test_a_goal_of_a_best_effort_publisher_is_taken(any_harness):
+    harness = any_harness
+    harness.controller(state_timeout=5.0)
+    arm, status = Arm(harness), Status(harness)
+    publisher = harness.publisher(JointState, '/tp_controller/swing/goal', BEST_EFFORT)
+    publisher.publish(JointState(name=['joint1'], position=[0.25]))
+    harness.spin_until(lambda: status.task('swing')['goals accepted'] == '1',
+                       meanwhile=arm.publish)
+
+
+def test_messages_of_both_kinds_of_publishers_count_once_each(harness):
+    taken = []
+    subscription = GoalSubscription(harness.node, Int32, '/numbers', taken.append)
+    reliable = harness.publisher(Int32, '/numbers', 50)
+    assert len(list(harness.node.subscriptions)) == 1
+    best_effort = harness.publisher(Int32, '/numbers', BEST_EFFORT)
+    harness.spin_until(lambda: reliable.get_subscription_count() == 2, 'the second subscription')
+    assert len(list(harness.node.subscriptions)) == 2
+    for number in range(0, 20, 2):
+        for publisher, data in ((reliable, number), (best_effort, number + 1)):
+            publisher.publish(Int32(data=data))
+            harness.spin_until(lambda data=data: data in [each.data for each in taken])
+    reliable.publish(Int32(data=20))
+    harness.spin_until(lambda: taken[-1].data == 20)
+    assert sorted(each.data for each in taken) == list(range(21))
+    subscription.close()
+    assert not list(harness.node.subscriptions)
+
+
+def test_a_second_best_effort_publisher_needs_no_third_subscription(harness):
+    subscription = GoalSubscription(harness.node, Int32, '/numbers', lambda message: None)
+    publishers = [harness.publisher(Int32, '/numbers', BEST_EFFORT) for _ in range(3)]
+    for _ in range(20):
+        harness.executor.spin_once(timeout_sec=0.005)
+    assert [each.get_subscription_count() for each in publishers] == [1, 1, 1]
+    assert len(list(harness.node.subscriptions)) == 2
+    subscription.close()

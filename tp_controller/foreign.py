@@ -1,0 +1,66 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Calls of code of others, as that of task types: what they raise ends no program."""
+
+import signal
+import threading
+from traceback import walk_tb
+from types import CodeType, TracebackType
+from typing import Any
+
+
+class Leaving(Exception):
+    """Code of others raised what would end the program; its cause says what."""
+
+
+class Foreign:
+    """
+    A context in which code of others is called.
+
+    ``SystemExit``, ``KeyboardInterrupt``, ``GeneratorExit`` and whatever else is no `Exception`
+    leaves it as `Leaving`, a fault like others. Only what the handler of a signal raises there
+    stays as it is.
+    """
+
+    def __enter__(self) -> None:
+        """Enter, which takes no time: the context may be used in every cycle."""
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        """Leave, with an `Exception` if there was anything else."""
+        if error is not None and not isinstance(error, Exception) and not _is_of_signal(error):
+            raise Leaving from error
+
+
+foreign = Foreign()
+
+
+def _is_of_signal(error: BaseException) -> bool:
+    """Return whether the handler of a signal raised an exception."""
+    if threading.current_thread() is not threading.main_thread():
+        # Handlers only run there.
+        return False
+    handlers = [signal.getsignal(number) for number in signal.valid_signals()]
+    if isinstance(error, KeyboardInterrupt) and signal.default_int_handler in handlers:
+        return True
+    codes = {_code(handler) for handler in handlers} - {None}
+    return any(frame.f_code in codes for frame, _ in walk_tb(error.__traceback__))
+
+
+def _code(handler: Any) -> CodeType | None:
+    """Return the code of a handler in Python; None for others."""
+    handler = getattr(handler, 'func', handler)
+    return getattr(handler, '__code__', None) or getattr(
+        getattr(type(handler), '__call__', None), '__code__', None)
