@@ -67,6 +67,8 @@ EVERY_NODE = {'use_sim_time': False}
 # Packages of drivers, whose launch files and executables are not looked at either.
 DRIVERS = {'controller_manager', 'franka_bringup', 'kortex_bringup', 'ur_robot_driver',
            'xarm_controller'}
+# The folder of the installed package, as users of ROS write it; it has what is in the repository.
+SHARE = '$(ros2 pkg prefix --share tp_controller)/'
 EXECUTABLES = ('controller_node', 'simulator_node', 'tp_controller', 'viewer_node',
                'watchdog_node')
 
@@ -375,10 +377,31 @@ def test_every_other_command_is_known():
     assert {words[0] for _, words in commands()} <= known
 
 
+def values_of(option, words):
+    """Return the values of an option that may be given several times."""
+    return [words[index + 1] for index, word in enumerate(words) if word == option]
+
+
+def shared(path):
+    """Return the file of this repository that a path in the installed package stands for."""
+    assert path.startswith(SHARE), f'{path} is a file of a clone only'
+    return ROOT / path.removeprefix(SHARE)
+
+
+@pytest.mark.parametrize('words', [pytest.param(words, id=f'{block} {shlex.join(words)[:60]}')
+                                   for block, words in commands()
+                                   if words[0] in ('ros2', 'tp_controller')])
+def test_commands_need_no_clone(words):
+    values = {part for word in words for part in re.split(':=|=', word)}
+    assert not {value for value in values if '/' in value and (ROOT / value).exists()}
+
+
 @pytest.mark.parametrize('words', commands_of('ros2', 'run'))
 def test_ros2_run_names_executables_and_parameters(words):
     assert words[2] == 'tp_controller' and words[3] in EXECUTABLES
-    assignments = [words[index + 1] for index, word in enumerate(words) if word == '-p']
+    for file in values_of('--params-file', words):
+        assert '/' not in file or shared(file).is_file()
+    assignments = values_of('-p', words)
     if assignments:
         pytest.importorskip('rclpy')
     for assignment in assignments:
@@ -471,6 +494,14 @@ def test_ros2_topic_pub_sends_goals_that_tasks_take(words, panda):
         task.parse_feed_forward(feed_forward)
 
 
+@pytest.mark.parametrize('words', commands_of('ros2', 'topic', 'info'))
+def test_ros2_topic_info_is_about_commands_that_a_documented_node_publishes(words):
+    default = 'velocity_controller/commands'
+    remapped = {value.partition(':=')[2] for _, other in commands()
+                for value in values_of('-r', other) if value.startswith(default)}
+    assert words[-1].removeprefix('/') in {default, *remapped}
+
+
 @pytest.mark.parametrize('words', commands_of('ros2', 'service', 'call'))
 def test_ros2_service_call_names_services(words, panda, generate):
     pytest.importorskip('rclpy')
@@ -501,7 +532,7 @@ def test_ros2_lifecycle_names_transitions(words):
 def test_ros2_commands_are_all_looked_at():
     verbs = {tuple(words[1:3]) for _, words in commands() if words[0] == 'ros2'}
     verbs = {verb if verb[0] in ('topic', 'service', 'param') else verb[:1] for verb in verbs}
-    assert verbs <= {('run',), ('launch',), ('topic', 'pub'), ('topic', 'echo'),
+    assert verbs <= {('run',), ('launch',), ('topic', 'pub'), ('topic', 'echo'), ('topic', 'info'),
                      ('service', 'call'), ('param', 'set'), ('param', 'describe'),
                      ('param', 'list'), ('param', 'dump'), ('param', 'load'), ('control',),
                      ('lifecycle',), ('security',), ('bag',)}
