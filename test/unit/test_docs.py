@@ -184,6 +184,17 @@ def test_generated_tables_about_the_nodes_are_current(page, generate):
         'run: python docs/generate.py'
 
 
+def test_table_of_topics_names_the_node_at_which_ros_tools_show_them(generate):
+    pytest.importorskip('rclpy')
+    rows = [line.split(' | ') for line in generate.topics('controller').splitlines()]
+    nodes = {name.strip('`'): node for _, name, _, node, _ in rows}
+    for name in ('joint_states', 'velocity_controller/commands', '~/stop'):
+        assert nodes[name] == '`tp_controller_loop`'
+    for name in ('~/status', '~/start', '~/<task>/goal'):
+        assert nodes[name] == '`tp_controller`'
+    assert len(generate.topics('watchdog').partition('\n')[0].split(' | ')) == 4
+
+
 def test_every_table_is_shown(generate):
     shown = {match['name'] for page in PAGES
              for match in generate.REGION.finditer(page.read_text(encoding='utf-8'))}
@@ -507,7 +518,8 @@ def test_ros2_service_call_names_services(words, panda, generate):
     pytest.importorskip('rclpy')
     name, kind, *values = words[3:]
     known = {topic: message for node in ('controller', 'simulator')
-             for direction, topic, message in generate.interfaces(node) if direction == 'service'}
+             for direction, topic, message, _ in generate.interfaces(node)
+             if direction == 'service'}
     node, *task, last = name.strip('/').split('/')
     assert node in ('tp_controller', 'tp_simulator')
     assert known['~/' + '/'.join(['<task>'] * len(task) + [last])] == kind
