@@ -67,6 +67,8 @@ docs: $(STAMP) $(VENV)/with_docs  ## build the pages as a site, strictly: docs/_
 
 lint: $(STAMP) $(TEST_NEEDS)  ## check code style and types
 	@$(BIN)/python -m ruff check .
+	@$(BIN)/python -m flake8 .
+	@$(BIN)/python -m pydocstyle --config=setup.cfg .
 	@$(BIN)/python -m mypy
 
 clean:  ## remove .venv and everything built

@@ -39,6 +39,10 @@ docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
 # What benchmarks/peers.py compares with; not placo and tsid, which need other Pinocchios.
 peers = ['pin-pink', 'mink', 'embodik; python_version < "3.13"', 'example-robot-data']
 
+# A quick linter, and those of ament_flake8 and ament_pep257 with their plugins.
+style = ['ruff<0.18', 'flake8<8', 'flake8-builtins<4', 'flake8-comprehensions<4',
+         'flake8-import-order<0.20', 'flake8-quotes<4', 'pydocstyle<7']
+
 # One build for every Python from 3.11 on: before it the limited API has no buffer protocol.
 LIMITED = sys.version_info >= (3, 11) and not sysconfig.get_config_var('Py_GIL_DISABLED')
 # Modules with a source of their name, in C++. Each does no more than Python does in its place
@@ -113,7 +117,7 @@ setup(
         'docs': docs,
         # playwright drives the Chromium that is there; it brings none.
         'test': [*plots, *record, *view, *check, 'dask[distributed]', *docs, 'pytest',
-                 'pytest-xdist', 'hypothesis', 'playwright', 'example-robot-data', 'ruff<0.18',
+                 'pytest-xdist', 'hypothesis', 'playwright', 'example-robot-data', *style,
                  'mypy<2.5', 'types-PyYAML', 'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',

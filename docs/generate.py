@@ -308,16 +308,20 @@ def topics(node):
     """Return the table of topics and services, read off a running node."""
     described = {'controller': TOPICS, 'simulator': SIMULATOR_TOPICS,
                  'watchdog': WATCHDOG_TOPICS}[node]
+    opened = interfaces(node)
+    # In the graph of ROS the loop of the controller is a node of its own.
+    several = len({owner for *_, owner in opened}) > 1
     rows = {}
-    for direction, name, kind in interfaces(node):
+    for direction, name, kind, owner in opened:
         kind = '[by task](docs/ros.md#goals)' if name == '~/<task>/goal' else f'`{kind}`'
-        rows[direction, f'`{name}`', kind, described[name]] = None
-    return table(('direction', 'name', 'type', 'what for'), rows)
+        at = (f'`{owner}`',) if several else ()
+        rows[(direction, f'`{name}`', kind, *at, described[name])] = None
+    return table(('direction', 'name', 'type', *(('node',) if several else ()), 'what for'), rows)
 
 
 @cache
 def interfaces(node):
-    """Return (direction, name, type) of the topics and services that a node opens."""
+    """Return (direction, name, type, node) of the topics and services that a node opens."""
     import rclpy
     from rclpy.parameter import Parameter
     # On a base that moves, or its topics would be missing.
@@ -364,7 +368,7 @@ def _example_keys(kind):
 
 
 def _opened(node, owner):
-    """Yield (direction, name, type) of a node's own topics and services, as of `owner`."""
+    """Yield (direction, name, type, node) of a node's own topics and services, as of `owner`."""
     opened = [('in', entry.topic_name, entry.msg_type) for entry in node.subscriptions]
     opened += [('out', entry.topic_name, entry.msg_type) for entry in node.publishers]
     opened += [('service', entry.srv_name, entry.srv_type) for entry in node.services]
@@ -380,7 +384,7 @@ def _opened(node, owner):
                 name = f'~/<task>/{name.rpartition("/")[2]}'
         elif name.startswith(f'{NAMESPACE}/'):
             name = name.removeprefix(f'{NAMESPACE}/')
-        yield direction, name, message_name(kind)
+        yield direction, name, message_name(kind), node.get_name()
 
 
 def message_name(kind):

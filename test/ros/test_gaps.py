@@ -32,8 +32,8 @@ LONG = 60.0
 
 def let_cycles_end(gaps, between):
     """Let two cycles end, some time after each other [s]."""
-    gaps.open(10.0)
-    gaps.open(10.0 + between)
+    gaps.begin(10.0)
+    gaps.begin(10.0 + between)
 
 
 def waits_of(gaps, monkeypatch):
@@ -50,7 +50,7 @@ def test_the_end_of_a_cycle_is_waited_for():
     def cycle():
         for number in count(1):
             opened.append(number)
-            gaps.open(11.0 + 1e-3 * number)
+            gaps.begin(11.0 + 1e-3 * number)
             if enough.wait(1e-3):
                 return
 

@@ -429,6 +429,23 @@ def test_ros2_run_finds_the_executables(prefix, monkeypatch):
     assert all((prefix / 'bin' / path.name).is_file() for path in found)
 
 
+def test_documented_parameter_files_are_in_the_installed_package(prefix, tmp_path):
+    pages = [path.read_text(encoding='utf-8') for path in (ROOT / 'docs').rglob('*.md')]
+    blocks = re.findall(r'^```bash\n(ros2 run [^`]*share[^`]*)```$', '\n'.join(pages),
+                        re.MULTILINE)
+    assert len(blocks) > 10
+    # In place of ROS: the folder of the package, and a node that only opens its parameter files.
+    (tmp_path / 'ros2').write_text(f"""#!/bin/sh
+        if [ "$1" = pkg ]; then echo '{prefix}/share/{PACKAGE}'; exit; fi
+        for word; do
+          if [ "$before" = --params-file ]; then : < "$word" || exit 1; fi
+          before=$word
+        done
+        """, encoding='utf-8')
+    (tmp_path / 'ros2').chmod(0o755)
+    run('bash', '-e', '-c', '\n'.join(blocks), PATH=f'{tmp_path}:{os.environ["PATH"]}')
+
+
 def test_shim_runs_the_program_with_its_own_python(prefix, site_packages, tmp_path):
     # No activated environment: nothing on PATH but the system's shell tools.
     shim = prefix / 'lib' / PACKAGE / 'tp_controller'

@@ -67,6 +67,8 @@ EVERY_NODE = {'use_sim_time': False}
 # Packages of drivers, whose launch files and executables are not looked at either.
 DRIVERS = {'controller_manager', 'franka_bringup', 'kortex_bringup', 'ur_robot_driver',
            'xarm_controller'}
+# The folder of the installed package, as users of ROS write it; it has what is in the repository.
+SHARE = '$(ros2 pkg prefix --share tp_controller)/'
 EXECUTABLES = ('controller_node', 'simulator_node', 'tp_controller', 'viewer_node',
                'watchdog_node')
 
@@ -180,6 +182,17 @@ def test_generated_tables_about_the_nodes_are_current(page, generate):
     pytest.importorskip('rclpy')
     assert generate.same(generate.renewed(page), page.read_text(encoding='utf-8')), \
         'run: python docs/generate.py'
+
+
+def test_table_of_topics_names_the_node_at_which_ros_tools_show_them(generate):
+    pytest.importorskip('rclpy')
+    rows = [line.split(' | ') for line in generate.topics('controller').splitlines()]
+    nodes = {name.strip('`'): node for _, name, _, node, _ in rows}
+    for name in ('joint_states', 'velocity_controller/commands', '~/stop'):
+        assert nodes[name] == '`tp_controller_loop`'
+    for name in ('~/status', '~/start', '~/<task>/goal'):
+        assert nodes[name] == '`tp_controller`'
+    assert len(generate.topics('watchdog').partition('\n')[0].split(' | ')) == 4
 
 
 def test_every_table_is_shown(generate):
@@ -375,10 +388,31 @@ def test_every_other_command_is_known():
     assert {words[0] for _, words in commands()} <= known
 
 
+def values_of(option, words):
+    """Return the values of an option that may be given several times."""
+    return [words[index + 1] for index, word in enumerate(words) if word == option]
+
+
+def shared(path):
+    """Return the file of this repository that a path in the installed package stands for."""
+    assert path.startswith(SHARE), f'{path} is a file of a clone only'
+    return ROOT / path.removeprefix(SHARE)
+
+
+@pytest.mark.parametrize('words', [pytest.param(words, id=f'{block} {shlex.join(words)[:60]}')
+                                   for block, words in commands()
+                                   if words[0] in ('ros2', 'tp_controller')])
+def test_commands_need_no_clone(words):
+    values = {part for word in words for part in re.split(':=|=', word)}
+    assert not {value for value in values if '/' in value and (ROOT / value).exists()}
+
+
 @pytest.mark.parametrize('words', commands_of('ros2', 'run'))
 def test_ros2_run_names_executables_and_parameters(words):
     assert words[2] == 'tp_controller' and words[3] in EXECUTABLES
-    assignments = [words[index + 1] for index, word in enumerate(words) if word == '-p']
+    for file in values_of('--params-file', words):
+        assert '/' not in file or shared(file).is_file()
+    assignments = values_of('-p', words)
     if assignments:
         pytest.importorskip('rclpy')
     for assignment in assignments:
@@ -471,12 +505,21 @@ def test_ros2_topic_pub_sends_goals_that_tasks_take(words, panda):
         task.parse_feed_forward(feed_forward)
 
 
+@pytest.mark.parametrize('words', commands_of('ros2', 'topic', 'info'))
+def test_ros2_topic_info_is_about_commands_that_a_documented_node_publishes(words):
+    default = 'velocity_controller/commands'
+    remapped = {value.partition(':=')[2] for _, other in commands()
+                for value in values_of('-r', other) if value.startswith(default)}
+    assert words[-1].removeprefix('/') in {default, *remapped}
+
+
 @pytest.mark.parametrize('words', commands_of('ros2', 'service', 'call'))
 def test_ros2_service_call_names_services(words, panda, generate):
     pytest.importorskip('rclpy')
     name, kind, *values = words[3:]
     known = {topic: message for node in ('controller', 'simulator')
-             for direction, topic, message in generate.interfaces(node) if direction == 'service'}
+             for direction, topic, message, _ in generate.interfaces(node)
+             if direction == 'service'}
     node, *task, last = name.strip('/').split('/')
     assert node in ('tp_controller', 'tp_simulator')
     assert known['~/' + '/'.join(['<task>'] * len(task) + [last])] == kind
@@ -501,7 +544,7 @@ def test_ros2_lifecycle_names_transitions(words):
 def test_ros2_commands_are_all_looked_at():
     verbs = {tuple(words[1:3]) for _, words in commands() if words[0] == 'ros2'}
     verbs = {verb if verb[0] in ('topic', 'service', 'param') else verb[:1] for verb in verbs}
-    assert verbs <= {('run',), ('launch',), ('topic', 'pub'), ('topic', 'echo'),
+    assert verbs <= {('run',), ('launch',), ('topic', 'pub'), ('topic', 'echo'), ('topic', 'info'),
                      ('service', 'call'), ('param', 'set'), ('param', 'describe'),
                      ('param', 'list'), ('param', 'dump'), ('param', 'load'), ('control',),
                      ('lifecycle',), ('security',), ('bag',)}

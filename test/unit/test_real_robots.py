@@ -17,13 +17,12 @@
 from importlib import import_module
 from pathlib import Path
 import re
-import sys
-import types
 
 import numpy as np
 import pytest
-from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
+from tp_controller import Controller, GoalError, KinematicSimulator, Robot, Settings, Stack
 from tp_controller.model.simulator import initial_positions
+from tp_controller.model.spatial import rotation_from_rpy
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -54,6 +53,13 @@ def load(name):
 def parameters(name, node):
     """Return the parameters of a node in the file of a robot."""
     return load(f'{name}_parameters.yaml')[f'/**/{node}']['ros__parameters']
+
+
+def first_motion(name):
+    """Return what the second parameter file of a robot sets, the one for the first motion."""
+    node, = load(f'{name}_first.yaml').items()
+    assert node[0] == '/**/tp_controller'
+    return node[1]['ros__parameters']
 
 
 def robot_of(name):
@@ -165,61 +171,64 @@ def test_jerk_of_fr3_stays_allowed_if_commands_are_late_by_a_cycle():
 
 
 @pytest.mark.parametrize('name', ROBOTS)
+def test_first_motion_has_a_tenth_of_the_velocities_and_sets_nothing_else_anew(name):
+    robot, first = robot_of(name), first_motion(name)
+    assert set(first) == {'limits', 'workspace', 'largest_jump', 'largest_turn'}
+    assert tuple(first['limits']) == robot.joint_names
+    assert all(set(limit) == {'velocity', 'acceleration'} for limit in first['limits'].values())
+    velocity, acceleration = np.transpose([list(limit.values())
+                                           for limit in first['limits'].values()])
+    assert velocity == pytest.approx(0.1 * robot.velocity, rel=1e-3)
+    assert (acceleration <= 0.5 * robot.acceleration).all()
+    assert (velocity / acceleration <= 0.6 + 1e-9).all()
+
+
+@pytest.mark.parametrize('name', ROBOTS)
+def test_goals_of_the_first_motion_are_near_the_tool_above_the_table_and_within_reach(name):
+    robot, limits = robot_of(name), first_motion(name)
+    limits.pop('limits')
+    controller = Controller(robot, stack_of(name, robot), Settings(**limits))
+    home = home_of(name, robot)
+    controller.update(home, now=0.0)
+    T = robot.state(home).pose(controller.stack.tasks['tool'].frame)
+
+    def goal(place=T[:3, 3], turn=0.0):
+        there = T.copy()
+        there[:3, 3] = place
+        there[:3, :3] = there[:3, :3] @ rotation_from_rpy(0.0, 0.0, turn)
+        controller.set_goal('tool', there, now=0.0)
+
+    goal(T[:3, 3] - 0.05 * T[:3, 2], 0.2)
+    for refused, reason in (({'place': T[:3, 3] - 0.15 * T[:3, 2]}, 'largest_jump'),
+                            ({'turn': 0.4}, 'largest_turn'),
+                            ({'place': (*T[:2, 3], 0.15)}, 'workspace: z = 0.15'),
+                            ({'place': (0.0, 1.0, T[2, 3])}, 'workspace: y = 1')):
+        with pytest.raises(GoalError, match=reason):
+            goal(**refused)
+
+
+def forms_of(value):
+    """Return how a page may write a limit: as a number, in degrees, or as a multiple of π."""
+    return {f'{value:g}', f'{np.degrees(value):g}°', {np.pi: 'π', 2.0 * np.pi: '2π'}.get(value)}
+
+
+@pytest.mark.parametrize('name', ROBOTS)
+def test_page_shows_the_limits_of_the_table(name):
+    page, robot = (PAGES / f'{name}.md').read_text(encoding='utf-8'), robot_of(name)
+    rows = dict(re.findall(r'^\| (position|velocity|acceleration) \| (.*?) \|', page,
+                           re.MULTILINE))
+    for row, limits in (('position', (robot.lower, robot.upper)), ('velocity', (robot.velocity,)),
+                        ('acceleration', (robot.acceleration,))):
+        for value in {abs(value) for limit in limits for value in limit if np.isfinite(value)}:
+            shown = re.findall(r'[\d.]*(?:π|°|\b)', rows[row])
+            assert forms_of(value).intersection(shown), (row, value)
+
+
+@pytest.mark.parametrize('name', ROBOTS)
 def test_page_shows_order_and_files(name):
     page = (PAGES / f'{name}.md').read_text(encoding='utf-8')
     joints, = re.findall(r'^\| joints, in this order \| (.*) \|$', page, re.MULTILINE)
     first, *_, last = re.findall(r'`(\w+)`', joints)
     assert (first, last) == robot_of(name).joint_names[::robot_of(name).n - 1]
-    for part in ('', '_parameters', '_stack', '_home'):
+    for part in ('', '_parameters', '_first', '_stack', '_home'):
         assert f'../../config/robots/{name}{part}.yaml' in page
-
-
-@pytest.fixture
-def bridge(monkeypatch):
-    """Return the module of the bridge on the page of the Gen3, with a stand-in of its API."""
-    page = (PAGES / 'gen3.md').read_text(encoding='utf-8')
-    source, = re.findall(r'<!-- file: kortex_bridge.py -->\n```python\n(.*?)```', page, re.DOTALL)
-
-    class JointSpeeds:
-
-        def __init__(self):
-            self.joint_speeds = self
-            self.joints = []
-
-        def add(self):
-            self.joints.append(types.SimpleNamespace())
-            return self.joints[-1]
-
-    stand_ins = {name: types.ModuleType(name) for name in (
-        'kortex_api', 'kortex_api.autogen', 'kortex_api.autogen.client_stubs',
-        'kortex_api.autogen.client_stubs.BaseClientRpc', 'kortex_api.autogen.messages', 'rclpy',
-        'std_msgs', 'std_msgs.msg', 'utilities')}
-    stand_ins['kortex_api.autogen.client_stubs.BaseClientRpc'].BaseClient = object
-    stand_ins['kortex_api.autogen.messages'].Base_pb2 = types.SimpleNamespace(
-        JointSpeeds=JointSpeeds, SINGLE_LEVEL_SERVOING=2,
-        ServoingModeInformation=types.SimpleNamespace)
-    stand_ins['std_msgs.msg'].Float64MultiArray = object
-    for name, module in stand_ins.items():
-        monkeypatch.setitem(sys.modules, name, module)
-    module = types.ModuleType('kortex_bridge')
-    exec(compile(source, 'kortex_bridge.py', 'exec'), module.__dict__)
-    return module
-
-
-def test_bridge_to_the_gen3_sends_degrees_and_zeros_once_commands_stay_away(bridge, monkeypatch):
-    sent, modes, clock = [], [], [100.0]
-    monkeypatch.setattr(bridge.time, 'monotonic', lambda: clock[0])
-    base = types.SimpleNamespace(
-        SetServoingMode=lambda mode: modes.append(mode.servoing_mode),
-        SendJointSpeedsCommand=lambda speeds: sent.append(
-            [(joint.joint_identifier, joint.value) for joint in speeds.joints]))
-    arm = bridge.Bridge(base)
-    assert modes == [2]
-    arm.send()
-    arm.receive(types.SimpleNamespace(data=[np.pi / 6, 0.0, 0.0, 0.0, 0.0, 0.0, -np.pi / 4]))
-    arm.send()
-    clock[0] += bridge.TIMEOUT + 0.01
-    arm.send()
-    zeros = [(joint, 0.0) for joint in range(7)]
-    assert sent[0] == sent[2] == zeros
-    assert sent[1][0] == (0, pytest.approx(30.0)) and sent[1][6] == (6, pytest.approx(-45.0))

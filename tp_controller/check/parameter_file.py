@@ -44,8 +44,8 @@ OF_THE_NODE = (
     'limit_tolerance', 'follow_window', 'settle_time', 'exclusive', 'require_listener',
     'require_watchdog', 'stop_deceleration', 'keep_goals', 'enable_topic', 'enable_timeout',
     'permit_topics', 'speed_scaling_topic', 'speed_scaling_full', 'watchdog_timeout',
-    'command_deadline', 'state_deadline', 'autostart', 'realtime_priority', 'processor', 'lock_memory', 'freeze_garbage',
-    'status_rate', 'use_sim_time')
+    'command_deadline', 'state_deadline', 'autostart', 'realtime_priority', 'processor',
+    'lock_memory', 'freeze_garbage', 'status_rate', 'use_sim_time')
 FAMILIES = ('limits.', 'tasks.', 'qos_overrides.')
 
 

@@ -44,8 +44,8 @@ class Gaps:
         self._ended, self._awaited = Event(), False
         self._last, self._between = -math.inf, math.inf
 
-    def open(self, now: float) -> None:
-        """Say, in the loop, that a cycle has ended now [s]."""
+    def begin(self, now: float) -> None:
+        """Begin a gap in the loop: a cycle has ended now [s]."""
         self._last, self._between = now, now - self._last
         if self._awaited:
             self._awaited = False

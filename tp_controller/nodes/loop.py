@@ -383,7 +383,7 @@ class ControlLoop:
             self.deactivate(self._ending)
         self.completed = boot_time()
         self.figures.add(now, self.completed, self._received)
-        self.gaps.open(self.completed)
+        self.gaps.begin(self.completed)
 
     def _command(self, now: float, robot_time: float, elapsed: float, noted: int) -> str:
         """Command velocities; return why not, else nothing."""

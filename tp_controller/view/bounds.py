@@ -28,7 +28,7 @@ SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 def corners(parts: Mapping[str, Sequence[Part]]) -> dict[str, Array]:
-    """Return {link: corners (k, 3) of boxes around its parts, in its axes} [m]."""
+    """Return {link: points (k, 3)}: the corners of boxes around its parts, in its axes [m]."""
     return {link: np.concatenate([_corners(part) for part in each])
             for link, each in parts.items() if each}
 

@@ -1,0 +1,90 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The commands of the robots' pages, with the parameter file for the first motion and without."""
+
+import shlex
+
+from geometry_msgs.msg import PoseStamped
+from harness import Status
+import numpy as np
+import pytest
+from robots import CONFIG, REPOSITORY
+from std_msgs.msg import Float64MultiArray
+from tp_controller import Robot
+from tp_controller.nodes.controller_node import ControllerNode
+from tp_controller.nodes.simulator_node import SimulatorNode
+
+SHARE = '$(ros2 pkg prefix --share tp_controller)'
+# Robot: the topic that the driver takes commands on.
+COMMANDS = {
+    'ur5e': '/forward_velocity_controller/commands', 'fr3': '/velocity_controller/commands',
+    'gen3': '/joint_group_velocity_controller/commands', 'xarm7': '/velocity_controller/commands'}
+# Which command of a page starts the controller on the robot.
+FIRST, FULL = 1, 2
+
+
+def arguments_of(name, node, number):
+    """Return the arguments of a command on the page of a robot."""
+    page = (REPOSITORY / 'docs' / 'robots' / f'{name}.md').read_text(encoding='utf-8')
+    lines = [line for line in page.replace('\\\n', ' ').splitlines()
+             if line.startswith(f'ros2 run tp_controller {node} ')]
+    return [word.replace(SHARE, str(REPOSITORY)) for word in shlex.split(lines[number])[4:]]
+
+
+def start(harness, name, number):
+    """Return the controller that a command of a page starts, for the table of the robot."""
+    return harness.make(ControllerNode, arguments=arguments_of(name, 'controller_node', number),
+                        robot=str(CONFIG / 'robots' / f'{name}.yaml'), status_rate=50.0)
+
+
+@pytest.mark.parametrize('number, share', [(FIRST, 0.1), (FULL, 1.0)])
+@pytest.mark.parametrize('name', COMMANDS)
+def test_first_motion_has_a_tenth_of_the_velocities(harness, name, number, share):
+    table = Robot.from_file(CONFIG / 'robots' / f'{name}.yaml')
+    robot = start(harness, name, number)._controller.robot
+    assert robot.velocity == pytest.approx(share * table.velocity, rel=1e-3)
+    assert (robot.acceleration < table.acceleration).all() == (number == FIRST)
+    assert (robot.lower == table.lower).all() and (robot.upper == table.upper).all()
+
+
+@pytest.mark.parametrize('name', COMMANDS)
+def test_first_motion_refuses_goals_far_away_and_is_slow(harness, name):
+    controller = start(harness, name, FIRST)
+    arguments = arguments_of(name, 'simulator_node', 0)
+    for word in arguments_of(name, 'controller_node', FIRST):
+        arguments += ['-r', word] if word.startswith(('joint_states', 'velocity_')) else []
+    harness.make(SimulatorNode, arguments=arguments)
+    goals = harness.publisher(PoseStamped, '/tp_controller/tool/goal')
+    commands, status = harness.record(Float64MultiArray, COMMANDS[name]), Status(harness)
+    message = PoseStamped()
+    message.header.frame_id = controller._controller.stack.tasks['tool'].frame
+    harness.spin_until(lambda: status.head == 'running', 'a controller that runs')
+
+    message.pose.position.z = -0.15
+    goals.publish(message)
+    harness.spin_until(lambda: status.task('tool')['goals refused'] == '1', 'a refusal')
+    assert 'more than largest_jump (0.1 m) allows' in status.task('tool')['last refusal']
+    assert not any(velocities(command).any() for command in commands)
+
+    message.pose.position.z = -0.05
+    goals.publish(message)
+    harness.spin_until(lambda: np.any(velocities(commands[-1]) > 0.02), 'a motion')
+    table = Robot.from_file(CONFIG / 'robots' / f'{name}.yaml')
+    assert all((velocities(command) <= 0.1001 * table.velocity).all() for command in commands)
+
+
+def velocities(command):
+    """Return how fast each joint is commanded [rad/s]."""
+    return np.abs(command.data)
