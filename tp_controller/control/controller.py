@@ -47,6 +47,9 @@ from tp_controller.tasks.pose import parse_pose
 from tp_controller.tasks.stack import Groups, levels_of, shared_levels, Stack
 from tp_controller.tasks.task import Evaluation, Goal, Task
 
+# A command is in force for at most this multiple of the mean time between two, or a period.
+LATE = 2.0
+
 
 class Command(NamedTuple):
     """
@@ -95,8 +98,10 @@ class Controller:
         *self._states, self._spare = [robot.state(robot.neutral()) for _ in range(3)]
         self._passive: ArrayLike | None = None
         self._started = False
-        # What was commanded last, and when; at rest before the first command.
+        # What was commanded last, and when; at rest before the first command. Of commands that
+        # are under way the last one comes first.
         self._velocity = np.zeros(robot.n)
+        self._pending = np.zeros((0, robot.n))
         self._last_update: float | None = None
         self._memory: Memory = ()
         self._transition = Transition(0.0)
@@ -166,7 +171,7 @@ class Controller:
 
         """
         self._last_update = check_time(now, 'now', TimeError)
-        self._velocity = np.zeros(self.robot.n)
+        self._send(np.zeros(self.robot.n))
         self._transition.end()
         self._transition.announce(0)
 
@@ -186,6 +191,9 @@ class Controller:
         """Act by settings that were checked."""
         self._settings = settings
         self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain)
+        known = self._pending[:settings.delay]
+        self._pending = np.vstack((known, np.zeros((settings.delay - len(known),
+                                                      self.robot.n))))
         self._speed_cap = settings.speed_cap(self.robot)
         self._options = settings.solver_options(self.robot.n)
         self._time.expect(settings.period)
@@ -423,11 +431,19 @@ class Controller:
             # The levels were at fault: name the task, if it is a single one.
             self.stack.check(evaluations, self.robot.n)
             raise
-        self._velocity, self._last_update = outcome.velocity, now
+        self._send(outcome.velocity)
+        self._last_update = now
         self._memory = outcome.solution.memory
         return Command(outcome.velocity, Report(self.robot, evaluations, self.stack.inactive,
                                                 cycle, outcome, self.stack.faults,
                                                 Place(state.q, self._passive, now, self._spare)))
+
+    def _send(self, velocity: Array) -> None:
+        """Note what is commanded now (n,)."""
+        self._velocity = velocity
+        if len(self._pending):
+            self._pending[1:] = self._pending[:-1]
+            self._pending[0] = velocity
 
     def _start(self, state: RobotState) -> None:
         """Give tasks without a goal the value they have now, once."""
@@ -469,7 +485,8 @@ class Controller:
                ) -> tuple[list[list[Evaluation]], Cycle]:
         """Return what is to be solved at a state."""
         evaluations = self._evaluate(state, now)
-        bounds = self._limits.at(state.positions, self._velocity, elapsed)
+        duration = min(self._settings.period, LATE * self._time.mean)
+        bounds = self._limits.at(state.positions, self._velocity, elapsed, self._pending, duration)
         return evaluations, Cycle(levels_of(evaluations), bounds, self._options, self._time.mean,
                                   self._speed_cap, self._memory)
 

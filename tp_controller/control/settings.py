@@ -46,6 +46,13 @@ def _number(default: float, lower: float, upper: float, unit: str, description: 
     return found
 
 
+def _count(default: int, lower: int, upper: int, unit: str, description: str) -> int:
+    """Return a field for whole numbers with its range and description."""
+    found: int = field(default=default, metadata={
+        'lower': lower, 'upper': upper, 'unit': unit, 'description': description})
+    return found
+
+
 def _choice(default: str, valid: tuple[str, ...], description: str) -> str:
     """Return a field with its valid values and description."""
     found: str = field(default=default, metadata={
@@ -79,6 +86,9 @@ class Settings:
     braking_gain: float = _number(
         10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; '
         'at most 1/period')
+    delay: int = _count(
+        2, 0, 100, 'cycles', 'most commands that are under way when positions are measured: '
+        'joints brake from where these lead, or position limits would be crossed')
     release_region: float = _number(
         0.02, 0.0, 10.0, '', 'singular value below which a direction is relaxed: left to the '
         'lower tasks, smoothly (0: never)')
@@ -157,8 +167,11 @@ class Settings:
                        f'not {value!r}')
         elif 'lower' in item.metadata:
             lower, upper = item.metadata['lower'], item.metadata['upper']
-            if not is_number(value) or not lower <= value <= upper:
-                yield f'{item.name} must be a number from {lower:g} to {upper:g}, not {value!r}'
+            whole = isinstance(item.default, int)
+            if not is_number(value) or not lower <= value <= upper \
+                    or whole and not isinstance(value, int):
+                yield (f'{item.name} must be a {"whole " if whole else ""}number '
+                       f'from {lower:g} to {upper:g}, not {value!r}')
         elif 'count' in item.metadata:
             if not _is_box(value):
                 yield (f'{item.name} must be six numbers, from and to for each of x, y and z, '
