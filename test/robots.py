@@ -36,6 +36,12 @@ URDFS = {
     'talos_arm': 'talos_data/robots/talos_left_arm.urdf',
     'tiago': 'tiago_description/robots/tiago.urdf',
 }
+# Those of them with joints that have no range.
+STILL = {
+    'pr2': 'pr2_description/urdf/pr2.urdf',
+    'centauro': 'centauro_description/urdf/centauro.urdf',
+    'quadruped': 'quadruped_description/urdf/quadruped.urdf',
+}
 TOOLS = {
     'panda': 'panda_hand_tcp', 'ur5': 'tool0', 'xarm7': 'link7', 'baxter': 'left_gripper',
     'talos': 'gripper_left_base_link', 'talos_arm': 'gripper_left_base_link',
@@ -50,7 +56,7 @@ PLANAR_START = (0.0, 0.6, 0.3)
 @lru_cache(maxsize=None)
 def urdf_path(name):
     """Return the path of a robot's URDF in example-robot-data; skip the test without it."""
-    wanted = f'robots/{URDFS[name]}'
+    wanted = f'robots/{(URDFS | STILL)[name]}'
     try:
         installed = files('example-robot-data')
     except PackageNotFoundError:

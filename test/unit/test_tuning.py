@@ -110,7 +110,7 @@ def test_redistribution_goes_on_where_uniform_scaling_stops():
     assert position[0, -1] == pytest.approx(-1.7628, abs=1e-3) and position[1, -1] > -1.5
 
 
-def test_a_lower_braking_gain_keeps_a_late_robot_within_its_limit():
+def test_a_delay_that_is_set_keeps_a_late_robot_within_its_limit():
     beyond, _ = curves('overshoot')
     assert beyond[0].max() > 10.0 and beyond[1].max() <= 0.0
 

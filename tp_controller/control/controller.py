@@ -28,7 +28,7 @@ from tp_controller.control.goal_limits import check_goal
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
 from tp_controller.control.transition import kept_above, Transition
-from tp_controller.control.velocity_limits import lowered, VelocityLimits
+from tp_controller.control.velocity_limits import lowered, VelocityBounds, VelocityLimits
 from tp_controller.errors import (
     EvaluationError,
     GoalError,
@@ -46,6 +46,9 @@ from tp_controller.tasks.keys import Gain, Tolerance
 from tp_controller.tasks.pose import parse_pose
 from tp_controller.tasks.stack import Groups, levels_of, shared_levels, Stack
 from tp_controller.tasks.task import Evaluation, Goal, Task
+
+# A command is in force for at most this multiple of the mean time between two, or a period.
+LATE = 2.0
 
 
 class Command(NamedTuple):
@@ -95,9 +98,11 @@ class Controller:
         *self._states, self._spare = [robot.state(robot.neutral()) for _ in range(3)]
         self._passive: ArrayLike | None = None
         self._started = False
-        # What was commanded last, and when; at rest before the first command.
+        # What was commanded last, and when; at rest before the first command. Of commands that
+        # are under way the last one comes first.
         self._velocity = np.zeros(robot.n)
         self._velocity_limits = robot.velocity
+        self._pending = np.zeros((0, robot.n))
         self._last_update: float | None = None
         self._memory: Memory = ()
         self._transition = Transition(0.0)
@@ -180,10 +185,7 @@ class Controller:
             `now` is not a finite number; then nothing is taken for halted.
 
         """
-        self._last_update = check_time(now, 'now', TimeError)
-        self._velocity = np.zeros(self.robot.n)
-        self._transition.end()
-        self._transition.announce(0)
+        self._rest(now, np.zeros(self.robot.n))
 
     def slow_down(self, q: ArrayLike, now: float, deceleration: float,
                   elapsed: float | None = None) -> Array:
@@ -211,17 +213,17 @@ class Controller:
         if elapsed is None:
             elapsed = now - last if last is not None else 0.0
         passed = min(max(elapsed, 0.0), 1.0) or self._settings.period
-        self.halt(now)
         fastest = float(np.abs(before).max(initial=0.0))
         left = fastest - deceleration * passed
-        if not left > 0.0:
-            return self._velocity
-        bounds = self._limits.at(self.robot.positions(np.asarray(q, dtype=float)), before, passed)
-        least, most = bounds.settled
-        with np.errstate(divide='ignore', invalid='ignore'):
-            share = np.where(before > 0.0, most, -least) / np.abs(before)
-        factor = min(left / fastest, float(np.nanmin(np.maximum(share, 0.0))))
-        self._velocity = factor * before
+        factor = 0.0
+        if left > 0.0:
+            positions = self.robot.positions(np.asarray(q, dtype=float))
+            least, most = self._bounds(positions, passed).settled
+            allowed = np.where(before > 0.0, most, -least)
+            moving = before != 0.0
+            shares = np.maximum(allowed[moving], 0.0) / np.abs(before[moving])
+            factor = min(left / fastest, float(shares.min()))
+        self._rest(now, factor * before)
         return self._velocity
 
     @property
@@ -241,6 +243,9 @@ class Controller:
         self._settings = settings
         self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain,
                                       self._velocity_limits)
+        known = self._pending[:settings.delay]
+        self._pending = np.vstack((known, np.zeros((settings.delay - len(known),
+                                                      self.robot.n))))
         self._speed_cap = settings.speed_cap(self.robot, self._velocity_limits)
         self._options = settings.solver_options(self.robot.n)
         self._time.expect(settings.period)
@@ -511,11 +516,26 @@ class Controller:
             # The levels were at fault: name the task, if it is a single one.
             self.stack.check(evaluations, self.robot.n)
             raise
-        self._velocity, self._last_update = outcome.velocity, now
+        self._send(outcome.velocity)
+        self._last_update = now
         self._memory = outcome.solution.memory
         return Command(outcome.velocity, Report(self.robot, evaluations, self.stack.inactive,
                                                 cycle, outcome, self.stack.faults,
                                                 Place(state.q, self._passive, now, self._spare)))
+
+    def _rest(self, now: float, velocity: Array) -> None:
+        """Command a velocity (n,) that no task demands; motion that follows is blended in."""
+        self._last_update = check_time(now, 'now', TimeError)
+        self._send(velocity)
+        self._transition.end()
+        self._transition.announce(0)
+
+    def _send(self, velocity: Array) -> None:
+        """Note what is commanded now (n,)."""
+        self._velocity = velocity
+        if len(self._pending):
+            self._pending[1:] = self._pending[:-1]
+            self._pending[0] = velocity
 
     def _start(self, state: RobotState) -> None:
         """Give tasks without a goal the value they have now, once."""
@@ -557,9 +577,14 @@ class Controller:
                ) -> tuple[list[list[Evaluation]], Cycle]:
         """Return what is to be solved at a state."""
         evaluations = self._evaluate(state, now)
-        bounds = self._limits.at(state.positions, self._velocity, elapsed)
+        bounds = self._bounds(state.positions, elapsed)
         return evaluations, Cycle(levels_of(evaluations), bounds, self._options, self._time.mean,
                                   self._speed_cap, self._memory)
+
+    def _bounds(self, positions: Array, elapsed: float) -> VelocityBounds:
+        """Return the velocities that the joints may have at positions (n,)."""
+        duration = min(self._settings.period, LATE * self._time.mean)
+        return self._limits.at(positions, self._velocity, elapsed, self._pending, duration)
 
     def _follow(self, cycle: Cycle) -> Outcome:
         """Return what carries the stack out."""

@@ -46,6 +46,13 @@ def _number(default: float, lower: float, upper: float, unit: str, description: 
     return found
 
 
+def _count(default: int, lower: int, upper: int, unit: str, description: str) -> int:
+    """Return a field for whole numbers with its range and description."""
+    found: int = field(default=default, metadata={
+        'lower': lower, 'upper': upper, 'unit': unit, 'description': description})
+    return found
+
+
 def _choice(default: str, valid: tuple[str, ...], description: str) -> str:
     """Return a field with its valid values and description."""
     found: str = field(default=default, metadata={
@@ -70,25 +77,28 @@ class Settings:
         'limits relies on it')
     damping: float = _number(
         0.1, 0.0, 10.0, '',
-        'damping λ of directions that hardly move a task, in the units of the Jacobian; of the '
-        'first level a fifth of it (0: undamped)')
+        'damping λ of directions that hardly move a task, in the units of the Jacobian, m or rad '
+        'of a task per rad or m of a joint; of the first level a fifth of it (0: undamped)')
     singular_region: float = _number(
-        0.1, 0.0, math.inf, '', 'singular value below which a direction is damped, of the first '
-        'level a fifth of it (inf: all directions are damped, which is damped least squares, '
-        'lecture 2.2)')
+        0.1, 0.0, math.inf, '', 'singular value, in the units of the Jacobian, below which a '
+        'direction is damped, of the first level a fifth of it (inf: all directions are damped, '
+        'which is damped least squares, lecture 2.2)')
     braking_gain: float = _number(
         10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; '
         'at most 1/period')
+    delay: int = _count(
+        2, 0, 100, 'cycles', 'most commands that are under way when positions are measured: '
+        'joints brake from where these lead, or position limits would be crossed')
     release_region: float = _number(
-        0.02, 0.0, 10.0, '', 'singular value below which a direction is relaxed: left to the '
-        'lower tasks, smoothly (0: never)')
+        0.02, 0.0, 10.0, '', 'singular value, in the units of the Jacobian, below which a '
+        'direction is relaxed: left to the lower tasks, smoothly (0: never)')
     scaling: str = _choice(
         'redistribute', SCALINGS, 'what is done where a velocity exceeds a limit: other joints '
         'move instead, at the cost of the lowest tasks first, or all joints are slowed alike')
     regularisation: float = _number(
-        0.02, 0.0, 10.0, '', 'scaling redistribute: singular value below which a direction '
-        'stays near the velocity cut off at the limits, which keeps the command from jumping; '
-        'of the first level a fifth of it (0: exact)')
+        0.02, 0.0, 10.0, '', 'scaling redistribute: singular value, in the units of the Jacobian, '
+        'below which a direction stays near the velocity cut off at the limits, against jumps of '
+        'the command; of the first level a fifth of it (0: exact)')
     reserve: float = _number(
         0.4, 0.0, 1.0, '', 'scaling redistribute: share of its speed limit that the tasks below '
         'the first level leave to it, of every joint with an acceleration limit')
@@ -159,8 +169,11 @@ class Settings:
                        f'not {value!r}')
         elif 'lower' in item.metadata:
             lower, upper = item.metadata['lower'], item.metadata['upper']
-            if not is_number(value) or not lower <= value <= upper:
-                yield f'{item.name} must be a number from {lower:g} to {upper:g}, not {value!r}'
+            whole = isinstance(item.default, int)
+            if not is_number(value) or not lower <= value <= upper \
+                    or whole and not isinstance(value, int):
+                yield (f'{item.name} must be a {"whole " if whole else ""}number '
+                       f'from {lower:g} to {upper:g}, not {value!r}')
         elif 'count' in item.metadata:
             if not _is_box(value):
                 yield (f'{item.name} must be six numbers, from and to for each of x, y and z, '

@@ -183,7 +183,8 @@ def lowered(robot: Robot, limits: Array, changes: Mapping[str, float]) -> Array:
 class Limits(Protocol):
     """What motion.cpp does of `VelocityLimits`."""
 
-    def at(self, q: Array, previous: Array, elapsed: float, rows: Array) -> None:
+    def at(self, q: Array, previous: Array, elapsed: float, pending: Array, duration: float,
+           rows: Array) -> None:
         """Fill in what `bounded` returns (8, n)."""
 
 
@@ -199,8 +200,13 @@ class VelocityLimits:
         D(v) = v T + D(v − a T)               above
 
     It is convex and piecewise linear, and the speed allowed at d is its inverse. With g = 1/T it
-    is the exact discrete stopping distance. A smaller g leaves a margin for commands that take
-    effect late. From a state within these bounds there is always a next one.
+    is the exact discrete stopping distance. From a state within these bounds there is always a
+    next one.
+
+    Commands that are under way move the joint by −D⁻ to D⁺ before the next one acts: each may
+    not act any more, or for as long as a command is in force. So d lies between d − D⁺ and
+    d + D⁻, and the one nearest to zero counts: towards the limit the worst case, and a joint
+    is led back only if it is outside in any case.
 
     Parameters
     ----------
@@ -229,12 +235,14 @@ class VelocityLimits:
             self._change = self._acceleration * period
             self._slow = self._acceleration / braking_gain ** 2
             self._pieces = 1.0 + 2.0 / (braking_gain * period)
+        self._none = np.empty((0, robot.velocity.size))
         self._compiled: Limits | None = None
         if MOTION is not None and len(self._lower) <= MOST:
             self._compiled = MOTION.Limits(period, braking_gain, self._endless, self._lower,
                                            self._upper, self._velocity, self._acceleration)
 
-    def at(self, q: Array, previous: Array, elapsed: float) -> VelocityBounds:
+    def at(self, q: Array, previous: Array, elapsed: float, pending: Array | None = None,
+           duration: float = 0.0) -> VelocityBounds:
         """
         Return the velocities that every joint may have at `q`, as `VelocityBounds`.
 
@@ -250,20 +258,31 @@ class VelocityLimits:
             Velocities commanded before.
         elapsed : float
             How long ago that was, more than zero [s].
+        pending : ndarray (delay, n), optional
+            Velocities commanded before that `q` does not contain yet; none by default.
+        duration : float
+            Longest time that each of them is in force [s].
 
         """
         accelerated = self._acceleration is not None
+        pending = self._none if pending is None else pending
         if self._compiled is None:
-            return VelocityBounds(self._rows(q, previous, elapsed), self._velocity, accelerated)
+            return VelocityBounds(self._rows(q, previous, elapsed, pending, duration),
+                                  self._velocity, accelerated)
         rows = np.empty((8, len(q)))
-        self._compiled.at(q, previous, elapsed, rows)
+        self._compiled.at(q, previous, elapsed, pending, duration, rows)
         return VelocityBounds(rows, self._velocity, accelerated)
 
-    def _rows(self, q: Array, previous: Array, elapsed: float) -> Array:
+    def _rows(self, q: Array, previous: Array, elapsed: float, pending: Array,
+              duration: float) -> Array:
         """Return what `bounded` does at `q`: the reference of `Limits` in motion.cpp."""
         distance = np.array((self._upper - q, q - self._lower))
         if self._endless:
             distance = np.minimum(distance, FAR)
+        if len(pending):
+            up, down = (duration * np.maximum(side, 0.0).sum(axis=0) for side in (pending,
+                                                                              -pending))
+            distance = np.maximum(distance - (up, down), np.minimum(distance + (down, up), 0.0))
         braking = np.maximum(self._braking_speed(distance), -self._return)
         if self._acceleration is None:
             return bounded(braking, self._velocity, None)

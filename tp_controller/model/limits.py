@@ -25,6 +25,8 @@ from tp_controller.model.urdf import MimicRules, resolve_mimic, UNLIMITED
 from tp_controller.resources import is_number
 
 LIMIT_KEYS = ('lower', 'upper', 'velocity', 'acceleration')
+# A joint with a narrower range than this cannot move [rad or m]: what is left is rounding.
+NARROWEST = 1e-9
 # A base has no position limits.
 BASE_LIMIT_KEYS = ('velocity', 'acceleration')
 
@@ -62,16 +64,30 @@ def velocity_limits(base: Base, driven: Sequence[str], elements: Mapping[str, El
         _check_override(name, limits, base, driven)
     rows = {name: {'lower': -math.inf, 'upper': math.inf, 'velocity': DEFAULT_VELOCITY,
                    'acceleration': math.inf} for name in base.names}
-    rows.update((name, joint_limits(name, elements[name])) for name in driven)
-    followers: dict[str, list[str]] = {name: [] for name in rows}
+    rows.update(_shared_limits(driven, elements, mimics))
+    for name, row in rows.items():
+        row.update(overrides.get(name, {}))
+        _check_row(_what(name, base), row, [
+            follower for follower in mimics if resolve_mimic(follower, mimics)[0] == name])
+    return rows
+
+
+def without_range(names: Sequence[str], elements: Mapping[str, Element],
+                  mimics: MimicRules) -> list[str]:
+    """Return which joints cannot move, as their limits, followers included, are equal."""
+    rows = _shared_limits(names, elements, mimics)
+    return [name for name, row in rows.items()
+            if abs(row['upper'] - row['lower']) <= NARROWEST]
+
+
+def _shared_limits(names: Sequence[str], elements: Mapping[str, Element],
+                   mimics: MimicRules) -> dict[str, Limits]:
+    """Return the limits of joints, narrowed to what the joints that follow them allow."""
+    rows = {name: joint_limits(name, elements[name]) for name in names}
     for follower in mimics:
         leader, multiplier, offset = resolve_mimic(follower, mimics)
         if leader in rows:
-            followers[leader].append(follower)
             _share(rows[leader], joint_limits(follower, elements[follower]), multiplier, offset)
-    for name, row in rows.items():
-        row.update(overrides.get(name, {}))
-        _check_row(_what(name, base), row, followers[name])
     return rows
 
 
@@ -97,7 +113,9 @@ def _share(row: Limits, follower: Limits, multiplier: float, offset: float) -> N
     """Narrow the limits of a joint to what a joint that follows it allows."""
     if multiplier == 0.0:
         return
-    ends = sorted((follower[key] - offset) / multiplier for key in ('lower', 'upper'))
+    ends = [(follower[key] - offset) / multiplier for key in ('lower', 'upper')]
+    if multiplier < 0.0:
+        ends.reverse()
     row['lower'] = max(row['lower'], ends[0])
     row['upper'] = min(row['upper'], ends[1])
     for key in ('velocity', 'acceleration'):
@@ -125,10 +143,12 @@ def _check_override(name: object, limits: object, base: Base, driven: Sequence[s
 
 def _check_row(what: str, row: Limits, followers: Sequence[str]) -> None:
     """Raise `RobotError` where limits leave no range."""
-    if not row['lower'] < row['upper']:
+    if not row['upper'] - row['lower'] > NARROWEST:
         shared = f' (those of {", ".join(followers)} included)' if followers else ''
-        raise RobotError(f'{what}: lower limit {row["lower"]:g} must be below '
-                         f'upper limit {row["upper"]:g}{shared}')
+        # Plus zero: −0.0 is shown as 0.
+        raise RobotError(f'{what}: lower limit {row["lower"] + 0.0:g} must be below '
+                         f'upper limit {row["upper"] + 0.0:g}{shared}; leave it out of the '
+                         'driven ones (joints), or replace its limits (limits)')
     if not row['velocity'] >= 0.0:
         raise RobotError(f'{what}: velocity limit {row["velocity"]} must not be negative')
     if not row['acceleration'] > 0.0:

@@ -313,13 +313,23 @@ class Limits {
   static constexpr int ROWS = 8;
 
   // Fill in what `bounded` returns (8, n).
-  void at(const Buffer &q, const Buffer &previous, double elapsed, double *rows) const {
+  void at(const Buffer &q, const Buffer &previous, double elapsed, const Buffer &pending,
+          double duration, double *rows) const {
     const size_t n = lower.size();
     for (size_t j = 0; j < n; ++j) {
       double *row = rows + j;
       const double back = std::min(RETURN_SHARE * velocity[j], RETURN_SPEED);
-      const double up = std::max(braking_speed(upper[j] - q.at(j), j), -back);
-      const double down = std::max(braking_speed(q.at(j) - lower[j], j), -back);
+      double upwards = 0.0, downwards = 0.0;
+      for (Py_ssize_t i = 0; i < pending.rows(2); ++i) {
+        upwards += std::max(pending.at(i, j), 0.0);
+        downwards += std::max(-pending.at(i, j), 0.0);
+      }
+      upwards *= duration;
+      downwards *= duration;
+      const double above = felt(upper[j] - q.at(j), upwards, downwards);
+      const double below = felt(q.at(j) - lower[j], downwards, upwards);
+      const double up = std::max(braking_speed(above, j), -back);
+      const double down = std::max(braking_speed(below, j), -back);
       double most = std::min(up, velocity[j]), least = -std::min(down, velocity[j]);
       if (most < least) {
         // Coming back from outside must not be faster than it can stop at the other end.
@@ -346,8 +356,13 @@ class Limits {
   }
 
  private:
-  double braking_speed(double distance, size_t j) const {
+  // The distance nearest to zero that commands under way can leave.
+  double felt(double distance, double towards, double away) const {
     if (endless) distance = std::min(distance, FAR);
+    return std::max(distance - towards, std::min(distance + away, 0.0));
+  }
+
+  double braking_speed(double distance, size_t j) const {
     if (acceleration.empty()) return gain * distance;
     const double change = acceleration[j] * period, slow = acceleration[j] / (gain * gain);
     const double beyond = std::max(distance - slow, 0.0) / (change * period);
@@ -607,17 +622,20 @@ PyObject *make_limits(PyTypeObject *type, PyObject *given, PyObject *) {
   }
 }
 
-// at(q, previous, elapsed, rows): fill in rows (8, n); see `Limits::at`.
+// at(q, previous, elapsed, pending, duration, rows): fill in rows (8, n); see `Limits::at`.
 PyObject *limits_at(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   const Limits &limits = of<Limits>(self);
   const Py_ssize_t n = Py_ssize_t(limits.lower.size());
-  const Buffer q(count == 4 ? given[0] : nullptr), previous(count == 4 ? given[1] : nullptr);
-  const Output rows(count == 4 ? given[3] : nullptr);
-  if (!q.is(n) || !previous.is(n) || !rows.is(Limits::ROWS, n))
-    return refuse("at(q, previous, elapsed, rows)");
-  const double elapsed = PyFloat_AsDouble(given[2]);
-  if (elapsed == -1.0 && PyErr_Occurred()) return nullptr;
-  limits.at(q, previous, elapsed, rows.p());
+  const bool all = count == 6;
+  const Buffer q(all ? given[0] : nullptr), previous(all ? given[1] : nullptr),
+      pending(all ? given[3] : nullptr);
+  const Output rows(all ? given[5] : nullptr);
+  if (!q.is(n) || !previous.is(n) || !pending.is(pending.rows(2), n)
+      || !rows.is(Limits::ROWS, n))
+    return refuse("at(q, previous, elapsed, pending, duration, rows)");
+  const double elapsed = PyFloat_AsDouble(given[2]), duration = PyFloat_AsDouble(given[4]);
+  if ((elapsed == -1.0 || duration == -1.0) && PyErr_Occurred()) return nullptr;
+  limits.at(q, previous, elapsed, pending, duration, rows.p());
   return Py_NewRef(Py_None);
 }
 

@@ -24,7 +24,13 @@ import pinocchio
 from tp_controller.errors import RobotError, unknown
 from tp_controller.model.dh import Table, urdf_from_dh
 from tp_controller.model.kinematics import Kinematics
-from tp_controller.model.limits import joint_limits, LIMIT_KEYS, LimitOverrides, velocity_limits
+from tp_controller.model.limits import (
+    joint_limits,
+    LIMIT_KEYS,
+    LimitOverrides,
+    velocity_limits,
+    without_range,
+)
 from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
 from tp_controller.model.spatial import Array, read_only
 from tp_controller.model.state import RobotState
@@ -130,7 +136,7 @@ class Robot:
         self.frame_names = tuple(frame_ids)
         self.root = self.frame_names[0]
         mimics = mimic_rules(elements)
-        self._name_joints(model.names, elements, mimics, joints)
+        self._name_joints(model.names, elements, mimics, joints, limits or {})
         self._read_limits(elements, mimics, limits or {})
         self.kinematics = Kinematics(model, frame_ids, self._base, self.joint_names,
                                      self.passive_names, mimics)
@@ -150,7 +156,8 @@ class Robot:
         base : str
             ``fixed``, ``planar``, ``differential``, ``floating`` or ``underwater``.
         joints : sequence of str, optional
-            The driven joints, in the order wanted; all that can be driven by default.
+            The driven joints, in the order wanted; all that can be driven by default. Joints
+            whose lower limit is their upper one cannot, unless `limits` are given for them.
         limits : dict, optional
             ``{joint: {lower, upper, velocity, acceleration}}``; replaces single limits of the
             URDF. The velocities of a base, ``base_x`` …, are named like joints; they have no
@@ -359,12 +366,18 @@ class Robot:
                           self.passive_neutral if passive is None else passive)
 
     def _name_joints(self, names: Sequence[str], elements: Mapping[str, Element],
-                     mimics: MimicRules, joints: Sequence[str] | None) -> None:
+                     mimics: MimicRules, joints: Sequence[str] | None,
+                     limits: LimitOverrides) -> None:
         """Sort the moving joints into driven and passive ones, and name velocities after them."""
         moving = [name for name in names if name in elements]
         drivable = [name for name in moving if name not in mimics]
-        driven = drivable if joints is None else _listed(joints)
-        self._check_driven(driven, drivable, mimics)
+        if joints is None:
+            still = [name for name in without_range(drivable, elements, mimics)
+                     if name not in limits]
+            driven = [name for name in drivable if name not in still]
+        else:
+            still, driven = [], _listed(joints)
+        self._check_driven(driven, drivable, mimics, still)
         taken = {*self._base.names, *self._base.coordinate_names}.intersection(moving)
         if taken:
             raise RobotError('joints must not be named like a velocity of the base: '
@@ -382,8 +395,8 @@ class Robot:
         self._joint_indices = {name: index for index, name in enumerate(
             driven, start=self.joint_columns.start)}
 
-    def _check_driven(self, driven: Sequence[str], drivable: Sequence[str],
-                      mimics: MimicRules) -> None:
+    def _check_driven(self, driven: Sequence[str], drivable: Sequence[str], mimics: MimicRules,
+                      still: Sequence[str]) -> None:
         """Raise `RobotError` where joints cannot be the driven ones."""
         for name in driven:
             if isinstance(name, str) and name in mimics:
@@ -393,7 +406,8 @@ class Robot:
         if len(set(driven)) < len(driven):
             raise RobotError(f'driven joints named twice: {driven}')
         if not driven and not self.moves:
-            raise RobotError('the robot has no joint to drive')
+            ranges = f'; their limits leave no range: {", ".join(still)}' if still else ''
+            raise RobotError(f'the robot has no joint to drive{ranges}')
 
     def _read_limits(self, elements: Mapping[str, Element], mimics: MimicRules,
                      overrides: LimitOverrides) -> None:

@@ -55,7 +55,10 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
     ----------
     levels : sequence of Level or (J, v)
         The highest priority first; J (m, n), v (m,). The arrays are kept, not copied, for
-        `Solution.levels`.
+        `Solution.levels`. Any units will do, rows of one level weigh as much as they are long;
+        but `damping`, `singular_region`, `release_region` and `regularisation` are compared
+        with singular values of J. Their usual values are for rows in m or rad per rad or m of a
+        joint: J and v in mm need values a thousand times as large.
     lower, upper : array_like (n,), optional
         Bounds on the velocity, lower ≤ upper. They may exclude zero.
     weights : array_like (n,), optional
@@ -71,12 +74,12 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
         ones. ``uniform``: all velocities are divided by the same factor until the bounds hold
         (lecture 4), which keeps the direction of every task.
     singular_region : float
-        Only directions whose singular value s is below this are damped, by
+        Only directions whose singular value s is below this, in the units of J, are damped, by
         λ² (1 − (s / singular_region)²), which grows from nothing where they enter it. Infinite:
         all directions are damped by λ², damped least squares (lecture 2.2).
     release_region : float
-        Directions whose singular value is below this are relaxed: left to the levels below,
-        smoothly. 0: never.
+        Directions whose singular value is below this, in the units of J, are relaxed: left to
+        the levels below, smoothly. 0: never.
     regularisation : float
         With bounds: what keeps the answer from jumping from one corner of them to another, in
         the units of J; the first level has a fifth of it. 0 is exact.

@@ -21,6 +21,7 @@ import sys
 import numpy as np
 import pytest
 import robots
+from tp_controller import Level, solve
 
 
 @pytest.fixture
@@ -81,6 +82,34 @@ def test_oscillations_of_the_worst_joint_are_counted_per_second(motion):
 
 
 @pytest.fixture
+def jumps(monkeypatch):
+    """Return the module of the benchmark."""
+    monkeypatch.syspath_prepend(robots.REPOSITORY / 'benchmarks')
+    return importlib.import_module('jumps')
+
+
+def test_only_acceleration_limits_bound_the_change_of_a_command_in_a_cycle(jumps):
+    # With these the command jumps, each for another kind of reason.
+    runs = [('HyQ', 34), ('UR5', 15), ('Panda', 22), ('Panda', 89)]
+    assert max(jumps.run(*each).size for each in runs) > 1.0
+    assert max(jumps.run(*each, acceleration=15.0).size for each in runs) <= 0.15 * (1.0 + 1e-9)
+
+
+def test_jumps_are_told_apart(jumps):
+    J, most = np.array([[1.0, 0.5]]), np.full(2, 0.9)
+
+    def solved(v, J=J, upper=9.0):
+        row = Level(np.eye(2)[:1], upper=np.array([upper]))
+        return solve([row, Level(J, np.array([v]))], -most, most, scaling='redistribute')
+
+    calm = solved(0.4)
+    assert jumps.kind_of(calm, solved(-0.4)) == 'demand'
+    assert jumps.kind_of(calm, solved(0.41, upper=0.2)) == 'bounds'
+    assert jumps.kind_of(calm, solved(0.41, J=J / 5.0)) == 'limits'
+    assert jumps.kind_of(calm, solved(0.41)) == 'singular'
+
+
+@pytest.fixture
 def calm(monkeypatch):
     """Return the module of the benchmark."""
     monkeypatch.syspath_prepend(robots.REPOSITORY / 'benchmarks')
@@ -109,6 +138,7 @@ def test_robot_that_follows_late_comes_to_rest_too(calm, plant):
     ['calm.py', '--goals', '4', '--rates', '20'], ['loss.py', '--states', '4', '--below', '2'],
     ['loss.py', '--states', '1', '--below', '1', '--cycles', '3'], ['forms.py'],
     ['weights.py', '--states', '2', '--goals', '1'],
+    ['jumps.py', '--runs', '1'],
     ['causes.py', '--states', '1']])
 def test_benchmark_runs_and_prints_a_table(command):
     name, *options = command

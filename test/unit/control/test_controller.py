@@ -317,9 +317,87 @@ def test_no_limit_is_ever_exceeded_whatever_the_goals_start_and_delay(case, dela
         q = moved
 
 
+def accelerated(robot, acceleration):
+    """Return a robot whose velocities all have an acceleration limit."""
+    limits = {name: {'acceleration': acceleration} for name in robot.velocity_names}
+    return Robot.from_urdf(robot.urdf, base=robot.base, limits=limits)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(['panda', 'mixed', 'planar', 'floating', 'talos_arm', 'xarm7']),
+       st.sampled_from([20.0, 100.0, 1000.0]), st.sampled_from([3.0, 15.0]), st.integers(0, 2),
+       st.booleans(), SEEDS)
+@example('panda', 20.0, 15.0, 2, True, 0)
+def test_late_commands_lead_no_joint_past_a_limit_that_brake_within_acceleration_limits(
+        name, rate, acceleration, delay, hurried, seed):
+    robot = {'panda': robots.panda, 'mixed': robots.mixed}[name]() if name in (
+        'panda', 'mixed') else robots.moving_panda(name) if name in ('planar', 'floating') \
+        else robots.urdf_robot(name)
+    robot, rng, period = accelerated(robot, acceleration), np.random.default_rng(seed), 1.0 / rate
+    rows = robot.joint_columns
+    lower, upper = np.maximum(robot.lower, -3.0)[rows], np.minimum(robot.upper, 3.0)[rows]
+    controller = control('- rest: {type: posture, gain: 10.0}\n', robot,
+                         Settings(blend=0.0, period=period, delay=2))
+    q, now = robot.configuration(rng.uniform(lower, upper)), 0.0
+    controller.update(q, now)
+    pending = deque([np.zeros(robot.n)] * delay)
+    for cycle in range(150):
+        if cycle % 50 == 0:
+            ends = rng.choice([0.0, 1.0, rng.random()], len(lower))
+            goal = np.clip(lower + ends * (upper - lower), lower, upper)
+            controller.set_goal('rest', goal, now)
+        pending.append(controller.update(q, now).velocity)
+        elapsed = period * (rng.uniform(0.5, 1.0) if hurried and rate >= 50.0 else 1.0)
+        q, now = robot.integrate(q, pending.popleft(), elapsed), now + elapsed
+        positions = robot.positions(q)
+        assert (positions <= robot.upper + 1e-12).all()
+        assert (positions >= robot.lower - 1e-12).all()
+
+
+def test_commands_count_as_pending_for_as_many_cycles_as_are_set():
+    robot, near = robots.mixed(), np.array([2.4, 0.0, 0.0, 0.0])
+    controller = control('- m: {type: joint_velocity, joints: turn, timeout: 100}\n', robot,
+                         Settings(blend=0.0, damping=0.0, delay=2))
+    controller.update(near, 0.0)
+    controller.set_goal('m', [5.0], 0.0)
+
+    def command(cycle):
+        return controller.update(near, 0.01 * cycle).velocity[0]
+
+    # 10 /s times what the commands of 10 ms before leave of 0.1 rad.
+    first = command(1)
+    second = command(2)
+    third = command(3)
+    assert (first, second, third) == pytest.approx((1.0, 0.9, 0.81))
+    # Zeros that are sent in place of commands pass them on.
+    controller.halt(0.04)
+    assert command(5) == pytest.approx(10.0 * (0.1 - 0.01 * third))
+    controller.halt(0.06)
+    controller.halt(0.07)
+    assert command(8) == pytest.approx(1.0)
+    controller.settings = replace(controller.settings, delay=0)
+    assert command(9) == pytest.approx(1.0)
+    controller.settings = replace(controller.settings, delay=2)
+    assert command(10) == pytest.approx(1.0)
+    assert command(11) == pytest.approx(0.9)
+
+
+def test_pending_commands_count_for_twice_the_mean_time_between_two_and_a_period_at_most():
+    robot, near = robots.mixed(), np.array([2.45, 0.0, 0.0, 0.0])
+    controller = control('- m: {type: joint_velocity, joints: turn, timeout: 100}\n', robot,
+                         Settings(blend=0.0, damping=0.0, period=0.1, delay=1))
+    controller.update(near, 0.0)
+    controller.set_goal('m', [5.0], 0.0)
+    for cycle in range(1000):
+        velocity = controller.update(near, 0.002 * cycle).velocity[0]
+    # v = 10 /s (0.05 rad − 4 ms v)
+    assert velocity == pytest.approx(0.5 / 1.04)
+
+
 def test_joint_runs_into_its_limit_softly_and_stays_there():
     robot = robots.mixed()
-    controller = control('- m: {type: joint_velocity, joints: turn, timeout: 100}\n', robot)
+    controller = control('- m: {type: joint_velocity, joints: turn, timeout: 100}\n', robot,
+                         replace(EXACT, delay=0))
     controller.update([0.0] * 4, 0.0)
     controller.set_goal('m', [5.0], 0.0)
     q = run(controller, [0.0] * 4, 400)[:, 0]
@@ -368,7 +446,7 @@ def test_joint_outside_its_range_comes_back_at_its_speed_limit_if_a_task_demands
                                (0.0, min(10.0 * beyond, 0.2 * speed, 1.0)),
                                (-speed, min(10.0 * beyond, 0.2 * speed, 1.0))):
         controller = control(f'- m: {{type: joint_velocity, joints: {name}}}\n', robot,
-                             Settings(blend=0.0, braking_gain=10.0))
+                             Settings(blend=0.0, braking_gain=10.0, delay=0))
         controller.update(q, 0.0)
         controller.set_goal('m', [-side * demanded], 0.0)
         assert -side * controller.update(q, 0.0).velocity[index] == pytest.approx(
@@ -632,6 +710,12 @@ def test_all_settings_out_of_range_are_told_at_once():
         'period', 'damping', 'singular_region', 'braking_gain', 'scaling', 'weights']
     assert 'must be a number from 1e-05 to 1, not 0.0' in faults[0]
     assert 'must be one of redistribute, uniform, not' in faults[4]
+
+
+@pytest.mark.parametrize('delay', [1.0, 1.5, -1, 101, True, '2', None, math.nan])
+def test_delay_that_is_no_number_of_cycles_is_refused(delay):
+    with pytest.raises(SettingsError, match='delay must be a whole number from 0 to 100, not'):
+        Settings(delay=delay)
 
 
 def test_braking_that_the_period_cannot_keep_up_with_is_refused():

@@ -181,6 +181,105 @@ def test_infinite_limits_do_not_get_in_the_way():
     assert settled(limits, np.array([-1e9]), 0.01, up=False) == -3.0
 
 
+# Commands that take effect late
+
+def late_joints(rng, some):
+    """Return lower, upper, velocity and acceleration limits of six joints, and positions."""
+    n = 6
+    middle, reach = rng.uniform(-2.0, 2.0, n), 10.0 ** rng.uniform(-3.0, 0.5, n)
+    velocity, acceleration = 10.0 ** rng.uniform(-1, 1, n), 10.0 ** rng.uniform(-0.5, 2.0, n)
+    if some:
+        acceleration[rng.integers(0, 2, n) == 0] = math.inf
+    return (middle - reach, middle + reach, velocity, acceleration), \
+        middle + rng.uniform(-1.0, 1.0, n) * reach
+
+
+@given(SEEDS, PERIODS, SHARES, st.sampled_from(STRATEGIES), st.booleans(), st.integers(0, 3),
+       st.integers(0, 3))
+@example(0, 0.05, 1.0, 'extremes', True, 2, 0)
+def test_commands_no_later_than_expected_lead_no_joint_past_a_limit(seed, period, share, strategy,
+                                                                    some, delay, spare):
+    rng = np.random.default_rng(seed)
+    joints, q = late_joints(rng, some)
+    lower, upper, velocity, acceleration = joints
+    limits = limits_of(*joints, period, share / period)
+    commands = [np.zeros(6)] * 8
+    for step in range(200):
+        bounds = limits.at(q, commands[0], period, np.array(commands[:delay + spare]
+                                                            ).reshape(-1, 6), period)
+        if not spare:
+            # What is allowed in time can be reached now: no limit contradicts another.
+            least, most = bounds.settled
+            assert (bounds.lower <= most + 1e-9 * velocity).all()
+            assert (bounds.upper >= least - 1e-9 * velocity).all()
+        command = chosen(strategy, bounds, step, rng)
+        assert (np.abs(command) <= velocity * (1.0 + 1e-9)).all()
+        assert (np.abs(command - commands[0]) <= acceleration * period + 1e-12 * velocity).all()
+        commands = [command, *commands[:-1]]
+        q = q + period * commands[delay]
+        assert (q <= upper + 1e-12).all() and (q >= lower - 1e-12).all()
+
+
+@given(SEEDS, PERIODS, st.floats(0.02, 0.2), st.sampled_from(STRATEGIES), st.booleans(),
+       st.integers(1, 2), st.booleans())
+def test_delays_and_cycles_may_change_if_the_gain_leaves_a_margin(seed, period, share, strategy,
+                                                                  some, delay, is_late):
+    """Commands take from 0 to `delay` periods to act, and one cycle may be a period late."""
+    rng = np.random.default_rng(seed)
+    joints, q = late_joints(rng, some)
+    limits = limits_of(*joints, period, share / period)
+    commands, acting, arrivals, late = [np.zeros(6)] * 3, np.zeros(6), [], -1
+    if is_late:
+        late = rng.integers(100)
+    now, last, elapsed = 0.0, 0.0, period
+    for step in range(200):
+        bounds = limits.at(q, commands[0], elapsed, np.array(commands[:delay + is_late]), period)
+        commands = [chosen(strategy, bounds, step, rng), *commands[:-1]]
+        last = max(last, now + delay * period * rng.choice([0.0, 1.0, rng.random()]))
+        arrivals.append((last, commands[0]))
+        elapsed = period * (2.0 if step == late else rng.choice([1.0, rng.uniform(0.05, 1.0)]))
+        end = now + elapsed
+        while now < end:
+            until = min(end, arrivals[0][0]) if arrivals else end
+            q, now = q + acting * (until - now), until
+            if arrivals and arrivals[0][0] <= now:
+                acting = arrivals.pop(0)[1]
+        assert (q <= joints[1] + 1e-12).all() and (q >= joints[0] - 1e-12).all()
+
+
+@given(SEEDS, PERIODS, SHARES, st.sampled_from(['upper', 'lower', 'change of mind']),
+       st.integers(1, 3), st.integers(1, 3))
+def test_counting_too_few_commands_is_no_worse_than_counting_none(seed, period, share, strategy,
+                                                                  delay, counted):
+    beyond = []
+    for count in (0, min(counted, delay)):
+        rng = np.random.default_rng(seed)
+        joints, q = late_joints(rng, False)
+        limits = limits_of(*joints, period, share / period)
+        commands, farthest = [np.zeros(6)] * 4, np.zeros(6)
+        for step in range(200):
+            bounds = limits.at(q, commands[0], period, np.array(commands[:count]).reshape(-1, 6),
+                               period)
+            commands = [chosen(strategy, bounds, step, rng), *commands[:-1]]
+            q = q + period * commands[delay]
+            farthest = np.maximum(farthest, np.maximum(q - joints[1], joints[0] - q))
+        beyond.append(farthest.max())
+    assert beyond[1] <= beyond[0] + 1e-9
+
+
+def test_distance_that_counts_is_the_one_where_pending_commands_lead():
+    # g = 4 /s; two commands of up to 10 ms each lead 5 mm further up, 15 mm down, or to and fro.
+    limits = limits_of([-1.0] * 3, [1.0] * 3, [9.0] * 3, [math.inf] * 3, 0.01, 4.0)
+    pending = np.array([[0.25, -1.0, 1.0], [0.25, -0.5, -1.0]])
+    bounds = limits.at(np.full(3, 0.9), np.zeros(3), 0.01, pending, 0.01)
+    assert bounds.upper == pytest.approx([4.0 * 0.095, 4.0 * 0.1, 4.0 * 0.09])
+    assert bounds.lower == pytest.approx([-4.0 * 1.9, -4.0 * 1.885, -4.0 * 1.89])
+    # Where they may, or may not, lead outside, or back inside, the joint is to stop there; where
+    # it is outside in any case it comes back.
+    bounds = limits.at(np.array([0.998, 1.01, 1.02]), np.zeros(3), 0.01, pending, 0.01)
+    assert bounds.upper == pytest.approx([-0.0, 0.0, -4.0 * 0.01])
+
+
 # Where limits contradict each other
 
 @given(SEEDS, st.sampled_from(STRATEGIES), st.booleans(), SHARES)

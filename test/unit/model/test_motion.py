@@ -324,19 +324,21 @@ def test_limits_that_do_not_fit_together_are_refused(place):
 def test_limits_are_for_arrays_of_one_number_for_each_joint():
     ones, rows = np.ones(2), np.empty((8, 2))
     limits = MOTION.Limits(0.01, 100.0, False, -ones, ones, ones, ones)
-    fits = [ones, ones, 0.01, rows]
+    fits = [ones, ones, 0.01, np.ones((3, 2)), 0.01, rows]
     limits.at(*fits)
     for place, wrong in ((0, np.ones(3)), (0, ones.astype(int)), (0, None), (1, np.ones(1)),
-                         (1, np.ones((2, 1))), (3, np.empty((7, 2))), (3, np.empty((8, 3))),
-                         (3, rows.astype(np.float32)), (3, np.empty((2, 8)).T), (3, None)):
+                         (1, np.ones((2, 1))), (3, ones), (3, np.ones((2, 3))), (3, None),
+                         (3, np.ones((3, 2), int)), (5, np.empty((7, 2))), (5, np.empty((8, 3))),
+                         (5, rows.astype(np.float32)), (5, np.empty((2, 8)).T), (5, None)):
         given_ = [*fits]
         given_[place] = wrong
         with pytest.raises(ValueError, match='at.q, previous'):
             limits.at(*given_)
     with pytest.raises(ValueError, match='at.q, previous'):
-        limits.at(*fits[:3])
-    with pytest.raises(TypeError):
-        limits.at(ones, ones, None, rows)
+        limits.at(*fits[:5])
+    for place in (2, 4):
+        with pytest.raises(TypeError):
+            limits.at(*fits[:place], None, *fits[place + 1:])
 
 
 def test_limits_of_more_joints_than_fit_are_those_of_the_reference():
@@ -344,7 +346,7 @@ def test_limits_of_more_joints_than_fit_are_those_of_the_reference():
     limits = VelocityLimits(SimpleNamespace(lower=-many, upper=many, velocity=many,
                                             acceleration=many), 0.01, 100.0)
     assert np.array_equal(limits.at(0.0 * many, many, 0.01)._rows,
-                          limits._rows(0.0 * many, many, 0.01))
+                          limits._rows(0.0 * many, many, 0.01, np.empty((0, len(many))), 0.0))
 
 
 def test_all_objects_that_are_lent_are_given_back():
@@ -354,10 +356,10 @@ def test_all_objects_that_are_lent_are_given_back():
     frames, one, two, T = np.array([[1.0, *hanging]]), np.ones(1), np.ones(2), np.eye(4)
     J, error, turn, rows, bounds = (np.empty((6, 1)), np.empty(6), np.empty(3), bytes(range(6)),
                                     np.empty((8, 2)))
-    gain, v = np.array(2.0), np.empty(6)
+    gain, v, pending = np.array(2.0), np.empty(6), np.ones((1, 2))
     elapsed, index = np.pi * 1.0, 10 ** 6
     objects = (base, bodies, frames, one, two, T, J, error, turn, rows, bounds, gain, v,
-               elapsed, index, MOTION.Motion, MOTION.Limits)
+               pending, elapsed, index, MOTION.Motion, MOTION.Limits)
 
     def use():
         motion = MOTION.Motion(1, 0, base, bodies, frames)
@@ -366,7 +368,7 @@ def test_all_objects_that_are_lent_are_given_back():
         motion.place(0, T)
         motion.jacobian(0, J)
         assert motion.observe(0, 0, rows, T, turn, turn, gain, error, J, v)
-        limits.at(two, two, elapsed, bounds)
+        limits.at(two, two, elapsed, pending, elapsed, bounds)
         for call in (lambda: MOTION.Motion(1, 0, two, bodies, frames),
                      lambda: MOTION.Motion(1, 0, base, frames, bodies),
                      lambda: MOTION.Limits(0.01, 100.0, False, two, two, one, two),
@@ -387,8 +389,8 @@ def test_all_objects_that_are_lent_are_given_back():
 
 @given(seed=seeds, accelerated=st.sampled_from(['all', 'some', 'none']),
        endless=st.booleans(), period=st.sampled_from([1e-3, 0.013, 0.1]),
-       share=st.floats(0.05, 1.0))
-def test_limits_are_those_of_the_reference(seed, accelerated, endless, period, share):
+       share=st.floats(0.05, 1.0), delay=st.integers(0, 4))
+def test_limits_are_those_of_the_reference(seed, accelerated, endless, period, share, delay):
     rng, n = np.random.default_rng(seed), 20
     upper = np.where(rng.random(n) < 0.5 * endless, np.inf, rng.uniform(0.1, 3.0, n)
                      * rng.choice([0.01, 1.0], n))
@@ -403,8 +405,9 @@ def test_limits_are_those_of_the_reference(seed, accelerated, endless, period, s
                  rng.uniform(-1.3, 1.3, n) * wide)
     q[0] *= rng.choice([1.0, 1e7])
     previous, elapsed = rng.normal(size=n), rng.uniform(1e-4, 0.2)
-    assert np.array_equal(limits.at(q, previous, elapsed)._rows,
-                          limits._rows(q, previous, elapsed))
+    late = rng.normal(size=(delay, n)), rng.uniform(0.0, period)
+    assert np.array_equal(limits.at(q, previous, elapsed, *late)._rows,
+                          limits._rows(q, previous, elapsed, *late))
 
 
 def test_constants_are_those_of_the_reference():

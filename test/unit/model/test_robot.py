@@ -194,7 +194,68 @@ def test_fault_in_a_dh_table_is_named(table, message):
         Robot.from_dh(table)
 
 
+# Joints without a range
+
+RANGES = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>
+<joint name="arm" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+  <limit lower="-1" upper="1" velocity="2" effort="0"/></joint>
+<joint name="finger" type="prismatic"><parent link="b"/><child link="c"/><axis xyz="1 0 0"/>
+  <limit {finger} velocity="2" effort="0"/></joint>
+<joint name="mimic" type="prismatic"><parent link="b"/><child link="d"/><axis xyz="1 0 0"/>
+  <limit {mimic} velocity="2" effort="0"/>
+  <mimic joint="finger" multiplier="{multiplier}" offset="{offset}"/></joint></robot>"""
+
+
+def with_range(finger='lower="0" upper="0.5"', mimic='lower="-9" upper="9"', multiplier=1.0,
+               offset=0.0):
+    """Return a URDF: an arm, a finger on it and a joint that mimics the finger."""
+    return RANGES.format(finger=finger, mimic=mimic, multiplier=multiplier, offset=offset)
+
+
+@pytest.mark.parametrize('given', [
+    {'finger': 'lower="0" upper="0"'}, {'finger': 'lower="0" upper="-0.0"'}, {'finger': ''},
+    {'finger': 'lower="0.3" upper="0.3"'}, {'mimic': 'lower="0" upper="0.5"', 'multiplier': -1.0},
+    # 0.3 − 0.1 is not 0.2 to the last digit.
+    {'finger': 'lower="0" upper="0.2"', 'mimic': 'lower="0.3" upper="1"', 'offset': 0.1}])
+def test_joint_without_a_range_is_passive_unless_it_is_named(given):
+    urdf = with_range(**given)
+    robot = Robot.from_urdf(urdf)
+    assert (robot.joint_names, robot.passive_names) == (('arm',), ('finger',))
+    with pytest.raises(RobotError, match=r'joint finger: lower limit \S+ must be below upper '
+                                         r'limit .*; leave it out of the driven ones .joints.'
+                       ) as error:
+        Robot.from_urdf(urdf, joints=['arm', 'finger'])
+    assert '-0' not in str(error.value)
+    limits = {'finger': {'lower': 0.0, 'upper': 0.1}}
+    assert Robot.from_urdf(urdf, limits=limits).joint_names == ('arm', 'finger')
+
+
+@pytest.mark.parametrize('given', [
+    {'finger': 'lower="0.5" upper="0"'}, {'mimic': 'lower="0.6" upper="0.5"'},
+    {'mimic': 'lower="0.7" upper="0.8"'}])
+def test_contradictory_limits_are_refused_where_the_joint_is_driven(given):
+    with pytest.raises(RobotError, match='joint finger: lower limit .* leave it out'):
+        Robot.from_urdf(with_range(**given))
+    assert Robot.from_urdf(with_range(**given), joints=['arm']).passive_names == ('finger',)
+
+
+def test_robot_whose_joints_all_lack_a_range_has_nothing_to_drive():
+    still = with_range(finger='').replace('lower="-1" upper="1"', '')
+    with pytest.raises(RobotError, match='no joint to drive; their limits leave no range: arm, f'):
+        Robot.from_urdf(still)
+    assert Robot.from_urdf(still, base='planar').passive_names == ('arm', 'finger')
+
+
 # Real robots
+
+@pytest.mark.parametrize('name, driven, passive', [
+    ('pr2', 18, ('l_gripper_l_finger_joint', 'r_gripper_l_finger_joint')),
+    ('centauro', 35, tuple(f'j_wheel_{number}' for number in range(1, 5))),
+    ('quadruped', 4, ('BL_KFE', 'BR_KFE', 'FL_KFE', 'FR_KFE'))])
+def test_real_robot_loads_without_its_joints_that_have_no_range(name, driven, passive):
+    robot = robots.urdf_robot(name)
+    assert (len(robot.joint_names), robot.passive_names) == (driven, passive)
+
 
 @pytest.mark.parametrize('name', robots.URDFS)
 def test_real_robot_has_the_limits_of_its_urdf(name):
@@ -325,7 +386,7 @@ def test_limits_that_exclude_those_of_a_follower_can_be_replaced():
                   ('b', 'revolute', '<limit lower="0" upper="0.5" velocity="1" effort="0"/>'
                    '<mimic joint="a" multiplier="-1"/>'))
     with pytest.raises(RobotError, match=r'joint a: .*those of b included'):
-        Robot.from_urdf(source)
+        Robot.from_urdf(source, joints=['a'])
     robot = Robot.from_urdf(source, limits={'a': {'upper': 0.3}})
     assert (robot.lower[0], robot.upper[0]) == (0.0, 0.3)
 

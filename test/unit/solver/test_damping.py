@@ -38,6 +38,18 @@ from tp_controller.solver.damping import CURVATURE, FIRST, MEMORY, ROW_TURNING, 
 # Near singularities
 
 
+@given(stacks(), st.sampled_from([1e-3, 0.1, 1000.0]), st.booleans())
+def test_settings_in_the_units_of_the_levels_give_the_same_answer_in_any_units(stack, unit, some):
+    n, levels = stack
+    bounds = (np.full(n, -0.5), np.full(n, 0.5)) if some else ()
+    scaled = [(unit * J, unit * v) for J, v in levels]
+    options = {name: unit * value for name, value in DEFAULTS.items()}
+    in_si, other = redistribute(levels, *bounds, **DEFAULTS), redistribute(
+        scaled, *bounds, **options)
+    for one, another in zip(in_si.levels, other.levels):
+        np.testing.assert_allclose(another.residual / unit, one.residual, rtol=1e-6, atol=1e-6)
+
+
 @given(SEEDS, st.integers(1, 8), st.integers(1, 10), st.floats(0.01, 2.0))
 def test_damped_least_squares_is_the_explicit_formula(seed, m, n, damping):
     (J, v), = random_levels(np.random.default_rng(seed), n, [m])
