@@ -229,7 +229,9 @@ def wait(harness, robot, seconds):
 @pytest.fixture
 def exclusive(harness):
     """Return a robot that moves, whose controller is alone and no newcomer any more."""
-    node = harness.controller(**STRICT, exclusive=True, stack=SLOW)
+    # What a busy machine holds up is no reason for zeros here.
+    node = harness.controller(**STRICT, exclusive=True, stack=SLOW, state_timeout=2.0,
+                              watchdog_timeout=2.0)
     robot = Robot(harness, harness.commands())
     robot.controller = node
     robot.status = Status(harness)

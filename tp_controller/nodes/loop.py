@@ -223,7 +223,9 @@ class ControlLoop:
         self._tell(LATE_CYCLE)
 
     def activate(self) -> None:
-        """Command something from now on."""
+        """Command something from now on, by what is received from now on."""
+        self._buffer.discard()
+        self._base.discard()
         self._heard = self.completed = boot_time()
         self.active, self._ending = True, ''
 

@@ -23,7 +23,7 @@ import re
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from tp_controller.errors import SettingsError
 from tp_controller.nodes.log import Log
@@ -107,12 +107,11 @@ class Input:
         except (ImportError, AttributeError, TypeError, ValueError) as error:
             self.fault = f'{self.topic}: {package}/{name} has no number {self._field!r}: {error}'
             return
-        # The last value of a topic that only publishes changes is received, too.
-        durability = offered[0].qos_profile.durability
+        # As it is offered: of a latched topic the last value is received, too.
+        qos = offered[0].qos_profile
         self._subscription = node.create_subscription(
             kind, self.topic, partial(self._take, clock),
-            QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT,
-                       durability=durability))
+            QoSProfile(depth=10, reliability=qos.reliability, durability=qos.durability))
 
     def _take(self, clock: Callable[[], float], message: Any) -> None:
         """Take a message."""

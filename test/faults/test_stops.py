@@ -1,0 +1,235 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Ramped stops, and starts outside of the limits, in computed time."""
+
+import math
+
+import numpy as np
+import pytest
+from robots import PANDA_DH, PANDA_READY
+from test_joint_states import JOINTS, make_world, ROBOT
+from tp_controller import Robot
+from world import STATE_PERIOD, World
+
+DECELERATION = 4.0
+RATES = 20.0, 100.0, 0.0, 1000.0
+SEEDS = range(5)
+WHOLE = Robot.from_file(PANDA_DH)
+
+
+def moving_world(patch, rate, seed=0, **values):
+    """Return a world whose robot moves fast."""
+    random = np.random.default_rng(seed)
+    world = make_world(patch, random, rate=rate, **values)
+    assert world.run(3.0, until=lambda: np.abs(world.velocity).max() > 0.8)
+    return world, random
+
+
+def stop(world):
+    """Stop as ~/stop does."""
+    world.loop.hold = 'stopped'
+
+
+def deactivate(world):
+    """Deactivate the loop."""
+    world.loop.come_to_rest('inactive')
+
+
+def fail(world):
+    """Let a task fail in each cycle from now on."""
+    def evaluate(state, now):
+        raise ZeroDivisionError('division by zero')
+    for task in world.controller.stack.tasks.values():
+        task.evaluate = evaluate
+
+
+def unmet(world):
+    """Take away a listener that is required."""
+    world.loop.unmet = 'no node listens'
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('rate', RATES)
+@pytest.mark.parametrize('act', [stop, deactivate, fail, unmet])
+def test_a_stop_is_ramped_where_positions_are_known(monkeypatch, act, rate, seed):
+    world, _ = moving_world(monkeypatch, rate, seed, stop_deceleration=DECELERATION)
+    before, count, began = world.velocity.copy(), len(world.monitor.commands), world.now
+    act(world)
+    assert world.run(2.0, until=lambda: not world.velocity.any())
+    commands = np.array([velocity for _, velocity, _ in world.monitor.commands[count:]])
+    times = np.array([time for time, *_ in world.monitor.commands[count:]])
+    # The fastest joint has the deceleration, the others keep their share of its speed.
+    fastest = np.abs(before).max()
+    assert world.now - began <= fastest / DECELERATION + 2.0 * world.period + 0.02
+    steps = -np.diff(np.abs(np.vstack((before, commands))).max(axis=1))
+    longest = max(world.period if rate else 2.0 * STATE_PERIOD, 0.011)
+    assert (steps >= -1e-9).all() and steps.max() <= DECELERATION * longest + 1e-9
+    for command in commands:
+        share = np.abs(command).max() / fastest
+        np.testing.assert_allclose(command, share * before, atol=1e-9)
+    assert times[-1] - began >= fastest / DECELERATION - longest
+    world.run(0.5)
+    assert not world.velocity.any() and world.loop.stop_reason
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_a_ramped_stop_passes_no_position_limit(monkeypatch, rate):
+    # A stop that would take 2 rad, in front of a limit.
+    world = World(monkeypatch, WHOLE, f'- reach: {{type: joint, joints: [{", ".join(JOINTS)}], '
+                  'gain: 5.0}\n', PANDA_READY, rate=rate, stop_deceleration=0.5)
+    goal = np.array(PANDA_READY)
+    goal[0] = WHOLE.upper[0]
+    assert world.run(1.0, until=lambda: not world.stopped())
+    world.controller.set_goal('reach', goal, world.now)
+    assert world.run(3.0, until=lambda: world.q[0] > 2.2)
+    assert world.velocity[0] > 1.0
+    stop(world)
+    world.run(4.0)
+    assert not world.velocity.any()
+    # Where joint states set the pace, one cycle may begin with positions a moment old.
+    assert world.q[0] <= WHOLE.upper[0] + 1e-3
+
+
+@pytest.mark.parametrize('rate', RATES)
+@pytest.mark.parametrize('report', ['silent', 'jumping'])
+def test_zeros_come_at_once_where_positions_are_not_known(monkeypatch, rate, report):
+    world, _ = moving_world(monkeypatch, rate, stop_deceleration=DECELERATION)
+    reports = {'silent': lambda world: [], 'jumping': lambda world: [world.state(world.q + 1.0)]}
+    world.report = reports[report]
+    count = len(world.monitor.commands)
+    assert world.run(1.0, until=world.stopped)
+    world.run(2.0 * world.period if rate else 0.02)
+    speeds = [np.abs(velocity).max() for _, velocity, _ in world.monitor.commands[count:]]
+    first = next(index for index, speed in enumerate(speeds) if speed == 0.0)
+    assert min(speeds[:first], default=1.0) > 0.5 and not any(speeds[first:])
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_joint_states_that_stop_coming_end_a_ramp_with_zeros(monkeypatch, rate):
+    world, _ = moving_world(monkeypatch, rate, stop_deceleration=0.5)
+    stop(world)
+    world.run(0.1)
+    assert np.abs(world.velocity).max() > 0.3
+    world.report = lambda world: []
+    assert world.run(world.values['state_timeout'] + world.period + 0.06,
+                     until=lambda: not world.velocity.any())
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_a_robot_that_is_started_during_the_ramp_goes_on_without_a_jump(monkeypatch, rate):
+    world, _ = moving_world(monkeypatch, rate, stop_deceleration=1.0)
+    world.loop.unmet = 'not enabled'
+    world.run(0.1)
+    assert world.velocity.any()
+    count = len(world.monitor.commands)
+    world.loop.unmet = ''
+    world.loop.stops._settle = 0.0
+    assert world.run(1.0, until=lambda: not world.stopped())
+    world.run(0.1)
+    commands = np.array([each[1] for each in world.monitor.commands[count - 1:]])
+    assert commands.any(axis=1).all()
+    # The limits of acceleration hold from the velocity of the ramp on.
+    assert np.abs(np.diff(commands, axis=0)).max() <= 20.0 * max(
+        world.period if rate else 2.0 * STATE_PERIOD, 0.011) + 1e-9
+
+
+# Starts ---------------------------------------------------------------------------------------
+
+def degrees(q):
+    """Report degrees."""
+    return np.degrees(q)
+
+
+def zeros(q):
+    """Report zeros, as before the encoders are read: joint 4 cannot be there."""
+    return np.zeros_like(q)
+
+
+def far_off(q):
+    """Report one joint far off."""
+    return np.where(np.arange(7) == 0, 100.0, q)
+
+
+def offset(q):
+    """Report one joint a little too far."""
+    return np.where(np.arange(7) == 5, ROBOT.upper[5] + 0.06, q)
+
+
+@pytest.mark.parametrize('rate', RATES)
+@pytest.mark.parametrize('wrong', [degrees, zeros, far_off, offset])
+def test_a_robot_that_is_outside_its_limits_at_a_start_is_not_moved(monkeypatch, wrong, rate):
+    world = World(monkeypatch, ROBOT, '- posture: {type: posture}\n', PANDA_READY, rate=rate)
+    world.report = lambda world: [world.state(wrong(world.q))]
+    assert world.run(0.2, until=lambda: 'wrong unit or offset?' in world.stopped())
+    world.run(3.0)
+    assert (world.q == PANDA_READY).all() and 'call ~/start to go on' in world.stopped()
+    assert 'outside its position limits' in world.loop.lasting()
+    # The driver is put right.
+    world.report = lambda world: [world.state()]
+    world.run(1.2)
+    assert world.stopped() and world.loop.lasting() == ''
+    world.loop.restart()
+    assert world.run(1.0, until=lambda: not world.stopped())
+
+
+def test_a_robot_that_stands_a_little_outside_is_led_back(monkeypatch):
+    q = np.array(PANDA_READY)
+    q[5] = ROBOT.upper[5] + 0.04
+    world = World(monkeypatch, ROBOT, '- posture: {type: posture}\n', q)
+    world.run(3.0)
+    assert not world.stopped() and world.q[5] <= ROBOT.upper[5] + 1e-6
+
+
+def test_a_robot_that_was_moved_outside_while_stopped_is_not_moved(monkeypatch):
+    world, random = moving_world(monkeypatch, 100.0)
+    stop(world)
+    world.run(0.1)
+    world.q[3] = 0.3
+    world.run(1.5)
+    there = world.q.copy()
+    world.loop._buffer.forget()
+    world.loop.stops.latched, world.loop.hold = '', ''
+    world.run(1.0)
+    assert (world.q == there).all() and 'wrong unit or offset?' in world.stopped()
+
+
+# Drift ----------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('rate', RATES)
+@pytest.mark.parametrize('speed', [-20.0, 10.0, 20.0])
+def test_an_encoder_that_slips_in_small_steps_stops_the_robot(monkeypatch, speed, rate, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, rate=rate)
+    began, joint = world.now, random.integers(7)
+    slip = np.where(np.arange(7) == joint, speed, 0.0)
+    world.report = lambda world: [world.state(world.q + slip * (world.now - began))]
+    assert world.run(0.35 + world.period, until=world.stopped)
+    assert 'call ~/start to go on' in world.stopped()
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('rate', RATES)
+def test_a_robot_that_moves_farther_than_commanded_is_stopped(monkeypatch, rate, seed):
+    random = np.random.default_rng(seed)
+    world = make_world(monkeypatch, random, rate=rate)
+    # Slowly, so that no velocity limit gives it away.
+    q = np.clip(world.q, ROBOT.lower + 0.5, ROBOT.upper - 0.5)
+    world.q = q.copy()
+    world.loop._buffer.discard()
+    world.controller.set_goal('reach', q + 0.05 * random.choice([-1.0, 1.0], 7), world.now)
+    world.plant = lambda velocity: velocity + 0.3
+    assert world.run(2.5, until=lambda: 'does not follow' in world.stopped()), world.stopped()
+    assert math.isfinite(world.now) and 'call ~/start to go on' in world.stopped()

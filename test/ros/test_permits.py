@@ -1,0 +1,200 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Inputs that allow motion, ramped stops and activation, through real topics and services."""
+
+from harness import Arm, Status
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Bool, Float64, Int32
+from std_srvs.srv import Trigger
+from tp_controller.errors import SettingsError
+from tp_controller.nodes.permits import Condition
+
+ZEROS = [0.0, 0.0, 0.0]
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+SWING = '- swing: {type: joint, joints: joint1, target: [1.5], gain: 0.1}\n'
+
+
+class Cell:
+    """A controller, an arm at rest, and inputs that a test publishes with its joint states."""
+
+    def __init__(self, harness, **parameters):
+        self.harness, self.inputs = harness, {}
+        harness.controller(stack=SWING, **parameters)
+        self.commands, self.status, self.arm = harness.commands(), Status(harness), Arm(harness)
+
+    def input(self, kind, topic, value=None, qos=10):
+        """Publish a value from now on."""
+        self.inputs[topic] = self.harness.node.create_publisher(kind, topic, qos), kind, value
+
+    def publish(self):
+        """Publish everything."""
+        self.arm.publish()
+        for publisher, kind, value in self.inputs.values():
+            if value is not None:
+                publisher.publish(kind(data=value))
+
+    def until(self, head):
+        """Spin until the status says so, and whether it moves fits to that."""
+        self.harness.spin_until(lambda: self.status.head == head, head, self.publish)
+        commands = self.harness.spin_for_more(self.commands, 3, self.publish)
+        assert any(commands[-1]) == (head == 'running')
+
+    def start(self):
+        """Call ~/start; return why not."""
+        answer = self.harness.call(Trigger, '/tp_controller/start', self.publish)
+        return '' if answer.success else answer.message
+
+
+def test_the_robot_moves_only_while_the_enable_switch_is_pressed(any_harness):
+    cell = Cell(any_harness, enable_topic='/enable', enable_timeout=0.2)
+    cell.until('not enabled: nothing received on /enable')
+    cell.input(Bool, '/enable', False)
+    cell.until('not enabled: /enable is false')
+    cell.input(Bool, '/enable', True)
+    cell.until('running')
+    cell.input(Bool, '/enable', False)
+    cell.until('not enabled: /enable is false')
+    cell.input(Bool, '/enable', True)
+    cell.until('running')
+    # A hand that is still on the switch of a cable that was pulled.
+    cell.inputs['/enable'] = (*cell.inputs['/enable'][:2], None)
+    cell.until('not enabled: nothing received on /enable')
+
+
+def test_an_enable_switch_without_timeout_is_heard_once(harness):
+    cell = Cell(harness, enable_topic='/enable', enable_timeout=0.0)
+    cell.input(Bool, '/enable', qos=LATCHED)
+    cell.inputs['/enable'][0].publish(Bool(data=True))
+    cell.until('running')
+    harness.spin_for_more(cell.commands, 100, cell.publish)
+    cell.until('running')
+
+
+def test_a_state_of_the_robot_that_is_lost_stops_it_until_a_start(any_harness):
+    cell = Cell(any_harness, permit_topics=['/program_running', '/safety_mode:data == 1'])
+    cell.until('nothing received on /program_running')
+    # As robots publish it: latched, when it changes.
+    cell.input(Bool, '/program_running', qos=LATCHED)
+    cell.inputs['/program_running'][0].publish(Bool(data=True))
+    cell.input(Int32, '/safety_mode', 3)
+    cell.until('/safety_mode is 3')
+    assert cell.start() == 'not started: /safety_mode is 3'
+    cell.input(Int32, '/safety_mode', 1)
+    cell.until('running')
+    cell.input(Int32, '/safety_mode', 3)
+    cell.until('/safety_mode is 3; call ~/start to go on')
+    assert cell.start() == 'not started: /safety_mode is 3'
+    # A robot that was released goes on only when somebody says so.
+    cell.input(Int32, '/safety_mode', 1)
+    any_harness.spin_for_more(cell.commands, 20, cell.publish)
+    cell.until('/safety_mode is 3; call ~/start to go on')
+    any_harness.spin_until(lambda: not cell.start(), 'a start', cell.publish)
+    cell.until('running')
+
+
+def test_a_publisher_of_a_state_that_has_gone_is_no_permit(harness):
+    cell = Cell(harness, permit_topics=['/program_running'])
+    cell.input(Bool, '/program_running', True)
+    cell.until('running')
+    publisher, *_ = cell.inputs.pop('/program_running')
+    harness.node.destroy_publisher(publisher)
+    cell.until('nothing received on /program_running; call ~/start to go on')
+
+
+def test_an_input_that_is_no_number_is_named(harness, log):
+    cell = Cell(harness, permit_topics=['/program_running:state.mode'])
+    cell.input(Bool, '/program_running', True)
+    harness.spin_until_logged(log, "std_msgs/Bool has no number 'state.mode'", cell.publish)
+    assert not any(map(any, cell.commands))
+
+
+@pytest.mark.parametrize('scaling, follows', [(10.0, True), (None, False)])
+def test_a_robot_that_says_it_is_slowed_down_follows(harness, scaling, follows):
+    cell = Cell(harness, speed_scaling_topic='/speed_scaling', follow_window=0.5)
+    cell.input(Float64, '/speed_scaling', scaling)
+
+    def publish():
+        # A tenth of what is commanded, 200 times a second.
+        if cell.commands:
+            cell.arm.q[0] += 0.1 * 0.005 * cell.commands[-1][0]
+        cell.publish()
+
+    harness.spin_until(lambda: len(cell.commands) > 200, meanwhile=publish)
+    assert ('does not follow' not in cell.status.head) == follows
+
+
+@pytest.mark.parametrize('text', ['', '/a b', '/mode == on', '/mode ==', '== 1', '/mode = 1'])
+def test_what_is_no_condition_is_refused(text):
+    with pytest.raises(SettingsError, match='is no condition; valid: topic, topic:field or'):
+        Condition(text, str)
+
+
+@pytest.mark.parametrize('text, value, holds', [
+    ('/a', 1.0, True), ('/a', 0.0, False), ('/a', -1.0, False), ('/a == 3', 3.0, True),
+    ('/a == true', 1.0, True), ('/a == false', 1.0, False), ('/a:x.y >= 2', 2.0, True),
+    ('/a > 2', 2.0, False), ('/a < 2', 1.0, True), ('/a <= 2', 2.5, False), ('/a != 2', 2.0, False)])
+def test_conditions_are_what_they_look_like(text, value, holds):
+    condition = Condition(text, str)
+    assert condition.fault() == 'nothing received on /a'
+    condition.input.value = value
+    assert condition.fault() == ('' if holds else f'/a is {value:g}')
+
+
+# Activation -----------------------------------------------------------------------------------
+
+def change(harness, name, meanwhile):
+    """Ask for a transition."""
+    number = getattr(Transition, f'TRANSITION_{name.upper()}')
+    assert harness.call(ChangeState, '/tp_controller/change_state', meanwhile,
+                        transition=Transition(id=number)).success
+
+
+@pytest.mark.parametrize('keep', [False, True])
+def test_after_a_deactivation_the_robot_stays_where_it_is_unless_told_otherwise(any_harness, keep):
+    harness, cell = any_harness, Cell(any_harness, keep_goals=keep)
+    cell.until('running')
+    change(harness, 'deactivate', cell.publish)
+    # Somebody moves the arm by hand.
+    cell.arm.q[0] = -1.0
+    harness.spin_until(lambda: cell.status.head.startswith('inactive'), meanwhile=cell.publish)
+    cell.commands.clear()
+    change(harness, 'activate', cell.publish)
+    harness.spin_until(lambda: cell.status.head == 'running', meanwhile=cell.publish)
+    commands = harness.spin_for_more(cell.commands, 20, cell.publish)
+    assert any(map(any, commands)) == keep
+
+
+def test_a_stop_and_a_deactivation_are_ramped(any_harness):
+    harness = any_harness
+    cell = Cell(harness, stop_deceleration=0.2)
+    cell.until('running')
+    for act in (lambda: harness.call(Trigger, '/tp_controller/stop', cell.publish),
+                lambda: change(harness, 'deactivate', cell.publish)):
+        fast = abs(cell.commands[-1][0])
+        cell.commands.clear()
+        act()
+        harness.spin_until(lambda: cell.commands and cell.commands[-1] == ZEROS,
+                           meanwhile=cell.publish)
+        speeds = [abs(command[0]) for command in cell.commands]
+        slower = [speed for speed in speeds if 0.0 < speed < fast - 1e-9]
+        assert len(slower) > 5 and speeds == sorted(speeds, reverse=True)
+        if not cell.status.head.startswith('inactive'):
+            harness.spin_until(lambda: not cell.start(), 'a start', cell.publish)
+            cell.until('running')
+    harness.spin_until(lambda: cell.status.head.startswith('inactive'), meanwhile=cell.publish)
+    harness.spin_until(lambda: cell.commands[-3:] == 3 * [ZEROS])
