@@ -58,7 +58,7 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
         `Solution.levels`. Any units will do, rows of one level weigh as much as they are long;
         but `damping`, `singular_region`, `release_region` and `regularisation` are compared
         with singular values of J. Their usual values are for rows in m or rad per rad or m of a
-        joint: J and v in mm need values a thousand times as large.
+        joint: convert J and v that are in other units, such as mm.
     lower, upper : array_like (n,), optional
         Bounds on the velocity, lower ≤ upper. They may exclude zero.
     weights : array_like (n,), optional
