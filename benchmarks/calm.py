@@ -44,6 +44,9 @@ swing
 
 A run with at most one reversal per second is calm. Every run can be repeated alone:
 ``calm.run('Panda', 100, None, 7)``.
+
+``--stacks 1000`` measures random stacks of all registered task types instead, on fixed, planar and
+floating bases (`_random_stacks`); ``calm.run_stack(7)`` repeats one.
 """
 
 import argparse
@@ -57,6 +60,7 @@ import time
 import zlib
 
 from _motion import reversals, sign_flips, swings
+from _random_stacks import Drawn
 from _robots import load_robot
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -218,7 +222,7 @@ def _reach(name: str) -> tuple[float, float]:
 class Plant:
     """A robot that does what it is told, late or not at once."""
 
-    def __init__(self, scene: Scene, kind: str) -> None:
+    def __init__(self, scene: Scene | Drawn, kind: str) -> None:
         self._robot, self._random = scene.robot, scene.random
         self._period = 1.0 / scene.rate
         late, self._lag, self._noise = PLANTS[kind]
@@ -253,8 +257,7 @@ class Plant:
 def record(scene: Scene, plant: str = 'ideal', weighted: bool = False,
            seconds: float | None = None) -> np.ndarray:
     """Return all commands (T, n) of a run."""
-    measured = MEASURED if scene.rate < MEASURED_AT_MOST else 0.5 * MEASURED
-    cycles = round((SETTLING + measured if seconds is None else seconds) * scene.rate)
+    cycles = round((_seconds(scene.rate) if seconds is None else seconds) * scene.rate)
     controller = Controller(scene.robot, scene.stack(), scene.settings(weighted))
     robot = Plant(scene, plant)
     controller.update(scene.start, 0.0)
@@ -295,8 +298,46 @@ def run(name: str, rate: int, acceleration: float | None, number: int, plant: st
     except Exception as error:
         raise RuntimeError(
             f'run({name!r}, {rate}, {acceleration}, {number}): {error}') from error
+    return _measured(name, rate, acceleration, number, scene.kind, commands)
+
+
+def run_stack(number: int, plant: str = 'ideal', seed: int = 0) -> Run:
+    """Return the outcome of a random stack; the arguments as in `run`."""
+    scene = Drawn(number, seed)
+    try:
+        commands = record_stack(scene, plant)[round(SETTLING * scene.rate):]
+    except Exception as error:
+        raise RuntimeError(f'run_stack({number}, {plant!r}, {seed}): {error}') from error
+    return _measured(scene.name, scene.rate, scene.acceleration, number, scene.title, commands)
+
+
+def record_stack(scene: Drawn, plant: str = 'ideal') -> np.ndarray:
+    """Return all commands (T, n) of a random stack, whose goals are constant."""
+    controller = Controller(scene.robot, scene.stack(), Settings(
+        period=1.0 / scene.rate, braking_gain=min(10.0, float(scene.rate))))
+    robot = Plant(scene, plant)
+    controller.update(scene.start, 0.0)
+    for name, goal in scene.goals.items():
+        controller.set_goal(name, goal, 0.0)
+    for name, velocity in scene.leading.items():
+        controller.set_feed_forward(name, velocity, 0.0)
+    commands = np.empty((round(_seconds(scene.rate) * scene.rate), scene.robot.n))
+    for cycle in range(len(commands)):
+        commands[cycle] = controller.update(robot.measured(), cycle / scene.rate).velocity
+        robot.move(commands[cycle])
+    return commands
+
+
+def _seconds(rate: int) -> float:
+    """Return how long a run takes [s]."""
+    return SETTLING + (MEASURED if rate < MEASURED_AT_MOST else 0.5 * MEASURED)
+
+
+def _measured(name: str, rate: int, acceleration: float | None, number: int, kind: str,
+              commands: np.ndarray) -> Run:
+    """Return the `Run` of the commands (T, n) that are measured."""
     period = 1.0 / rate
-    return Run(name, rate, acceleration, number, scene.kind, reversals(commands, period),
+    return Run(name, rate, acceleration, number, kind, reversals(commands, period),
                sign_flips(commands, period), swings(commands, period),
                float(np.abs(np.diff(commands, axis=0)).max()), float(np.abs(commands).max()))
 
