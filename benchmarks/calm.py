@@ -56,6 +56,7 @@ from functools import lru_cache
 from itertools import product
 import math
 import multiprocessing
+import re
 import time
 import zlib
 
@@ -65,6 +66,7 @@ from _robots import load_robot
 import numpy as np
 from scipy.spatial.transform import Rotation
 from tp_controller import Controller, Robot, Settings, Stack
+from tp_controller.tasks import task_types
 
 # {robot: tool}
 TOOLS = {
@@ -342,6 +344,35 @@ def _measured(name: str, rate: int, acceleration: float | None, number: int, kin
                float(np.abs(np.diff(commands, axis=0)).max()), float(np.abs(commands).max()))
 
 
+def measure_stacks(count: int, plant: str, seed: int, jobs: int) -> list[Run]:
+    """Return the runs of random stacks, and print a row for each type of task."""
+    with multiprocessing.Pool(jobs) as pool:
+        runs = pool.starmap(run_stack, [(number, plant, seed) for number in range(count)],
+                            chunksize=1)
+    print('| type | runs with it | not calm |\n| --- | --- | --- |')
+    for name in task_types():
+        those = [each for each in runs if name in re.split(r' > |\+', each.kind)]
+        print(f'| `{name}` | {len(those)} | {sum(not each.calm for each in those)} |')
+    return runs
+
+
+def measure_goals(options: argparse.Namespace) -> list[Run]:
+    """Return the runs with goals out of reach, and print a row for each kind."""
+    head = ('robot', 'Hz', 'acceleration limit', 'not calm', 'reversals 1/s', 'flips 1/s',
+            'swings 1/s', 'largest change in a cycle')
+    print('| ' + ' | '.join(head) + ' |\n|' + ' --- |' * len(head), flush=True)
+    every: list[Run] = []
+    with multiprocessing.Pool(options.jobs) as pool:
+        for case in product(options.robots, options.rates, ACCELERATIONS):
+            began = time.monotonic()
+            work = [(*case, number, options.plant, options.weights, options.seed)
+                    for number in range(options.goals)]
+            runs = pool.starmap(run, work, chunksize=1)
+            print(f'{row(runs)}  <!-- {time.monotonic() - began:.0f} s -->', flush=True)
+            every += runs
+    return every
+
+
 def row(runs: list[Run]) -> str:
     """Return the row of runs of the same robot, rate and acceleration."""
     first = runs[0]
@@ -356,7 +387,7 @@ def row(runs: list[Run]) -> str:
 
 def finding(each: Run) -> str:
     """Return what is to be said of a run that does not come to rest."""
-    return (f'run({each.robot!r}, {each.rate}, {each.acceleration}, {each.number}) {each.kind}: '
+    return (f'{each.number}: {each.robot}, {each.rate} Hz, {_limit(each)}, {each.kind}: '
             f'{each.reversals:.1f} reversals/s, {each.flips:.1f} flips/s, '
             f'{each.swings:.1f} swings/s, '
             f'{each.jump:.3f} in a cycle, up to {each.fastest:.2f}')
@@ -376,6 +407,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument('--rates', nargs='+', type=int, default=list(RATES))
     parser.add_argument('--plant', choices=PLANTS, default='ideal')
     parser.add_argument('--weights', action='store_true', help='random ones')
+    parser.add_argument('--stacks', type=int, default=0,
+                        help='random stacks of all task types, in place of the rest')
     parser.add_argument('--seed', type=int, default=0, help='for other starts and goals')
     parser.add_argument('--jobs', type=int, default=1, help='processes')
     return parser.parse_args()
@@ -384,18 +417,10 @@ def _options() -> argparse.Namespace:
 def main() -> None:
     """Run and print."""
     options = _options()
-    head = ('robot', 'Hz', 'acceleration limit', 'not calm', 'reversals 1/s', 'flips 1/s',
-            'swings 1/s', 'largest change in a cycle')
-    print('| ' + ' | '.join(head) + ' |\n|' + ' --- |' * len(head), flush=True)
-    every: list[Run] = []
-    with multiprocessing.Pool(options.jobs) as pool:
-        for case in product(options.robots, options.rates, ACCELERATIONS):
-            began = time.monotonic()
-            work = [(*case, number, options.plant, options.weights, options.seed)
-                    for number in range(options.goals)]
-            runs = pool.starmap(run, work, chunksize=1)
-            print(f'{row(runs)}  <!-- {time.monotonic() - began:.0f} s -->', flush=True)
-            every += runs
+    if options.stacks:
+        every = measure_stacks(options.stacks, options.plant, options.seed, options.jobs)
+    else:
+        every = measure_goals(options)
     restless = [each for each in every if not each.calm]
     swinging = [each for each in every if each.calm and each.swings > CALM]
     for found, shown in ((restless, 'are not calm'), (swinging, 'are, but swing more than that')):
