@@ -81,14 +81,18 @@ def _load(name, limits):
     if name.startswith('planar '):
         return Robot.from_dh(_planar(int(name[7:-1]), limits or {}))
     file_name, joints = URDFS[name]
+    return Robot.from_urdf(example_urdf(file_name), joints=joints, limits=limits, base=base)
+
+
+def example_urdf(name):
+    """Return the URDF of a file of example-robot-data, by the end of its path."""
     installed = distribution('example-robot-data')
     path = next(installed.locate_file(file) for file in installed.files
-                if file.name == file_name)
+                if str(file).endswith(f'/{name}'))
     # Their meshes are beside them, not in a ROS workspace.
     share = next(folder for folder in Path(path).parents if folder.name == 'example-robot-data')
-    urdf = Path(path).read_text(encoding='utf-8').replace('package://example-robot-data',
+    return Path(path).read_text(encoding='utf-8').replace('package://example-robot-data',
                                                           str(share))
-    return Robot.from_urdf(urdf, joints=joints, limits=limits, base=base)
 
 
 def _planar(joints, limits):

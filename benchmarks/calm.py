@@ -44,6 +44,9 @@ swing
 
 A run with at most one reversal per second is calm. Every run can be repeated alone:
 ``calm.run('Panda', 100, None, 7)``.
+
+``--stacks 1000`` measures random stacks of all registered task types instead, on fixed, planar and
+floating bases (`_random_stacks`); ``calm.run_stack(7)`` repeats one.
 """
 
 import argparse
@@ -53,14 +56,17 @@ from functools import lru_cache
 from itertools import product
 import math
 import multiprocessing
+import re
 import time
 import zlib
 
 from _motion import reversals, sign_flips, swings
+from _random_stacks import Drawn
 from _robots import load_robot
 import numpy as np
 from scipy.spatial.transform import Rotation
 from tp_controller import Controller, Robot, Settings, Stack
+from tp_controller.tasks import task_types
 
 # {robot: tool}
 TOOLS = {
@@ -218,7 +224,7 @@ def _reach(name: str) -> tuple[float, float]:
 class Plant:
     """A robot that does what it is told, late or not at once."""
 
-    def __init__(self, scene: Scene, kind: str) -> None:
+    def __init__(self, scene: Scene | Drawn, kind: str) -> None:
         self._robot, self._random = scene.robot, scene.random
         self._period = 1.0 / scene.rate
         late, self._lag, self._noise = PLANTS[kind]
@@ -253,8 +259,7 @@ class Plant:
 def record(scene: Scene, plant: str = 'ideal', weighted: bool = False,
            seconds: float | None = None) -> np.ndarray:
     """Return all commands (T, n) of a run."""
-    measured = MEASURED if scene.rate < MEASURED_AT_MOST else 0.5 * MEASURED
-    cycles = round((SETTLING + measured if seconds is None else seconds) * scene.rate)
+    cycles = round((_seconds(scene.rate) if seconds is None else seconds) * scene.rate)
     controller = Controller(scene.robot, scene.stack(), scene.settings(weighted))
     robot = Plant(scene, plant)
     controller.update(scene.start, 0.0)
@@ -295,10 +300,77 @@ def run(name: str, rate: int, acceleration: float | None, number: int, plant: st
     except Exception as error:
         raise RuntimeError(
             f'run({name!r}, {rate}, {acceleration}, {number}): {error}') from error
+    return _measured(name, rate, acceleration, number, scene.kind, commands)
+
+
+def run_stack(number: int, plant: str = 'ideal', seed: int = 0) -> Run:
+    """Return the outcome of a random stack; the arguments as in `run`."""
+    scene = Drawn(number, seed)
+    try:
+        commands = record_stack(scene, plant)[round(SETTLING * scene.rate):]
+    except Exception as error:
+        raise RuntimeError(f'run_stack({number}, {plant!r}, {seed}): {error}') from error
+    return _measured(scene.name, scene.rate, scene.acceleration, number, scene.title, commands)
+
+
+def record_stack(scene: Drawn, plant: str = 'ideal') -> np.ndarray:
+    """Return all commands (T, n) of a random stack, whose goals are constant."""
+    controller = Controller(scene.robot, scene.stack(), Settings(
+        period=1.0 / scene.rate, braking_gain=min(10.0, float(scene.rate))))
+    robot = Plant(scene, plant)
+    controller.update(scene.start, 0.0)
+    for name, goal in scene.goals.items():
+        controller.set_goal(name, goal, 0.0)
+    for name, velocity in scene.leading.items():
+        controller.set_feed_forward(name, velocity, 0.0)
+    commands = np.empty((round(_seconds(scene.rate) * scene.rate), scene.robot.n))
+    for cycle in range(len(commands)):
+        commands[cycle] = controller.update(robot.measured(), cycle / scene.rate).velocity
+        robot.move(commands[cycle])
+    return commands
+
+
+def _seconds(rate: int) -> float:
+    """Return how long a run takes [s]."""
+    return SETTLING + (MEASURED if rate < MEASURED_AT_MOST else 0.5 * MEASURED)
+
+
+def _measured(name: str, rate: int, acceleration: float | None, number: int, kind: str,
+              commands: np.ndarray) -> Run:
+    """Return the `Run` of the commands (T, n) that are measured."""
     period = 1.0 / rate
-    return Run(name, rate, acceleration, number, scene.kind, reversals(commands, period),
+    return Run(name, rate, acceleration, number, kind, reversals(commands, period),
                sign_flips(commands, period), swings(commands, period),
                float(np.abs(np.diff(commands, axis=0)).max()), float(np.abs(commands).max()))
+
+
+def measure_stacks(count: int, plant: str, seed: int, jobs: int) -> list[Run]:
+    """Return the runs of random stacks, and print a row for each type of task."""
+    with multiprocessing.Pool(jobs) as pool:
+        runs = pool.starmap(run_stack, [(number, plant, seed) for number in range(count)],
+                            chunksize=1)
+    print('| type | runs with it | not calm |\n| --- | --- | --- |')
+    for name in task_types():
+        those = [each for each in runs if name in re.split(r' > |\+', each.kind)]
+        print(f'| `{name}` | {len(those)} | {sum(not each.calm for each in those)} |')
+    return runs
+
+
+def measure_goals(options: argparse.Namespace) -> list[Run]:
+    """Return the runs with goals out of reach, and print a row for each kind."""
+    head = ('robot', 'Hz', 'acceleration limit', 'not calm', 'reversals 1/s', 'flips 1/s',
+            'swings 1/s', 'largest change in a cycle')
+    print('| ' + ' | '.join(head) + ' |\n|' + ' --- |' * len(head), flush=True)
+    every: list[Run] = []
+    with multiprocessing.Pool(options.jobs) as pool:
+        for case in product(options.robots, options.rates, ACCELERATIONS):
+            began = time.monotonic()
+            work = [(*case, number, options.plant, options.weights, options.seed)
+                    for number in range(options.goals)]
+            runs = pool.starmap(run, work, chunksize=1)
+            print(f'{row(runs)}  <!-- {time.monotonic() - began:.0f} s -->', flush=True)
+            every += runs
+    return every
 
 
 def row(runs: list[Run]) -> str:
@@ -315,7 +387,7 @@ def row(runs: list[Run]) -> str:
 
 def finding(each: Run) -> str:
     """Return what is to be said of a run that does not come to rest."""
-    return (f'run({each.robot!r}, {each.rate}, {each.acceleration}, {each.number}) {each.kind}: '
+    return (f'{each.number}: {each.robot}, {each.rate} Hz, {_limit(each)}, {each.kind}: '
             f'{each.reversals:.1f} reversals/s, {each.flips:.1f} flips/s, '
             f'{each.swings:.1f} swings/s, '
             f'{each.jump:.3f} in a cycle, up to {each.fastest:.2f}')
@@ -335,6 +407,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument('--rates', nargs='+', type=int, default=list(RATES))
     parser.add_argument('--plant', choices=PLANTS, default='ideal')
     parser.add_argument('--weights', action='store_true', help='random ones')
+    parser.add_argument('--stacks', type=int, default=0,
+                        help='random stacks of all task types, in place of the rest')
     parser.add_argument('--seed', type=int, default=0, help='for other starts and goals')
     parser.add_argument('--jobs', type=int, default=1, help='processes')
     return parser.parse_args()
@@ -343,18 +417,10 @@ def _options() -> argparse.Namespace:
 def main() -> None:
     """Run and print."""
     options = _options()
-    head = ('robot', 'Hz', 'acceleration limit', 'not calm', 'reversals 1/s', 'flips 1/s',
-            'swings 1/s', 'largest change in a cycle')
-    print('| ' + ' | '.join(head) + ' |\n|' + ' --- |' * len(head), flush=True)
-    every: list[Run] = []
-    with multiprocessing.Pool(options.jobs) as pool:
-        for case in product(options.robots, options.rates, ACCELERATIONS):
-            began = time.monotonic()
-            work = [(*case, number, options.plant, options.weights, options.seed)
-                    for number in range(options.goals)]
-            runs = pool.starmap(run, work, chunksize=1)
-            print(f'{row(runs)}  <!-- {time.monotonic() - began:.0f} s -->', flush=True)
-            every += runs
+    if options.stacks:
+        every = measure_stacks(options.stacks, options.plant, options.seed, options.jobs)
+    else:
+        every = measure_goals(options)
     restless = [each for each in every if not each.calm]
     swinging = [each for each in every if each.calm and each.swings > CALM]
     for found, shown in ((restless, 'are not calm'), (swinging, 'are, but swing more than that')):

@@ -208,13 +208,17 @@ class BoundedHierarchy:
         if push <= NEGLIGIBLE * norm(level.v):
             return 0.0
         h = 0.0 if level.is_identity else bend(directions.size, push)
-        force = missed.dot(level.J)
+        return h + self._bend_against(missed.dot(level.J), multipliers)
+
+    def _bend_against(self, force: Array, multipliers: Array) -> float:
+        """Return the part of h from bounds and the levels above, against a force (n,)."""
+        h = 0.0
         if len(multipliers):
             n = len(force)
             force = force - multipliers[:n]
             if len(multipliers) > n:
                 force -= self.allowed.rows.T.dot(multipliers[n:])
-                h += bend_of_rows(self.allowed.lengths, multipliers[n:])
+                h = bend_of_rows(self.allowed.lengths, multipliers[n:])
         softest = (0.5 * self._damping.release_region) ** 2
         for above, its in reversed(self._above):
             # What this one takes of the force, with the multipliers U mu, and what it leaves.
@@ -233,14 +237,13 @@ class BoundedHierarchy:
         rows = level.J / lengths[:, np.newaxis]
         lower, upper = level.lower / lengths, level.upper / lengths
         values = rows.dot(self.x)
-        multipliers, bend = NONE, 0.0
+        multipliers = NONE
         if not within(values, lower, upper):
             multipliers = self._meet(rows, lower - values, upper - values, lengths, c)
             values = rows.dot(self.x)
             lower, upper = np.minimum(lower, values), np.maximum(upper, values)
-            if len(multipliers):
-                bend = bend_of_rows(lengths, multipliers[-len(rows):])
         self.allowed.add(rows, lower, upper, lengths)
+        bend = self._bend_against(self._rest, multipliers) if len(multipliers) else 0.0
         return LevelStep(self.x, None, NONE, None, *self._apart(multipliers), bend)
 
     def _meet(self, rows: Array, lower: Array, upper: Array, lengths: Array,

@@ -934,9 +934,9 @@ class BoundedHierarchy {
         lower[i] = std::min(lower[i], now);
         upper[i] = std::max(upper[i], now);
       }
-      if (multipliers) found.bend = bend_of_rows(lengths, multipliers + n + before, m);
     }
     allowed_.count += m;
+    if (multipliers) found.bend = bend_against(arena_.zeros(n), multipliers);
     apart(multipliers, found);
     found.velocity = arena_.copy(x_, n);
     return found;
@@ -1065,11 +1065,17 @@ class BoundedHierarchy {
     if (push <= NEGLIGIBLE * norm(level.v, level.m)) return 0.0;
     double h = level.is_identity ? 0.0 : bend(its.size, push);
     level.add_transposed(1.0, missed, force);
+    return h + bend_against(force, multipliers);
+  }
+
+  // The part of h from bounds and the levels above, against a force (n), which it overwrites.
+  double bend_against(double *force, const double *multipliers) {
+    double h = 0.0;
     if (multipliers) {
       add(-1.0, multipliers, force, n_);
       const double *of_rows = multipliers + n_;
       for (int i = 0; i < allowed_.count; ++i) add(-of_rows[i], allowed_.row(i), force, n_);
-      h += bend_of_rows(allowed_.lengths, of_rows, allowed_.count);
+      h = bend_of_rows(allowed_.lengths, of_rows, allowed_.count);
     }
     const double half = 0.5 * damping_.release_region, softest = half * half;
     for (size_t index = above_.size(); index-- > 0;) {

@@ -35,9 +35,12 @@ DEFAULT_RETURN_SPEED = 0.2
 # value [rad/s or m/s].
 RETURN_JOINT_SPEED = 0.5
 # A bound is out of reach where all joints together would have to move by more than this, along a
-# row that does not change [rad or m]. Then a row that they move by less than `STILL` is relaxed,
-# smoothly: at half of that it may get away at `DRIFT` [unit/rad, unit/s].
-FAR, STILL, DRIFT = 1.0, 2e-2, 1e-2
+# row that does not change [rad or m]. Then a row that they move by less than `STILL` [unit/rad] is
+# relaxed: the joint speed that it demands falls linearly with its length, down to the same speed
+# the other way. A steeper fall overshoots where the length depends on the positions, as at a
+# maximum of the manipulability. A row below `LOOSE` [unit/rad] bounds nothing: at half of that it
+# may get away at `DRIFT` [unit/s].
+FAR, STILL, LOOSE, DRIFT = 1.0, 2e-2, 1e-3, 1e-2
 TINY = 1e-12
 # What is compiled of this file; None where the reference runs, or it was not built.
 ROWS = part('tp_controller.tasks.rows')
@@ -279,9 +282,10 @@ def distance_back(value: Array, lower: float | Array, upper: float | Array) -> A
 
 
 def _drift(back: Array, moved: Array) -> Array:
-    """Return how fast rows may get away whose bounds are out of reach (m,)."""
-    return out_of_reach(back, moved) * DRIFT * np.maximum(
-        STILL / np.maximum(moved, TINY) - 1.0, 0.0)
+    """Return by how much the velocity back is reduced where bounds are out of reach (m,)."""
+    reduced = 2.0 * RETURN_JOINT_SPEED * moved * np.maximum(1.0 - moved / STILL, 0.0)
+    loose = DRIFT * np.maximum(LOOSE / np.maximum(moved, TINY) - 1.0, 0.0)
+    return out_of_reach(back, moved) * (reduced + loose)
 
 
 def out_of_reach(back: Array, moved: Array) -> Array:

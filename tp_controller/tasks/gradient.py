@@ -78,13 +78,17 @@ class GradientTask(Task):
 
         """
 
+    def slowdown(self, state: RobotState) -> Array | float:
+        """Return the factor ≥ 1 (n,) that divides the demand where h bends sharply."""
+        return 1.0
+
     def value(self, state: RobotState) -> Array:
         """Return h (1,)."""
         return np.array([self.measure(state)[0]])
 
     def error(self, state: RobotState) -> Array:
         """Return the desired joint velocities (n,) [rad/s or m/s]."""
-        desired = self.gain * self.measure(state)[1]
+        desired = self.gain * self.measure(state)[1] / self.slowdown(state)
         speed = norm(desired)
         return desired if speed <= self.max_speed else desired * (self.max_speed / speed)
 

@@ -23,7 +23,8 @@
 namespace {
 
 // Constants of the reference; a test holds them equal (CONSTANTS below).
-constexpr double RETURN_JOINT_SPEED = 0.5, FAR = 1.0, STILL = 2e-2, DRIFT = 1e-2, TINY = 1e-12;
+constexpr double RETURN_JOINT_SPEED = 0.5, FAR = 1.0, STILL = 2e-2, LOOSE = 1e-3, DRIFT = 1e-2,
+    TINY = 1e-12;
 
 // One number for all rows, or one for each.
 class Each {
@@ -58,8 +59,9 @@ double curved(const Buffer &J, const Buffer &before, const Buffer &velocity, Py_
 // How fast a row may get away whose bound is out of reach.
 double drift(double back, double moved) {
   const double travel = std::fabs(back) / std::max(moved, TINY);
-  return std::min(std::max(travel / FAR - 1.0, 0.0), 1.0) * DRIFT
-      * std::max(STILL / std::max(moved, TINY) - 1.0, 0.0);
+  const double reduced = 2.0 * RETURN_JOINT_SPEED * moved * std::max(1.0 - moved / STILL, 0.0);
+  const double loose = DRIFT * std::max(LOOSE / std::max(moved, TINY) - 1.0, 0.0);
+  return std::min(std::max(travel / FAR - 1.0, 0.0), 1.0) * (reduced + loose);
 }
 
 // bound(value, J, before, velocity, lower, upper, gain, return_speed, motion, jump, error, least,
@@ -106,6 +108,6 @@ PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "rows", "The bounds of inequality t
 
 PyMODINIT_FUNC PyInit_rows(void) {
   return make_module(MODULE, {{"CONSTANTS", Py_BuildValue(
-      "{s:d,s:d,s:d,s:d,s:d}", "RETURN_JOINT_SPEED", RETURN_JOINT_SPEED, "FAR", FAR,
-      "STILL", STILL, "DRIFT", DRIFT, "TINY", TINY)}});
+      "{s:d,s:d,s:d,s:d,s:d,s:d}", "RETURN_JOINT_SPEED", RETURN_JOINT_SPEED, "FAR", FAR,
+      "STILL", STILL, "LOOSE", LOOSE, "DRIFT", DRIFT, "TINY", TINY)}});
 }

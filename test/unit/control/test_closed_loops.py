@@ -21,7 +21,8 @@ import sys
 import numpy as np
 import pytest
 import robots
-from tp_controller import Level, solve
+from tp_controller import Controller, Level, Robot, Settings, solve, Stack
+from tp_controller.tasks import task_types
 
 
 @pytest.fixture
@@ -124,6 +125,48 @@ def test_robot_comes_to_rest_where_its_goal_cannot_be_reached(calm, robot, rate,
     assert [each for each in runs if not each.calm] == []
 
 
+@pytest.mark.parametrize('number', [
+    # joint_limit_distance of a joint with a short range, above other tasks.
+    306, 525,
+    # Bounds that cannot be met, and push against those of a level above, or against a task.
+    499, 792, 336])
+def test_random_stack_comes_to_rest(calm, number):
+    found = calm.run_stack(number)
+    assert found.calm, found
+
+
+def test_manipulability_that_no_posture_has_lets_the_tasks_below_come_to_rest(calm):
+    """At 50 Hz the length of its row, near the maximum, changes in every cycle."""
+    robot = Robot.from_urdf(robots.urdf_path('xarm7'))
+    stack = Stack.from_yaml("""
+- - region: {type: keep_in, frame: link7, shape: {box: [0.356, 0.198, 0.204]},
+             at: [0.057, 0.437, 0.519]}
+  - mobile: {type: manipulability_above, frame: link7, minimum: 0.098}
+- twist: {type: twist, frame: link7, timeout: 100.0}
+- look: {type: look_at, frame: link7, gain: 2.0}
+- posture: {type: posture, gain: 0.5}
+""", robot)
+    controller = Controller(robot, stack, Settings(period=0.02))
+    q = np.array([-2.944, -0.852, -1.121, 1.074, -1.994, 1.9, 1.361])
+    controller.update(q, 0.0)
+    controller.set_goal('twist', [0.149, 0.033, -0.037, 0.118, -0.045, -0.029], 0.0)
+    controller.set_goal('look', [0.912, 0.657, 0.358], 0.0)
+    controller.set_goal('posture', [1.638, 0.282, 1.742, -0.01, 2.287, 1.372, 0.638], 0.0)
+    commands = []
+    for cycle in range(600):
+        commands.append(controller.update(q, 0.02 * cycle).velocity)
+        q = np.clip(q + 0.02 * commands[-1], robot.lower, robot.upper)
+    assert calm.reversals(np.array(commands[-100:]), 0.02) <= calm.CALM
+
+
+def test_random_stacks_have_all_types_of_tasks(monkeypatch):
+    monkeypatch.syspath_prepend(robots.REPOSITORY / 'benchmarks')
+    drawn = importlib.import_module('_random_stacks')
+    stacks = [drawn.Drawn(number).stack() for number in range(60)]
+    found = {task.type_name for stack in stacks for task in stack.tasks.values()}
+    assert found == set(task_types())
+
+
 @pytest.mark.parametrize('plant', ['delay1', 'delay2', 'lag'])
 def test_robot_that_follows_late_comes_to_rest_too(calm, plant):
     runs = [calm.run('planar 3R', 100, None, number, plant, seed=1) for number in range(4)]
@@ -135,7 +178,8 @@ def test_robot_that_follows_late_comes_to_rest_too(calm, plant):
     ['solver.py', '--rounds', '1'], ['closed_loops.py', '--cycles', '400', '--jobs', '2'],
     ['inequalities.py', '--runs', '1', '--jobs', '2'], ['stacks.py', '--rounds', '1'],
     ['sizes.py', '--rounds', '1'],
-    ['calm.py', '--goals', '4', '--rates', '20'], ['loss.py', '--states', '4', '--below', '2'],
+    ['calm.py', '--goals', '4', '--rates', '20'], ['calm.py', '--stacks', '4'],
+    ['loss.py', '--states', '4', '--below', '2'],
     ['loss.py', '--states', '1', '--below', '1', '--cycles', '3'], ['forms.py'],
     ['weights.py', '--states', '2', '--goals', '1'],
     ['jumps.py', '--runs', '1'],

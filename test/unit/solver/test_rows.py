@@ -64,12 +64,21 @@ def test_row_of_zeros_is_met_or_not_whatever_the_joints_do():
     assert solution.levels[0].residual == near([1.0, 0.0])
 
 
-def test_rows_that_cannot_be_met_bend_by_what_they_push_themselves():
-    # The bound above is pushed against with 0.7, which the low-pass of h takes in.
-    above = Level(np.array([[1.0, 0.0]]), upper=np.array([0.2]))
+@pytest.mark.parametrize('length, turning', [(1.0, 1.0), (0.01, 50.0)])
+def test_rows_that_cannot_be_met_bend_with_what_they_push_against(length, turning):
+    # 0.7 is missing, and pushes against the bound above, which turns fast where it is short.
+    above = Level(np.array([[length, 0.0]]), upper=np.array([0.2 * length]))
     rows = Level(np.eye(2), lower=np.array([0.9, 0.1]))
     memory = redistribute([above, rows], period=0.01).memory
-    assert memory == near((0.0, 0.7 * (1.0 - math.exp(-0.1))))
+    assert memory == near((0.0, 0.7 * math.hypot(1.0, turning) * (1.0 - math.exp(-0.1))))
+
+
+def test_rows_that_cannot_be_met_bend_with_the_levels_that_they_push_against():
+    # The level above turns by 2 for each radian.
+    above = np.array([[1.0, 0.0]]), np.array([0.2])
+    rows = Level(np.eye(2), lower=np.array([0.9, 0.1]))
+    memory = redistribute([above, rows], period=0.01).memory
+    assert memory == near((0.0, 0.7 * (1.0 + 2.0) * (1.0 - math.exp(-0.1))))
 
 
 @pytest.mark.parametrize('demand', [-5.0, 0.5, 5.0])

@@ -82,7 +82,7 @@ def test_what_does_not_fit_is_left_to_the_reference():
 
 
 def test_constants_are_those_of_the_reference():
-    assert set(ROWS.CONSTANTS) == {'RETURN_JOINT_SPEED', 'FAR', 'STILL', 'DRIFT', 'TINY'}
+    assert set(ROWS.CONSTANTS) == {'RETURN_JOINT_SPEED', 'FAR', 'STILL', 'LOOSE', 'DRIFT', 'TINY'}
     for name, value in ROWS.CONSTANTS.items():
         assert getattr(bounded, name) == value, name
 

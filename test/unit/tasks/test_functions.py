@@ -24,6 +24,7 @@ import robots
 from tp_controller import Controller, GoalError, Robot, Settings, Stack, TaskError
 from tp_controller.model.spatial import pose, rotation_from_vector
 from tp_controller.tasks import GradientTask, Keys, task_types
+from tp_controller.tasks.joint_limit_distance import CURVED
 
 TOOL = robots.PANDA_TOOL
 START = (0.3, -0.9, 0.6, -2.2, 0.5, 1.9, 0.2)
@@ -71,13 +72,26 @@ def test_wanted_is_the_gradient_times_the_gain_up_to_the_top_speed(name, keys):
     task, rng = make(name, keys), np.random.default_rng(1)
     for _ in range(5):
         state = task.robot.state(inside(task.robot, rng))
-        gradient = task.measure(state)[1]
+        wanted = keys.get('gain', 1.0) * task.measure(state)[1] / task.slowdown(state)
         level = task.level(state, 0.0)
         assert level.is_identity
-        speed = min(np.linalg.norm(keys.get('gain', 1.0) * gradient), keys.get('max_speed', 0.5))
-        np.testing.assert_allclose(level.v, speed * gradient / np.linalg.norm(gradient))
-    slow = make(name, {**keys, 'gain': 1e-4})
-    np.testing.assert_allclose(slow.level(state, 0.0).v, 1e-4 * gradient)
+        speed = min(np.linalg.norm(wanted), keys.get('max_speed', 0.5))
+        np.testing.assert_allclose(level.v, speed * wanted / np.linalg.norm(wanted))
+    slow, gradient = make(name, {**keys, 'gain': 1e-6}), task.measure(state)[1]
+    np.testing.assert_allclose(slow.level(state, 0.0).v, 1e-6 * gradient, rtol=1e-4)
+
+
+@pytest.mark.parametrize('half', [2.0, 0.3, 0.01])
+@pytest.mark.parametrize('place', [0.01, 0.5, 0.9])
+def test_joint_nears_the_middle_at_a_bounded_rate_however_short_its_range(half, place):
+    robot = Robot.from_dh([{'name': 'joint', 'a': 0.5, 'lower': -half, 'upper': half}])
+    speeds = [make('joint_limit_distance', {'gain': gain, 'max_speed': 100.0}, robot).level(
+        robot.state(np.array([place * half])), 0.0).v[0] for gain in (1e-3, 1.0, 1e3, 1e6)]
+    # A higher gain is faster, never beyond 10/s.
+    assert (np.diff(speeds) < 0.0).all()
+    assert -10.0 * place * half < speeds[-1] < speeds[0] < 0.0
+    if place < CURVED:
+        assert speeds[-1] == pytest.approx(-10.0 * place * half, rel=1e-2)
 
 
 @pytest.mark.parametrize('keys', [
