@@ -150,6 +150,14 @@ def test_forces_that_cost_nothing_do_what_little_they_can_for_accelerations(seed
     check_misses(*dynamics(np.random.default_rng(seed)))
 
 
+def test_joint_that_moves_a_bound_by_next_to_nothing_does_not_race_for_it():
+    # Joint 3 costs the second level nothing, and would allow joint 1 more at 1e11 times its speed.
+    levels = [Level(np.array([[1.0, 0.0, 1e-11]]), upper=np.ones(1), lower=-np.ones(1)),
+              Level(np.eye(3)[:2], np.array([3.0, 3.0]))]
+    solution = redistribute(levels, [-9.0, -1.0, -INFINITE], [9.0, 1.0, INFINITE])
+    np.testing.assert_allclose(solution.velocity, [1.0, 1.0, 0.0], rtol=0, atol=1e-9)
+
+
 @given(SEEDS, st.sampled_from([0.0, 1e-14, 1e-10, 1e-7, 1e-4]), st.booleans())
 def test_near_rank_loss_the_answer_is_finite_and_within_bounds_and_priorities(seed, gap, exact):
     rng = np.random.default_rng(seed)
