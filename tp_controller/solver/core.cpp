@@ -48,8 +48,8 @@ constexpr double NOISE = 1e-16;
 // Cosine below which two columns are orthogonal.
 constexpr double ORTHOGONAL = 1e-15;
 constexpr int SWEEPS = 60;
-// Squared length of a row, and of what is left of a normal of length 1 beside the active ones,
-// below which they are zero.
+// Squared length of what is left of a normal of length 1 beside the active ones, below which it is
+// zero.
 constexpr double DEPENDENT = 1e-15;
 // What rounding leaves of a bound that is met, as a share of the point.
 constexpr double LAST_DIGIT = 1e-15;
@@ -554,7 +554,7 @@ class ActiveSet {
     if (scale) for (int j = 0; j < k_; ++j) row[j] = given[j] * scale[j];
     else std::copy(given, given + k_, row);
     const double square = dot(row, row, k_), length = std::sqrt(square);
-    if (square < DEPENDENT) {
+    if (length < ROUNDING) {
       std::fill(row, row + k_, 0.0);
       length_[i] = slack_[i] = 1.0;
       lower_[i] = program.lower[i];
