@@ -207,5 +207,5 @@ def constrained_lstsq(A, b, G, least, most, equations, x):
         active.remove(min(active[index] for index in wrong))
     remaining = gradient if not active else gradient + projected[active].T @ multipliers
     assert np.linalg.norm(remaining) < 1e-8 * size * (1.0 + np.linalg.norm(A @ x - b))
-    assert (rows @ x <= bounds + 1e-9).all()
+    assert (rows @ x <= bounds + 1e-9 * np.maximum(1.0, np.abs(rows) @ np.abs(x))).all()
     return x

@@ -183,10 +183,39 @@ def test_robot_that_follows_late_comes_to_rest_too(calm, plant):
     ['loss.py', '--states', '1', '--below', '1', '--cycles', '3'], ['forms.py'],
     ['weights.py', '--states', '2', '--goals', '1'],
     ['jumps.py', '--runs', '1'],
-    ['causes.py', '--states', '1']])
+    ['causes.py', '--states', '1'], ['published.py', '--problems', '50']])
 def test_benchmark_runs_and_prints_a_table(command):
     name, *options = command
     done = subprocess.run([sys.executable, str(robots.REPOSITORY / 'benchmarks' / name), *options],
                           capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) > 6
+
+
+# x_1 ≤ 1; x_1 + x_2 = 3 and x_2 ≤ 2; 2 x_1 = 0: solved by (1, 2), which misses 2 in the last.
+STORED = """#nVar
+2
+#nObj
+3
+#OBJECTIVE 0
+1 -1e12 1 2
+#OBJECTIVE 1
+1 1 3 3 3
+0 1 -1e12 2 2
+#OBJECTIVE 2
+2 0 0 0 3
+#Solution
+1
+2
+"""
+
+
+def test_published_hierarchy_is_read_and_compared_with_its_solution(tmp_path):
+    (tmp_path / 'stored.dat').write_text(STORED, encoding='utf-8')
+    done = subprocess.run(
+        [sys.executable, str(robots.REPOSITORY / 'benchmarks' / 'published.py'),
+         '--problems', '1', '--lexls', str(tmp_path / 'stored.dat')],
+        capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    misses = [float(each) for each in done.stdout.splitlines()[-1].split('|')[2:5]]
+    assert misses == pytest.approx([2.0, 2.0, 2.0])

@@ -159,6 +159,55 @@ def random_rows(rng, m):
     return np.where(side == 0, -INFINITE, lower), np.where(side == 1, INFINITE, upper)
 
 
+def scaled_hierarchy(rng, decades):
+    """
+    Return (n, hierarchy, lower, upper) whose rows and columns differ by powers of ten.
+
+    Half of the levels have bounds; most of these can be met, and then in many ways.
+    """
+    n = int(rng.integers(3, 13))
+    units, inside = 10.0 ** rng.uniform(0.0, decades, n), rng.uniform(-1.0, 1.0, n)
+    hierarchy = []
+    for _ in range(rng.integers(1, 5)):
+        m = int(rng.integers(1, n // 2 + 1))
+        J, size = rng.standard_normal((m, n)), 10.0 ** rng.uniform(0.0, decades, m)
+        if rng.random() < 0.5:
+            lower, upper = random_rows(rng, m)
+            wanted = lower + J @ inside, upper + J @ inside
+        else:
+            wanted = J @ inside + rng.choice([0.0, 1.0, 3.0]) * rng.standard_normal(m),
+        hierarchy.append((size[:, np.newaxis] * J / units, *(size * each for each in wanted)))
+    bounds = units * rng.uniform(0.3, 1.5, n)
+    return n, hierarchy, -bounds, bounds
+
+
+def dynamics(rng, legs=4):
+    """
+    Return (n, hierarchy, lower, upper) of a body and its forces on the ground, in the plane.
+
+    The first level are the equations of motion, as rows whose bounds are equal, beside friction
+    cones. The second one tracks accelerations. Forces cost nothing, and far less than an
+    acceleration is at stake where they move the heavy body.
+    """
+    mass, moving, forces = 57.0, 6, 2 * legs
+    M = np.diag([mass, mass, 9.0, 0.5, 0.5, 0.5])[:3]
+    M[:, 3:] = 0.3 * rng.standard_normal((3, 3))
+    at_ground = np.zeros((3, forces))
+    at_ground[0, 0::2] = at_ground[1, 1::2] = 1.0
+    at_ground[2] = rng.uniform(-0.4, 0.4, forces)
+    cones = np.kron(np.eye(legs), [[1.0, -0.6], [-1.0, -0.6]])
+    weight = np.array([0.0, -9.81 * mass, 0.0])
+    rows = np.block([[M, -at_ground], [np.zeros((forces, moving)), cones]])
+    least = np.append(weight, np.full(forces, -INFINITE))
+    most = np.append(weight, np.zeros(forces))
+    sizes = np.array([0.02, 0.02, 0.02, 12.0, 12.0, 12.0])
+    tracking = np.hstack([np.diag(sizes), np.zeros((moving, forces))])
+    lower = np.append(np.full(moving, -50.0), np.tile([-INFINITE, 0.0], legs))
+    upper = np.append(np.full(moving, 50.0), np.full(forces, INFINITE))
+    return (moving + forces, [(rows, least, most), (tracking, sizes * rng.uniform(-30, 30, 6))],
+            lower, upper)
+
+
 def well_conditioned(n, hierarchy, least=1e-2):
     """Say whether no direction of any level is nearly, but not quite, taken by those above."""
     above = []

@@ -21,11 +21,13 @@ import numpy as np
 from problems import (
     as_levels,
     DEFAULTS,
+    dynamics,
     hierarchies,
     INFINITE,
     misses,
     near,
     redistribute,
+    scaled_hierarchy,
     SEEDS,
     well_conditioned,
 )
@@ -123,6 +125,37 @@ def test_large_hierarchies_are_solved_as_well(problem):
     n, hierarchy, lower, upper = problem
     assume(n > 12 and well_conditioned(n, hierarchy, 1e-3))
     check_against_reference(n, hierarchy, lower, upper, tolerance=1e-8)
+
+
+def check_misses(n, hierarchy, lower, upper):
+    """Check that every level misses as much as in the reference, in its own units."""
+    velocity = redistribute(as_levels(hierarchy), lower, upper).velocity
+    exact = bounded_lexicographic(hierarchy, n, lower, upper)
+    for (J, *_), missed, least in zip(hierarchy, misses(hierarchy, velocity),
+                                      misses(hierarchy, exact)):
+        size = np.linalg.norm(J * np.abs(exact))
+        assert missed == pytest.approx(least, rel=1e-7, abs=1e-9 * size)
+
+
+@given(SEEDS, st.floats(0.0, 3.0))
+@example(0, 4.0)
+@example(626, 3.0)
+@example(153, 2.0)
+def test_units_of_rows_and_joints_do_not_decide_what_levels_miss(seed, decades):
+    check_misses(*scaled_hierarchy(np.random.default_rng(seed), decades))
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_forces_that_cost_nothing_do_what_little_they_can_for_accelerations(seed):
+    check_misses(*dynamics(np.random.default_rng(seed)))
+
+
+def test_joint_that_moves_a_bound_by_next_to_nothing_does_not_race_for_it():
+    # Joint 3 costs the second level nothing, and would allow joint 1 more at 1e11 times its speed.
+    levels = [Level(np.array([[1.0, 0.0, 1e-11]]), upper=np.ones(1), lower=-np.ones(1)),
+              Level(np.eye(3)[:2], np.array([3.0, 3.0]))]
+    solution = redistribute(levels, [-9.0, -1.0, -INFINITE], [9.0, 1.0, INFINITE])
+    np.testing.assert_allclose(solution.velocity, [1.0, 1.0, 0.0], rtol=0, atol=1e-9)
 
 
 @given(SEEDS, st.sampled_from([0.0, 1e-14, 1e-10, 1e-7, 1e-4]), st.booleans())

@@ -128,6 +128,14 @@ def test_core_keeps_priorities_where_a_demand_is_far_beyond_the_bounds(seed):
     np.testing.assert_allclose(J @ both, J @ alone, rtol=0, atol=1e-10)
 
 
+@pytest.mark.parametrize('share', [1e-8, 1e-9])
+def test_core_does_not_overlook_the_bound_of_a_joint_that_hardly_moves(share):
+    # Joint 2 has to move with joint 1, by that share, and ends at 1e-4.
+    levels = [(np.array([[share, 1.0]]), [0.0]), (np.eye(2)[:1], [1e6])]
+    velocity = redistribute(levels, [-1e7, -1e-4], [1e7, 1e-4]).velocity
+    np.testing.assert_allclose(velocity, [1e-4 / share, -1e-4], rtol=1e-6)
+
+
 def test_core_has_the_constants_of_the_solver_in_python():
     places = {'MOST': compiled, 'NEGLIGIBLE': level, 'ROUNDING': level, 'FEASIBLE': level,
               'CURVATURE': damping, 'TURNING': damping, 'ROW_TURNING': damping, 'FIRST': damping,

@@ -146,14 +146,16 @@ def test_program_that_rounding_defeats_moves_nothing(monkeypatch):
 
 @pytest.mark.solvers('python')
 @pytest.mark.parametrize('regularisation', [0.0, 0.0025])
-@pytest.mark.parametrize('answered', [1, 3])
+@pytest.mark.parametrize('answered', [1, 2])
 def test_answer_is_kept_where_a_later_program_is_defeated(monkeypatch, regularisation, answered):
     monkeypatch.setattr(qp, 'daqp', tiring(answered))
     # a_1 demands 3 and may have 1 + 0.3 a_2, which costs nothing.
     a, multipliers = regularised(
         np.array([1.5, 0.0]), np.array([3.0, 0.0]), np.array([[1.0, -0.3]]),
         np.array([-np.inf]), np.array([1.0]), regularisation, np.array([3.0, 0.0]))
-    assert a[0] > 2.7 and multipliers[0] > 0.0
+    # What is exact is finished without another program.
+    assert a[0] > 2.7 if regularisation else a[0] == pytest.approx(3.0, abs=1e-12)
+    assert (multipliers[0] > 0.0) == (regularisation > 0.0)
 
 
 # The program of a level
