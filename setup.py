@@ -37,7 +37,7 @@ view = ['viser>=1,<2', 'pycollada']
 check = ['joblib']
 docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
 # What benchmarks/peers.py compares with; not placo and tsid, which need other Pinocchios.
-peers = ['pin-pink', 'mink', 'embodik; python_version < "3.13"', 'example-robot-data']
+peers = ['pin-pink', 'mink', 'daqp', 'embodik; python_version < "3.13"', 'example-robot-data']
 
 # One build for every Python from 3.11 on: before it the limited API has no buffer protocol.
 LIMITED = sys.version_info >= (3, 11) and not sysconfig.get_config_var('Py_GIL_DISABLED')
@@ -101,8 +101,7 @@ setup(
         ('share/' + package_name + '/launch', glob('launch/*.launch.py')),
         *shims(),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin>=4', 'coal', 'daqp',
-                      'argcomplete'],
+    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin>=4', 'coal', 'argcomplete'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'peers': peers,
