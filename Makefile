@@ -85,7 +85,7 @@ $(STAMP): setup.py $(wildcard tp_controller/*/*.cpp tp_controller/*/*.h)
 	  echo '"$(PYTHON)" has no venv module: sudo apt install python3-venv' >&2; exit 1; }
 	@if [ "$$(cat $@ 2> /dev/null)" != '$(MADE_FOR)' ]; then \
 	  echo 'Making .venv, once.'; $(PYTHON) -m venv --clear $(VENV); fi
-	@echo '+ library: numpy, scipy, pinocchio, daqp, 580 MB ...'
+	@echo '+ library: numpy, scipy, pinocchio, 580 MB ...'
 	@$(PIP) -e .
 	@echo '$(MADE_FOR)' > $@
 

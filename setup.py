@@ -37,7 +37,7 @@ view = ['viser>=1,<2', 'pycollada']
 check = ['joblib']
 docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
 # What benchmarks/peers.py compares with; not placo and tsid, which need other Pinocchios.
-peers = ['pin-pink', 'mink', 'embodik; python_version < "3.13"', 'example-robot-data']
+peers = ['pin-pink', 'mink', 'daqp', 'embodik; python_version < "3.13"', 'example-robot-data']
 
 # A quick linter, and those of ament_flake8 and ament_pep257 with their plugins.
 style = ['ruff<0.18', 'flake8<8', 'flake8-builtins<4', 'flake8-comprehensions<4',
@@ -105,8 +105,7 @@ setup(
         ('share/' + package_name + '/launch', glob('launch/*.launch.py')),
         *shims(),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin>=4', 'coal', 'daqp',
-                      'argcomplete'],
+    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin>=4', 'coal', 'argcomplete'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'peers': peers,

@@ -51,7 +51,6 @@ myst_heading_anchors = 4
 default_role = 'py:obj'
 autodoc_typehints = 'none'
 autodoc_member_order = 'bysource'
-autodoc_mock_imports = [name for name in ('daqp',) if not find_spec(name)]
 napoleon_google_docstring = False
 napoleon_use_param = napoleon_use_rtype = False
 # Several attributes may share a line, as parameters do.

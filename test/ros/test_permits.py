@@ -147,7 +147,8 @@ def test_what_is_no_condition_is_refused(text):
 @pytest.mark.parametrize('text, value, holds', [
     ('/a', 1.0, True), ('/a', 0.0, False), ('/a', -1.0, False), ('/a == 3', 3.0, True),
     ('/a == true', 1.0, True), ('/a == false', 1.0, False), ('/a:x.y >= 2', 2.0, True),
-    ('/a > 2', 2.0, False), ('/a < 2', 1.0, True), ('/a <= 2', 2.5, False), ('/a != 2', 2.0, False)])
+    ('/a > 2', 2.0, False), ('/a < 2', 1.0, True), ('/a <= 2', 2.5, False),
+    ('/a != 2', 2.0, False)])
 def test_conditions_are_what_they_look_like(text, value, holds):
     condition = Condition(text, str)
     assert condition.fault() == 'nothing received on /a'

@@ -53,7 +53,6 @@ THIRD_PARTY = {
     'compression': ('rosbags', None),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg-modules'),
     'coal': ('coal', 'coal'),
-    'daqp': ('daqp', None),
     'dask': ('dask', None),
     'distributed': ('dask', None),
     'example_robot_data': ('example-robot-data', None),

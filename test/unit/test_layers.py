@@ -35,7 +35,7 @@ BESIDE = ('plots', 'bags', 'nodes', 'view', 'demos', 'cli', '__main__')
 SPEAK_ROS = ('nodes', 'view')
 # What the method may use: the standard library and these. ROS only says where packages are,
 # others spread work over processes.
-LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'daqp', 'tp_controller'}
+LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'tp_controller'}
 OPTIONAL = {('resources', 'ament_index_python'),
             *(('check.spread', name) for name in ('joblib', 'dask', 'distributed', 'ray'))}
 

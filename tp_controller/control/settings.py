@@ -24,7 +24,7 @@ from tp_controller.errors import SettingsError
 from tp_controller.model.robot import Robot
 from tp_controller.resources import is_number
 from tp_controller.solver.damping import Damping
-from tp_controller.solver.level import Array, LARGEST
+from tp_controller.solver.level import Array, WEIGHT_RATIO
 from tp_controller.solver.solve import Options, SCALINGS
 
 # What is done when a task fails.
@@ -187,5 +187,5 @@ def _faults_of_weights(name: str, value: object) -> Iterator[str]:
     if not isinstance(value, (list, tuple)) or not all(
             is_number(weight) and 0.0 < weight < math.inf for weight in value):
         yield f'{name} must be positive numbers, one for each joint, not {value!r}'
-    elif value and float(max(value)) / float(min(value)) > LARGEST:
-        yield f'{name} must be within a factor of {LARGEST:g} of each other, not {value!r}'
+    elif value and float(max(value)) / float(min(value)) > WEIGHT_RATIO:
+        yield f'{name} must be within a factor of {WEIGHT_RATIO:g} of each other, not {value!r}'

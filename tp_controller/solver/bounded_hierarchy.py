@@ -32,8 +32,18 @@ they are met, and is a part of what is allowed from then on. No level knows of t
 from typing import NamedTuple
 
 import numpy as np
+from tp_controller.solver.active_set import ActiveSet
 from tp_controller.solver.damping import bend, bend_of_rows, Damping
-from tp_controller.solver.level import Array, identity, Level, NEGLIGIBLE, norm, ROUNDING, within
+from tp_controller.solver.level import (
+    Array,
+    FEASIBLE,
+    identity,
+    Level,
+    NEGLIGIBLE,
+    norm,
+    ROUNDING,
+    within,
+)
 from tp_controller.solver.null_space import (
     decompose,
     Directions,
@@ -41,10 +51,13 @@ from tp_controller.solver.null_space import (
     remaining,
 )
 from tp_controller.solver.polytope import NONE, Polytope
-from tp_controller.solver.qp import nearest_point, regularised
+from tp_controller.solver.qp import nearest, regularised
 
 # λ and ε of rows with bounds, as a share of the row [1].
 ROW_DAMPING = 0.1
+# μ² below this share of the largest stiffness is none. Where it is 1e-28 of that, in units that do
+# not suit μ, a program loses all digits of its bounds, and levels above 2 % of what they had.
+SOFTEST = 1e-8
 
 
 class LevelStep(NamedTuple):
@@ -165,23 +178,32 @@ class BoundedHierarchy:
     def _come_near(self, origin: Array, Q: Array, step: Array, s: Array, c: float) -> Array:
         """Move x as near to `origin` + Q step (rank,) as is allowed; return the multipliers."""
         rank = len(step)
+        if not Q.shape[1]:
+            return self._stay()
         target, stiffness = np.zeros(Q.shape[1]), np.full(Q.shape[1], c)
         target[:rank], stiffness[:rank] = step, np.maximum(s * s, c)
         demanded = origin + Q[:, :rank].dot(step)
         start = target + Q.T.dot(self.allowed.clip(demanded) - demanded)
+        least = self.damping.regularisation ** 2
+        if least < SOFTEST * stiffness.max():
+            # It would cost the bounds their digits.
+            least = 0.0
         return self._move(origin, Q, regularised(
-            stiffness, target, *self.allowed.along(origin, Q),
-            self.damping.regularisation ** 2, start))
+            stiffness, target, *self.allowed.along(origin, Q), least, start))
 
     def _move(self, origin: Array, Q: Array, found: tuple[Array, Array] | None) -> Array:
         """Move x, exactly onto bounds that have a multiplier; return the multipliers."""
-        n = len(self.x)
         if found is None:
-            # Rounding forbids it: x stays.
-            return np.zeros(n + len(self.allowed.rows))
+            # Rounding forbids it.
+            return self._stay()
         a, multipliers = found
-        self.x = self.allowed.clip(origin + Q.dot(a) + multipliers[:n] / ROUNDING)
+        self.x = self.allowed.clip(origin + Q.dot(a) + multipliers[:len(self.x)] / ROUNDING)
+        self.allowed.widen(self.x)
         return multipliers
+
+    def _stay(self) -> Array:
+        """Leave x where it is; return multipliers that are all zero."""
+        return np.zeros(len(self.x) + len(self.allowed.rows))
 
     def _apart(self, multipliers: Array) -> tuple[Array | None, Array | None]:
         """Return the multipliers of joints (n,), and those of rows (r,) as they were given."""
@@ -256,9 +278,10 @@ class BoundedHierarchy:
             lower = share * np.maximum(lower, 0.0) + np.minimum(lower, 0.0)
             upper = share * np.minimum(upper, 0.0) + np.maximum(upper, 0.0)
         A, least, most = self.allowed.along(self.x, Z)
-        # Mostly it is possible, and one program finds it.
+        # Mostly it is possible, and one program finds it; no looser tolerance may.
         least, most = np.concatenate([least, lower]), np.concatenate([most, upper])
-        found = nearest_point(np.zeros(Z.shape[1]), np.concatenate([A, G]), least, most)
+        found = ActiveSet(np.zeros(Z.shape[1]), np.concatenate([A, G]), least,
+                          most).solve(FEASIBLE)
         if found is not None:
             self._move(self.x, Z, found)
             return NONE
@@ -284,16 +307,10 @@ class BoundedHierarchy:
             Z = null_space([level for level, _ in self._above], len(self.x))
         if not Z.shape[1]:
             return
-        weighted = self.x
-        if weights is not None:
-            # R with Rᵀ R = Zᵀ W Z makes that the length of R y.
-            _, R = np.linalg.qr(np.sqrt(weights)[:, np.newaxis] * Z)
-            Z = np.linalg.solve(R.T, Z.T).T
-            weighted = weights * self.x
-        rest = -Z.T.dot(weighted)
-        x = self.allowed.fitting(self.x + Z.dot(rest))
-        if x is not None:
-            self.x = x
-            return
-        A, lower, upper = self.allowed.along(self.x, Z)
-        self._move(self.x, Z, nearest_point(rest, np.array(A, order='C'), lower, upper))
+        # One more level: √w_j x_j = 0.
+        cost = identity(len(self.x)) if weights is None else np.diag(np.sqrt(weights))
+        directions = decompose(Level(cost, is_identity=weights is None), Z)
+        s, Q = directions.s, directions.Q
+        step = -cost.dot(self.x).dot(directions.U) / s
+        if not self._take(self.x + Q.dot(step)):
+            self._move(self.x, Q, nearest(s * s, step, *self.allowed.along(self.x, Q)))

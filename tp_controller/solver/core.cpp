@@ -16,9 +16,9 @@
 // order, in one call a cycle. They are the reference: read them first (docs/core.md). Here are
 // the numbers only. Checks, and the `Solution`, stay in Python (compiled.py).
 //
-// What the reference has from LAPACK and DAQP is written out for small matrices: a singular value
-// decomposition (Householder, then one-sided Jacobi), and a dual active-set method (Goldfarb and
-// Idnani, 1983). What this file cannot solve it leaves to the reference (`Unsolved`).
+// What the reference has from LAPACK is written out for small matrices: a singular value
+// decomposition (Householder, then one-sided Jacobi). What this file cannot solve it leaves to the
+// reference (`Unsolved`).
 
 #include "border.h"
 
@@ -38,8 +38,10 @@ constexpr double INF = HUGE_VAL;
 constexpr double NEGLIGIBLE = 1e-9, ROUNDING = 1e-12, FEASIBLE = 1e-11;         // level.py
 constexpr double CURVATURE = 4.0, TURNING = 2.0, ROW_TURNING = 0.5, FIRST = 0.2,
                  REMEMBERED = 0.1;                                              // damping.py
-constexpr double WELL_CONDITIONED = 1e-2;                                       // min_norm.py
+constexpr double WELL_CONDITIONED = 1e-2, WELL_WEIGHTED = 1e-3;                 // min_norm.py
 constexpr double ROW_DAMPING = 0.1;                                             // hierarchy
+constexpr double SOFTEST = 1e-8;                                                // hierarchy
+constexpr double DEPENDENT = 1e-15, LAST_DIGIT = 1e-15;                         // active_set.py
 constexpr double TOLERANCES[] = {FEASIBLE, 1e-9, 1e-7, 1e-6};                   // qp.py
 constexpr double EXACT[] = {1e-2, 1e-6};                                        // qp.py
 
@@ -48,11 +50,6 @@ constexpr double NOISE = 1e-16;
 // Cosine below which two columns are orthogonal.
 constexpr double ORTHOGONAL = 1e-15;
 constexpr int SWEEPS = 60;
-// Squared length of what is left of a normal of length 1 beside the active ones, below which it is
-// zero.
-constexpr double DEPENDENT = 1e-15;
-// What rounding leaves of a bound that is met, as a share of the point.
-constexpr double LAST_DIGIT = 1e-15;
 // What this file leaves to the reference.
 struct Unsolved {};
 
@@ -554,9 +551,13 @@ class ActiveSet {
     if (scale) for (int j = 0; j < k_; ++j) row[j] = given[j] * scale[j];
     else std::copy(given, given + k_, row);
     const double square = dot(row, row, k_), length = std::sqrt(square);
+    // Tolerances are those of rows as they were given, or less where their bounds are near.
+    const double far = std::max(std::fabs(program.lower[i]), std::fabs(program.upper[i]));
+    const double reach = far > 0.0 ? std::min(far, 1.0) : 1.0;
     if (length < ROUNDING) {
       std::fill(row, row + k_, 0.0);
-      length_[i] = slack_[i] = 1.0;
+      length_[i] = 1.0;
+      slack_[i] = reach;
       lower_[i] = program.lower[i];
       upper_[i] = program.upper[i];
       return;
@@ -566,8 +567,7 @@ class ActiveSet {
     lower_[i] = f * program.lower[i];
     upper_[i] = f * program.upper[i];
     length_[i] = length;
-    // Tolerances are those of rows as they were given.
-    slack_[i] = f;
+    slack_[i] = f * reach;
   }
 
   int worst() {
@@ -730,11 +730,11 @@ class ActiveSet {
 };
 
 bool nearest_point(Arena &arena, const double *point, const Program &program, const double *scale,
-                   double unit, const Answer &found) {
+                   double unit, const Answer &found, double loosest = INF) {
   Arena::Frame frame(arena);
   ActiveSet set(arena, program, scale, point);
   for (double tolerance : TOLERANCES)
-    if (set.solve(tolerance)) {
+    if (tolerance <= loosest && set.solve(tolerance)) {
       for (int j = 0; j < program.k; ++j) found.a[j] = scale ? scale[j] * set.z[j] : set.z[j];
       set.multipliers(unit, found.multipliers);
       return true;
@@ -948,6 +948,14 @@ struct Polytope {
     }
   }
 
+  void widen(const double *x) {
+    for (int i = 0; i < count; ++i) {
+      const double value = dot(row(i), x, n);
+      row_lower[i] = std::min(row_lower[i], value);
+      row_upper[i] = std::max(row_upper[i], value);
+    }
+  }
+
   // What origin + Q a has to keep, with room for more rows, and more columns, of zeros.
   Program along(Arena &arena, const double *origin, const Columns &Q, int more_rows,
                 int more_columns) const {
@@ -1074,17 +1082,24 @@ class BoundedHierarchy {
     if (!above_.empty() && above_.back().level->is_identity) return;
     Columns Z = relaxed_ ? null_space() : Z_;
     if (Z.k == 0) return;
-    double *weighted = arena_.copy(x_, n_), *rest = arena_.take(Z.k);
+    // One more level: √w_j x_j = 0.
+    double *cost = nullptr;
     if (weights) {
-      Z = weigh(Z, weights);
-      for (int i = 0; i < n_; ++i) weighted[i] *= weights[i];
+      cost = arena_.zeros(size_t(n_) * n_);
+      for (int j = 0; j < n_; ++j) cost[size_t(j) * n_ + j] = std::sqrt(weights[j]);
     }
-    for (int j = 0; j < Z.k; ++j) rest[j] = -dot(Z[j], weighted, n_);
-    if (take(x_, Z, rest, Z.k)) return;
-    const Program program = allowed_.along(arena_, x_, Z, 0, 0);
-    const Answer found = {arena_.take(Z.k), arena_.take(program.rows)};
-    if (!nearest_point(arena_, rest, program, nullptr, 1.0, found)) throw Unsolved();
-    move(x_, Z, found);
+    const Level level = {n_, n_, false, false, !weights, cost, rest_, nullptr, nullptr};
+    const Directions its = Decomposition(arena_, level, Z, false, true).found();
+    double *achieved = arena_.take(n_), *step = arena_.take(its.Q.k);
+    double *stiffness = arena_.take(its.Q.k);
+    level.times(x_, achieved);
+    its.seen(achieved, step);
+    for (int i = 0; i < its.rank; ++i) {
+      step[i] /= -its.s[i];
+      stiffness[i] = its.s[i] * its.s[i];
+    }
+    if (take(x_, its.Q, step, its.rank)) return;
+    move(x_, its.Q, nearest(arena_, stiffness, step, allowed_.along(arena_, x_, its.Q, 0, 0)));
   }
 
  private:
@@ -1154,8 +1169,11 @@ class BoundedHierarchy {
     add(-1.0, demanded, off, n_);
     for (int j = 0; j < k; ++j) start[j] = target[j] + dot(Q[j], off, n_);
     const double mu = damping().regularisation;
+    double least = mu * mu;
+    // It would cost the bounds their digits.
+    if (least < SOFTEST * *std::max_element(stiffness, stiffness + k)) least = 0.0;
     return move(origin, Q, regularised(arena_, stiffness, target,
-                                       allowed_.along(arena_, origin, Q, 0, 0), mu * mu, start));
+                                       allowed_.along(arena_, origin, Q, 0, 0), least, start));
   }
 
   // Move x, exactly onto bounds that have a multiplier; return the multipliers.
@@ -1164,6 +1182,7 @@ class BoundedHierarchy {
     add_columns(Q, found.a, Q.k, x);
     add(1.0 / ROUNDING, found.multipliers, x, n_);
     allowed_.clip(x, x_);
+    allowed_.widen(x_);
     return found.multipliers;
   }
 
@@ -1240,7 +1259,8 @@ class BoundedHierarchy {
     }
     const Program hard = with_rows(m, 0, G, lower, upper);
     const Answer found = {arena_.take(k), arena_.take(hard.rows)};
-    if (nearest_point(arena_, arena_.zeros(k), hard, nullptr, 1.0, found)) {
+    // No looser tolerance may find it.
+    if (nearest_point(arena_, arena_.zeros(k), hard, nullptr, 1.0, found, FEASIBLE)) {
       move(x_, Z_, found);
       return nullptr;
     }
@@ -1279,28 +1299,6 @@ class BoundedHierarchy {
     for (const Above &each : above_)
       Z = remaining(arena_, Decomposition(arena_, *each.level, Z, false, true).found(), 0.0, 0.0);
     return Z;
-  }
-
-  // Z R⁻¹, with Rᵀ R = Zᵀ W Z.
-  Columns weigh(const Columns &Z, const double *weights) {
-    const Columns B = {arena_.take(size_t(n_) * Z.k), n_, Z.k};
-    const Columns found = {arena_.copy(Z.p, size_t(n_) * Z.k), n_, Z.k};
-    for (int j = 0; j < Z.k; ++j)
-      for (int i = 0; i < n_; ++i) B[j][i] = std::sqrt(weights[i]) * Z[j][i];
-    for (int j = 0; j < Z.k; ++j) {
-      for (int twice = 0; twice < 2; ++twice)
-        for (int i = 0; i < j; ++i) {
-          const double r = dot(B[i], B[j], n_);
-          add(-r, B[i], B[j], n_);
-          add(-r, found[i], found[j], n_);
-        }
-      const double length = norm(B[j], n_);
-      for (int i = 0; i < n_; ++i) {
-        B[j][i] /= length;
-        found[j][i] /= length;
-      }
-    }
-    return found;
   }
 
   Arena &arena_;
@@ -1473,8 +1471,10 @@ class MinNorm {
 
   bool weigh(const double *weights, double *x) {
     double *plain = L_;
-    L_ = arena_.take(size_t(rows_) * rows_);
-    if (!factorise(weights)) return false;
+    L_ = arena_.zeros(size_t(rows_) * rows_);
+    if (!factorise(weights) || !invert()) return false;
+    const double size = norm(L_, rows_ * rows_), largest = norm(inverse_, rows_ * rows_);
+    if (!(WELL_WEIGHTED * size * largest <= 1.0)) return false;
     apply(v_, x);
     for (int j = 0; j < n_; ++j) x[j] /= weights[j];
     // What weights of very different size cost in digits is made up for without them.
@@ -1922,7 +1922,9 @@ PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "core", "The solver, compiled.", -1
 
 PyObject *constants() {
   return Py_BuildValue(
-      "{s:n,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:(dddd),s:(dd)}", "MOST", MOST,
+      "{s:n,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:(dddd),s:(dd)}",
+       "MOST", MOST, "SOFTEST", SOFTEST, "DEPENDENT", DEPENDENT,
+       "LAST_DIGIT", LAST_DIGIT, "WELL_WEIGHTED", WELL_WEIGHTED,
       "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
       "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING, "FIRST", FIRST,
       "MEMORY", REMEMBERED, "WELL_CONDITIONED", WELL_CONDITIONED, "ROW_DAMPING", ROW_DAMPING,

@@ -35,6 +35,8 @@ ROUNDING = 1e-12
 FEASIBLE = 1e-11
 # Squares of larger numbers would overflow.
 LARGEST = 1e100
+# By what weights may differ: beyond that rounding, not the weights, would decide.
+WEIGHT_RATIO = 1e12
 
 
 @dataclass(slots=True, eq=False)

@@ -32,6 +32,8 @@ from tp_controller.solver.level import Array, Level, norm
 # With singular values below this share of ‖J‖ the squared condition number costs digits: the loop
 # is used [1].
 WELL_CONDITIONED = 1e-2
+# The same with weights, which cost the levels no digits: Σ w_j x_j² is the least to ten of them.
+WELL_WEIGHTED = 1e-3
 
 
 def min_norm(levels: list[Level], n: int, damping: Damping, period: float,
@@ -77,11 +79,12 @@ def _closed(J: Array, v: Array, factor: Array, closing: Array, curvature: float)
 
 def _weighted(J: Array, v: Array, factor: Array, weights: Array) -> Array | None:
     """Return the velocity (n,) with the smallest Σ w_j x_j²."""
-    weighted = J / weights
-    weighted_factor, info = dpotrf(weighted.dot(J.T))
-    if info != 0:
+    root = np.sqrt(weights)
+    weighted = J / root
+    factors = _factors(weighted, norm(weighted), WELL_WEIGHTED)
+    if factors is None:
         return None
-    x = weighted.T.dot(dpotrs(weighted_factor, v)[0])
+    x = weighted.T.dot(dpotrs(factors[0], v)[0]) / root
     # What weights of very different size cost in digits is made up for without them.
     return x + J.T.dot(dpotrs(factor, v - J.dot(x))[0])
 
@@ -92,14 +95,15 @@ def moves_well(J: Array, least: float) -> bool:
     return factors is not None and factors[2] * least <= 1.0
 
 
-def _factors(J: Array, size: float) -> tuple[Array, Array, float] | None:
+def _factors(J: Array, size: float,
+             least: float = WELL_CONDITIONED) -> tuple[Array, Array, float] | None:
     """Return R of J Jᵀ = Rᵀ R, R⁻¹, and ‖R⁻¹‖, for ‖J‖ = size; None near a singularity."""
     factor, info = dpotrf(J.dot(J.T))
     if info != 0:
         return None
     inverse = dtrtri(factor)[0]
     largest = norm(inverse)
-    return (factor, inverse, largest) if WELL_CONDITIONED * size * largest <= 1.0 else None
+    return (factor, inverse, largest) if least * size * largest <= 1.0 else None
 
 
 def _factor(J: Array, size: float, levels: list[Level], damping: Damping,

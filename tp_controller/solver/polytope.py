@@ -60,6 +60,13 @@ class Polytope:
         self.lower = np.minimum(np.maximum(self.lower, -cap), x)
         self.upper = np.maximum(np.minimum(self.upper, cap), x)
 
+    def widen(self, x: Array) -> None:
+        """Allow x (n,), which its rows may be off by the tolerance of a program."""
+        if len(self.rows):
+            values = self.rows.dot(x)
+            self.row_lower = np.minimum(self.row_lower, values)
+            self.row_upper = np.maximum(self.row_upper, values)
+
     def add(self, rows: Array, lower: Array, upper: Array, lengths: Array) -> None:
         """Add rows; see the attributes."""
         self.rows = np.concatenate([self.rows, rows])

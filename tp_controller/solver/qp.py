@@ -26,16 +26,14 @@ answer is hardly biased, and nothing jumps where a bound becomes active. For an 
 program is solved again from there, with ever smaller μ: the proximal point algorithm
 (Rockafellar, 1976). Softer directions than the last μ still lag behind: `refined` finishes.
 
-In coordinates scaled by √k a program looks for the nearest point of a polytope. DAQP, a dual
-active-set method, does that in microseconds. It takes a polytope for empty where rows of A that
-all but coincide contradict each other by rounding: joints that can only move together, each at
-its limit. A looser tolerance tells those from the ones that are.
+In coordinates scaled by √k a program looks for the nearest point of a polytope (`active_set`).
+That is taken for empty where rows of A that all but coincide contradict each other by rounding:
+joints that can only move together, each at its limit. A looser tolerance tells those from the ones
+that are.
 """
 
-from functools import lru_cache
-
-import daqp
 import numpy as np
+from tp_controller.solver.active_set import ActiveSet
 from tp_controller.solver.level import (
     Array,
     FEASIBLE,
@@ -43,11 +41,10 @@ from tp_controller.solver.level import (
     NEGLIGIBLE,
     norm,
     ROUNDING,
-    within,
 )
 from tp_controller.solver.null_space import decompose
 
-# Tolerance of DAQP on bounds; the next one where rounding defeats this. Of 1.6 million programs
+# Tolerance on bounds; the next one where rounding defeats this. Of 1.6 million programs
 # (`closed_loops.py`) six stay unsolved: their levels add nothing in that cycle. With 1e-5 for
 # the last one is solved, but levels above would be disturbed by 1e-5 of the others.
 TOLERANCES = (FEASIBLE, 1e-9, 1e-7, 1e-6)
@@ -162,18 +159,9 @@ def nearest_point(point: Array, A: Array, lower: Array, upper: Array) -> Answer 
     Besides multipliers (r,), z = point − Aᵀ multipliers. None where no z is within the bounds to
     one of `TOLERANCES`, or rounding says so.
     """
-    identity = _identity(len(point))
+    polytope = ActiveSet(point, A, lower, upper)
     for tolerance in TOLERANCES:
-        z, _, flag, information = daqp.solve(identity, -point, A, upper, lower,
-                                             primal_tol=tolerance)
-        # Towards a target that is far beyond the bounds, 1e7 of what a singular value of 1e-7
-        # demands, digits get lost of which DAQP does not tell.
-        if flag == 1 and within(A.dot(z), lower, upper, 10.0 * tolerance):
-            return z, information['lam']
+        found = polytope.solve(tolerance)
+        if found is not None:
+            return found
     return None
-
-
-@lru_cache(maxsize=None)
-def _identity(k: int) -> Array:
-    """Return the identity as DAQP needs it, in memory that may be written to."""
-    return np.eye(k)

@@ -31,7 +31,14 @@ from tp_controller.solver.bounded_hierarchy import BoundedHierarchy, LevelStep
 from tp_controller.solver.compiled import Core, core_for, solve_by_core
 from tp_controller.solver.damping import Damping, Memory
 from tp_controller.solver.errors import SolverError, unknown
-from tp_controller.solver.level import Array, check_bounds, check_levels, LARGEST, Level
+from tp_controller.solver.level import (
+    Array,
+    check_bounds,
+    check_levels,
+    LARGEST,
+    Level,
+    WEIGHT_RATIO,
+)
 from tp_controller.solver.min_norm import min_norm
 from tp_controller.solver.polytope import Polytope
 from tp_controller.solver.scaling import enlarged, scale_uniformly
@@ -312,7 +319,7 @@ def _check_weights(weights: Any, n: int) -> Array:
         raise SolverError(f'weights must be {n} positive numbers: {error}') from error
     if checked.shape != (n,) or not (checked > 0.0).all() or not np.isfinite(checked).all():
         raise SolverError(f'weights must be {n} positive numbers, got {checked.tolist()}')
-    if n and float(checked.max()) / float(checked.min()) > LARGEST:
-        raise SolverError(f'weights must be within a factor of {LARGEST:g}, got '
+    if n and float(checked.max()) / float(checked.min()) > WEIGHT_RATIO:
+        raise SolverError(f'weights must be within a factor of {WEIGHT_RATIO:g}, got '
                           f'{checked.tolist()}')
     return checked / checked.min(initial=np.inf)

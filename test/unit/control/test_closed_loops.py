@@ -177,7 +177,7 @@ def test_robot_that_follows_late_comes_to_rest_too(calm, plant):
     ['limits.py', '--states', '5'], ['paths.py', '--paths', '1', '--seconds', '0.1'],
     ['solver.py', '--rounds', '1'], ['closed_loops.py', '--cycles', '400', '--jobs', '2'],
     ['inequalities.py', '--runs', '1', '--jobs', '2'], ['stacks.py', '--rounds', '1'],
-    ['sizes.py', '--rounds', '1'],
+    ['sizes.py', '--rounds', '1'], ['robustness.py', '--problems', '20'],
     ['calm.py', '--goals', '4', '--rates', '20'], ['calm.py', '--stacks', '4'],
     ['loss.py', '--states', '4', '--below', '2'],
     ['loss.py', '--states', '1', '--below', '1', '--cycles', '3'], ['forms.py'],

@@ -14,6 +14,7 @@
 
 """Random problems for the solver, and helpers that solve them."""
 
+from dataclasses import replace
 from functools import partial
 import math
 import sys
@@ -26,7 +27,7 @@ from reference import projector
 from tp_controller import Level, solve
 from tp_controller.solver import compiled
 from tp_controller.solver.damping import Damping
-from tp_controller.solver.level import check_levels
+from tp_controller.solver.level import check_bounds, check_levels
 from tp_controller.solver.solve import Options
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
@@ -266,3 +267,95 @@ def random_cycle(seed, settings):
     remembered = rng.uniform(0.0, 3.0, len(levels)) * (rng.random(len(levels)) < 0.5)
     return (check_levels(levels), lower, upper, options, 0.01 if rng.random() < 0.7 else 0.0, cap,
             tuple(remembered.tolist()) if rng.random() < 0.6 else ())
+
+
+# Hard cycles: rows and levels that repeat each other, units, weights and bounds of all sizes
+
+FEATURES = ('repeated', 'nearly repeated', 'row units', 'joint units', 'weights', 'fixed joints',
+            'bounds beside zero', 'inequalities', 'empty', 'one joint')
+SETTINGS = ('exact', 'defaults', 'uniform', 'speed cap', 'memory')
+
+
+def features_of(seed):
+    """Return the features of a problem, one to four."""
+    rng = np.random.default_rng([seed, 0])
+    return set(rng.choice(FEATURES, rng.integers(1, 5), replace=False).tolist())
+
+
+def repetition(rng, above, m, offset):
+    """Return the J of a level above, or m of all rows above, each but for a relative offset."""
+    if rng.random() < 0.5:
+        J = above[rng.integers(len(above))]
+    else:
+        rows = np.concatenate(above)
+        J = rows[rng.integers(0, len(rows), m)]
+        if rng.random() < 0.3:
+            J = rng.standard_normal((m, m)) @ J
+    return J + offset * np.linalg.norm(J, axis=1, keepdims=True) * rng.standard_normal(J.shape)
+
+
+def hard_J(rng, n, above, features):
+    """Return the J (m, n) of a level with some features; it may repeat those `above`."""
+    m = 0 if 'empty' in features and rng.random() < 0.3 else int(rng.integers(1, n // 2 + 2))
+    J = rng.standard_normal((m, n))
+    repeats = sorted(features & {'repeated', 'nearly repeated'})
+    if repeats and any(map(len, above)) and rng.random() < 0.6:
+        nearly = rng.choice(repeats) == 'nearly repeated'
+        J = repetition(rng, above, m, 10.0 ** rng.uniform(-12.0, -3.0) if nearly else 0.0)
+    elif rng.random() < 0.1:
+        J = np.eye(n)
+    if 'row units' in features:
+        spread = rng.choice([0.0, 3.0]) * rng.uniform(-1.0, 1.0, (len(J), 1))
+        J = J * 10.0 ** (rng.uniform(-6.0, 6.0) + spread)
+    return J
+
+
+def hard_level(rng, J, features, scaled):
+    """Return a level of J, with bounds or a demand that suit its size; mode scale if it may."""
+    size, m = np.linalg.norm(J, axis=1), len(J)
+    if 'inequalities' in features and rng.random() < 0.5:
+        lower, upper = random_rows(rng, m)
+        return Level(J, lower=lower * size, upper=upper * size)
+    return Level(J, size * rng.standard_normal(m) * 10.0 ** rng.uniform(-1.5, 0.7),
+                 'scale' if scaled and rng.random() < 0.1 else 'least_squares')
+
+
+def hard_problem(seed):
+    """Return levels, lower, upper and weights with the features of a seed; None: none of them."""
+    rng, features = np.random.default_rng([seed, 1]), features_of(seed)
+    n, levels = 1 if 'one joint' in features else int(rng.integers(2, 11)), []
+    for _ in range(int(rng.integers(1, 7))):
+        J = hard_J(rng, n, [level.J for level in levels], features)
+        levels.append(hard_level(rng, J, features, all(each.v is not None for each in levels)))
+    lower, upper = random_box(rng, n, 'mixed' if 'bounds beside zero' in features else 'symmetric')
+    if 'fixed joints' in features:
+        fixed = (rng.random(n) < 0.4) & np.isfinite(lower)
+        lower = np.where(fixed & (lower < 0.0) & (rng.random(n) < 0.5), 0.0, lower)
+        upper = np.where(fixed, lower, upper)
+    unit = 10.0 ** rng.uniform(-6.0, 6.0, n) if 'joint units' in features else np.ones(n)
+    levels = [replace(level, J=level.J * unit) for level in levels]
+    weights = None
+    if 'weights' in features:
+        decades = rng.choice([4.0, 10.0, 12.0])
+        weights = 10.0 ** (decades * np.append(rng.random(n - 1), 1.0) - 0.5 * decades)
+    if rng.random() < 0.15:
+        return levels, None, None, weights
+    return levels, lower / unit, upper / unit, weights
+
+
+def hard_cycle(seed, setting):
+    """Return what `solve_cycle` takes: the problem of a seed with one of the `SETTINGS`."""
+    levels, lower, upper, weights = hard_problem(seed)
+    n, rng = levels[0].J.shape[1], np.random.default_rng([seed, 2])
+    options = Options(n, Damping() if setting == 'exact' else OPTIONS['default'][0], weights,
+                      'uniform' if setting == 'uniform' else 'redistribute')
+    cap, memory = None, ()
+    if setting == 'speed cap':
+        widest = 1.0 if lower is None else np.maximum(np.abs(lower), np.abs(upper))
+        cap = widest * rng.uniform(0.05, 0.8, n)
+    elif setting == 'memory':
+        memory = tuple((10.0 ** rng.uniform(-3.0, 2.0, len(levels))).tolist())
+    if lower is not None:
+        lower, upper = check_bounds(lower, upper, n, 'joints')
+    return (check_levels(levels), lower, upper, options, 0.0 if setting == 'exact' else 0.01, cap,
+            memory)

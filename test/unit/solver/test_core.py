@@ -30,7 +30,15 @@ from problems import OPTIONS, random_cycle, redistribute
 import pytest
 from reference import random_levels
 from tp_controller import Level, solve, SolverError
-from tp_controller.solver import bounded_hierarchy, compiled, damping, level, min_norm, qp
+from tp_controller.solver import (
+    active_set,
+    bounded_hierarchy,
+    compiled,
+    damping,
+    level,
+    min_norm,
+    qp,
+)
 from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import check_levels
 from tp_controller.solver.solve import Options, solve_by_reference, solve_cycle
@@ -139,7 +147,9 @@ def test_core_does_not_overlook_the_bound_of_a_joint_that_hardly_moves(share):
 def test_core_has_the_constants_of_the_solver_in_python():
     places = {'MOST': compiled, 'NEGLIGIBLE': level, 'ROUNDING': level, 'FEASIBLE': level,
               'CURVATURE': damping, 'TURNING': damping, 'ROW_TURNING': damping, 'FIRST': damping,
-              'MEMORY': damping, 'WELL_CONDITIONED': min_norm, 'ROW_DAMPING': bounded_hierarchy,
+              'MEMORY': damping, 'WELL_CONDITIONED': min_norm, 'WELL_WEIGHTED': min_norm,
+              'ROW_DAMPING': bounded_hierarchy,
+              'SOFTEST': bounded_hierarchy, 'DEPENDENT': active_set, 'LAST_DIGIT': active_set,
               'TOLERANCES': qp, 'EXACT': qp}
     assert set(compiled.core.CONSTANTS) == set(places)
     for name, value in compiled.core.CONSTANTS.items():

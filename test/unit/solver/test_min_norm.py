@@ -14,6 +14,7 @@
 
 """The stacked fast path gives the same answer as the loop over levels."""
 
+from fractions import Fraction
 import math
 import sys
 
@@ -240,3 +241,48 @@ def test_solution_of_the_fast_path_tells_what_that_of_the_loop_does():
         assert one.rank == other.rank
         assert one.smallest_singular_value == pytest.approx(other.smallest_singular_value)
     assert [level.rank for level in short.levels] == [3, 2, 2]
+
+
+# Weights of very different size
+
+def exact_least_motion(J, v, weights):
+    """Return W⁻¹ Jᵀ (J W⁻¹ Jᵀ)⁻¹ v (n,), in fractions: without rounding."""
+    J, v, weights = ([list(map(Fraction, row)) for row in J.tolist()],
+                     list(map(Fraction, v.tolist())), list(map(Fraction, weights.tolist())))
+    rows = [[sum(a * b / w for a, b, w in zip(one, other, weights)) for other in J] + [each]
+            for one, each in zip(J, v)]
+    for i in range(len(rows)):
+        # Positive definite: every pivot is positive.
+        rows[i] = [each / rows[i][i] for each in rows[i]]
+        for j in range(len(rows)):
+            if j != i:
+                rows[j] = [a - rows[j][i] * b for a, b in zip(rows[j], rows[i])]
+    return np.array([float(sum(row[j] * z[-1] for row, z in zip(J, rows)) / weights[j])
+                     for j in range(len(weights))])
+
+
+@pytest.mark.parametrize('decades', [2.0, 6.0, 10.0, 12.0])
+@pytest.mark.parametrize('method', [solve, by_loop])
+def test_least_motion_is_exact_whatever_the_weights(method, decades):
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(3, 9))
+        (J, v), = random_levels(rng, n, [int(rng.integers(1, n))])
+        weights = 10.0 ** (decades * np.concatenate([[0.0, 1.0], rng.random(n - 2)]))
+        expected = exact_least_motion(J, v, weights)
+        np.testing.assert_allclose(method([(J, v)], weights=weights).velocity, expected, rtol=0,
+                                   atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize('decades', [8.0, 10.0, 12.0])
+def test_no_weights_disturb_a_level_within_bounds(decades):
+    for seed in range(0, 1500, 5):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(3, 10))
+        (J, v), = random_levels(rng, n, [int(rng.integers(1, n - 1))])
+        weights = 10.0 ** (decades * np.concatenate([[0.0, 1.0], rng.random(n - 2)]))
+        below = J[:1] + 1e-7 * rng.standard_normal((1, n)), rng.standard_normal(1)
+        upper = rng.uniform(0.1, 1000.0, n)
+        solution = redistribute([(J, 3.0 * v), below], -upper, upper, weights=weights)
+        assert np.linalg.norm(solution.levels[0].disturbance) \
+            < 1e-11 * np.linalg.norm(J) * np.linalg.norm(solution.velocity)

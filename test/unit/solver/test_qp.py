@@ -15,9 +15,7 @@
 """The quadratic program of a level, and the point of a polytope that is nearest to another."""
 
 import math
-from types import SimpleNamespace
 
-import daqp
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -25,7 +23,7 @@ from problems import redistribute, SEEDS
 import pytest
 from reference import constrained_lstsq
 from tp_controller import Level
-from tp_controller.solver import qp
+from tp_controller.solver.active_set import ActiveSet
 from tp_controller.solver.qp import nearest, nearest_point, regularised
 
 # Two joints that can only move together, both at their limits: as good as one row, twice.
@@ -108,6 +106,31 @@ def test_polytope_without_a_point_has_no_nearest_one(seed, exponent):
 
 
 @pytest.mark.solvers('python')
+@pytest.mark.parametrize('size', [1e-6, 1e-3, 1.0])
+def test_bounds_that_contradict_each_other_by_their_own_size_leave_no_point(size):
+    # However small, they differ by more than rounding.
+    A, lower, upper = np.ones((2, 1)), size * np.array([-1.0, 1.0]), size * np.array([0.5, 2.0])
+    assert nearest_point(np.zeros(1), A, lower, upper) is None
+    # By less than a tolerance they do not.
+    upper[0] = size * (1.0 - 1e-8)
+    assert nearest_point(np.zeros(1), A, lower, upper)[0] == pytest.approx(size, rel=1e-6)
+
+
+@pytest.mark.solvers('python')
+@pytest.mark.parametrize('ratio', [1e4, 1e8, 1e12])
+def test_program_far_stiffer_in_one_direction_goes_as_far_there_as_its_bounds_allow(ratio):
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        Q = np.linalg.qr(rng.standard_normal((6, 6)))[0]
+        stiffness, centre, bounds = np.ones(6), np.zeros(6), rng.uniform(0.2, 0.8, 6)
+        stiffness[0], centre[0] = ratio, 3.0
+        a, _ = nearest(stiffness, centre, Q, -bounds, bounds)
+        # |Q a| ≤ bounds allows a_0 = most; the others may gain their whole cost.
+        most = np.abs(Q[:, 0]) @ bounds
+        assert most - bounds @ bounds / (2.0 * ratio * (3.0 - most)) - 1e-9 <= a[0] <= most + 1e-9
+
+
+@pytest.mark.solvers('python')
 @given(SEEDS, st.floats(1e-6, 1e6))
 def test_program_is_the_nearest_point_in_its_own_metric(seed, unit):
     rng = np.random.default_rng(seed)
@@ -121,19 +144,19 @@ def test_program_is_the_nearest_point_in_its_own_metric(seed, unit):
                                atol=1e-7)
 
 
-def tiring(answered):
-    """Return a stand-in for `daqp` that finds nothing any more after some answers."""
-    left = [answered]
+def tire(monkeypatch, answered):
+    """Let no program be solved any more after some of them."""
+    left, solved = [answered], ActiveSet.solve
 
-    def solve_some(*arguments, **options):
+    def solve_some(self, tolerance):
         left[0] -= 1
-        return daqp.solve(*arguments, **options) if left[0] >= 0 else (None, None, -1, {})
-    return SimpleNamespace(solve=solve_some)
+        return solved(self, tolerance) if left[0] >= 0 else None
+    monkeypatch.setattr(ActiveSet, 'solve', solve_some)
 
 
 @pytest.mark.solvers('python')
 def test_program_that_rounding_defeats_moves_nothing(monkeypatch):
-    monkeypatch.setattr(qp, 'daqp', tiring(0))
+    tire(monkeypatch, 0)
     program = np.eye(2), np.full(2, -1.0), np.ones(2)
     assert nearest_point(np.array([3.0, 0.0]), *program) is None
     assert regularised(np.ones(2), np.array([3.0, 0.0]), *program, 0.01, np.zeros(2)) is None
@@ -148,7 +171,7 @@ def test_program_that_rounding_defeats_moves_nothing(monkeypatch):
 @pytest.mark.parametrize('regularisation', [0.0, 0.0025])
 @pytest.mark.parametrize('answered', [1, 2])
 def test_answer_is_kept_where_a_later_program_is_defeated(monkeypatch, regularisation, answered):
-    monkeypatch.setattr(qp, 'daqp', tiring(answered))
+    tire(monkeypatch, answered)
     # a_1 demands 3 and may have 1 + 0.3 a_2, which costs nothing.
     a, multipliers = regularised(
         np.array([1.5, 0.0]), np.array([3.0, 0.0]), np.array([[1.0, -0.3]]),

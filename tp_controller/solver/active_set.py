@@ -1,0 +1,197 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The nearest point of a polytope, by the dual active-set method of Goldfarb and Idnani (1983).
+
+From the point itself, the bound that is violated most becomes active; on the way there, bounds
+whose multipliers would turn negative are dropped. The normals of the active ones are Q R.
+"""
+
+import math
+
+import numpy as np
+from scipy.linalg.lapack import dtrtrs
+from tp_controller.solver.level import Array, norm, ROUNDING
+
+# Squared length of the rest of a normal of length 1 beside the active ones, below which it
+# counts as zero.
+DEPENDENT = 1e-15
+# What rounding leaves of a bound that is met, as a share of the point.
+LAST_DIGIT = 1e-15
+
+
+class ActiveSet:
+    """
+    The z (k,) nearest to a point, with lower ≤ A z ≤ upper.
+
+    Parameters
+    ----------
+    point : ndarray (k,)
+    A, lower, upper : ndarray (r, k), (r,), (r,)
+
+    """
+
+    def __init__(self, point: Array, A: Array, lower: Array, upper: Array) -> None:
+        self._point = point
+        square = np.einsum('ij,ij->i', A, A)
+        # What is next to nothing cannot help, and is met or not.
+        nothing = square < ROUNDING ** 2
+        square[nothing] = 1.0
+        # Rows of length 1.
+        self._scale = 1.0 / np.sqrt(square)
+        self._rows = A * np.where(nothing, 0.0, self._scale)[:, np.newaxis]
+        self._lower, self._upper = self._scale * lower, self._scale * upper
+        # Tolerances are those of rows as they were given, or less where their bounds are near.
+        reach = np.maximum(np.abs(lower), np.abs(upper))
+        self._slack = self._scale * np.where(reach > 0.0, np.minimum(reach, 1.0), 1.0)
+
+    def solve(self, tolerance: float) -> tuple[Array, Array] | None:
+        """
+        Return z (k,) and multipliers (r,): positive at upper bounds, negative at lower ones.
+
+        None where no z is within the bounds, but for a tolerance, or rounding says so.
+        """
+        r, k = self._rows.shape
+        most = min(r, k)
+        self._Q, self._R = np.zeros((k, most)), np.zeros((most, most))
+        # Rows that are active, the signs of their bounds, and their multipliers.
+        self._active: list[int] = []
+        self._sides, self._u = np.zeros(most), np.zeros(most)
+        self._start()
+        self._left, settled = 10 * (r + k) + 20, False
+        while self._left > 0:
+            self._left -= 1
+            beyond, is_upper = self._violations()
+            beyond[beyond <= np.maximum(tolerance * self._slack, self._rounding)] = 0.0
+            row = int(beyond.argmax()) if r else 0
+            if r and beyond[row] > 0.0:
+                settled = False
+                if not self._enter(row, 1.0 if is_upper[row] else -1.0, float(beyond[row])):
+                    return None
+            elif settled or not self._active:
+                return self._answer()
+            else:
+                self._settle()
+                settled = True
+        return None
+
+    def _violations(self) -> tuple[Array, Array]:
+        """Return by how much z is beyond the bounds (r,), 0 at active ones, and if upper ones."""
+        values = self._rows.dot(self._z)
+        over, under = values - self._upper, self._lower - values
+        beyond = np.maximum(over, under)
+        beyond[self._active] = 0.0
+        return beyond, over > 0.0
+
+    def _answer(self) -> tuple[Array, Array] | None:
+        """Return z and the multipliers of the rows as they were given; None for what is none."""
+        if not math.isfinite(self._z.dot(self._z)):
+            return None
+        count, multipliers = len(self._active), np.zeros(len(self._rows))
+        multipliers[self._active] = self._sides[:count] * np.maximum(self._u[:count], 0.0)
+        return self._z, self._scale * multipliers
+
+    def _start(self) -> None:
+        """Begin at the point."""
+        self._z, self._rounding = self._point, LAST_DIGIT * (1.0 + norm(self._point))
+
+    def _enter(self, row: int, side: float, violation: float) -> bool:
+        """Make a bound active; say whether that is possible."""
+        normal, gained = side * self._rows[row], 0.0
+        while self._left > 0:
+            self._left -= 1
+            count = len(self._active)
+            u = self._u[:count]
+            # normal = Q R e + rest
+            d, rest = self._split(normal)
+            e = self._over(d)
+            square = float(rest.dot(rest))
+            # How far until a multiplier is zero.
+            t, leaving = min(((max(each, 0.0) / slope, index) for index, (each, slope)
+                              in enumerate(zip(u.tolist(), e.tolist())) if slope > 0.0),
+                             default=(math.inf, -1))
+            free = count < len(self._u) and square > DEPENDENT
+            if leaving < 0 and not free:
+                return False
+            whole = free and violation <= t * square
+            t = violation / square if whole else t
+            if free:
+                self._z = self._z - t * rest
+                violation -= t * square
+            u -= t * e
+            gained += t
+            if whole:
+                self._append(row, side, gained, d, rest, math.sqrt(square))
+                return True
+            self._drop(leaving)
+        return False
+
+    def _split(self, w: Array) -> tuple[Array, Array]:
+        """Return what of w (k,) lies along Q, and the rest."""
+        Q = self._Q[:, :len(self._active)]
+        along = w.dot(Q)
+        rest = w - Q.dot(along)
+        # Twice, or rounding would leave a share.
+        more = rest.dot(Q)
+        return along + more, rest - Q.dot(more)
+
+    def _over(self, b: Array, transposed: bool = False) -> Array:
+        """Return R⁻¹ b, or R⁻ᵀ b."""
+        count = len(b)
+        return dtrtrs(self._R[:count, :count], b, trans=int(transposed))[0] if count else b
+
+    def _append(self, row: int, side: float, multiplier: float, d: Array, rest: Array,
+                length: float) -> None:
+        """Add a bound to the active ones."""
+        count = len(self._active)
+        self._R[:count, count], self._R[count, count] = d, length
+        self._Q[:, count] = rest / length
+        self._sides[count], self._u[count] = side, multiplier
+        self._active.append(row)
+
+    def _drop(self, leaving: int) -> None:
+        """Take a bound out of the active ones."""
+        count = len(self._active)
+        del self._active[leaving]
+        for each in (self._sides, self._u):
+            each[leaving:count - 1] = each[leaving + 1:count]
+        # One number is below the diagonal in each of the columns after it.
+        turn, R = np.linalg.qr(np.delete(self._R[:count, :count], leaving, axis=1))
+        self._R[:count - 1, :count - 1] = R
+        self._Q[:, :count - 1] = self._Q[:, :count].dot(turn)
+
+    def _settle(self) -> None:
+        """
+        Find z and the multipliers from the active bounds alone, since steps add up roundings.
+
+        z = Q y + rest, with Rᵀ y = b, and the rest what Q leaves of the point. Where roundings
+        hid that a multiplier is negative, its bound is dropped.
+        """
+        while self._active:
+            count = len(self._active)
+            rows, sides = self._active, self._sides[:count]
+            b = np.where(sides > 0.0, self._upper[rows], -self._lower[rows])
+            y = self._over(b, transposed=True)
+            along, rest = self._split(self._point)
+            self._z = self._Q[:, :count].dot(y)
+            if count < len(self._point):
+                self._z += rest
+            self._u[:count] = self._over(along - y)
+            least = int(self._u[:count].argmin())
+            if not self._u[least] < -ROUNDING:
+                self._rounding = LAST_DIGIT * (1.0 + norm(self._z))
+                return
+            self._drop(least)
+        self._start()
