@@ -50,6 +50,8 @@ PANDA = ROOT / 'config' / 'robots' / 'panda.yaml'
 EVERY_NODE = ('lifecycle_msgs', 'rcl_interfaces', 'type_description_interfaces')
 # Types that the arm of the examples cannot have: its table gives no masses.
 OTHER_ROBOTS = ('center_of_mass',)
+# Tests that declare faults and their outcomes.
+DECLARING = ('test_joint_states', 'test_odometry', 'test_stops', 'test_permits', 'test_faults')
 NAMESPACE, NODE = '/namespace', 'tp_controller'
 
 # What a goal is for `Controller.set_goal`, and the fields of its message that count.
@@ -91,7 +93,7 @@ TOPICS = {
                         'only if there is a subscriber',
     '~/markers': '[goals, frames, errors, cones, regions, distances](docs/ros.md#markers), for '
                  'RViz and the browser; only if there is a subscriber',
-    '~/stop': 'command zeros until `~/start`',
+    '~/stop': 'stop the robot until `~/start`, [ramped](docs/safety.md#stops) where told',
     '~/start': 'move again; tasks without a goal take their current value as the goal',
     '~/reload': 'read the stack file again; one with faults changes nothing',
     '~/<task>/enable': 'enable (true) or disable (false) a task',
@@ -132,7 +134,9 @@ STATUS = {
     'missed deadlines': 'how often joint states came later than `state_deadline`',
     'ignored description': 'what to do where another `robot_description` has arrived than the '
                            'one in use; empty if none has',
-    'other publishers': 'how many other nodes publish the same commands',
+    'other publishers': 'number of other nodes that publish the same commands',
+    'listeners': 'number of nodes, besides watchdogs, that listen to the commands',
+    'watchdogs': 'number of nodes whose name ends in `watchdog` that listen to the commands',
     'type': 'type of the task',
     'level': 'level in the stack, 1 is the highest; `disabled` for a disabled task',
     'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `failed`, `disabled` or '
@@ -429,6 +433,22 @@ def check_report():
     return '\n'.join(parts).rstrip()
 
 
+def faults():
+    """Return the table of faults and outcomes, as the tests declare them."""
+    folders = [str(ROOT / 'test' / name) for name in ('', 'faults', 'ros', 'system')]
+    before, sys.path[:0] = list(sys.path), folders
+    try:
+        declared = importlib.import_module('fault_table').TABLE
+        for module in DECLARING:
+            importlib.import_module(module)
+    finally:
+        sys.path[:] = before
+    rows = [(area, outcome.fault, outcome.result,
+             '' if outcome.within == float('inf') else f'{outcome.within:g} s', outcome.ends,
+             f'`{test}`') for area, found in declared.items() for outcome, test in found]
+    return table(('area', 'fault', 'what is commanded', 'noticed within', 'ends', 'test'), rows)
+
+
 REGIONS = {
     'tasks': tasks, 'settings': settings, 'names': names, 'errors': error_tree,
     'messages': messages, 'check report': check_report,
@@ -440,7 +460,7 @@ REGIONS = {
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},
 }
 ROS_REGIONS = {
-    'goals': goals, 'status': status,
+    'goals': goals, 'status': status, 'faults': faults,
     **{f'{what.__name__} {node}': lambda what=what, node=node: what(node)
        for what in (topics, parameters) for node in ('controller', 'simulator', 'watchdog')},
     'parameters viewer': lambda: parameters('viewer'),

@@ -20,6 +20,7 @@ The base goes on as it was told last, until the next command; the world knows wh
 
 import math
 
+from fault_table import AT_ONCE, BY_ITSELF, fault_text, Outcome, outcomes, START
 import numpy as np
 import pytest
 from robots import PANDA_DH, PANDA_READY
@@ -54,29 +55,34 @@ def drives(world):
 
 # Faults ---------------------------------------------------------------------------------------
 
+@fault_text('no odometry arrives')
 def silence(world, random):
     """Send nothing."""
     return lambda world: []
 
 
+@fault_text('the same message arrives again and again')
 def repeated(world, random):
     """Send the same message again and again."""
     base, stamp = world.base.copy(), world.now
     return lambda world: [world.odometry(base, stamp)]
 
 
+@fault_text('all stamps are old')
 def old(world, random):
     """Stamp everything as if it were old."""
     shift = 10.0 ** random.uniform(-0.6, 3.0)
     return lambda world: [world.odometry(stamp=world.now - shift)]
 
 
+@fault_text('all stamps are ahead of time')
 def ahead(world, random):
     """Stamp everything as if it came from the future."""
     shift = 10.0 ** random.uniform(-0.6, 3.0)
     return lambda world: [world.odometry(stamp=world.now + shift)]
 
 
+@fault_text('a position is no number')
 def not_a_number(world, random):
     """Send a position that is no number."""
     def report(world):
@@ -86,15 +92,20 @@ def not_a_number(world, random):
     return report
 
 
+LATE, TIMEOUT = (silence, repeated, old, ahead, not_a_number), 0.1
+
+
+@outcomes('Odometry', (Outcome(fault.text, AT_ONCE, BY_ITSELF, 'no odometry', TIMEOUT)
+                       for fault in LATE))
 @pytest.mark.parametrize('seed', SEEDS[:1])
 @pytest.mark.parametrize('rate', RATES)
 @pytest.mark.parametrize('base', BASES)
-@pytest.mark.parametrize('fault', [silence, repeated, old, ahead, not_a_number])
+@pytest.mark.parametrize('fault', LATE)
 def test_odometry_that_is_late_or_no_pose_stops_the_robot(monkeypatch, fault, base, rate, seed):
     random = np.random.default_rng(seed)
     world = make_world(monkeypatch, base, rate)
     world.locate = fault(world, random)
-    assert world.run(world.values['state_timeout'] + world.period + STEPS,
+    assert world.run(TIMEOUT + world.period + STEPS,
                      until=lambda: world.stopped().startswith('no odometry')), world.stopped()
     assert not world.twist.any() and not world.velocity.any()
     stopped_at = world.base.copy()
@@ -104,6 +115,7 @@ def test_odometry_that_is_late_or_no_pose_stops_the_robot(monkeypatch, fault, ba
     assert world.run(1.0, until=lambda: drives(world)), world.stopped()
 
 
+@outcomes('Odometry', [Outcome('the pose jumps', AT_ONCE, START, 'odometry jumped by', STEPS)])
 @pytest.mark.parametrize('rate', RATES)
 @pytest.mark.parametrize('base', BASES)
 @pytest.mark.parametrize('distance', [0.5, 5.0])
@@ -122,45 +134,59 @@ def test_odometry_that_jumps_stops_the_robot_until_a_start(monkeypatch, base, ra
     assert world.run(0.5, until=lambda: drives(world))
 
 
+RUNS_AWAY = 0.4
+
+
+@outcomes('Odometry', [Outcome('the pose runs away in small steps', AT_ONCE, START,
+                               'odometry jumped by', RUNS_AWAY)])
 @pytest.mark.parametrize('rate', RATES)
 @pytest.mark.parametrize('base', BASES)
 def test_odometry_that_runs_away_in_small_steps_stops_the_robot(monkeypatch, base, rate):
     world = make_world(monkeypatch, base, rate)
     # Each step is far below what may lie between two messages.
     world.slip = lambda velocity: 6.0 * np.ones_like(velocity)
-    assert world.run(0.4, until=world.stopped), world.base
+    assert world.run(RUNS_AWAY, until=world.stopped), world.base
     assert 'odometry jumped by' in world.stopped() and not world.twist.any()
 
 
+@fault_text('the pose stands still while its stamps go on')
 def frozen(world):
-    """Let the odometry report one place with stamps that go on."""
+    """Report one place with stamps that go on."""
     place = world.base.copy()
     world.locate = lambda world: [world.odometry(place)]
 
 
+@fault_text('the wheels are blocked')
 def blocked(world):
     """Block the wheels."""
     world.slip = np.zeros_like
 
 
+@fault_text('the base drives the other way')
 def reversed_(world):
     """Let the base drive the other way."""
     world.slip = np.negative
 
 
+@fault_text('the base drives three times as fast')
 def fast(world):
     """Let the base drive three times as fast."""
     world.slip = lambda velocity: 3.0 * velocity
 
 
+# One window of 1 s, the lag of 0.3 s, and at 20 Hz 27 cycles.
+ASTRAY, FOLLOWS = (frozen, blocked, reversed_, fast), 1.5
+
+
+@outcomes('Odometry', (Outcome(fault.text, AT_ONCE, START, 'does not follow', FOLLOWS)
+                       for fault in ASTRAY))
 @pytest.mark.parametrize('rate', RATES)
 @pytest.mark.parametrize('base', BASES)
-@pytest.mark.parametrize('fault', [frozen, blocked, reversed_, fast])
+@pytest.mark.parametrize('fault', ASTRAY)
 def test_a_base_that_does_not_follow_is_stopped_until_a_start(monkeypatch, fault, base, rate):
     world = make_world(monkeypatch, base, rate)
     fault(world)
-    # One window of 1 s, the lag of 0.3 s, and at 20 Hz 27 cycles.
-    assert world.run(1.5, until=world.stopped)
+    assert world.run(FOLLOWS, until=world.stopped)
     assert 'base_x does not follow' in world.stopped() and not world.twist.any()
     assert 'call ~/start to go on' in world.stopped()
 

@@ -16,6 +16,15 @@
 
 import math
 
+from fault_table import (
+    AT_ONCE,
+    BY_ITSELF,
+    fault_text,
+    Outcome,
+    outcomes,
+    RAMPED,
+    START,
+)
 import numpy as np
 import pytest
 from robots import PANDA_DH, PANDA_READY
@@ -37,16 +46,19 @@ def moving_world(patch, rate, seed=0, **values):
     return world, random
 
 
+@fault_text('`~/stop` is called')
 def stop(world):
     """Stop as ~/stop does."""
     world.loop.hold = 'stopped'
 
 
+@fault_text('the node is deactivated')
 def deactivate(world):
     """Deactivate the loop."""
     world.loop.come_to_rest('inactive')
 
 
+@fault_text('a task fails, and `task_faults` is `stop`')
 def fail(world):
     """Let a task fail in each cycle from now on."""
     def evaluate(state, now):
@@ -55,14 +67,22 @@ def fail(world):
         task.evaluate = evaluate
 
 
+@fault_text('a listener or watchdog that is required goes')
 def unmet(world):
     """Take away a listener that is required."""
     world.loop.unmet = 'no node listens'
 
 
+# What ends each of them, and part of the reason.
+ACTS = {stop: (START, 'stopped'), deactivate: ('activation', 'inactive'),
+        fail: (START, 'ZeroDivisionError'), unmet: (BY_ITSELF, 'no node listens')}
+
+
+@outcomes('Decisions', (Outcome(act.text, RAMPED, *ends, 0.02)
+                        for act, ends in ACTS.items()))
 @pytest.mark.parametrize('seed', SEEDS)
 @pytest.mark.parametrize('rate', RATES)
-@pytest.mark.parametrize('act', [stop, deactivate, fail, unmet])
+@pytest.mark.parametrize('act', ACTS)
 def test_a_stop_is_ramped_where_positions_are_known(monkeypatch, act, rate, seed):
     world, _ = moving_world(monkeypatch, rate, seed, stop_deceleration=DECELERATION)
     before, count, began = world.velocity.copy(), len(world.monitor.commands), world.now
@@ -81,7 +101,7 @@ def test_a_stop_is_ramped_where_positions_are_known(monkeypatch, act, rate, seed
         np.testing.assert_allclose(command, share * before, atol=1e-9)
     assert times[-1] - began >= fastest / DECELERATION - longest
     world.run(0.5)
-    assert not world.velocity.any() and world.loop.stop_reason
+    assert not world.velocity.any() and ACTS[act][1] in world.loop.stop_reason
 
 
 @pytest.mark.parametrize('rate', RATES)
@@ -147,32 +167,41 @@ def test_a_robot_that_is_started_during_the_ramp_goes_on_without_a_jump(monkeypa
 
 # Starts ---------------------------------------------------------------------------------------
 
+@fault_text('positions are in degrees')
 def degrees(q):
     """Report degrees."""
     return np.degrees(q)
 
 
+@fault_text('positions are zero, where a joint cannot be')
 def zeros(q):
-    """Report zeros, as before the encoders are read: joint 4 cannot be there."""
+    """Report zeros: joint 4 cannot be there."""
     return np.zeros_like(q)
 
 
+@fault_text('one joint is far outside its limits')
 def far_off(q):
     """Report one joint far off."""
     return np.where(np.arange(7) == 0, 100.0, q)
 
 
+@fault_text('one joint is outside its limits by more than `limit_tolerance`')
 def offset(q):
     """Report one joint a little too far."""
     return np.where(np.arange(7) == 5, ROBOT.upper[5] + 0.06, q)
 
 
+OUTSIDE, SOON = (degrees, zeros, far_off, offset), 0.2
+
+
+@outcomes('At a start', (Outcome(wrong.text, AT_ONCE, START, 'wrong unit or offset?', SOON)
+                         for wrong in OUTSIDE))
 @pytest.mark.parametrize('rate', RATES)
-@pytest.mark.parametrize('wrong', [degrees, zeros, far_off, offset])
+@pytest.mark.parametrize('wrong', OUTSIDE)
 def test_a_robot_that_is_outside_its_limits_at_a_start_is_not_moved(monkeypatch, wrong, rate):
     world = World(monkeypatch, ROBOT, '- posture: {type: posture}\n', PANDA_READY, rate=rate)
     world.report = lambda world: [world.state(wrong(world.q))]
-    assert world.run(0.2, until=lambda: 'wrong unit or offset?' in world.stopped())
+    assert world.run(SOON, until=lambda: 'wrong unit or offset?' in world.stopped())
     world.run(3.0)
     assert (world.q == PANDA_READY).all() and 'call ~/start to go on' in world.stopped()
     assert 'outside its position limits' in world.loop.lasting()
@@ -207,6 +236,11 @@ def test_a_robot_that_was_moved_outside_while_stopped_is_not_moved(monkeypatch):
 
 # Drift ----------------------------------------------------------------------------------------
 
+SLIPPED = 0.35
+
+
+@outcomes('Joint states', [Outcome('an encoder slips, in small steps', AT_ONCE, START, 'jumped by',
+                                   SLIPPED)])
 @pytest.mark.parametrize('seed', SEEDS)
 @pytest.mark.parametrize('rate', RATES)
 @pytest.mark.parametrize('speed', [-20.0, 10.0, 20.0])
@@ -216,10 +250,15 @@ def test_an_encoder_that_slips_in_small_steps_stops_the_robot(monkeypatch, speed
     began, joint = world.now, random.integers(7)
     slip = np.where(np.arange(7) == joint, speed, 0.0)
     world.report = lambda world: [world.state(world.q + slip * (world.now - began))]
-    assert world.run(0.35 + world.period, until=world.stopped)
-    assert 'call ~/start to go on' in world.stopped()
+    assert world.run(SLIPPED + world.period, until=world.stopped)
+    assert 'jumped by' in world.stopped() and 'call ~/start to go on' in world.stopped()
 
 
+FARTHER = 2.5
+
+
+@outcomes('Robot', [Outcome('joints move much farther than commanded', AT_ONCE, START,
+                            'does not follow', FARTHER)])
 @pytest.mark.parametrize('seed', SEEDS)
 @pytest.mark.parametrize('rate', RATES)
 def test_a_robot_that_moves_farther_than_commanded_is_stopped(monkeypatch, rate, seed):
@@ -231,5 +270,5 @@ def test_a_robot_that_moves_farther_than_commanded_is_stopped(monkeypatch, rate,
     world.loop._buffer.discard()
     world.controller.set_goal('reach', q + 0.05 * random.choice([-1.0, 1.0], 7), world.now)
     world.plant = lambda velocity: velocity + 0.3
-    assert world.run(2.5, until=lambda: 'does not follow' in world.stopped()), world.stopped()
+    assert world.run(FARTHER, until=lambda: 'does not follow' in world.stopped()), world.stopped()
     assert math.isfinite(world.now) and 'call ~/start to go on' in world.stopped()

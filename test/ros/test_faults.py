@@ -14,8 +14,10 @@
 
 """Faults of joint states: a hostile publisher, and a robot that does not do as it is told."""
 
+import math
 import time
 
+from fault_table import AT_ONCE, BY_ITSELF, NOTHING, Outcome, outcomes, START
 from harness import Arm, COMMANDS, JOINTS, MOVING_STACK, Status
 import numpy as np
 import pytest
@@ -243,6 +245,8 @@ def exclusive(harness):
     return robot
 
 
+@outcomes('Other nodes', [Outcome('another node publishes commands when this one starts', NOTHING,
+                                  START, 'publishes on', math.inf)])
 def test_a_newcomer_publishes_nothing_beside_another_controller(harness, exclusive, log):
     robot, others = exclusive, '/tp_controller publishes on /velocity_controller/commands, too'
     status = second_controller(harness)
@@ -267,6 +271,8 @@ def test_a_newcomer_publishes_nothing_beside_another_controller(harness, exclusi
                        meanwhile=robot.publish)
 
 
+@outcomes('Other nodes', [Outcome('commands of another node are received in motion', AT_ONCE
+                                  + f', then {NOTHING}', START, 'publishes on', math.inf)])
 def test_commands_of_another_node_stop_a_robot_that_moves_and_name_the_node(harness, exclusive):
     robot, rival = exclusive, harness.add(Node('rival', namespace='/cell',
                                                context=harness.context))
@@ -322,6 +328,9 @@ def test_two_controllers_of_the_same_name_do_not_command_one_robot(harness, excl
     assert all(any(each) for each in robot.commands)
 
 
+@outcomes('Other nodes', [Outcome(f'no {what} listens, and it is required', AT_ONCE, BY_ITSELF,
+                                  f'no {what} listens', math.inf)
+                          for what in ('node', 'watchdog')])
 def test_motion_waits_for_a_listener_and_a_watchdog_where_they_are_required(harness):
     harness.controller(require_listener=True, require_watchdog=True)
     status, arm = Status(harness), Arm(harness)

@@ -14,6 +14,9 @@
 
 """Inputs that allow motion, ramped stops and activation, through real topics and services."""
 
+import math
+
+from fault_table import BY_ITSELF, Outcome, outcomes, RAMPED, START
 from harness import Arm, Status
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -60,6 +63,9 @@ class Cell:
         return '' if answer.success else answer.message
 
 
+@outcomes('Decisions', [
+    Outcome('the enable switch is off', RAMPED, BY_ITSELF, 'not enabled', math.inf),
+    Outcome('the enable switch is not received', RAMPED, BY_ITSELF, 'nothing received on', 0.5)])
 def test_the_robot_moves_only_while_the_enable_switch_is_pressed(any_harness):
     cell = Cell(any_harness, enable_topic='/enable', enable_timeout=0.2)
     cell.until('not enabled: nothing received on /enable')
@@ -85,6 +91,8 @@ def test_an_enable_switch_without_timeout_is_heard_once(harness):
     cell.until('running')
 
 
+@outcomes('Decisions', [Outcome('a state of the robot (`permit_topics`) is lost', RAMPED, START,
+                                '/safety_mode is 3', math.inf)])
 def test_a_state_of_the_robot_that_is_lost_stops_it_until_a_start(any_harness):
     cell = Cell(any_harness, permit_topics=['/program_running', '/safety_mode:data == 1'])
     cell.until('nothing received on /program_running')
@@ -99,7 +107,7 @@ def test_a_state_of_the_robot_that_is_lost_stops_it_until_a_start(any_harness):
     cell.input(Int32, '/safety_mode', 3)
     cell.until('/safety_mode is 3; call ~/start to go on')
     assert cell.start() == 'not started: /safety_mode is 3'
-    # A robot that was released goes on only when somebody says so.
+    # A robot that may move again goes on only when somebody says so.
     cell.input(Int32, '/safety_mode', 1)
     any_harness.spin_for_more(cell.commands, 20, cell.publish)
     cell.until('/safety_mode is 3; call ~/start to go on')

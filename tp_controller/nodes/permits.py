@@ -34,7 +34,7 @@ PARAMETERS = (
     Spec('enable_topic', '', 'enable switch (std_msgs/Bool): motion only while it is true (empty: '
          'none)', fixed=True),
     Spec('enable_timeout', 0.5, 'age of the last message of the enable switch from which it '
-         'counts as released (0: any age, for a publisher that publishes changes only)', 's', 0.0,
+         'counts as off (0: any age, for a publisher that publishes changes only)', 's', 0.0,
          60.0, True),
     Spec('permit_topics', [''], 'states of the robot that allow motion: topics of one Bool or '
          'number, true or more than 0, or as "topic:field == value" with ==, !=, >, >=, <, <= '
@@ -166,7 +166,7 @@ class Permits:
     """
     The inputs that allow motion.
 
-    The enable switch stops the robot while it is released. A state of the robot that is lost
+    The enable switch stops the robot while it is off. A state of the robot that is lost
     after the first motion, as in a protective stop, stops it until ~/start.
 
     Parameters
@@ -222,7 +222,7 @@ class Permits:
         fault = self.refusal()
         if fault and self._stops.moved:
             self._stops.latch(fault, abrupt=False)
-        return fault or self._released(now)
+        return fault or self._switched_off(now)
 
     def refusal(self) -> str:
         """Return which state of the robot forbids a start; empty if none does."""
@@ -233,8 +233,8 @@ class Permits:
         for each in self._inputs:
             each.close(self._node)
 
-    def _released(self, now: float) -> str:
-        """Return why the enable switch counts as released; empty if it is pressed."""
+    def _switched_off(self, now: float) -> str:
+        """Return why the enable switch counts as off; empty if it is on."""
         switch = self._enable
         if switch is None:
             return ''

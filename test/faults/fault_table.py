@@ -1,0 +1,76 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Declarations of faults and their outcomes: asserted by the tests, printed in docs/safety.md.
+
+Where a test is about several faults, the declarations are the very values that it asserts.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+AT_ONCE, RAMPED, NOTHING = 'zeros at once', 'a ramped stop', 'nothing is published'
+BY_ITSELF, START = 'by itself, `settle_time` after it is over', '`~/start`'
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """
+    What comes of a fault, with default parameters.
+
+    Attributes
+    ----------
+    fault : str
+        What goes wrong.
+    result : str
+        What is commanded then.
+    ends : str
+        What ends it.
+    told : str
+        Part of the reason in the status.
+    within : float
+        Time in which it is noticed [s]; infinite where that depends on other nodes.
+
+    """
+
+    fault: str
+    result: str
+    ends: str
+    told: str
+    within: float
+
+
+# By area of docs/safety.md, with the tests.
+TABLE: dict[str, list[tuple[Outcome, str]]] = {}
+
+
+def outcomes(area: str, declared: Iterable[Outcome]) -> Callable[[Callable], Callable]:
+    """Declare the outcomes that a test asserts."""
+    declared = list(declared)
+
+    def note(test: Callable) -> Callable:
+        TABLE.setdefault(area, []).extend((each, test.__name__) for each in declared)
+        return test
+
+    return note
+
+
+def fault_text(text: str) -> Callable[[Callable], Callable]:
+    """Describe a function that causes a fault, as in a row of the table."""
+    def note(function: Callable) -> Callable:
+        function.text = text
+        return function
+
+    return note
