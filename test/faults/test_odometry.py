@@ -205,6 +205,36 @@ def test_a_base_that_moves_slowly_has_to_follow_as_well(monkeypatch, base):
     assert world.run(8.0, until=world.stopped) and 'does not follow' in world.stopped()
 
 
+# Backlog --------------------------------------------------------------------------------------
+
+class Turns:
+    """One message each time that a slow executor comes round, whatever waits."""
+
+    def __init__(self, queue, every):
+        self._queue, self._turn, self._every = queue, 0, every
+
+    def __getattr__(self, name):
+        """Return what the queue has."""
+        return getattr(self._queue, name)
+
+    def run(self):
+        """Call back with the oldest message, if it is its turn."""
+        self._turn += 1
+        taken = self._queue.take_message(None, None) if self._turn % self._every == 0 else None
+        if taken is not None:
+            self._queue.callback(taken[0])
+
+
+@pytest.mark.parametrize('rate', [100.0, 0.0])
+def test_of_messages_that_have_waited_the_newest_counts(monkeypatch, rate):
+    world = make_world(monkeypatch, 'planar', rate)
+    # Every 5 ms a message comes, every 20 ms one would be taken.
+    world.node.queues[:] = [Turns(queue, 20) for queue in world.node.queues]
+    world.told.clear()
+    world.run(2.0)
+    assert world.told == [] and drives(world)
+
+
 # No false alarms ------------------------------------------------------------------------------
 
 def estimated(random, rate, correction):

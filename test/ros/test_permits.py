@@ -40,7 +40,7 @@ class Cell:
         harness.controller(stack=SWING, **parameters)
         self.commands, self.status, self.arm = harness.commands(), Status(harness), Arm(harness)
 
-    def input(self, kind, topic, value=None, qos=10):
+    def feed(self, kind, topic, value=None, qos=10):
         """Publish a value from now on."""
         self.inputs[topic] = self.harness.node.create_publisher(kind, topic, qos), kind, value
 
@@ -69,13 +69,13 @@ class Cell:
 def test_the_robot_moves_only_while_the_enable_switch_is_pressed(any_harness):
     cell = Cell(any_harness, enable_topic='/enable', enable_timeout=0.2)
     cell.until('not enabled: nothing received on /enable')
-    cell.input(Bool, '/enable', False)
+    cell.feed(Bool, '/enable', False)
     cell.until('not enabled: /enable is false')
-    cell.input(Bool, '/enable', True)
+    cell.feed(Bool, '/enable', True)
     cell.until('running')
-    cell.input(Bool, '/enable', False)
+    cell.feed(Bool, '/enable', False)
     cell.until('not enabled: /enable is false')
-    cell.input(Bool, '/enable', True)
+    cell.feed(Bool, '/enable', True)
     cell.until('running')
     # A hand that is still on the switch of a cable that was pulled.
     cell.inputs['/enable'] = (*cell.inputs['/enable'][:2], None)
@@ -84,7 +84,7 @@ def test_the_robot_moves_only_while_the_enable_switch_is_pressed(any_harness):
 
 def test_an_enable_switch_without_timeout_is_heard_once(harness):
     cell = Cell(harness, enable_topic='/enable', enable_timeout=0.0)
-    cell.input(Bool, '/enable', qos=LATCHED)
+    cell.feed(Bool, '/enable', qos=LATCHED)
     cell.inputs['/enable'][0].publish(Bool(data=True))
     cell.until('running')
     harness.spin_for_more(cell.commands, 100, cell.publish)
@@ -97,18 +97,18 @@ def test_a_state_of_the_robot_that_is_lost_stops_it_until_a_start(any_harness):
     cell = Cell(any_harness, permit_topics=['/program_running', '/safety_mode:data == 1'])
     cell.until('nothing received on /program_running')
     # As robots publish it: latched, when it changes.
-    cell.input(Bool, '/program_running', qos=LATCHED)
+    cell.feed(Bool, '/program_running', qos=LATCHED)
     cell.inputs['/program_running'][0].publish(Bool(data=True))
-    cell.input(Int32, '/safety_mode', 3)
+    cell.feed(Int32, '/safety_mode', 3)
     cell.until('/safety_mode is 3')
     assert cell.start() == 'not started: /safety_mode is 3'
-    cell.input(Int32, '/safety_mode', 1)
+    cell.feed(Int32, '/safety_mode', 1)
     cell.until('running')
-    cell.input(Int32, '/safety_mode', 3)
+    cell.feed(Int32, '/safety_mode', 3)
     cell.until('/safety_mode is 3; call ~/start to go on')
     assert cell.start() == 'not started: /safety_mode is 3'
     # A robot that may move again goes on only when somebody says so.
-    cell.input(Int32, '/safety_mode', 1)
+    cell.feed(Int32, '/safety_mode', 1)
     any_harness.spin_for_more(cell.commands, 20, cell.publish)
     cell.until('/safety_mode is 3; call ~/start to go on')
     any_harness.spin_until(lambda: not cell.start(), 'a start', cell.publish)
@@ -117,7 +117,7 @@ def test_a_state_of_the_robot_that_is_lost_stops_it_until_a_start(any_harness):
 
 def test_a_publisher_of_a_state_that_has_gone_is_no_permit(harness):
     cell = Cell(harness, permit_topics=['/program_running'])
-    cell.input(Bool, '/program_running', True)
+    cell.feed(Bool, '/program_running', True)
     cell.until('running')
     publisher, *_ = cell.inputs.pop('/program_running')
     harness.node.destroy_publisher(publisher)
@@ -126,7 +126,7 @@ def test_a_publisher_of_a_state_that_has_gone_is_no_permit(harness):
 
 def test_an_input_that_is_no_number_is_named(harness, log):
     cell = Cell(harness, permit_topics=['/program_running:state.mode'])
-    cell.input(Bool, '/program_running', True)
+    cell.feed(Bool, '/program_running', True)
     harness.spin_until_logged(log, "std_msgs/Bool has no number 'state.mode'", cell.publish)
     assert not any(map(any, cell.commands))
 
@@ -134,7 +134,7 @@ def test_an_input_that_is_no_number_is_named(harness, log):
 @pytest.mark.parametrize('scaling, follows', [(10.0, True), (None, False)])
 def test_a_robot_that_says_it_is_slowed_down_follows(harness, scaling, follows):
     cell = Cell(harness, speed_scaling_topic='/speed_scaling', follow_window=0.5)
-    cell.input(Float64, '/speed_scaling', scaling)
+    cell.feed(Float64, '/speed_scaling', scaling)
 
     def publish():
         # A tenth of what is commanded, 200 times a second.

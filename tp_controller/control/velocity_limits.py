@@ -280,8 +280,8 @@ class VelocityLimits:
         if self._endless:
             distance = np.minimum(distance, FAR)
         if len(pending):
-            up, down = (duration * np.maximum(side, 0.0).sum(axis=0) for side in (pending,
-                                                                              -pending))
+            up, down = (duration * np.maximum(side, 0.0).sum(axis=0)
+                        for side in (pending, -pending))
             distance = np.maximum(distance - (up, down), np.minimum(distance + (down, up), 0.0))
         braking = np.maximum(self._braking_speed(distance), -self._return)
         if self._acceleration is None:
