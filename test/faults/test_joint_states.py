@@ -614,6 +614,19 @@ def test_after_zeros_from_elsewhere_the_motion_begins_from_rest(monkeypatch, act
     check(world)
 
 
+@pytest.mark.parametrize('rate', [100.0, 1000.0, 0.0])
+def test_after_an_activation_only_what_arrives_then_counts(monkeypatch, rate):
+    world = make_world(monkeypatch, np.random.default_rng(0), rate=rate)
+    world.loop.deactivate('inactive')
+    # Moved by hand, sooner than joint states get old.
+    world.q = np.clip(world.q + 0.05, ROBOT.lower, ROBOT.upper)
+    there = world.q.copy()
+    world.controller.forget_goals()
+    world.loop.activate()
+    world.run(0.5)
+    assert not world.stopped() and (world.q == there).all()
+
+
 # Load -----------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('seed', SEEDS)

@@ -522,6 +522,15 @@ def test_task_that_fails_to_reset_cannot_be_enabled_and_stops_no_other(monkeypat
     assert reset == ['rest']
 
 
+def test_task_that_fails_to_forget_its_goal_keeps_no_other_from_it():
+    controller, task = controller_of()
+    run(controller)
+    task.broken = 'forget_goal'
+    with pytest.raises(EvaluationError, match='task faulty: forget_goal raised'):
+        controller.forget_goals()
+    assert controller.stack.tasks['rest'].goal is None
+
+
 @pytest.mark.parametrize('method', ['inherit_goal', 'is_compatible'])
 def test_stack_with_a_task_that_fails_to_inherit_its_goal_is_refused(method):
     controller, _ = controller_of()
@@ -614,7 +623,8 @@ def test_all_that_a_task_can_override_is_covered():
     """A new method of `Task` needs a case here, or has to be none that a cycle calls."""
     covered = {*CALLED, 'parse_goal', 'set_goal', 'parse_feed_forward', 'set_feed_forward',
                'goal_remarks', 'goal_place', 'sketch', 'with_goal', 'goal_in_reference',
-               'feed_forward_in_reference', 'goal_pose', 'reset', 'inherit_goal',
+               'feed_forward_in_reference', 'goal_pose', 'reset', 'forget_goal',
+               'inherit_goal',
                'is_compatible', 'is_equivalent', 'reported_errors', 'accepted_keys',
                'described_keys', 'probe'}
     # Called by those above, `level` in place of `make_evaluation`; and where a parameter is set,

@@ -204,7 +204,7 @@ def test_every_table_is_shown(generate):
 @pytest.mark.parametrize('message', [
     # A refusal that is put together, a log line, an argument, a reason, a hint.
     'unknown key {other}; valid: {accepted}',
-    'commanding zeros: {reason}',
+    'commanding {what}: {reason}',
     '{text} is not of the form NAME=VALUE',
     'blocked by the bounds of {}',
     'choose a goal that the bounds of {name} allow'])
