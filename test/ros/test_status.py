@@ -111,11 +111,9 @@ def test_the_limit_that_slows_the_robot_is_named(harness):
 def test_diagnostics_say_the_same(harness):
     rig = Rig(harness)
     diagnostics = harness.record(DiagnosticArray, '/diagnostics')
-    rig.spin_until(lambda: diagnostics and rig.status.head == 'running')
-    del diagnostics[:]
-    rig.spin_until(lambda: diagnostics)
+    rig.spin_until(lambda: diagnostics and diagnostics[-1].status[0].message == 'running')
     head, *tasks = diagnostics[-1].status
-    assert (head.hardware_id, head.message) == ('tp_controller', 'running')
+    assert head.hardware_id == 'tp_controller'
     assert [task.name for task in tasks] == [task.name for task in rig.status.messages[-1].status
                                              ][1:]
 
