@@ -120,6 +120,35 @@ def test_a_ramped_stop_passes_no_position_limit(monkeypatch, rate):
     assert world.q[0] <= WHOLE.upper[0] + 1e-3
 
 
+def test_a_velocity_limit_that_is_lowered_during_a_ramp_makes_no_jump(monkeypatch):
+    world, _ = moving_world(monkeypatch, 100.0, stop_deceleration=DECELERATION)
+    stop(world)
+    world.run(0.05)
+    count = len(world.monitor.commands)
+    world.controller.set_velocity_limits(dict.fromkeys(JOINTS, 0.1))
+    assert world.run(1.0, until=lambda: not world.velocity.any())
+    commands = np.array([each[1] for each in world.monitor.commands[count - 1:]])
+    assert np.abs(np.diff(commands, axis=0)).max() <= DECELERATION * 0.011 + 1e-9
+
+
+def test_no_ramp_lasts_longer_than_two_seconds(monkeypatch):
+    world, _ = moving_world(monkeypatch, 100.0, stop_deceleration=1e-3)
+    stop(world)
+    world.run(1.0)
+    assert world.velocity.any()
+    assert world.run(1.1, until=lambda: not world.velocity.any())
+
+
+def test_a_robot_that_passes_a_limit_during_a_ramp_is_stopped_at_once(monkeypatch):
+    world, _ = moving_world(monkeypatch, 100.0, stop_deceleration=0.5)
+    stop(world)
+    world.run(0.1)
+    world.report = lambda world: [world.state(np.where(
+        np.arange(7) == 3, ROBOT.upper[3] + 0.06, world.q))]
+    world.loop._buffer.discard()
+    assert world.run(0.05, until=lambda: not world.velocity.any())
+
+
 @pytest.mark.parametrize('rate', RATES)
 @pytest.mark.parametrize('report', ['silent', 'jumping'])
 def test_zeros_come_at_once_where_positions_are_not_known(monkeypatch, rate, report):

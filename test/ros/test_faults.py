@@ -19,6 +19,8 @@ import time
 
 from fault_table import AT_ONCE, BY_ITSELF, NOTHING, Outcome, outcomes, START
 from harness import Arm, COMMANDS, JOINTS, MOVING_STACK, Status
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from rclpy.node import Node
@@ -263,12 +265,28 @@ def test_a_newcomer_publishes_nothing_beside_another_controller(harness, exclusi
     wait(harness, robot, 1.0)
     # The one that was there goes on, and is the only one that the robot hears.
     assert robot.status.head == 'running' and all(any(each) for each in robot.commands)
-    harness.remove(robot.controller)
+    # It is handed over: one that is inactive does not stand in the way.
+    assert harness.call(ChangeState, '/tp_controller/change_state', robot.publish,
+                        transition=Transition(id=Transition.TRANSITION_DEACTIVATE)).success
     harness.spin_until(lambda: harness.call(Trigger, '/second/start', robot.publish).success,
                        meanwhile=robot.publish)
     harness.spin_until(lambda: status.head == 'running', meanwhile=robot.publish)
+    harness.remove(robot.controller)
     harness.spin_until(lambda: status.of_node('other publishers') == '0',
                        meanwhile=robot.publish)
+
+
+def test_a_silent_newcomer_does_not_stop_a_robot_that_has_just_begun_to_move(harness):
+    harness.controller(**STRICT, exclusive=True, stack=SLOW, state_timeout=2.0,
+                       watchdog_timeout=2.0)
+    robot, status = Robot(harness, harness.commands()), Status(harness)
+    harness.spin_until(lambda: robot.commands and any(robot.commands[-1]), 'motion',
+                       meanwhile=robot.publish)
+    harness.node.create_publisher(Float64MultiArray, COMMANDS, 10)
+    harness.spin_until(lambda: status.of_node('other publishers') == '1',
+                       meanwhile=robot.publish)
+    wait(harness, robot, 0.5)
+    assert status.head == 'running'
 
 
 @outcomes('Other nodes', [Outcome('commands of another node are received in motion', AT_ONCE

@@ -152,6 +152,12 @@ def test_what_is_no_condition_is_refused(text):
         Condition(text, str)
 
 
+@pytest.mark.parametrize('name', ['enable_topic', 'speed_scaling_topic'])
+def test_what_is_no_name_of_a_topic_is_refused(harness, name):
+    with pytest.raises(SettingsError, match=f"{name}: 'bad name' is no name of a topic"):
+        harness.controller(stack=SWING, **{name: 'bad name'})
+
+
 @pytest.mark.parametrize('text, value, holds', [
     ('/a', 1.0, True), ('/a', 0.0, False), ('/a', -1.0, False), ('/a == 3', 3.0, True),
     ('/a == true', 1.0, True), ('/a == false', 1.0, False), ('/a:x.y >= 2', 2.0, True),
@@ -190,7 +196,8 @@ def test_after_a_deactivation_the_robot_stays_where_it_is_unless_told_otherwise(
 
 def test_a_stop_and_a_deactivation_are_ramped(any_harness):
     harness = any_harness
-    cell = Cell(harness, stop_deceleration=0.2)
+    # What a busy machine holds up is no reason for zeros here.
+    cell = Cell(harness, stop_deceleration=0.2, state_timeout=2.0, watchdog_timeout=2.0)
     cell.until('running')
     for act in (lambda: harness.call(Trigger, '/tp_controller/stop', cell.publish),
                 lambda: change(harness, 'deactivate', cell.publish)):

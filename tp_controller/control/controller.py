@@ -187,6 +187,11 @@ class Controller:
         """
         self._rest(now, np.zeros(self.robot.n))
 
+    @property
+    def velocity(self) -> Array:
+        """Return what was commanded last (n,) [rad/s or m/s]; zeros before the first command."""
+        return self._velocity
+
     def slow_down(self, q: ArrayLike, now: float, deceleration: float,
                   elapsed: float | None = None) -> Array:
         """
@@ -218,10 +223,9 @@ class Controller:
         factor = 0.0
         if left > 0.0:
             positions = self.robot.positions(np.asarray(q, dtype=float))
-            least, most = self._bounds(positions, passed).settled
-            allowed = np.where(before > 0.0, most, -least)
+            upper, lower = self._bounds(positions, passed).stopping
             moving = before != 0.0
-            shares = np.maximum(allowed[moving], 0.0) / np.abs(before[moving])
+            shares = np.where(before > 0.0, upper, lower)[moving] / np.abs(before[moving])
             factor = min(left / fastest, float(shares.min()))
         self._rest(now, factor * before)
         return self._velocity

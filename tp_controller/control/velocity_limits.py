@@ -74,6 +74,11 @@ class VelocityBounds:
         return self._rows[2], self._rows[3]
 
     @property
+    def stopping(self) -> Array:
+        """Return speeds (2, n) from which joints stop before their upper and lower limits."""
+        return np.maximum(self._braking, 0.0)
+
+    @property
     def _braking(self) -> Array:
         """Return `braking` of `bounded` (2, n)."""
         return self._rows[4:6]

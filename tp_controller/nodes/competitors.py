@@ -43,9 +43,10 @@ class Competitors:
     """
     Keeps two nodes from commanding one robot, and counts those that listen to the commands.
 
-    A newcomer that finds another publisher of its commands publishes nothing. A node that
-    receives commands of another one while it is active stops, says so, and publishes nothing any
-    more. Both last until ~/start.
+    A newcomer that finds another publisher of its commands stays silent. A node that receives
+    commands of another one while it is active stops, reports it, and stays silent. Both last until
+    ~/start, which is refused while commands of the other one arrive. Once the other one has gone,
+    zeros are published again.
 
     Parameters
     ----------
@@ -70,7 +71,8 @@ class Competitors:
         self._heard: dict[str, Subscription] = {}
         # When commands of others were received.
         self._foreign: deque[float] = deque(maxlen=FOREIGN)
-        self._refused = False
+        # When another publisher was found last.
+        self._found = 0.0
         if self._exclusive:
             loop.commands.silent, loop.unmet = True, LOOKING
 
@@ -95,17 +97,16 @@ class Competitors:
     def restart(self) -> None:
         """Forget the commands of others; `fault` has been asked before."""
         self._foreign.clear()
-        self._refused = False
         self._loop.commands.silent = False
 
     def fault(self) -> str:
         """Return who else commands the robot now; empty if nobody does."""
-        recent = len(self._foreign) == FOREIGN \
-            and boot_time() - self._foreign[-1] < RECENT_SECONDS
-        for topic, names in self._others.items():
-            if names and (recent or self._refused):
-                return _publishing(names, topic)
-        return ''
+        # One that has just been found may not have been received yet.
+        last = max(self._found, self._foreign[-1] if len(self._foreign) == FOREIGN else 0.0)
+        if boot_time() - last > RECENT_SECONDS:
+            return ''
+        return next((_publishing(names, topic) for topic, names in self._others.items() if names),
+                    '')
 
     def close(self) -> None:
         """Stop listening."""
@@ -125,12 +126,14 @@ class Competitors:
             names = tuple(name for name in found if not name.endswith((WATCHDOG, UNKNOWN)))
         if len(names) > len(self._others.get(topic, ())):
             self._log.warning(_publishing(names, topic))
+            self._found = now
         self._others[topic] = names
         if not self._exclusive:
             return
-        # A base may have a joystick or a planner beside it that is silent meanwhile.
-        if names and now - self._since < NEW_SECONDS and publisher is self._loop.commands.joints:
-            self._refused = True
+        # Who moves already is no newcomer. A base may have a joystick or a planner beside it that
+        # is silent meanwhile.
+        is_new = now - self._since < NEW_SECONDS and self._loop.reported < self._since
+        if names and is_new and publisher is self._loop.commands.joints:
             self._stop(names, topic)
         if names and topic not in self._heard:
             self._heard[topic] = self._loop_node.create_subscription(

@@ -93,15 +93,16 @@ PARAMETERS = (
          'command stops the robot, until ~/start (0: never)', 's', 0.0, 60.0, True),
     Spec('settle_time', 0.3, 'for how long everything has to be in order after joint states or '
          'odometry were late, before the robot moves again', 's', 0.0, 60.0, True),
-    Spec('exclusive', True, 'publish nothing, until ~/start, if another node publishes the same '
-         'commands when this one starts, or as soon as commands of another one are received',
-         fixed=True),
+    Spec('exclusive', True, 'stop until ~/start, and publish nothing beside another node, if that '
+         'publishes the same commands when this one starts, or as soon as its commands are '
+         'received', fixed=True),
     Spec('require_listener', False, 'stop while no node other than watchdogs listens to the '
          'commands', fixed=True),
     Spec('require_watchdog', False, 'stop while no node whose name ends in watchdog listens to '
          'the commands', fixed=True),
     Spec('stop_deceleration', 0.0, 'deceleration of a stop while positions are known; at most the '
-         'one the drives can follow (0: zeros at once)', 'rad/s² or m/s²', 0.0, 1e6),
+         'one the drives can follow; no stop takes longer than 2 s (0: zeros at once)',
+         'rad/s² or m/s²', 0.0, 1e6),
     Spec('keep_goals', False, 'after a deactivation go on to the goals of before; else the tasks '
          'stay where they are when the node is activated again'),
     *PERMITS,

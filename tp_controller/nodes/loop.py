@@ -51,6 +51,8 @@ from tp_controller.nodes.wire import JointStateReader
 SHORTEST_STALL = 0.05
 # A shorter time between two cycles is none in which nothing waited [s].
 SHORTEST_PAUSE = 1e-4
+# Longest time that a ramped stop takes [s].
+LONGEST_RAMP = 2.0
 # Commanded motion of a base, per tolerated jump of its odometry, from which it has to follow: a
 # correction by the whole tolerance must not hide that it does.
 CORRECTED = 1.5
@@ -131,7 +133,7 @@ class ControlLoop:
         self.permits = Permits(node, topic, values, self.stops, boot_time)
         self.deceleration = values['stop_deceleration']
         self.hold, self.unmet, self.active = INACTIVE, '', False
-        self._ending = ''
+        self._ending, self._ramp = '', 0.0
         self.stop_reason = INACTIVE
         self.report: Report | None = None
         self.reported = -math.inf
@@ -378,7 +380,7 @@ class ControlLoop:
             self._check_start()
             reason = self._find_stop_reason(now)
         reason = reason or self._command(now, robot_time, elapsed, noted)
-        if reason and not self._slow_down(now, elapsed, noted):
+        if reason and not self._slow_down(now, robot_time, elapsed, noted):
             self._zeros()
         self._tell(reason)
         if self._ending and self._resting:
@@ -406,17 +408,24 @@ class ControlLoop:
             self.stops.interrupt(f'a cycle took {took:.2g} s', now + took)
         elif self.commands.publish(command.velocity, noted):
             self.report, self.reported, self._resting = command.report, now, False
+            self._ramp = 0.0
             self._check_motion(command.velocity, robot_time)
             return ''
         return self._find_stop_reason(now + took) or 'interrupted'
 
-    def _slow_down(self, now: float, elapsed: float, noted: int) -> bool:
+    def _slow_down(self, now: float, robot_time: float, elapsed: float, noted: int) -> bool:
         """Command the next velocity of a ramped stop; return whether there is one."""
         if self._resting or not self.deceleration or self.stops.abrupt or self._unknown(now):
             return False
+        # No ramp lasts longer, however small its deceleration was chosen.
+        fastest = float(np.abs(self._controller.velocity).max(initial=0.0))
+        self._ramp = max(self._ramp, self.deceleration, fastest / LONGEST_RAMP)
         velocity = self._controller.slow_down(self._base.configuration(self._buffer.q), now,
-                                              self.deceleration, elapsed)
-        return bool(velocity.any()) and self.commands.publish(velocity, noted)
+                                              self._ramp, elapsed)
+        if not velocity.any() or not self.commands.publish(velocity, noted):
+            return False
+        self._check_motion(velocity, robot_time)
+        return True
 
     def _check_start(self) -> None:
         """Stop, until ~/start, if a joint is outside of its limits before it is moved."""
@@ -440,6 +449,7 @@ class ControlLoop:
 
     def _rest(self) -> None:
         """Let the next motion begin from rest."""
+        self._ramp = 0.0
         if not self._resting:
             # Nothing is to be followed meanwhile.
             self._forget_motion()

@@ -25,7 +25,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
-from tp_controller.errors import SettingsError
+from tp_controller.errors import in_words, SettingsError
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.parameters import names_in, Spec
 from tp_controller.nodes.stops import Stops
@@ -148,7 +148,7 @@ class Condition:
             raise SettingsError([f'permit_topics: {text!r} is no condition; valid: topic, '
                                  'topic:field or topic:field == number'])
         self._holds = OPERATORS[sign or '>']
-        self.input = Input(resolve(topic), field or DATA)
+        self.input = Input(_resolved('permit_topics', topic, resolve), field or DATA)
 
     def fault(self) -> str:
         """Return why motion is not allowed; empty if it is."""
@@ -193,7 +193,7 @@ class Permits:
         self._node, self._stops, self._clock = node, stops, clock
         self._timeout, self._full = values['enable_timeout'], values['speed_scaling_full']
         self._enable, self._scaling = (
-            Input(topic(values[name])) if values[name] else None
+            Input(_resolved(name, values[name], topic)) if values[name] else None
             for name in ('enable_topic', 'speed_scaling_topic'))
         self._conditions: Sequence[Condition] = [
             Condition(text, topic) for text in names_in(values['permit_topics']) or ()]
@@ -243,3 +243,12 @@ class Permits:
         if math.isnan(switch.value) or 0.0 < self._timeout < now - switch.received:
             return f'not enabled: nothing received on {switch.topic}'
         return '' if switch.value else f'not enabled: {switch.topic} is false'
+
+
+def _resolved(parameter: str, name: str, resolve: Callable[[str], str]) -> str:
+    """Return the full name of a topic that a parameter names."""
+    try:
+        return resolve(name)
+    except Exception as error:  # of rclpy, and not always of the same type
+        raise SettingsError([f'{parameter}: {name!r} is no name of a topic: '
+                             f'{in_words(error)}']) from error
