@@ -21,12 +21,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tp_controller.model.spatial import Array
-from tp_controller.nodes.state_checks import History, motion, StampAge
+from tp_controller.nodes.state_checks import Contradicting, History, motion, StampAge
 from tp_controller.tasks.keys import LARGEST
 
 Rows = NDArray[np.intp]
-# For how long a contradiction counts as one that lasts [s].
-LASTING = 1.0
 # Longer pauses count as this [s]: a joint may be anywhere then.
 LONG = 1e6
 
@@ -85,7 +83,7 @@ class Heard:
     true: float = -math.inf
 
 
-class JointStateBuffer:
+class JointStateBuffer(Contradicting):
     """
     The latest position of every joint, and when it was received.
 
@@ -113,8 +111,6 @@ class JointStateBuffer:
         Positions of the driven joints, NaN before the first [rad or m].
     passive : ndarray (p,)
         Positions of the passive joints, `passive_start` before the first [rad or m].
-    contradiction : str
-        The first that was noticed since `forget`; empty where there was none.
     delay : float
         Age of the last message by its stamp, even if it was ignored [s].
 
@@ -124,6 +120,7 @@ class JointStateBuffer:
                  passive_start: Sequence[float] | Array, speeds: Array | None = None,
                  endless: NDArray[np.bool_] | None = None, late: float = math.inf,
                  tolerance: float = 0.0) -> None:
+        super().__init__()
         self._names = (*driven, *passive)
         self._rows = {name: row for row, name in enumerate(self._names)}
         self._n = len(driven)
@@ -146,7 +143,6 @@ class JointStateBuffer:
         self._slack = min(late, 1.0)
         self._history = History(self._slack)
         self.delay = 0.0
-        self.contradiction, self._contradicted = '', -math.inf
         self._ignored, self._ignored_at = '', -math.inf
         self._clock = -math.inf
         # Who spoke last, when, where in its messages the joints are, and their positions then.
@@ -156,20 +152,12 @@ class JointStateBuffer:
         self._last: Sequence[float] = ()
         self._reference: Sequence[float] = ()
 
-    def forget(self) -> None:
-        """Forget what contradicted itself."""
-        self.contradiction = ''
-
     def discard(self) -> None:
         """Take what was heard of driven joints for too old; where they are next is no jump."""
         self._heard[:self._n] = [Heard()] * self._n
         self._whole = self._surely = -math.inf
         self._speaker = None
         self._history.clear()
-
-    def lasting(self, now: float) -> str:
-        """Return the contradiction that was noticed within the last second, if any."""
-        return self.contradiction if now - self._contradicted < LASTING else ''
 
     def put(self, names: Sequence[str], positions: Sequence[float] | Array, now: float,
             stamp: float = 0.0, received: float | None = None) -> str:
@@ -333,10 +321,6 @@ class JointStateBuffer:
     def _measured(self) -> Array:
         """Return when the positions of the driven joints were measured (n,) [s]."""
         return np.array([heard.measured for heard in self._heard[:self._n]])
-
-    def _contradict(self, what: str, now: float) -> None:
-        """Keep a contradiction; the first one is told."""
-        self.contradiction, self._contradicted = self.contradiction or what, now
 
     def _plan(self, names: tuple[str, ...]) -> Plan:
         """Return what is sorted out once for a publisher."""

@@ -19,13 +19,10 @@ import math
 import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose, rotation_vector
-from tp_controller.nodes.state_checks import History, StampAge
-
-# Duration for which a contradiction counts as one that lasts [s].
-LASTING = 1.0
+from tp_controller.nodes.state_checks import Contradicting, History, StampAge
 
 
-class OdometryCheck:
+class OdometryCheck(Contradicting):
     """
     Checks odometry as `JointStateBuffer` checks joint states.
 
@@ -42,14 +39,13 @@ class OdometryCheck:
 
     Attributes
     ----------
-    contradiction : str
-        First jump since `forget`; empty where there was none.
     travel : ndarray (b,)
         Motion of the base so far along the axes of its velocities [m or rad].
 
     """
 
     def __init__(self, robot: Robot, late: float, tolerance: float) -> None:
+        super().__init__()
         self._robot, self._tolerance = robot, tolerance
         self._age, self._slack = StampAge(late), min(late, 1.0)
         self._history = History(self._slack)
@@ -59,7 +55,6 @@ class OdometryCheck:
         self._speeds = [math.sqrt(limits[units == unit].dot(limits[units == unit]))
                         for unit in ('m', 'rad')]
         self.travel = np.zeros(bases.stop)
-        self.contradiction, self._contradicted = '', -math.inf
         self._clock = -math.inf
         self._T: Array | None = None
         self._measured = -math.inf
@@ -79,18 +74,10 @@ class OdometryCheck:
         """Return whether a newer message came before the last one."""
         return self._age.overtaken
 
-    def forget(self) -> None:
-        """Forget the contradiction."""
-        self.contradiction = ''
-
     def discard(self) -> None:
         """Forget where the base was; the next pose is no jump."""
         self._T = None
         self._history.clear()
-
-    def lasting(self, now: float) -> str:
-        """Return the contradiction that was noticed within the last second, if any."""
-        return self.contradiction if now - self._contradicted < LASTING else ''
 
     def fault(self, stamp: float, clock: float) -> str:
         """
@@ -142,8 +129,7 @@ class OdometryCheck:
                                      ('m', 'rad')):
             moved = math.sqrt(part.dot(part))
             if moved > speed * (passed + self._slack) + self._tolerance:
-                what = f'odometry jumped by {moved:.2g} {unit} in {passed:.2g} s'
-                self.contradiction, self._contradicted = self.contradiction or what, now
+                self._contradict(f'odometry jumped by {moved:.2g} {unit} in {passed:.2g} s', now)
 
 
 def _displacement(before: Array, after: Array) -> Array:

@@ -32,6 +32,8 @@ from tp_controller.model.spatial import Array, wrap_angle
 REMEMBERED = 5.0
 # After how long stamps that are off by a constant time are taken as another clock [s].
 RELEARNED = 2.0
+# Duration for which a contradiction counts as one that lasts [s].
+LASTING = 1.0
 # A longer step between two cycles, as a share of the window in which a robot has to follow, is a
 # leap of the clock. It is so short that a robot which did not move meanwhile follows all the same.
 LEAP = 0.5
@@ -128,6 +130,33 @@ class StampAge:
             since, least, most = received, difference, difference
         self._off = since, least, most
         return self._stepped and received - since >= RELEARNED
+
+
+class Contradicting:
+    """
+    Base class of checks that notice positions which contradict each other.
+
+    Attributes
+    ----------
+    contradiction : str
+        The first that was noticed since `forget`; empty where there was none.
+
+    """
+
+    def __init__(self) -> None:
+        self.contradiction, self._contradicted = '', -math.inf
+
+    def forget(self) -> None:
+        """Forget the contradiction."""
+        self.contradiction = ''
+
+    def lasting(self, now: float) -> str:
+        """Return the contradiction that was noticed within the last second, if any."""
+        return self.contradiction if now - self._contradicted < LASTING else ''
+
+    def _contradict(self, what: str, now: float) -> None:
+        """Keep a contradiction; the first one is reported."""
+        self.contradiction, self._contradicted = self.contradiction or what, now
 
 
 class History:
