@@ -53,7 +53,8 @@ from tp_controller.solver.null_space import (
 from tp_controller.solver.polytope import NONE, Polytope
 from tp_controller.solver.qp import nearest, regularised
 
-# λ and ε of rows with bounds, as a share of the row [1].
+# Rows with bounds of which less than this share is left, by levels above, other rows and joints at
+# their limits, demand no more of the joints than one of that length would [1].
 ROW_DAMPING = 0.1
 # μ² below this share of the largest stiffness is none. Where it is 1e-28 of that, in units that do
 # not suit μ, a program loses all digits of its bounds, and levels above 2 % of what they had.
@@ -271,32 +272,49 @@ class BoundedHierarchy:
     def _meet(self, rows: Array, lower: Array, upper: Array, lengths: Array,
               c: float) -> Array:
         """Move x to within bounds on what rows (r, n) gain; return multipliers where it cannot."""
-        Z = self.Z
-        G = rows.dot(Z)
+        G, asked = rows.dot(self.Z), np.maximum(np.maximum(lower, -upper), 0.0)
         if not self._damping.off:
-            share = np.minimum((G * G).sum(axis=1) / ROW_DAMPING ** 2, 1.0)
-            lower = share * np.maximum(lower, 0.0) + np.minimum(lower, 0.0)
-            upper = share * np.minimum(upper, 0.0) + np.maximum(upper, 0.0)
-        A, least, most = self.allowed.along(self.x, Z)
+            lower, upper = _reduced(lower, upper, (G * G).sum(axis=1) / ROW_DAMPING ** 2)
         # Mostly it is possible, and one program finds it; no looser tolerance may.
-        least, most = np.concatenate([least, lower]), np.concatenate([most, upper])
-        found = ActiveSet(np.zeros(Z.shape[1]), np.concatenate([A, G]), least,
-                          most).solve(FEASIBLE)
+        found = self._nearest(G, lower, upper)
+        if found is not None and not self._damping.off:
+            # A row that others, and joints at their limits, leave a length s has asked / s².
+            costs = ROW_DAMPING ** 2 * np.where(asked > 0.0, np.abs(found[1][-len(G):]), 0.0)
+            dear = costs > asked
+            if dear.any():
+                share = np.ones(len(G))
+                share[dear] = asked[dear] / costs[dear]
+                lower, upper = _reduced(lower, upper, share)
+                found = self._nearest(G, lower, upper)
         if found is not None:
-            self._move(self.x, Z, found)
+            self._move(self.x, self.Z, found)
             return NONE
+        return self._miss(G, lower, upper, lengths, c)
+
+    def _nearest(self, G: Array, lower: Array, upper: Array) -> tuple[Array, Array] | None:
+        """Return the smallest step in Z within bounds on what G (r, k) gains, or None."""
+        A, least, most = self.allowed.along(self.x, self.Z)
+        return ActiveSet(np.zeros(G.shape[1]), np.concatenate([A, G]),
+                         np.concatenate([least, lower]), np.concatenate([most, upper])
+                         ).solve(FEASIBLE)
+
+    def _miss(self, G: Array, lower: Array, upper: Array, lengths: Array, c: float) -> Array:
+        """Move x as near as is allowed to bounds that G (r, k) cannot meet; see `_meet`."""
+        A, least, most = self.allowed.along(self.x, self.Z)
         # One more variable for each row: what is missing to its bound.
         count, k = G.shape
         A = np.block([[A, np.zeros((len(A), count))], [G, np.eye(count)]])
         stiffness, target = np.zeros((2, k + count))
         stiffness[:k] = np.maximum(c, self._damping.regularisation ** 2)
-        target[:k] = -Z.T.dot(self.x)
+        target[:k] = -self.Z.T.dot(self.x)
         stiffness[k:] = lengths * lengths
-        found = regularised(stiffness, target, A, least, most, 0.0, target)
+        found = regularised(stiffness, target, A, np.concatenate([least, lower]),
+                            np.concatenate([most, upper]), 0.0, target)
         if found is None:
             # Rounding forbids it: x stays.
             return NONE
-        return self._move(self.x, np.hstack([Z, np.zeros((len(Z), count))]), found)
+        slack = np.zeros((len(self.x), count))
+        return self._move(self.x, np.hstack([self.Z, slack]), found)
 
     def finish(self, weights: Array | None = None) -> None:
         """Of what is left, and moves no level, take what makes Σ w_j x_j² smallest."""
@@ -314,3 +332,10 @@ class BoundedHierarchy:
         step = -cost.dot(self.x).dot(directions.U) / s
         if not self._take(self.x + Q.dot(step)):
             self._move(self.x, Q, nearest(s * s, step, *self.allowed.along(self.x, Q)))
+
+
+def _reduced(lower: Array, upper: Array, share: Array) -> tuple[Array, Array]:
+    """Return bounds (r,) that demand a share, of at most 1, of what they demand."""
+    share = np.minimum(share, 1.0)
+    return share * np.maximum(lower, 0.0) + np.minimum(lower, 0.0), \
+        share * np.minimum(upper, 0.0) + np.maximum(upper, 0.0)

@@ -1243,6 +1243,7 @@ class BoundedHierarchy {
     const int before = allowed_.count, k = Z_.k;
     const double *rows = allowed_.rows + size_t(before) * n_;
     double *G = arena_.take(size_t(m) * k), *lower = arena_.take(m), *upper = arena_.take(m);
+    double *asked = arena_.take(m);
     for (int i = 0; i < m; ++i) {
       double square = 0.0;
       for (int j = 0; j < k; ++j) {
@@ -1252,18 +1253,10 @@ class BoundedHierarchy {
       }
       lower[i] = allowed_.row_lower[before + i] - value[i];
       upper[i] = allowed_.row_upper[before + i] - value[i];
-      if (damping_.off()) continue;
-      const double share = std::min(square / (ROW_DAMPING * ROW_DAMPING), 1.0);
-      lower[i] = share * std::max(lower[i], 0.0) + std::min(lower[i], 0.0);
-      upper[i] = share * std::min(upper[i], 0.0) + std::max(upper[i], 0.0);
+      asked[i] = std::max(std::max(lower[i], -upper[i]), 0.0);
+      if (!damping_.off()) reduce(lower[i], upper[i], square / (ROW_DAMPING * ROW_DAMPING));
     }
-    const Program hard = with_rows(m, 0, G, lower, upper);
-    const Answer found = {arena_.take(k), arena_.take(hard.rows)};
-    // No looser tolerance may find it.
-    if (nearest_point(arena_, arena_.zeros(k), hard, nullptr, 1.0, found, FEASIBLE)) {
-      move(x_, Z_, found);
-      return nullptr;
-    }
+    if (nearest_step(m, G, lower, upper, asked)) return nullptr;
     // One more variable for each row: what is missing to its bound.
     const Program soft = with_rows(m, m, G, lower, upper);
     double *stiffness = arena_.take(soft.k), *target = arena_.zeros(soft.k);
@@ -1278,6 +1271,36 @@ class BoundedHierarchy {
     }
     const Answer least = regularised(arena_, stiffness, target, soft, 0.0, target);
     return move(x_, Z_, least);
+  }
+
+  // Take the smallest step within bounds on what m rows gain; say whether there is one.
+  bool nearest_step(int m, const double *G, double *lower, double *upper, const double *asked) {
+    for (bool again = !damping_.off(); ; again = false) {
+      const Program program = with_rows(m, 0, G, lower, upper);
+      const Answer found = {arena_.take(program.k), arena_.take(program.rows)};
+      // No looser tolerance may find it.
+      if (!nearest_point(arena_, arena_.zeros(program.k), program, nullptr, 1.0, found, FEASIBLE))
+        return false;
+      // A row that others, and joints at their limits, leave a length s has asked / s².
+      bool dear = false;
+      for (int i = 0; again && i < m; ++i) {
+        const double cost =
+            ROW_DAMPING * ROW_DAMPING * std::abs(found.multipliers[program.rows - m + i]);
+        if (asked[i] == 0.0 || cost <= asked[i]) continue;
+        reduce(lower[i], upper[i], asked[i] / cost);
+        dear = true;
+      }
+      if (dear) continue;
+      move(x_, Z_, found);
+      return true;
+    }
+  }
+
+  // Demand a share, of at most 1, of what bounds demand.
+  static void reduce(double &lower, double &upper, double share) {
+    share = std::min(share, 1.0);
+    lower = share * std::max(lower, 0.0) + std::min(lower, 0.0);
+    upper = share * std::min(upper, 0.0) + std::max(upper, 0.0);
   }
 
   // All that is allowed, and m rows more; with one variable more for each of them, or none.

@@ -214,7 +214,7 @@ def test_bounds_of_which_little_is_left_ask_for_less_instead_of_racing(degrees):
         row = Level(length * np.array([[math.sqrt(1.0 - s * s), s]]),
                     lower=np.array([0.2 * length]))
         exact = solve([task, row], scaling='redistribute').velocity
-        np.testing.assert_allclose(exact, [0.0, 0.2 / s], rtol=1e-6)
+        np.testing.assert_allclose(exact, [0.0, 0.2 / s], rtol=1e-6, atol=1e-12)
         damped = solve([task, row], scaling='redistribute', damping=0.1,
                        singular_region=0.1).velocity
         # Damped as λ² (1 − (s/ε)²) with λ = ε = 0.1.
@@ -223,6 +223,31 @@ def test_bounds_of_which_little_is_left_ask_for_less_instead_of_racing(degrees):
         # Above all tasks bounds are met, whatever that takes.
         first = solve([row, task], scaling='redistribute', damping=0.1, singular_region=0.1)
         assert row.J @ first.velocity == pytest.approx(0.2 * length)
+
+
+@pytest.mark.parametrize('together', [False, True])
+@pytest.mark.parametrize('degrees', [30.0, 6.0, 5.0, 2.0, 0.5])
+def test_bounds_of_which_other_bounds_leave_little_ask_for_less(degrees, together):
+    """A row at a small angle to an active one, above it, in the same level or of a joint."""
+    s = math.sin(math.radians(degrees))
+    asked = 0.2 * s / max(s * s, 0.01)
+    for length in (0.01, 1.0, 50.0):
+        row = length * np.array([math.sqrt(1.0 - s * s), s])
+        wall, lower = np.array([[1.0, 0.0]]), np.array([0.2 * length])
+        if together:
+            levels = [Level(np.vstack([wall, row]), lower=np.array([-np.inf, lower[0]]),
+                            upper=np.array([0.0, np.inf]))]
+        else:
+            levels = [Level(wall, upper=np.zeros(1)), Level(row[np.newaxis], lower=lower)]
+        damped = {'scaling': 'redistribute', 'damping': 0.1, 'singular_region': 0.1}
+        np.testing.assert_allclose(solve(levels, **damped).velocity, [0.0, asked], rtol=1e-6,
+                                   atol=1e-12)
+        np.testing.assert_allclose(solve(levels, scaling='redistribute').velocity,
+                                   [0.0, 0.2 / s], rtol=1e-6, atol=1e-12)
+        upper = np.array([0.0, np.inf])
+        np.testing.assert_allclose(
+            solve(levels[-1:], -np.full(2, np.inf), upper, **damped).velocity, [0.0, asked],
+            rtol=1e-6, atol=1e-12)
 
 
 def test_bounds_of_which_little_is_left_do_not_make_the_joints_race():
