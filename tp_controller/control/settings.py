@@ -84,8 +84,9 @@ class Settings:
         'direction is damped, of the first level a fifth of it (inf: all directions are damped, '
         'which is damped least squares, lecture 2.2)')
     braking_gain: float = _number(
-        10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; '
-        'at most 1/period')
+        10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; at '
+        'most 1/period, and no more acts than does not oscillate with d = delay: '
+        'dᵈ/(d + 1)ᵈ⁺¹/period')
     delay: int = _count(
         2, 0, 100, 'cycles', 'most commands that are under way when positions are measured: '
         'joints brake from where these lead, or position limits would be crossed')

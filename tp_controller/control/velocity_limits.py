@@ -149,6 +149,11 @@ def bounded(braking: Array, velocity: Array, window: Array | None) -> Array:
                      np.minimum(np.maximum(upper, least), most), lower, upper, *braking, *window))
 
 
+def calm_gain(delay: int) -> float:
+    """Return the largest K for which x[k+1] = x[k] − K x[k−delay] does not oscillate [1]."""
+    return float(delay ** delay / (delay + 1.0) ** (delay + 1))
+
+
 def lowered(robot: Robot, limits: Array, changes: Mapping[str, float]) -> Array:
     """
     Return velocity limits (n,) with some of them changed.
@@ -211,7 +216,8 @@ class VelocityLimits:
     Commands that are under way move the joint by −D⁻ to D⁺ before the next one acts: each may
     not act any more, or for as long as a command is in force. So d lies between d − D⁺ and
     d + D⁻, and the one nearest to zero counts: towards the limit the worst case, and a joint
-    is led back only if it is outside in any case.
+    is led back only if it is outside in any case. With d such commands the gain is at most
+    `calm_gain` (d) / T, or the robot would stop and go where they act sooner than that.
 
     Parameters
     ----------
@@ -236,10 +242,6 @@ class VelocityLimits:
         self._acceleration: Array | None = None
         if np.isfinite(robot.acceleration).any():
             self._acceleration = np.minimum(robot.acceleration, UNLIMITED)
-            # D(v) = v/g up to `slow`; above, one more piece for each step of `change`.
-            self._change = self._acceleration * period
-            self._slow = self._acceleration / braking_gain ** 2
-            self._pieces = 1.0 + 2.0 / (braking_gain * period)
         self._none = np.empty((0, robot.velocity.size))
         self._compiled: Limits | None = None
         if MOTION is not None and len(self._lower) <= MOST:
@@ -284,24 +286,26 @@ class VelocityLimits:
         distance = np.array((self._upper - q, q - self._lower))
         if self._endless:
             distance = np.minimum(distance, FAR)
+        gain = self._gain
         if len(pending):
+            gain = min(gain, calm_gain(len(pending)) / duration)
             up, down = (duration * np.maximum(side, 0.0).sum(axis=0)
                         for side in (pending, -pending))
             distance = np.maximum(distance - (up, down), np.minimum(distance + (down, up), 0.0))
-        braking = np.maximum(self._braking_speed(distance), -self._return)
+        braking = np.maximum(self._braking_speed(distance, gain), -self._return)
         if self._acceleration is None:
             return bounded(braking, self._velocity, None)
         change = self._acceleration * min(elapsed, self._period)
         return bounded(braking, self._velocity, np.array((previous - change, previous + change)))
 
-    def _braking_speed(self, distance: Array) -> Array:
+    def _braking_speed(self, distance: Array, gain: float) -> Array:
         """Return the speed from which a joint can still stop within `distance` (2, n)."""
-        gain = self._gain
         if self._acceleration is None:
             return gain * distance
-        change = self._change
-        beyond = np.maximum(distance - self._slow, 0.0) / (change * self._period)
-        pieces = self._pieces
+        # D(v) = v/g up to `slow`; above, one more piece for each step of `change`.
+        change, slow = self._acceleration * self._period, self._acceleration / gain ** 2
+        beyond = np.maximum(distance - slow, 0.0) / (change * self._period)
+        pieces = 1.0 + 2.0 / (gain * self._period)
         steps = np.ceil(0.5 * (np.sqrt(pieces * pieces + 8.0 * beyond) - pieces))
         return (distance + steps * change * (0.5 * (steps - 1.0) * self._period + 1.0 / gain)) \
             / (steps * self._period + 1.0 / gain)

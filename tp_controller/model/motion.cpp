@@ -316,6 +316,8 @@ class Limits {
   void at(const Buffer &q, const Buffer &previous, double elapsed, const Buffer &pending,
           double duration, double *rows) const {
     const size_t n = lower.size();
+    const double delay = double(pending.rows(2));
+    const double g = delay > 0.0 ? std::min(gain, calm_gain(delay) / duration) : gain;
     for (size_t j = 0; j < n; ++j) {
       double *row = rows + j;
       const double back = std::min(RETURN_SHARE * velocity[j], RETURN_SPEED);
@@ -328,8 +330,8 @@ class Limits {
       downwards *= duration;
       const double above = felt(upper[j] - q.at(j), upwards, downwards);
       const double below = felt(q.at(j) - lower[j], downwards, upwards);
-      const double up = std::max(braking_speed(above, j), -back);
-      const double down = std::max(braking_speed(below, j), -back);
+      const double up = std::max(braking_speed(above, g, j), -back);
+      const double down = std::max(braking_speed(below, g, j), -back);
       double most = std::min(up, velocity[j]), least = -std::min(down, velocity[j]);
       if (most < least) {
         // Coming back from outside must not be faster than it can stop at the other end.
@@ -362,14 +364,19 @@ class Limits {
     return std::max(distance - towards, std::min(distance + away, 0.0));
   }
 
-  double braking_speed(double distance, size_t j) const {
-    if (acceleration.empty()) return gain * distance;
-    const double change = acceleration[j] * period, slow = acceleration[j] / (gain * gain);
+  // The largest K for which x[k+1] = x[k] − K x[k−delay] does not oscillate.
+  static double calm_gain(double delay) {
+    return std::pow(delay, delay) / std::pow(delay + 1.0, delay + 1.0);
+  }
+
+  double braking_speed(double distance, double g, size_t j) const {
+    if (acceleration.empty()) return g * distance;
+    const double change = acceleration[j] * period, slow = acceleration[j] / (g * g);
     const double beyond = std::max(distance - slow, 0.0) / (change * period);
-    const double pieces = 1.0 + 2.0 / (gain * period);
+    const double pieces = 1.0 + 2.0 / (g * period);
     const double steps = std::ceil(0.5 * (std::sqrt(pieces * pieces + 8.0 * beyond) - pieces));
-    return (distance + steps * change * (0.5 * (steps - 1.0) * period + 1.0 / gain))
-        / (steps * period + 1.0 / gain);
+    return (distance + steps * change * (0.5 * (steps - 1.0) * period + 1.0 / g))
+        / (steps * period + 1.0 / g);
   }
 };
 

@@ -220,6 +220,25 @@ def test_commands_no_later_than_expected_lead_no_joint_past_a_limit(seed, period
         assert (q <= upper + 1e-12).all() and (q >= lower - 1e-12).all()
 
 
+@pytest.mark.parametrize('accelerated', [False, True])
+@pytest.mark.parametrize('delay', [1, 2, 3])
+@pytest.mark.parametrize('share', [0.3, 0.5, 1.0])
+def test_a_joint_that_obeys_sooner_than_expected_does_not_stop_and_go(share, delay, accelerated):
+    period, acceleration = 0.05, 40.0 if accelerated else math.inf
+    limits = limits_of(*(np.array([each]) for each in (-1.0, 1.0, 2.0, acceleration)), period,
+                       share / period)
+    q, commands, speeds = np.zeros(1), [np.zeros(1)] * delay, []
+    for _ in range(80):
+        command = limits.at(q, commands[0], period, np.array(commands), period).upper
+        commands = [command, *commands[:-1]]
+        q = q + period * command
+        speeds.append(float(command[0]))
+    fastest = int(np.argmax(speeds))
+    falling = np.diff(speeds[fastest:])
+    # It brakes once, and never speeds up again by what could be felt.
+    assert falling.max() < 0.05 and 0.9 < q[0] <= 1.0
+
+
 @given(SEEDS, PERIODS, st.floats(0.02, 0.2), st.sampled_from(STRATEGIES), st.booleans(),
        st.integers(1, 2), st.booleans())
 def test_delays_and_cycles_may_change_if_the_gain_leaves_a_margin(seed, period, share, strategy,
