@@ -56,8 +56,8 @@ test: $(STAMP) $(TEST_NEEDS)  ## run all tests (PYTEST_FLAGS='-k solver' for som
 	@logs=$$(mktemp -d) && trap 'rm -rf "$$logs"' EXIT && export ROS_LOG_DIR="$$logs" && \
 	  $(if $(PYTEST_FLAGS),$(PYTEST) $(PYTEST_FLAGS),\
 	    $(PYTEST) $(FOUR) $(WITHOUT_NODES) && \
-	    $(PYTEST) $(TWO) $(addprefix --ignore=,$(WITHOUT_NODES) $(IN_BROWSER)) && \
-	    $(PYTEST) $(IN_BROWSER))
+	    $(PYTEST) $(IN_BROWSER) && \
+	    $(PYTEST) $(TWO) $(addprefix --ignore=,$(WITHOUT_NODES) $(IN_BROWSER)))
 
 bench: $(STAMP) $(TEST_NEEDS)  ## measure times on this machine (benchmarks/)
 	@set -e; for file in benchmarks/[a-z]*.py; do $(BIN)/python "$$file"; done
