@@ -276,27 +276,40 @@ class BoundedHierarchy:
         if not self._damping.off:
             lower, upper = _reduced(lower, upper, (G * G).sum(axis=1) / ROW_DAMPING ** 2)
         # Mostly it is possible, and one program finds it; no looser tolerance may.
-        found = self._nearest(G, lower, upper)
-        if found is not None and not self._damping.off:
-            # A row that others, and joints at their limits, leave a length s has asked / s².
-            costs = ROW_DAMPING ** 2 * np.where(asked > 0.0, np.abs(found[1][-len(G):]), 0.0)
-            dear = costs > asked
-            if dear.any():
-                share = np.ones(len(G))
-                share[dear] = asked[dear] / costs[dear]
-                lower, upper = _reduced(lower, upper, share)
-                found = self._nearest(G, lower, upper)
-        if found is not None:
-            self._move(self.x, self.Z, found)
-            return NONE
-        return self._miss(G, lower, upper, lengths, c)
-
-    def _nearest(self, G: Array, lower: Array, upper: Array) -> tuple[Array, Array] | None:
-        """Return the smallest step in Z within bounds on what G (r, k) gains, or None."""
         A, least, most = self.allowed.along(self.x, self.Z)
-        return ActiveSet(np.zeros(G.shape[1]), np.concatenate([A, G]),
-                         np.concatenate([least, lower]), np.concatenate([most, upper])
-                         ).solve(FEASIBLE)
+        found = ActiveSet(np.zeros(G.shape[1]), np.concatenate([A, G]),
+                          np.concatenate([least, lower]), np.concatenate([most, upper])
+                          ).solve(FEASIBLE)
+        if found is None:
+            return self._miss(G, lower, upper, lengths, c)
+        # A row of which others, and joints at their limits, leave a length s: its multiplier is
+        # what it still lacks / s².
+        dearest = asked / ROW_DAMPING ** 2
+        costs = np.where(asked > 0.0, np.abs(found[1][-len(G):]), 0.0)
+        if np.count_nonzero(costs > dearest) and not self._damping.off:
+            self._ease(G, lower, upper, asked, dearest)
+        else:
+            self._move(self.x, self.Z, found)
+        return NONE
+
+    def _ease(self, G: Array, lower: Array, upper: Array, asked: Array, dearest: Array) -> None:
+        """
+        Move x towards bounds on what G (r, k) gains, at a multiplier (r,) of at most `dearest`.
+
+        Each row may lack w, from 0 to what it asks for: least ‖a‖² + Σ (w + dearest)², which
+        makes the multiplier of a row that lacks something `dearest` + w.
+        """
+        A, least, most = self.allowed.along(self.x, self.Z)
+        count, k = G.shape
+        none = np.zeros(count)
+        A = np.block([[A, np.zeros((len(A), count))],
+                      [G, np.diag(np.where(lower > 0.0, 1.0, -1.0))],
+                      [np.zeros((count, k)), np.eye(count)]])
+        found = ActiveSet(np.concatenate([np.zeros(k), -dearest]), A,
+                          np.concatenate([least, lower, none]),
+                          np.concatenate([most, upper, asked])).solve(FEASIBLE)
+        if found is not None:
+            self._move(self.x, np.hstack([self.Z, np.zeros((len(self.x), count))]), found)
 
     def _miss(self, G: Array, lower: Array, upper: Array, lengths: Array, c: float) -> Array:
         """Move x as near as is allowed to bounds that G (r, k) cannot meet; see `_meet`."""

@@ -1274,26 +1274,47 @@ class BoundedHierarchy {
   }
 
   // Take the smallest step within bounds on what m rows gain; say whether there is one.
-  bool nearest_step(int m, const double *G, double *lower, double *upper, const double *asked) {
-    for (bool again = !damping_.off(); ; again = false) {
-      const Program program = with_rows(m, 0, G, lower, upper);
-      const Answer found = {arena_.take(program.k), arena_.take(program.rows)};
-      // No looser tolerance may find it.
-      if (!nearest_point(arena_, arena_.zeros(program.k), program, nullptr, 1.0, found, FEASIBLE))
-        return false;
-      // A row that others, and joints at their limits, leave a length s has asked / s².
-      bool dear = false;
-      for (int i = 0; again && i < m; ++i) {
-        const double cost =
-            ROW_DAMPING * ROW_DAMPING * std::abs(found.multipliers[program.rows - m + i]);
-        if (asked[i] == 0.0 || cost <= asked[i]) continue;
-        reduce(lower[i], upper[i], asked[i] / cost);
-        dear = true;
-      }
-      if (dear) continue;
-      move(x_, Z_, found);
-      return true;
+  bool nearest_step(int m, const double *G, const double *lower, const double *upper,
+                    const double *asked) {
+    const Program program = with_rows(m, 0, G, lower, upper);
+    const Answer found = {arena_.take(program.k), arena_.take(program.rows)};
+    // No looser tolerance may find it.
+    if (!nearest_point(arena_, arena_.zeros(program.k), program, nullptr, 1.0, found, FEASIBLE))
+      return false;
+    // A row of which others, and joints at their limits, leave a length s: its multiplier is what
+    // it still lacks / s².
+    const double share = ROW_DAMPING * ROW_DAMPING;
+    bool dear = false;
+    for (int i = 0; i < m; ++i)
+      dear |= asked[i] > 0.0
+          && share * std::abs(found.multipliers[program.rows - m + i]) > asked[i];
+    if (dear && !damping_.off()) ease(m, G, lower, upper, asked);
+    else move(x_, Z_, found);
+    return true;
+  }
+
+  // Move x towards bounds on what m rows gain, at a multiplier of at most asked / ROW_DAMPING².
+  // Each may lack w, from 0 to what it asks for: least ‖a‖² + Σ (w + dearest)².
+  void ease(int m, const double *G, const double *lower, const double *upper,
+            const double *asked) {
+    const int k = Z_.k;
+    const Program program = allowed_.along(arena_, x_, Z_, 2 * m, m);
+    double *target = arena_.zeros(program.k);
+    for (int i = 0; i < m; ++i) {
+      const int at = program.rows - 2 * m + i;
+      double *row = program.A + size_t(at) * program.k;
+      std::copy(G + size_t(i) * k, G + size_t(i + 1) * k, row);
+      row[k + i] = lower[i] > 0.0 ? 1.0 : -1.0;
+      program.lower[at] = lower[i];
+      program.upper[at] = upper[i];
+      program.A[size_t(at + m) * program.k + k + i] = 1.0;
+      program.lower[at + m] = 0.0;
+      program.upper[at + m] = asked[i];
+      target[k + i] = -asked[i] / (ROW_DAMPING * ROW_DAMPING);
     }
+    const Answer found = {arena_.take(program.k), arena_.take(program.rows)};
+    if (nearest_point(arena_, target, program, nullptr, 1.0, found, FEASIBLE))
+      move(x_, Z_, found);
   }
 
   // Demand a share, of at most 1, of what bounds demand.

@@ -225,29 +225,45 @@ def test_bounds_of_which_little_is_left_ask_for_less_instead_of_racing(degrees):
         assert row.J @ first.velocity == pytest.approx(0.2 * length)
 
 
+DAMPED = {'scaling': 'redistribute', 'damping': 0.1, 'singular_region': 0.1}
+
+
+def eased(lacking, asked, s):
+    """Return the least speed v with s v + w = lacking, w ≥ 0, or v = s (100 asked + w)."""
+    return min(lacking / s, s * (100.0 * asked + lacking) / (1.0 + s * s))
+
+
 @pytest.mark.parametrize('together', [False, True])
 @pytest.mark.parametrize('degrees', [30.0, 6.0, 5.0, 2.0, 0.5])
-def test_bounds_of_which_other_bounds_leave_little_ask_for_less(degrees, together):
-    """A row at a small angle to an active one, above it, in the same level or of a joint."""
+@pytest.mark.parametrize('length', [0.01, 1.0, 50.0])
+def test_bounds_of_which_other_bounds_leave_little_ask_for_less(degrees, together, length):
+    """A row at a small angle to an active one, above it or in the same level."""
     s = math.sin(math.radians(degrees))
-    asked = 0.2 * s / max(s * s, 0.01)
-    for length in (0.01, 1.0, 50.0):
-        row = length * np.array([math.sqrt(1.0 - s * s), s])
-        wall, lower = np.array([[1.0, 0.0]]), np.array([0.2 * length])
-        if together:
-            levels = [Level(np.vstack([wall, row]), lower=np.array([-np.inf, lower[0]]),
-                            upper=np.array([0.0, np.inf]))]
-        else:
-            levels = [Level(wall, upper=np.zeros(1)), Level(row[np.newaxis], lower=lower)]
-        damped = {'scaling': 'redistribute', 'damping': 0.1, 'singular_region': 0.1}
-        np.testing.assert_allclose(solve(levels, **damped).velocity, [0.0, asked], rtol=1e-6,
-                                   atol=1e-12)
-        np.testing.assert_allclose(solve(levels, scaling='redistribute').velocity,
-                                   [0.0, 0.2 / s], rtol=1e-6, atol=1e-12)
-        upper = np.array([0.0, np.inf])
+    row, wall = length * np.array([[math.sqrt(1.0 - s * s), s]]), np.array([[1.0, 0.0]])
+    lower = np.array([0.2 * length])
+    levels = [Level(wall, upper=np.zeros(1)), Level(row, lower=lower)]
+    if together:
+        levels = [Level(np.vstack([wall, row]), lower=np.array([-np.inf, *lower]),
+                        upper=np.array([0.0, np.inf]))]
+    found = solve(levels, **DAMPED).velocity
+    np.testing.assert_allclose(found, [0.0, eased(0.2, 0.2, s)], rtol=1e-6, atol=1e-12)
+    exact = solve(levels, scaling='redistribute').velocity
+    np.testing.assert_allclose(exact, [0.0, 0.2 / s], rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize('limit', [0.0, 0.05, 0.15])
+@pytest.mark.parametrize('degrees', [30.0, 6.0, 5.0, 2.0, 0.5])
+def test_bounds_that_joints_at_their_limits_meet_in_part_ask_the_rest_for_less(degrees, limit):
+    """Whatever the first joint can do it does; of the row it leaves s."""
+    s = math.sin(math.radians(degrees))
+    way = math.sqrt(1.0 - s * s)
+    for side in (1.0, -1.0):
+        lower, upper = sorted((0.2 * side, 3.0 * side))
+        row = Level(np.array([[way, s]]), lower=np.array([lower]), upper=np.array([upper]))
+        ends = np.array([limit, np.inf])
+        found = solve([row], -ends, ends, **DAMPED).velocity
         np.testing.assert_allclose(
-            solve(levels[-1:], -np.full(2, np.inf), upper, **damped).velocity, [0.0, asked],
-            rtol=1e-6, atol=1e-12)
+            side * found, [limit, eased(0.2 - way * limit, 0.2, s)], rtol=1e-6, atol=1e-12)
 
 
 def test_bounds_of_which_little_is_left_do_not_make_the_joints_race():
