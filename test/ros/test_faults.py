@@ -91,7 +91,7 @@ def test_a_robot_that_follows_goes_on(harness, robot):
 
 
 @pytest.mark.parametrize('told, stamp', [
-    ('s old by its stamp)', lambda: 1000.0), ('s old by its stamp)', lambda: time.time() - 5.0),
+    ('s by its stamp)', lambda: 1000.0), ('s by its stamp)', lambda: time.time() - 5.0),
     ('ahead of the ones before)', lambda: time.time() + 5.0)])
 def test_stamps_that_stand_still_or_are_of_another_time_stop_the_robot_for_a_while(
         harness, robot, told, stamp):
@@ -99,6 +99,54 @@ def test_stamps_that_stand_still_or_are_of_another_time_stop_the_robot_for_a_whi
     wait_until_stopped(harness, robot, told)
     robot.stamp = time.time
     harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
+
+
+def told(harness, robot, part):
+    """Return which of 20 more reasons contain a part, each once."""
+    messages = harness.spin_for_more(robot.status.messages, 20, robot.publish)
+    return {message.status[0].message for message in messages
+            if part in message.status[0].message}
+
+
+@pytest.mark.parametrize('least', [0.2, -0.4])
+def test_the_reason_stays_the_same_while_joint_states_come_by_varying_times_late(harness, robot,
+                                                                                 least):
+    random = np.random.default_rng(1)
+    robot.stamp = lambda: time.time() - random.uniform(least, least + 0.2)
+    wait_until_stopped(harness, robot, '(ignored:')
+    assert told(harness, robot, '(ignored:') <= {
+        f'no joint states of joint1, joint2, joint3 (ignored: {fault})' for fault in (
+            'older than 0.1 s by its stamp', 'stamped more than 0.1 s ahead of the ones before')}
+
+
+def test_the_reason_stays_the_same_while_joint_states_are_ignored_now_and_then(harness, robot):
+    robot.stamp, due = (lambda: 1000.0), [0.0]
+
+    def publish():
+        if time.monotonic() > due[0]:
+            robot.publish()
+            due[0] = time.monotonic() + 0.3
+
+    wait_until_stopped(harness, robot, '(ignored:', publish)
+    messages = harness.spin_for_more(robot.status.messages, 40, publish)
+    assert {message.status[0].message for message in messages
+            if 'no joint states' in message.status[0].message} == {
+        'no joint states of joint1, joint2, joint3 (ignored: older than 0.1 s by its stamp)'}
+
+
+def test_the_reason_stays_the_same_while_cycles_take_too_long(harness, robot):
+    controller = robot.controller._loop._controller
+    update, random = controller.update, np.random.default_rng(1)
+
+    def slow(*arguments):
+        time.sleep(random.uniform(0.11, 0.2))
+        return update(*arguments)
+
+    controller.update = slow
+    harness.spin_until(lambda: 'longer than' in robot.status.head, meanwhile=robot.publish)
+    assert told(harness, robot, ' longer than ') <= {
+        f'{cause} longer than 0.1 s{end}' for cause in ('a cycle took', 'the node stood still for')
+        for end in ('', ', until a moment ago')}
 
 
 def test_a_robot_that_does_not_follow_is_stopped_until_a_start(harness, robot):
