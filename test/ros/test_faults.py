@@ -369,6 +369,35 @@ def test_commands_of_another_node_stop_a_robot_that_moves_and_name_the_node(harn
     harness.spin_until(lambda: robot.status.head == 'running', meanwhile=robot.publish)
 
 
+def test_rare_commands_of_another_node_stop_a_robot_that_moves(harness, exclusive):
+    robot, others = exclusive, f'/rival publishes on {COMMANDS}, too; call ~/start to go on'
+    rival = harness.add(Node('rival', context=harness.context))
+    publisher = rival.create_publisher(Float64MultiArray, COMMANDS, 10)
+    message = Float64MultiArray(data=[0.0, 0.01, 0.0])
+    harness.spin_until(lambda: robot.status.of_node('other publishers') == '1',
+                       meanwhile=robot.publish)
+    publisher.publish(message)
+    # Less than one a second.
+    wait(harness, robot, 1.5)
+    assert robot.status.head == 'running'
+    for _ in range(2):
+        publisher.publish(message)
+        harness.spin_until(lambda: robot.status.head == others, meanwhile=robot.publish)
+        # After a start a single one is enough.
+        harness.start(robot.publish)
+        harness.spin_until(lambda: robot.status.head == 'running', meanwhile=robot.publish)
+    # What one node sent does not count for the next one.
+    harness.remove(rival)
+    harness.spin_until(lambda: robot.status.of_node('other publishers') == '0',
+                       meanwhile=robot.publish)
+    publisher = harness.node.create_publisher(Float64MultiArray, COMMANDS, 10)
+    harness.spin_until(lambda: robot.status.of_node('other publishers') == '1',
+                       meanwhile=robot.publish)
+    publisher.publish(message)
+    wait(harness, robot, 0.5)
+    assert robot.status.head == 'running'
+
+
 def test_a_controller_that_is_stopped_leaves_the_robot_to_another_one(harness, exclusive):
     robot = exclusive
     rival = harness.add(Node('rival', context=harness.context))

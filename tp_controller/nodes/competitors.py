@@ -14,7 +14,8 @@
 
 """Other nodes at the topics of the commands: those that publish, too, and those that listen."""
 
-from collections import deque
+from collections import defaultdict, deque
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -30,9 +31,10 @@ WATCHDOG = 'watchdog'
 # Name that ROS gives to nodes whose name is not known yet.
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
 # Time in which others are discovered before the first command, until when this node counts as
-# the newcomer after its activation, and for how long a command that was received counts [s].
+# the newcomer after its activation, and for how long a command of others forbids a start [s].
 LISTEN_SECONDS, NEW_SECONDS, RECENT_SECONDS = 0.5, 2.0, 1.0
-# As many commands of others stop the robot: one alone may have been under way.
+# As many commands of others stop the robot, however far apart: one alone may have been under way,
+# or sent by hand.
 FOREIGN = 2
 LOOKING = 'looking for other nodes that publish commands'
 # A lost command need not be repeated.
@@ -45,8 +47,8 @@ class Competitors:
 
     A newcomer that finds another publisher of its commands stays silent. A node that receives
     commands of another one while it is active stops, reports it, and stays silent. Both last until
-    ~/start, which is refused while commands of the other one arrive. Once the other one has gone,
-    zeros are published again.
+    ~/start, which is refused while commands of the other one arrive; after it the next one of them
+    stops the robot. Once the other one has gone, zeros are published again.
 
     Parameters
     ----------
@@ -69,8 +71,8 @@ class Competitors:
         self._made = self._since = boot_time()
         self._others: dict[str, tuple[str, ...]] = {}
         self._heard: dict[str, Subscription] = {}
-        # When commands of others were received.
-        self._foreign: deque[float] = deque(maxlen=FOREIGN)
+        # When commands of others were received, of each topic, while there are others.
+        self._foreign: defaultdict[str, deque[float]] = defaultdict(partial(deque, maxlen=FOREIGN))
         # When another publisher was found last.
         self._found = 0.0
         if self._exclusive:
@@ -80,6 +82,7 @@ class Competitors:
         """Count as the newcomer from now on."""
         self._since = boot_time()
         self._others = {}
+        self._foreign.clear()
         self.look()
 
     def look(self) -> None:
@@ -95,14 +98,14 @@ class Competitors:
             loop.commands.silent = False
 
     def restart(self) -> None:
-        """Forget the commands of others; `fault` has been asked before."""
-        self._foreign.clear()
+        """Publish again; `fault` has been asked before."""
         self._loop.commands.silent = False
 
     def fault(self) -> str:
         """Return who else commands the robot now; empty if nobody does."""
         # One that has just been found may not have been received yet.
-        last = max(self._found, self._foreign[-1] if len(self._foreign) == FOREIGN else 0.0)
+        last = max([self._found, *(times[-1] for times in list(self._foreign.values())
+                                   if len(times) == FOREIGN)])
         if boot_time() - last > RECENT_SECONDS:
             return ''
         return next((_publishing(names, topic) for topic, names in self._others.items() if names),
@@ -140,16 +143,16 @@ class Competitors:
                 publisher.kind, topic, lambda raw: self._hear(publisher, raw), HEARING, raw=True)
         elif not names and topic in self._heard:
             self._loop_node.destroy_subscription(self._heard.pop(topic))
+            self._foreign.pop(topic, None)
 
     def _hear(self, publisher: NumbersPublisher, raw: Any) -> None:
         """Receive a serialized command, on the thread of the loop."""
         if publisher.is_own(raw):
             return
-        now = boot_time()
-        self._foreign.append(now)
-        if len(self._foreign) == FOREIGN and now - self._foreign[0] < RECENT_SECONDS \
-                and self._loop.active:
-            self._stop(self._others[publisher.topic], publisher.topic)
+        times, names = self._foreign[publisher.topic], self._others.get(publisher.topic)
+        times.append(boot_time())
+        if len(times) == FOREIGN and names and self._loop.active:
+            self._stop(names, publisher.topic)
 
     def _stop(self, names: tuple[str, ...], topic: str) -> None:
         """Stop the robot until ~/start, and leave it to the others."""
