@@ -77,6 +77,9 @@ TOPICS = {
     'odom': '[pose of the base](docs/ros.md#moving-bases); only with a `base` that moves',
     'cmd_vel': '[velocities of the base](docs/ros.md#moving-bases), every cycle; zeros while the '
                'robot is stopped; only with a `base` that moves',
+    'velocity_controller/commands/watchdog': 'names of [watchdogs](docs/ros.md#watchdog_node), '
+                                             'which show that they are there',
+    'cmd_vel/watchdog': 'the same for the base; only with a `base` that moves',
     'robot_description': 'URDF text, transient local; only without the parameters `robot` and '
                          '`robot_description`',
     '~/<task>/goal': 'the goal of a task; the type follows from the task',
@@ -115,6 +118,8 @@ WATCHDOG_TOPICS = {
     'velocity_controller/commands': 'joint velocities; zeros if none came for `timeout` after '
                                     'one that moves the robot',
     'cmd_vel': 'the same for velocities of a base; only with `base`',
+    'velocity_controller/commands/watchdog': 'name of the watchdog, ten times a second',
+    'cmd_vel/watchdog': 'the same; only with `base`',
 }
 STATUS = {
     'scale': 'smallest share of its velocity that limits leave a task; 1 if no limit is active',

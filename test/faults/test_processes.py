@@ -393,6 +393,25 @@ def test_a_killed_controller_is_replaced_by_zeros_of_the_watchdog(start, tireles
     assert heads[-1] == 'running'
 
 
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM])
+def test_a_watchdog_that_is_killed_or_suspended_stops_the_robot(start, listener, heads, number):
+    nodes = [start('controller_node', '-p', f"stack:='{STACK}'", '-p', 'require_watchdog:=true'),
+             start('simulator_node')]
+    missing = 'no watchdog listens to /velocity_controller/commands'
+    listener.wait(lambda: missing in heads, 'the reason', nodes)
+    assert not any(velocity.any() for velocity in listener.commands)
+    watchdog = start('watchdog_node', robot=None)
+    listener.wait(listener.moving, 'motion', [*nodes, watchdog])
+    began = len(heads)
+    watchdog.process.send_signal(number)
+    listener.wait(lambda: missing in heads[began:], 'the reason', nodes)
+    listener.wait(lambda: not listener.moving(), 'zeros', nodes)
+    if number == signal.SIGSTOP:
+        # ROS takes its topics for there: nothing but its silence tells.
+        watchdog.process.send_signal(signal.SIGCONT)
+        listener.wait(listener.moving, 'motion', [*nodes, watchdog])
+
+
 def test_a_guard_is_due_once_for_each_time_that_motion_stops():
     guard = Guard(0.2)
     assert not guard.is_due(0.0)

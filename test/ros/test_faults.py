@@ -446,6 +446,32 @@ def test_motion_waits_for_a_listener_and_a_watchdog_where_they_are_required(harn
     assert harness.spin_for_more(commands, 3, arm.publish)[-1] == ZEROS
 
 
+def test_a_watchdog_that_does_not_answer_is_none(harness):
+    harness.controller(require_watchdog=True)
+    status, arm = Status(harness), Arm(harness)
+    watchdog = harness.make(WatchdogNode)
+    harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
+    # ROS shows its topics all the same.
+    harness.executor.remove_node(watchdog)
+    harness.spin_until(lambda: status.head == f'no watchdog listens to {COMMANDS}',
+                       meanwhile=arm.publish)
+    assert status.of_node('watchdogs') == '0'
+    answer = harness.call(Trigger, '/tp_controller/start', arm.publish)
+    assert answer.message == f'not started: no watchdog listens to {COMMANDS}'
+    harness.executor.add_node(watchdog)
+    harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
+
+
+def test_a_watchdog_of_another_package_counts_by_its_name(harness):
+    harness.controller(require_watchdog=True)
+    status, arm = Status(harness), Arm(harness)
+    watchdog = harness.add(Node('drive_watchdog', context=harness.context))
+    watchdog.create_subscription(Float64MultiArray, COMMANDS, lambda message: None, 10)
+    harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
+    wait(harness, arm, 1.2)
+    assert status.head == 'running'
+
+
 def test_a_controller_that_need_not_be_alone_starts_beside_another(harness, robot):
     second = harness.make(ControllerNode, robot=str(PLANAR_DH), stack=MOVING_STACK,
                           exclusive=False, follow_window=0.0,

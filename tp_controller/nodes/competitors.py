@@ -16,18 +16,25 @@
 
 from collections import defaultdict, deque
 from functools import partial
+import math
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from std_msgs.msg import String
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.loop import boot_time, ControlLoop
 from tp_controller.nodes.numbers_publisher import NumbersPublisher
 
 # Ending of the names of nodes that watch over the commands of others.
 WATCHDOG = 'watchdog'
+# Ending of the topics on which watchdogs publish their names, how often, and after how long
+# without one a watchdog counts as gone [s]: ROS knows of a node that was killed for 20 s more.
+BEATS, BEAT_SECONDS, LATE_BEAT_SECONDS = '/watchdog', 0.1, 1.0
+# Names that are remembered: whoever publishes others all the time must not fill the memory.
+MOST_NAMES = 100
 # Name that ROS gives to nodes whose name is not known yet.
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
 # Time in which others are discovered before the first command, until when this node counts as
@@ -75,6 +82,11 @@ class Competitors:
         self._foreign: defaultdict[str, deque[float]] = defaultdict(partial(deque, maxlen=FOREIGN))
         # When another publisher was found last.
         self._found = 0.0
+        # When each watchdog has published its name, by the topic that it watches over.
+        self._beats: dict[tuple[str, str], float] = {}
+        self._pulses = [loop_node.create_subscription(
+            String, publisher.topic + BEATS, partial(self._on_beat, publisher.topic), 10)
+            for publisher in loop.commands.publishers]
         if self._exclusive:
             loop.commands.silent, loop.unmet = True, LOOKING
 
@@ -113,9 +125,9 @@ class Competitors:
 
     def close(self) -> None:
         """Stop listening."""
-        for subscription in self._heard.values():
+        for subscription in (*self._heard.values(), *self._pulses):
             self._loop_node.destroy_subscription(subscription)
-        self._heard = {}
+        self._heard, self._pulses = {}, []
 
     def _look_at(self, publisher: NumbersPublisher, now: float) -> None:
         """Look for other publishers of a topic."""
@@ -176,8 +188,24 @@ class Competitors:
         own = _full_name(self._loop_node)
         names = {_name(info) for info
                  in self._node.get_subscriptions_info_by_topic(publisher.topic)} - {own}
-        watchdogs = sum(name.endswith(WATCHDOG) for name in names)
-        return len(names) - watchdogs, watchdogs
+        watchdogs = {name for name in names if name.endswith(WATCHDOG)}
+        return len(names - watchdogs), self._count_alive(watchdogs, publisher.topic)
+
+    def _count_alive(self, watchdogs: set[str], topic: str) -> int:
+        """Return how many watchdogs of a topic are there: the names of others tell nothing."""
+        if not watchdogs:
+            return 0
+        now, beating = boot_time(), set(map(_name, self._node.get_publishers_info_by_topic(
+            topic + BEATS)))
+        return sum(name not in beating
+                   or now - self._beats.get((topic, name), -math.inf) < LATE_BEAT_SECONDS
+                   for name in watchdogs)
+
+    def _on_beat(self, topic: str, message: String) -> None:
+        """Note that a watchdog is there, on the thread of the loop."""
+        if len(self._beats) >= MOST_NAMES:
+            self._beats.clear()
+        self._beats[topic, message.data] = boot_time()
 
 
 def _name(info: TopicEndpointInfo) -> str:

@@ -24,10 +24,10 @@ from typing import Any
 
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from tp_controller.nodes.base_topics import twist_of
 from tp_controller.nodes.commands import LAST_ZEROS, TOPIC
-from tp_controller.nodes.competitors import WATCHDOG
+from tp_controller.nodes.competitors import BEAT_SECONDS, BEATS, WATCHDOG
 from tp_controller.nodes.parameters import (
     declare,
     keep_fixed,
@@ -91,8 +91,14 @@ class WatchdogNode(ClosableNode):
                 continue
             self._out[topic] = self.create_publisher(kind, topic, 10)
             self.create_subscription(kind, topic, take, 10)
-        self.create_timer(values['timeout'] / 4.0, self._on_timer,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        # Of the topics as they are called after a remapping.
+        self._pulses = [self.create_publisher(String, publisher.topic_name + BEATS, 10)
+                        for publisher in self._out.values()]
+        self._name = String(data=self.get_fully_qualified_name())
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        for period, callback in ((values['timeout'] / 4.0, self._on_timer),
+                                 (BEAT_SECONDS, self._beat)):
+            self.create_timer(period, callback, clock=steady)
         keep_fixed(self)
         take_numbers(self)
         warn_unknown(self)
@@ -109,6 +115,11 @@ class WatchdogNode(ClosableNode):
         """Take velocities of a base."""
         self._zeros['cmd_vel'] = Twist()
         self._watched['cmd_vel'].hear(bool(twist_of(message).any()), time.monotonic())
+
+    def _beat(self) -> None:
+        """Let controllers know that this node is there, and does not hang."""
+        for publisher in self._pulses:
+            publisher.publish(self._name)
 
     def _on_timer(self) -> None:
         """Publish zeros where they are due."""
