@@ -393,6 +393,19 @@ def test_a_killed_controller_is_replaced_by_zeros_of_the_watchdog(start, tireles
     assert heads[-1] == 'running'
 
 
+def test_a_simulator_that_starts_in_degrees_is_warned_of_and_not_moved(start, listener, heads):
+    limits = ['-p', 'limits.joint2.lower:=-2.5', '-p', 'limits.joint2.upper:=2.5']
+    simulator = start('simulator_node', '-p', "initial_positions:='{joint2: 45.0}'", *limits)
+    controller = start('controller_node', '-p', "stack:='[{stay: {type: posture}}]'",
+                       *limits)
+    told = 'joint2 is at 45, outside its position limits -2.5 … 2.5: wrong unit or offset?'
+    listener.wait(lambda: f'{told}; call ~/start to go on' in heads, 'the reason',
+                  [controller, simulator])
+    listener.wait_for_more(listener.commands, 20)
+    assert not any(velocity.any() for velocity in listener.commands)
+    assert f'initial_positions: {told}' in simulator.output()
+
+
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM])
 def test_a_watchdog_that_is_killed_or_suspended_stops_the_robot(start, listener, heads, number):
     nodes = [start('controller_node', '-p', f"stack:='{STACK}'", '-p', 'require_watchdog:=true'),

@@ -47,6 +47,7 @@ from tp_controller.nodes.parameters import (
     warn_unknown,
 )
 from tp_controller.nodes.runner import ClosableNode, run
+from tp_controller.nodes.state_checks import LimitCheck
 from tp_controller.nodes.tf_frames import TfBroadcast
 
 NAME = 'tp_simulator'
@@ -100,6 +101,7 @@ class SimulatorNode(ClosableNode):
             SimulatorNoise(values['noise'], values['delay'], values['lag'], values['drop'],
                            values['seed']))
         names = self._check_names(names_in(values['command_joints']) or self._robot.joint_names)
+        self._warn_outside()
         self._commanded = np.array([self._robot.joint_index(name) for name in names],
                                    dtype=int)
         self._velocity = np.zeros(self._robot.n)
@@ -124,6 +126,14 @@ class SimulatorNode(ClosableNode):
             raise RobotError('parameter command_joints must be some of the joints, each once '
                              f'({", ".join(self._robot.joint_names)}), not {", ".join(names)}')
         return names
+
+    def _warn_outside(self) -> None:
+        """Warn of a start outside the position limits, from where no controller moves a robot."""
+        robot, rows = self._robot, self._robot.joint_columns
+        fault = LimitCheck(robot.joint_names, robot.lower[rows], robot.upper[rows], 0.0).outside(
+            self._simulator.q[robot.joint_rows])
+        if fault:
+            self.get_logger().warning(f'initial_positions: {fault}')
 
     def _connect(self) -> None:
         """Create publishers, the subscription, the service and the timer."""
