@@ -117,9 +117,9 @@ SIMULATOR_TOPICS = {
 WATCHDOG_TOPICS = {
     'velocity_controller/commands': 'joint velocities; zeros if none came for `timeout` after '
                                     'one that moves the robot',
-    'cmd_vel': 'the same for velocities of a base; only with `base`',
+    'cmd_vel': 'the same for velocities of a base; only with a `base` that moves',
     'velocity_controller/commands/watchdog': 'name of the watchdog, ten times a second',
-    'cmd_vel/watchdog': 'the same; only with `base`',
+    'cmd_vel/watchdog': 'the same; only with a `base` that moves',
 }
 STATUS = {
     'scale': 'smallest share of its velocity that limits leave a task; 1 if no limit is active',
@@ -342,7 +342,7 @@ def interfaces(node):
         starts = ({**robot, 'stack': stack + '\n'}, {})
     elif node == 'watchdog':
         from tp_controller.nodes.watchdog_node import WatchdogNode as Node
-        starts = ({'base': True},)
+        starts = ({'base': 'planar'},)
     else:
         from tp_controller.nodes.simulator_node import SimulatorNode as Node
         starts = ({**robot, 'publish_clock': True},)

@@ -28,6 +28,7 @@ from rclpy.parameter import Parameter
 from robots import PLANAR_DH
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
+from tp_controller.errors import SettingsError
 from tp_controller.nodes.competitors import LOOKING, NEW_SECONDS
 from tp_controller.nodes.controller_node import ControllerNode
 from tp_controller.nodes.state_checks import FollowCheck, Following
@@ -489,3 +490,12 @@ def test_a_node_of_the_same_name_is_reported(harness, log):
     harness.spin_until(lambda: 'another node has the name /tp_controller' in log(),
                        meanwhile=arm.publish)
     harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
+
+
+def test_a_watchdog_watches_over_a_base_that_moves_only(harness):
+    for number, (base, count) in enumerate((('fixed', 0), ('planar', 1))):
+        harness.make(WatchdogNode, base=base,
+                     arguments=['--ros-args', '-r', f'__node:=watchdog{number}'])
+        assert harness.node.count_publishers('/cmd_vel') == count
+    with pytest.raises(SettingsError, match="unknown base 'boat'"):
+        harness.make(WatchdogNode, base='boat')

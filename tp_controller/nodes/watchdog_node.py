@@ -25,6 +25,8 @@ from typing import Any
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Float64MultiArray, String
+from tp_controller.errors import SettingsError, unknown
+from tp_controller.model.mobile_base import BASES
 from tp_controller.nodes.base_topics import twist_of
 from tp_controller.nodes.commands import LAST_ZEROS, TOPIC
 from tp_controller.nodes.competitors import BEAT_SECONDS, BEATS, WATCHDOG
@@ -41,7 +43,8 @@ NAME = f'tp_{WATCHDOG}'
 PARAMETERS = (
     Spec('timeout', 0.2, 'time without a command, after one that moves the robot, after which '
          'zeros are commanded', 's', 0.01, 10.0, True),
-    Spec('base', False, 'watch over cmd_vel, too', fixed=True),
+    Spec('base', 'fixed', f'how the base moves ({", ".join(BASES)}): unless it is fixed, '
+         'cmd_vel is watched over, too', fixed=True),
 )
 
 
@@ -81,13 +84,15 @@ class WatchdogNode(ClosableNode):
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, **options)
         values = declare(self, PARAMETERS)
+        if values['base'] not in BASES:
+            raise SettingsError([unknown('base', values['base'], BASES)])
         self._watched = {topic: Guard(values['timeout']) for topic in (TOPIC, 'cmd_vel')}
         # As many as the last command had.
         self._zeros: dict[str, Float64MultiArray | Twist] = {}
         self._out = {}
         for topic, kind, take in ((TOPIC, Float64MultiArray, self._on_command),
                                   ('cmd_vel', Twist, self._on_base_command)):
-            if kind is Twist and not values['base']:
+            if kind is Twist and values['base'] == 'fixed':
                 continue
             self._out[topic] = self.create_publisher(kind, topic, 10)
             self.create_subscription(kind, topic, take, 10)
