@@ -34,6 +34,7 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tp_controller.errors import RobotError
 from tp_controller.model.simulator import initial_positions, KinematicSimulator, SimulatorNoise
+from tp_controller.nodes.adaptive_subscription import AdaptiveSubscription
 from tp_controller.nodes.base_topics import fill_odometry, twist_of
 from tp_controller.nodes.deadlines import promise
 from tp_controller.nodes.limit_parameters import LimitParameters, robot_from
@@ -149,14 +150,14 @@ class SimulatorNode(ClosableNode):
         self._clock_publisher = None
         if self._publish_clock:
             self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
-        self.create_subscription(Float64MultiArray, 'velocity_controller/commands',
-                                 self._on_command, 10)
+        AdaptiveSubscription(self, Float64MultiArray, 'velocity_controller/commands',
+                             self._on_command)
         self._odometry_publisher = None
         if self._robot.moves:
             self._odometry = Odometry(child_frame_id=self._robot.base_frame)
             self._odometry.header.frame_id = self._robot.root
             self._odometry_publisher = self.create_publisher(Odometry, 'odom', 10)
-            self.create_subscription(Twist, 'cmd_vel', self._on_base_command, 10)
+            AdaptiveSubscription(self, Twist, 'cmd_vel', self._on_base_command)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self._start_time = time.monotonic()
         self._steps_since_start = 0

@@ -27,6 +27,7 @@ from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Float64MultiArray, String
 from tp_controller.errors import SettingsError, unknown
 from tp_controller.model.mobile_base import BASES
+from tp_controller.nodes.adaptive_subscription import AdaptiveSubscription
 from tp_controller.nodes.base_topics import twist_of
 from tp_controller.nodes.commands import LAST_ZEROS, TOPIC
 from tp_controller.nodes.competitors import BEAT_SECONDS, BEATS, WATCHDOG
@@ -95,7 +96,7 @@ class WatchdogNode(ClosableNode):
             if kind is Twist and values['base'] == 'fixed':
                 continue
             self._out[topic] = self.create_publisher(kind, topic, 10)
-            self.create_subscription(kind, topic, take, 10)
+            AdaptiveSubscription(self, kind, topic, take)
         # Of the topics as they are called after a remapping.
         self._pulses = [self.create_publisher(String, publisher.topic_name + BEATS, 10)
                         for publisher in self._out.values()]
