@@ -30,6 +30,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from monitor import promise_of
 import numpy as np
 import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from robots import PLANAR_DH
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -95,6 +97,26 @@ def at_fault(cls, source, robot):
     return read(cls, source, robot)
 Stack.from_yaml = classmethod(at_fault)
 """)
+PARAMETERS = ('from tp_controller.nodes.controller_node import ControllerNode', """
+check = ControllerNode._check_parameters
+def at_fault(self, parameters):
+    if switch.exists():
+        {act}
+    return check(self, parameters)
+ControllerNode._check_parameters = at_fault
+""")
+STATUS = ('from tp_controller.nodes.reporter import Reporter', """
+message = Reporter._message
+def at_fault(self):
+    if switch.exists():
+        {act}
+    return message(self)
+Reporter._message = at_fault
+""")
+# Of each node that moves nothing: what hangs in it.
+OTHERS = {'nodes.simulator_node': ('SimulatorNode', '_on_timer'),
+          'nodes.watchdog_node': ('WatchdogNode', '_on_timer'),
+          'view.viewer_node': ('Page', 'update')}
 
 
 class ScriptProcess(NodeProcess):
@@ -235,6 +257,18 @@ def look_at_markers(listener):
         MarkerArray, '/tp_controller/markers', lambda message: None, 10)
 
 
+def set_a_parameter(listener):
+    """Set a parameter, and return what has to be alive for it."""
+    client = listener.client.node.create_client(SetParameters, '/tp_controller/set_parameters')
+    listener.wait(client.service_is_ready, 'the service')
+    return client, client.call_async(SetParameters.Request(
+        parameters=[Parameter('damping', value=0.2).to_parameter_msg()]))
+
+
+def look_at_the_status(listener):
+    """Do nothing: somebody looks already."""
+
+
 def send_goal(listener):
     """Publish a goal."""
     publisher = listener.client.node.create_publisher(JointState, '/tp_controller/swing/goal', 10)
@@ -246,8 +280,10 @@ def send_goal(listener):
 @pytest.mark.parametrize('part, trigger, act, number', [
     (READING, call_reload, SLEEP, signal.SIGINT), (READING, call_reload, BUSY, signal.SIGTERM),
     (READING, call_reload, DEADLOCK, signal.SIGHUP), (READING, call_reload, THREAD, signal.SIGINT),
-    (SKETCH, look_at_markers, SLEEP, signal.SIGQUIT), (PARSING, send_goal, SLEEP, signal.SIGINT)],
-    ids=['sleep', 'busy', 'deadlock', 'thread', 'sketch', 'goal'])
+    (SKETCH, look_at_markers, SLEEP, signal.SIGQUIT), (PARSING, send_goal, SLEEP, signal.SIGINT),
+    (PARAMETERS, set_a_parameter, SLEEP, signal.SIGTERM),
+    (STATUS, look_at_the_status, SLEEP, signal.SIGINT)],
+    ids=['sleep', 'busy', 'deadlock', 'thread', 'sketch', 'goal', 'parameter', 'status'])
 def test_a_signal_stops_the_robot_whatever_hangs(replaced, listener, heads, tmp_path, part,
                                                  trigger, act, number):
     controller = replaced(part, f'switch.rename(f"{{switch}}ed"); {act}')
@@ -262,6 +298,27 @@ def test_a_signal_stops_the_robot_whatever_hangs(replaced, listener, heads, tmp_
     listener.catch_up()
     assert not any(velocity.any() for velocity in listener.commands[-3:])
     del triggered
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('module', OTHERS)
+def test_a_signal_ends_a_node_that_moves_nothing_and_hangs(domain, tmp_path, module, number):
+    if module.startswith('view'):
+        pytest.importorskip('viser')
+    kind, name = OTHERS[module]
+    hang = (f'def hang(self):\n    Path({str(tmp_path / "hangs")!r}).touch()\n'
+            f'    time.sleep(3600.0)\n{kind}.{name} = hang')
+    script = SCRIPT.replace('nodes.controller_node', module).format(
+        imports=f'from tp_controller.{module} import {kind}', switch=str(tmp_path / 'switch'),
+        patch=hang)
+    node = ScriptProcess(script, ['-p', f'robot:={PLANAR_DH}'], domain, tmp_path / 'log')
+    end = time.monotonic() + 60.0
+    while not (tmp_path / 'hangs').exists():
+        assert node.running() and time.monotonic() < end, node.output()
+        time.sleep(0.01)
+    node.process.send_signal(number)
+    assert node.process.wait(15.0) == 1
+    assert f'ended by {number.name}: waiting for a callback' in node.output()
 
 
 def test_a_signal_ends_a_node_that_hangs_at_its_start(domain, tmp_path):
