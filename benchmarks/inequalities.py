@@ -247,7 +247,7 @@ def _loop(scene, bounded):
     """Return the unit of the bounds, the excess over them at every cycle, commands (T, n)."""
     robot, q = scene.robot, scene.start
     stack = scene.stack(bounded)
-    controller = Controller(robot, stack, Settings(period=PERIOD, delay=0))
+    controller = Controller(robot, stack, Settings(period=PERIOD, command_delay=0))
     guard = stack.tasks.get('guard')
     excess, commands = [], []
     controller.update(q, 0.0)

@@ -145,7 +145,7 @@ def compare(acceleration, changes, count, seconds):
 
     """
     robot = load_robot('Panda', acceleration)
-    settings = Settings(period=PERIOD, braking_gain=50.0, delay=0, **changes)
+    settings = Settings(period=PERIOD, braking_gain=50.0, command_delay=0, **changes)
     random = np.random.default_rng(SEED)
     start = robot.state(READY).position(TOOL)
     rows = [follow(robot, Path(random, start), settings, seconds) for _ in range(count)]

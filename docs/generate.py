@@ -77,6 +77,9 @@ TOPICS = {
     'odom': '[pose of the base](docs/ros.md#moving-bases); only with a `base` that moves',
     'cmd_vel': '[velocities of the base](docs/ros.md#moving-bases), every cycle; zeros while the '
                'robot is stopped; only with a `base` that moves',
+    'velocity_controller/commands/watchdog': 'names of [watchdogs](docs/ros.md#watchdog_node), '
+                                             'which show that they are there',
+    'cmd_vel/watchdog': 'the same for the base; only with a `base` that moves',
     'robot_description': 'URDF text, transient local; only without the parameters `robot` and '
                          '`robot_description`',
     '~/<task>/goal': 'the goal of a task; the type follows from the task',
@@ -114,7 +117,9 @@ SIMULATOR_TOPICS = {
 WATCHDOG_TOPICS = {
     'velocity_controller/commands': 'joint velocities; zeros if none came for `timeout` after '
                                     'one that moves the robot',
-    'cmd_vel': 'the same for velocities of a base; only with `base`',
+    'cmd_vel': 'the same for velocities of a base; only with a `base` that moves',
+    'velocity_controller/commands/watchdog': 'name of the watchdog, ten times a second',
+    'cmd_vel/watchdog': 'the same; only with a `base` that moves',
 }
 STATUS = {
     'scale': 'smallest share of its velocity that limits leave a task; 1 if no limit is active',
@@ -337,7 +342,7 @@ def interfaces(node):
         starts = ({**robot, 'stack': stack + '\n'}, {})
     elif node == 'watchdog':
         from tp_controller.nodes.watchdog_node import WatchdogNode as Node
-        starts = ({'base': True},)
+        starts = ({'base': 'planar'},)
     else:
         from tp_controller.nodes.simulator_node import SimulatorNode as Node
         starts = ({**robot, 'publish_clock': True},)

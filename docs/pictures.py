@@ -109,7 +109,7 @@ class Run:
         robot = self.robot = ROBOTS[scene.robot]()
         self.stack = Stack.from_yaml(scene.stack, robot)
         self.task = next(task for task in self.stack.tasks.values() if task.type_name == kind)
-        controller = Controller(robot, self.stack, Settings(period=PERIOD, delay=0))
+        controller = Controller(robot, self.stack, Settings(period=PERIOD, command_delay=0))
         controller.enable(self.task.name, not without)
         self.times = PERIOD * np.arange(round(scene.seconds / PERIOD) + 1)
         self.states, self.velocities, self.reports = [], [], []

@@ -115,7 +115,8 @@ class Run:
         file = ROOT / 'config' / 'robots' / setup.file
         self.robot = Robot.from_file(file, base=setup.base, limits=setup.limits)
         controller = Controller(self.robot, Stack.from_yaml(setup.stack, self.robot),
-                                Settings(**{'period': PERIOD, 'delay': 0, **setup.settings}))
+                                Settings(**{'period': PERIOD, 'command_delay': 0,
+                                            **setup.settings}))
         start = self.robot.neutral()
         start[self.robot.joint_rows] = setup.q
         # The limits are those of the controller: the robot itself could go on.
@@ -371,8 +372,8 @@ CASES = {
               stack=POSE.format(gain=2.0), goals=stay('tool', BEHIND), seconds=6.0),
         (ERROR, Plot('joint 2 [rad]', joint(1)))),
     'overshoot': Case(
-        *both({'label': 'delay 0', 'settings': {'delay': 0}},
-              {'label': 'delay 5', 'settings': {'delay': 5}},
+        *both({'label': 'delay 0', 'settings': {'command_delay': 0}},
+              {'label': 'delay 5', 'settings': {'command_delay': 5}},
               stack='[push: {type: joint_velocity, joints: [panda_joint1]}]', seconds=3.0,
               goals=lambda now: (('push', None, (1.5,)),), noise=LATE,
               limits={'panda_joint1': {'upper': LIMITED}}),

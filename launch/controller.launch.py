@@ -21,6 +21,7 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
+from tp_controller.resources import find_file
 
 CONFIG = [FindPackageShare('tp_controller'), 'config']
 # Any robot can carry it out: it stays where it is until a goal arrives.
@@ -49,8 +50,9 @@ def generate_launch_description() -> LaunchDescription:
                         'one posture task'),
         DeclareLaunchArgument(
             'params_file', default_value='',
-            description='parameter file; in a namespace the entry of the node has to be '
-                        '/**/tp_controller or /<namespace>/tp_controller'),
+            description='parameter file: a path or package://<package>/<path>; in a namespace the '
+                        'entry of the node has to be /**/tp_controller or '
+                        '/<namespace>/tp_controller'),
         DeclareLaunchArgument(
             'namespace', default_value='',
             description='namespace of the nodes and their topics'),
@@ -97,7 +99,7 @@ def _controller(context: LaunchContext) -> list[Node]:
     return [Node(
         package='tp_controller', executable='controller_node',
         namespace=LaunchConfiguration('namespace'),
-        parameters=[*([file] if file else []),
+        parameters=[*([str(find_file(file))] if file else []),
                     {'use_sim_time': _boolean('use_sim_time'), **texts}],
         remappings=[('velocity_controller/commands', LaunchConfiguration('commands'))],
         output='screen')]

@@ -36,6 +36,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage
 from tp_controller.demos.scenarios import DEMOS, Goal, robot_of
 from tp_controller.model.robot import Robot
+from tp_controller.resources import find_file
 
 # How long a goal may take to be reached before the next one follows [s].
 REACH_SECONDS = 20.0
@@ -64,9 +65,9 @@ def generate_launch_description() -> LaunchDescription:
                         'demo, for another robot one posture task'),
         DeclareLaunchArgument(
             'params_file', default_value='',
-            description='parameter file in place of the one of the demo, with entries '
-                        '/**/tp_simulator and /**/tp_controller; another robot has none by '
-                        'default'),
+            description='parameter file, a path or package://<package>/<path>, in place of the '
+                        'one of the demo, with entries /**/tp_simulator and /**/tp_controller; '
+                        'another robot has none by default'),
         DeclareLaunchArgument(
             'namespace', default_value='',
             description='namespace of the nodes and their topics'),
@@ -91,7 +92,7 @@ def _demo(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     if given['robot']:
         robot = Robot.from_file(given['robot'], base=given['base'] or 'fixed')
     else:
-        given['params_file'] = given['params_file'] or str(demo.file(''))
+        given['params_file'] = str(find_file(given['params_file'] or demo.file('')))
         robot = robot_of(Path(given['params_file']))
     goals = [] if any(given[name] for name in ('robot', 'stack')) \
         or LaunchConfiguration('goals').perform(context) == 'false' else demo.steps
@@ -119,7 +120,7 @@ def _simulator(given: dict[str, str]) -> Node:
              for name in ('robot', 'base') if given[name]}
     return Node(package='tp_controller', executable='simulator_node',
                 namespace=LaunchConfiguration('namespace'),
-                parameters=[*([file] if file else []), {
+                parameters=[*([str(find_file(file))] if file else []), {
                     'publish_clock': _sim_time(), **texts,
                     'publish_tf': ParameterValue(LaunchConfiguration('rviz'), value_type=bool)}],
                 output='screen')

@@ -235,8 +235,8 @@ class Fault:
 
 
 FAULTS = [
-    Fault(silence), Fault(one_joint_missing), Fault(frozen, 'old by its stamp'),
-    Fault(replayed, 'old by its stamp'), Fault(old, 'old by its stamp'),
+    Fault(silence), Fault(one_joint_missing), Fault(frozen, 'by its stamp'),
+    Fault(replayed, 'by its stamp'), Fault(old, 'by its stamp'),
     Fault(ahead, 'ahead of the ones before'), Fault(late, 'no joint states of', within=1.0),
     Fault(not_a_number, 'not finite, or beyond'), Fault(named_twice, 'is named twice'),
     Fault(too_few, 'positions)'), Fault(one_jump, 'jumped by', True, 0.01),

@@ -30,6 +30,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from monitor import promise_of
 import numpy as np
 import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from robots import PLANAR_DH
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -95,6 +97,26 @@ def at_fault(cls, source, robot):
     return read(cls, source, robot)
 Stack.from_yaml = classmethod(at_fault)
 """)
+PARAMETERS = ('from tp_controller.nodes.controller_node import ControllerNode', """
+check = ControllerNode._check_parameters
+def at_fault(self, parameters):
+    if switch.exists():
+        {act}
+    return check(self, parameters)
+ControllerNode._check_parameters = at_fault
+""")
+STATUS = ('from tp_controller.nodes.reporter import Reporter', """
+message = Reporter._message
+def at_fault(self):
+    if switch.exists():
+        {act}
+    return message(self)
+Reporter._message = at_fault
+""")
+# Of each node that moves nothing: what hangs in it.
+OTHERS = {'nodes.simulator_node': ('SimulatorNode', '_on_timer'),
+          'nodes.watchdog_node': ('WatchdogNode', '_on_timer'),
+          'view.viewer_node': ('Page', 'update')}
 
 
 class ScriptProcess(NodeProcess):
@@ -235,6 +257,18 @@ def look_at_markers(listener):
         MarkerArray, '/tp_controller/markers', lambda message: None, 10)
 
 
+def set_a_parameter(listener):
+    """Set a parameter, and return what has to be alive for it."""
+    client = listener.client.node.create_client(SetParameters, '/tp_controller/set_parameters')
+    listener.wait(client.service_is_ready, 'the service')
+    return client, client.call_async(SetParameters.Request(
+        parameters=[Parameter('damping', value=0.2).to_parameter_msg()]))
+
+
+def look_at_the_status(listener):
+    """Do nothing: somebody looks already."""
+
+
 def send_goal(listener):
     """Publish a goal."""
     publisher = listener.client.node.create_publisher(JointState, '/tp_controller/swing/goal', 10)
@@ -246,8 +280,10 @@ def send_goal(listener):
 @pytest.mark.parametrize('part, trigger, act, number', [
     (READING, call_reload, SLEEP, signal.SIGINT), (READING, call_reload, BUSY, signal.SIGTERM),
     (READING, call_reload, DEADLOCK, signal.SIGHUP), (READING, call_reload, THREAD, signal.SIGINT),
-    (SKETCH, look_at_markers, SLEEP, signal.SIGQUIT), (PARSING, send_goal, SLEEP, signal.SIGINT)],
-    ids=['sleep', 'busy', 'deadlock', 'thread', 'sketch', 'goal'])
+    (SKETCH, look_at_markers, SLEEP, signal.SIGQUIT), (PARSING, send_goal, SLEEP, signal.SIGINT),
+    (PARAMETERS, set_a_parameter, SLEEP, signal.SIGTERM),
+    (STATUS, look_at_the_status, SLEEP, signal.SIGINT)],
+    ids=['sleep', 'busy', 'deadlock', 'thread', 'sketch', 'goal', 'parameter', 'status'])
 def test_a_signal_stops_the_robot_whatever_hangs(replaced, listener, heads, tmp_path, part,
                                                  trigger, act, number):
     controller = replaced(part, f'switch.rename(f"{{switch}}ed"); {act}')
@@ -262,6 +298,27 @@ def test_a_signal_stops_the_robot_whatever_hangs(replaced, listener, heads, tmp_
     listener.catch_up()
     assert not any(velocity.any() for velocity in listener.commands[-3:])
     del triggered
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('module', OTHERS)
+def test_a_signal_ends_a_node_that_moves_nothing_and_hangs(domain, tmp_path, module, number):
+    if module.startswith('view'):
+        pytest.importorskip('viser')
+    kind, name = OTHERS[module]
+    hang = (f'def hang(self):\n    Path({str(tmp_path / "hangs")!r}).touch()\n'
+            f'    time.sleep(3600.0)\n{kind}.{name} = hang')
+    script = SCRIPT.replace('nodes.controller_node', module).format(
+        imports=f'from tp_controller.{module} import {kind}', switch=str(tmp_path / 'switch'),
+        patch=hang)
+    node = ScriptProcess(script, ['-p', f'robot:={PLANAR_DH}'], domain, tmp_path / 'log')
+    end = time.monotonic() + 60.0
+    while not (tmp_path / 'hangs').exists():
+        assert node.running() and time.monotonic() < end, node.output()
+        time.sleep(0.01)
+    node.process.send_signal(number)
+    assert node.process.wait(15.0) == 1
+    assert f'ended by {number.name}: waiting for a callback' in node.output()
 
 
 def test_a_signal_ends_a_node_that_hangs_at_its_start(domain, tmp_path):
@@ -391,6 +448,38 @@ def test_a_killed_controller_is_replaced_by_zeros_of_the_watchdog(start, tireles
                   [again, simulator, watchdog])
     wait_until(listener, time.time() + 2.0, [again, simulator, watchdog])
     assert heads[-1] == 'running'
+
+
+def test_a_simulator_that_starts_in_degrees_is_warned_of_and_not_moved(start, listener, heads):
+    limits = ['-p', 'limits.joint2.lower:=-2.5', '-p', 'limits.joint2.upper:=2.5']
+    simulator = start('simulator_node', '-p', "initial_positions:='{joint2: 45.0}'", *limits)
+    controller = start('controller_node', '-p', "stack:='[{stay: {type: posture}}]'",
+                       *limits)
+    told = 'joint2 is at 45, outside its position limits -2.5 … 2.5: wrong unit or offset?'
+    listener.wait(lambda: f'{told}; call ~/start to go on' in heads, 'the reason',
+                  [controller, simulator])
+    listener.wait_for_more(listener.commands, 20)
+    assert not any(velocity.any() for velocity in listener.commands)
+    assert f'initial_positions: {told}' in simulator.output()
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM])
+def test_a_watchdog_that_is_killed_or_suspended_stops_the_robot(start, listener, heads, number):
+    nodes = [start('controller_node', '-p', f"stack:='{STACK}'", '-p', 'require_watchdog:=true'),
+             start('simulator_node')]
+    missing = 'no watchdog listens to /velocity_controller/commands'
+    listener.wait(lambda: missing in heads, 'the reason', nodes)
+    assert not any(velocity.any() for velocity in listener.commands)
+    watchdog = start('watchdog_node', robot=None)
+    listener.wait(listener.moving, 'motion', [*nodes, watchdog])
+    began = len(heads)
+    watchdog.process.send_signal(number)
+    listener.wait(lambda: missing in heads[began:], 'the reason', nodes)
+    listener.wait(lambda: not listener.moving(), 'zeros', nodes)
+    if number == signal.SIGSTOP:
+        # ROS takes its topics for there: nothing but its silence tells.
+        watchdog.process.send_signal(signal.SIGCONT)
+        listener.wait(listener.moving, 'motion', [*nodes, watchdog])
 
 
 def test_a_guard_is_due_once_for_each_time_that_motion_stops():

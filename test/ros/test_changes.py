@@ -381,7 +381,8 @@ def test_every_parameter_is_described(harness):
     whole = {descriptor.name: (descriptor.integer_range[0].from_value,
                                descriptor.integer_range[0].to_value)
              for descriptor in descriptors if descriptor.type == ParameterType.PARAMETER_INTEGER}
-    assert whole == {'delay': (0, 100), 'realtime_priority': (0, 99), 'processor': (-1, 8191)}
+    assert whole == {'command_delay': (0, 100), 'realtime_priority': (0, 99),
+                     'processor': (-1, 8191)}
 
 
 def test_unknown_parameters_are_named_in_one_warning(harness, log):

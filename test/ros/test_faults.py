@@ -28,6 +28,7 @@ from rclpy.parameter import Parameter
 from robots import PLANAR_DH
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
+from tp_controller.errors import SettingsError
 from tp_controller.nodes.competitors import LOOKING, NEW_SECONDS
 from tp_controller.nodes.controller_node import ControllerNode
 from tp_controller.nodes.state_checks import FollowCheck, Following
@@ -91,7 +92,7 @@ def test_a_robot_that_follows_goes_on(harness, robot):
 
 
 @pytest.mark.parametrize('told, stamp', [
-    ('s old by its stamp)', lambda: 1000.0), ('s old by its stamp)', lambda: time.time() - 5.0),
+    ('s by its stamp)', lambda: 1000.0), ('s by its stamp)', lambda: time.time() - 5.0),
     ('ahead of the ones before)', lambda: time.time() + 5.0)])
 def test_stamps_that_stand_still_or_are_of_another_time_stop_the_robot_for_a_while(
         harness, robot, told, stamp):
@@ -99,6 +100,54 @@ def test_stamps_that_stand_still_or_are_of_another_time_stop_the_robot_for_a_whi
     wait_until_stopped(harness, robot, told)
     robot.stamp = time.time
     harness.spin_until(lambda: any(robot.commands[-1]), 'motion', meanwhile=robot.publish)
+
+
+def told(harness, robot, part):
+    """Return which of 20 more reasons contain a part, each once."""
+    messages = harness.spin_for_more(robot.status.messages, 20, robot.publish)
+    return {message.status[0].message for message in messages
+            if part in message.status[0].message}
+
+
+@pytest.mark.parametrize('least', [0.2, -0.4])
+def test_the_reason_stays_the_same_while_joint_states_come_by_varying_times_late(harness, robot,
+                                                                                 least):
+    random = np.random.default_rng(1)
+    robot.stamp = lambda: time.time() - random.uniform(least, least + 0.2)
+    wait_until_stopped(harness, robot, '(ignored:')
+    assert told(harness, robot, '(ignored:') <= {
+        f'no joint states of joint1, joint2, joint3 (ignored: {fault})' for fault in (
+            'older than 0.1 s by its stamp', 'stamped more than 0.1 s ahead of the ones before')}
+
+
+def test_the_reason_stays_the_same_while_joint_states_are_ignored_now_and_then(harness, robot):
+    robot.stamp, due = (lambda: 1000.0), [0.0]
+
+    def publish():
+        if time.monotonic() > due[0]:
+            robot.publish()
+            due[0] = time.monotonic() + 0.3
+
+    wait_until_stopped(harness, robot, '(ignored:', publish)
+    messages = harness.spin_for_more(robot.status.messages, 40, publish)
+    assert {message.status[0].message for message in messages
+            if 'no joint states' in message.status[0].message} == {
+        'no joint states of joint1, joint2, joint3 (ignored: older than 0.1 s by its stamp)'}
+
+
+def test_the_reason_stays_the_same_while_cycles_take_too_long(harness, robot):
+    controller = robot.controller._loop._controller
+    update, random = controller.update, np.random.default_rng(1)
+
+    def slow(*arguments):
+        time.sleep(random.uniform(0.11, 0.2))
+        return update(*arguments)
+
+    controller.update = slow
+    harness.spin_until(lambda: 'longer than' in robot.status.head, meanwhile=robot.publish)
+    assert told(harness, robot, ' longer than ') <= {
+        f'{cause} longer than 0.1 s{end}' for cause in ('a cycle took', 'the node stood still for')
+        for end in ('', ', until a moment ago')}
 
 
 def test_a_robot_that_does_not_follow_is_stopped_until_a_start(harness, robot):
@@ -321,6 +370,35 @@ def test_commands_of_another_node_stop_a_robot_that_moves_and_name_the_node(harn
     harness.spin_until(lambda: robot.status.head == 'running', meanwhile=robot.publish)
 
 
+def test_rare_commands_of_another_node_stop_a_robot_that_moves(harness, exclusive):
+    robot, others = exclusive, f'/rival publishes on {COMMANDS}, too; call ~/start to go on'
+    rival = harness.add(Node('rival', context=harness.context))
+    publisher = rival.create_publisher(Float64MultiArray, COMMANDS, 10)
+    message = Float64MultiArray(data=[0.0, 0.01, 0.0])
+    harness.spin_until(lambda: robot.status.of_node('other publishers') == '1',
+                       meanwhile=robot.publish)
+    publisher.publish(message)
+    # Less than one a second.
+    wait(harness, robot, 1.5)
+    assert robot.status.head == 'running'
+    for _ in range(2):
+        publisher.publish(message)
+        harness.spin_until(lambda: robot.status.head == others, meanwhile=robot.publish)
+        # After a start a single one is enough.
+        harness.start(robot.publish)
+        harness.spin_until(lambda: robot.status.head == 'running', meanwhile=robot.publish)
+    # What one node sent does not count for the next one.
+    harness.remove(rival)
+    harness.spin_until(lambda: robot.status.of_node('other publishers') == '0',
+                       meanwhile=robot.publish)
+    publisher = harness.node.create_publisher(Float64MultiArray, COMMANDS, 10)
+    harness.spin_until(lambda: robot.status.of_node('other publishers') == '1',
+                       meanwhile=robot.publish)
+    publisher.publish(message)
+    wait(harness, robot, 0.5)
+    assert robot.status.head == 'running'
+
+
 def test_a_controller_that_is_stopped_leaves_the_robot_to_another_one(harness, exclusive):
     robot = exclusive
     rival = harness.add(Node('rival', context=harness.context))
@@ -369,6 +447,32 @@ def test_motion_waits_for_a_listener_and_a_watchdog_where_they_are_required(harn
     assert harness.spin_for_more(commands, 3, arm.publish)[-1] == ZEROS
 
 
+def test_a_watchdog_that_does_not_answer_is_none(harness):
+    harness.controller(require_watchdog=True)
+    status, arm = Status(harness), Arm(harness)
+    watchdog = harness.make(WatchdogNode)
+    harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
+    # ROS shows its topics all the same.
+    harness.executor.remove_node(watchdog)
+    harness.spin_until(lambda: status.head == f'no watchdog listens to {COMMANDS}',
+                       meanwhile=arm.publish)
+    assert status.of_node('watchdogs') == '0'
+    answer = harness.call(Trigger, '/tp_controller/start', arm.publish)
+    assert answer.message == f'not started: no watchdog listens to {COMMANDS}'
+    harness.executor.add_node(watchdog)
+    harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
+
+
+def test_a_watchdog_of_another_package_counts_by_its_name(harness):
+    harness.controller(require_watchdog=True)
+    status, arm = Status(harness), Arm(harness)
+    watchdog = harness.add(Node('drive_watchdog', context=harness.context))
+    watchdog.create_subscription(Float64MultiArray, COMMANDS, lambda message: None, 10)
+    harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
+    wait(harness, arm, 1.2)
+    assert status.head == 'running'
+
+
 def test_a_controller_that_need_not_be_alone_starts_beside_another(harness, robot):
     second = harness.make(ControllerNode, robot=str(PLANAR_DH), stack=MOVING_STACK,
                           exclusive=False, follow_window=0.0,
@@ -386,3 +490,12 @@ def test_a_node_of_the_same_name_is_reported(harness, log):
     harness.spin_until(lambda: 'another node has the name /tp_controller' in log(),
                        meanwhile=arm.publish)
     harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
+
+
+def test_a_watchdog_watches_over_a_base_that_moves_only(harness):
+    for number, (base, count) in enumerate((('fixed', 0), ('planar', 1))):
+        harness.make(WatchdogNode, base=base,
+                     arguments=['--ros-args', '-r', f'__node:=watchdog{number}'])
+        assert harness.node.count_publishers('/cmd_vel') == count
+    with pytest.raises(SettingsError, match="unknown base 'boat'"):
+        harness.make(WatchdogNode, base='boat')

@@ -61,7 +61,9 @@ def test_a_signal_during_an_import_that_takes_it_for_an_error_is_not_lost(monkey
         'except BaseException:\n    pass\n')
     monkeypatch.syspath_prepend(tmp_path)
     for name in ('trimesh', 'tp_controller.view.meshes'):
-        monkeypatch.delitem(sys.modules, name, raising=False)
+        # Set first, so that what is imported here is forgotten where nothing was there before.
+        monkeypatch.setitem(sys.modules, name, None)
+        del sys.modules[name]
     with pytest.raises(KeyboardInterrupt):
         importlib.import_module('tp_controller.view.meshes')
 

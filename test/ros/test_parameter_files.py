@@ -24,6 +24,7 @@ from rclpy.parameter import (
 )
 from rclpy.parameter_client import AsyncParameterClient
 from robots import CONFIG, PLANAR_DH
+from tp_controller.nodes import controller_node, simulator_node, watchdog_node
 from tp_controller.nodes.controller_node import ControllerNode
 from tp_controller.nodes.simulator_node import SimulatorNode
 from tp_controller.nodes.watchdog_node import WatchdogNode
@@ -37,6 +38,7 @@ STACK = """
     joints: [joint1, joint2]
     target: [1, 0.5]
 """
+NODES = controller_node, simulator_node, watchdog_node
 # Those that rclpy makes for every node are read-only.
 FOREIGN = ('start_type_description_service', 'qos_overrides')
 
@@ -251,3 +253,12 @@ def test_a_dump_of_the_simulator_starts_an_equal_one(harness, tmp_path, name):
     harness.remove(first)
     from_file(harness, type(first), path)
     assert Client(harness, '/tp_simulator').values() == values
+
+
+def test_parameters_of_the_same_name_can_share_a_value():
+    """As in the entry ``/**`` of a file, which is for all nodes."""
+    meanings = {}
+    for module in NODES:
+        for spec in module.PARAMETERS:
+            meanings.setdefault(spec.name, set()).add((type(spec.default), spec.unit))
+    assert [name for name, kinds in meanings.items() if len(kinds) > 1] == []

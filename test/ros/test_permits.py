@@ -15,20 +15,24 @@
 """Inputs that allow motion, ramped stops and activation, through real topics and services."""
 
 import math
+import time
+from types import SimpleNamespace
 
 from fault_table import BY_ITSELF, Outcome, outcomes, RAMPED, START
 from harness import Arm, Status
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+import numpy as np
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from std_msgs.msg import Bool, Float64, Int32
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Bool, Float64, Int32, String
 from std_srvs.srv import Trigger
 from tp_controller.errors import SettingsError
-from tp_controller.nodes.permits import Condition
+from tp_controller.nodes.permits import Condition, Input
 
 ZEROS = [0.0, 0.0, 0.0]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 SWING = '- swing: {type: joint, joints: joint1, target: [1.5], gain: 0.1}\n'
 
 
@@ -127,8 +131,79 @@ def test_a_publisher_of_a_state_that_has_gone_is_no_permit(harness):
 def test_an_input_that_is_no_number_is_named(harness, log):
     cell = Cell(harness, permit_topics=['/program_running:state.mode'])
     cell.feed(Bool, '/program_running', True)
-    harness.spin_until_logged(log, "std_msgs/Bool has no number 'state.mode'", cell.publish)
+    told = ('/program_running is published as std_msgs/msg/Bool, which has no number '
+            "'state.mode'; its fields: data")
+    harness.spin_until_logged(log, told, cell.publish)
+    cell.until(told)
     assert not any(map(any, cell.commands))
+
+
+@pytest.mark.parametrize('parameters, kind, told', [
+    ({'enable_topic': '/state'}, Float64,
+     'not enabled: /state is published as std_msgs/msg/Float64; it must be std_msgs/msg/Bool'),
+    *(({name: value}, String, '/state is published as std_msgs/msg/String, which has no number '
+       "'data'; its fields: data")
+      for name, value in (('speed_scaling_topic', '/state'), ('permit_topics', ['/state'])))])
+def test_another_type_is_named(harness, parameters, kind, told):
+    cell = Cell(harness, **parameters)
+    harness.node.create_publisher(kind, '/state', 10)
+    cell.until(told)
+
+
+def test_another_type_is_a_fault_until_there_is_the_right_one_only(harness):
+    right = harness.publisher(Bool, '/right', connected=False)
+    harness.publisher(Int32, '/wrong', connected=False)
+    topics, found = ['/wrong'], Input('/right', kind='std_msgs/msg/Bool')
+    # Within one process ROS allows one type a topic.
+    graph = SimpleNamespace(get_publishers_info_by_topic=lambda _: [
+        info for topic in topics for info in harness.node.get_publishers_info_by_topic(topic)])
+
+    def received():
+        found.look(graph, harness.node, time.monotonic)
+        right.publish(Bool(data=True))
+        return found.value == 1.0
+
+    assert not received()
+    assert found.fault == '/right is published as std_msgs/msg/Int32; it must be std_msgs/msg/Bool'
+    topics[:] = ['/right']
+    harness.spin_until(received)
+    assert not found.fault
+    topics[:] = ['/right', '/wrong']
+    assert not received() and not list(harness.node.subscriptions)
+    assert found.fault == ('/right is published as std_msgs/msg/Bool and std_msgs/msg/Int32; only '
+                           'one type can be received')
+    topics[:] = ['/right']
+    harness.spin_until(received)
+
+
+@pytest.mark.parametrize('qos', [LATCHED, 10, BEST_EFFORT], ids=['latched', 'reliable', 'lossy'])
+def test_a_publisher_that_replaces_another_one_is_received_whatever_it_offers(harness, qos):
+    cell = Cell(harness, permit_topics=['/program_running'])
+    cell.feed(Bool, '/program_running', True, LATCHED)
+    cell.until('running')
+    # Within one interval in which publishers are looked for.
+    harness.node.destroy_publisher(cell.inputs.pop('/program_running')[0])
+    cell.feed(Bool, '/program_running', qos=qos)
+    cell.until('nothing received on /program_running; call ~/start to go on')
+    cell.inputs['/program_running'] = (*cell.inputs['/program_running'][:2], True)
+    harness.spin_until(lambda: not cell.start(), 'a start', cell.publish)
+    cell.until('running')
+
+
+@pytest.mark.parametrize('parameters, told', [
+    ({'permit_topics': ['/a', '/a == 1']}, '/a:data is named by permit_topics and permit_topics'),
+    ({'permit_topics': ['a:data'], 'enable_topic': '/a'},
+     '/a:data is named by enable_topic and permit_topics'),
+    ({'speed_scaling_topic': '/a', 'enable_topic': '/a'},
+     '/a:data is named by enable_topic and speed_scaling_topic')])
+@pytest.mark.parametrize('robot', [{}, {'robot': ''}], ids=['a file', 'a topic'])
+def test_a_state_that_is_named_twice_is_refused(harness, parameters, told, robot):
+    with pytest.raises(SettingsError, match=f'{told}; it can be named once'):
+        harness.controller(stack=SWING, **parameters, **robot)
+
+
+def test_two_fields_of_a_topic_are_two_states(harness):
+    harness.controller(stack=SWING, permit_topics=['/a:mode == 1', '/a:fault == 0'])
 
 
 @pytest.mark.parametrize('scaling, follows', [(10.0, True), (None, False)])
@@ -166,8 +241,26 @@ def test_what_is_no_name_of_a_topic_is_refused(harness, name):
 def test_conditions_are_what_they_look_like(text, value, holds):
     condition = Condition(text, str)
     assert condition.fault() == 'nothing received on /a'
-    condition.input.value = value
-    assert condition.fault() == ('' if holds else f'/a is {value:g}')
+    condition.input.value, condition.input.received = value, 0.0
+    bound = text.partition('<')[1:] if '<' in text else text.partition('>')[1:]
+    told = f'/a is not {"".join(bound)}' if bound[0] else f'/a is {value:g}'
+    assert condition.fault() == ('' if holds else told)
+
+
+@pytest.mark.parametrize('text', ['/a', '/a != 3', '/a < 3'])
+def test_a_state_that_is_no_number_is_no_permit(text):
+    condition = Condition(text, str)
+    condition.input.received = 0.0
+    assert condition.fault()
+
+
+def test_the_reason_of_a_state_that_changes_all_the_time_stays_the_same():
+    condition = Condition('/temperature:data <= 60', str)
+    faults = set()
+    for value in np.random.default_rng(1).uniform(61.0, 70.0, 20):
+        condition.input.value, condition.input.received = value, 0.0
+        faults.add(condition.fault())
+    assert faults == {'/temperature is not <= 60'}
 
 
 # Activation -----------------------------------------------------------------------------------

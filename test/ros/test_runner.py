@@ -41,7 +41,7 @@ def node_with_a_timer(harness, callback):
 
 
 def test_a_signal_ends_the_spinning(harness):
-    calls, ending = [], Ending()
+    calls, ending = [], Ending('node')
 
     def tick():
         calls.append(1)
@@ -54,8 +54,27 @@ def test_a_signal_ends_the_spinning(harness):
     node.destroy_node()
 
 
+@pytest.mark.parametrize('hangs', [True, False])
+def test_a_signal_that_waits_for_a_callback_is_logged(log, hangs):
+    ending = Ending('node')
+    if not hangs:
+        ending.note_return()
+    ending.begin(signal.SIGTERM)
+    assert ('ended by SIGTERM: waiting for a callback' in log()) == hangs
+
+
+def test_a_node_that_ends_at_once_waits_for_no_callback(harness, log):
+    ending = Ending('node')
+    signals = threading.Thread(target=ending.begin, args=(signal.SIGINT,))
+    node = node_with_a_timer(harness, lambda: signals.ident or signals.start())
+    _spin(node, ending)
+    assert ending._returned.is_set()
+    signals.join()
+    node.destroy_node()
+
+
 def test_a_call_to_a_service_that_is_gone_does_not_end_the_node(harness):
-    calls, ending = [], Ending()
+    calls, ending = [], Ending('node')
 
     def tick():
         calls.append(1)
@@ -76,13 +95,13 @@ def test_a_fault_of_our_own_is_not_hidden(harness):
 
     node = node_with_a_timer(harness, tick)
     with pytest.raises(ZeroDivisionError):
-        _spin(node, Ending())
+        _spin(node, Ending('node'))
     node.destroy_node()
 
 
 def test_the_end_of_the_context_ends_the_spinning(harness):
     node = node_with_a_timer(harness, lambda: None)
-    spinning = threading.Thread(target=_spin, args=(node, Ending()))
+    spinning = threading.Thread(target=_spin, args=(node, Ending('node')))
     spinning.start()
     harness.executor.spin_once(timeout_sec=0.05)
     harness.context.try_shutdown()

@@ -64,6 +64,17 @@ def test_a_robot_without_initial_positions_starts_away_from_its_limits(harness):
     np.testing.assert_allclose(states[0].position, [0, 0, 0, -1.5708, 0, 1.8675, 0])
 
 
+@pytest.mark.parametrize('position, told', [
+    (57.3, True), (2.01, True), (2.0, False), (-2.0, False), (-2.01, True)])
+def test_a_start_outside_the_limits_is_warned_of(harness, log, position, told):
+    harness.simulator(initial_positions=f'{{joint2: {position}}}', limits__joint2__lower=-2.0,
+                      limits__joint2__upper=2.0)
+    harness.spin_for_more(states_of(harness))
+    warning = (f'initial_positions: joint2 is at {position:g}, outside its position limits '
+               '-2 … 2: wrong unit or offset?')
+    assert (warning in log()) == told
+
+
 def test_commands_move_the_joints_in_the_order_of_the_commands(any_harness):
     any_harness.simulator(command_joints=['joint3', 'joint1'])
     states = states_of(any_harness)

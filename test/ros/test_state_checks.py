@@ -61,7 +61,7 @@ def test_stamps_that_stand_still_are_too_old_after_the_limit(seed):
     faults = [age.fault(last, since + later) for later in ages]
     assert not any(faults[:int(0.8 * LIMIT / 0.01)])
     # For ever: a stamp that stands still is no other clock.
-    assert all('old by its stamp' in fault for fault in faults[int(1.2 * LIMIT / 0.01):])
+    assert all('by its stamp' in fault for fault in faults[int(1.2 * LIMIT / 0.01):])
 
 
 @pytest.mark.parametrize('seed', SEEDS)
@@ -84,7 +84,7 @@ def test_messages_that_stay_late_are_never_believed_and_are_once_they_are_not(se
         age.fault(stamp, received)
     # Their stamps go on where they were, which those of a clock that was set do not.
     faults = [age.fault(stamp + 20.0, received + 20.0 + delay) for stamp, received in stamps(seed)]
-    assert all('old by its stamp' in fault for fault in faults)
+    assert all('by its stamp' in fault for fault in faults)
     assert not any(age.fault(stamp + 40.0 + delay, received + 40.0 + delay)
                    for stamp, received in stamps(seed))
 

@@ -110,6 +110,14 @@ def test_the_demo_hands_on_only_arguments_that_the_controller_has():
 
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_a_parameter_file_is_looked_for_as_every_other_file(path):
+    """Of each node: what launch gets is never the text of the argument itself."""
+    for _, keywords in calls(path, 'Node'):
+        if text(keywords['package']) == 'tp_controller':
+            assert 'find_file(file)' in ast.unparse(keywords['parameters'])
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
 def test_every_program_exists_in_its_package(path):
     depends = (REPOSITORY / 'package.xml').read_text(encoding='utf-8')
     found = [(text(keywords['package']), text(keywords['executable']))

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The parameter file of a controller node, read without ROS."""
+"""The parameter files of a controller node, read without ROS."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 import math
 from pathlib import Path
@@ -104,8 +104,17 @@ def node_parameters(file: str | Path, node: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, parameters in _entries(content, ''):
         if name.rpartition('/')[2] in (node, *WILDCARDS):
-            found.update(parameters)
+            _merge(found, parameters)
     return found
+
+
+def _merge(found: dict[str, Any], parameters: Mapping[str, Any]) -> None:
+    """Add parameters, as ROS does: each of a group counts by itself."""
+    for name, value in parameters.items():
+        if isinstance(value, dict) and isinstance(found.get(name), dict):
+            _merge(found[name], value)
+        else:
+            found[name] = value
 
 
 def _entries(content: object, prefix: str) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -133,19 +142,20 @@ def flat(parameters: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
     return found
 
 
-def read(file: str | Path | None, stack: str, robot: str, base: str, rate: float | None) -> Given:
+def read(files: Sequence[str | Path], stack: str, robot: str, base: str, rate: float | None
+         ) -> Given:
     """
-    Return what a node would control with a parameter file.
+    Return what a node would control with parameter files.
 
     Parameters
     ----------
-    file : str, pathlib.Path or None
-        Parameter file.
+    files : sequence of str or pathlib.Path
+        Parameter files; the last one that gives a parameter counts.
     stack, robot, base : str
-        Parameters of these names that go before those of the file; empty for those of the file.
-        Where it names no robot for the controller, that of the simulator is taken.
+        Parameters of these names that go before those of the files; empty for those of the files.
+        Where they name no robot for the controller, that of the simulator is taken.
     rate : float or None
-        The same; where it is 0 in the file, one cycle for each joint state, that of the simulator
+        The same; where it is 0 in the files, one cycle for each joint state, that of the simulator
         [Hz].
 
     Returns
@@ -158,8 +168,9 @@ def read(file: str | Path | None, stack: str, robot: str, base: str, rate: float
         All that a node would refuse.
 
     """
-    given = flat(node_parameters(file, CONTROLLER)) if file else {}
-    simulated = flat(node_parameters(file, SIMULATOR)) if file else {}
+    given, simulated = ({name: value for file in files
+                         for name, value in flat(node_parameters(file, node)).items()}
+                        for node in (CONTROLLER, SIMULATOR))
     given.update({name: value for name, value in (
         ('stack', stack), ('base', base), ('rate', rate)) if value})
     if robot:

@@ -31,6 +31,7 @@ examples:
   tp_controller check stack.yaml --robot robot.urdf --rate 200
   tp_controller check --params-file package://tp_controller/config/demo.yaml
   tp_controller check stack.yaml --robot robot.urdf --base differential --runs 100 --jobs -1
+  tp_controller check --params-file controller.yaml --params-file first.yaml
   tp_controller check --params-file controller.yaml --strict --json check.json --html check.html
 
 Exit status: 0 nothing is wrong, 1 something is, 2 an argument is not valid.
@@ -48,8 +49,9 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
                         'package://<package>/<path> (default: that of the parameter file)')
     parser.add_argument('--base', default='', metavar='KIND',
                         help='how the base moves (default: as in the parameter file, else fixed)')
-    parser.add_argument('--params-file', metavar='FILE',
-                        help='the parameter file of the node: stack, limits, settings, rate')
+    parser.add_argument('--params-file', metavar='FILE', action='append', default=[],
+                        help='the parameter file of the node: stack, limits, settings, rate; of '
+                        'several, as of the node, the last one that gives a parameter counts')
     parser.add_argument('--rate', type=positive_number, metavar='HZ',
                         help='cycles per second (default: as in the parameter file, else 100)')
     parser.add_argument('--samples', type=_count, default=300, metavar='N',

@@ -247,8 +247,8 @@ class Controller:
         self._settings = settings
         self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain,
                                       self._velocity_limits)
-        known = self._pending[:settings.delay]
-        rest = np.zeros((settings.delay - len(known), self.robot.n))
+        known = self._pending[:settings.command_delay]
+        rest = np.zeros((settings.command_delay - len(known), self.robot.n))
         self._pending = np.vstack((known, rest))
         self._speed_cap = settings.speed_cap(self.robot, self._velocity_limits)
         self._options = settings.solver_options(self.robot.n)

@@ -85,9 +85,9 @@ class Settings:
         'which is damped least squares, lecture 2.2)')
     braking_gain: float = _number(
         10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; at '
-        'most 1/period, and no more acts than does not oscillate with d = delay: '
+        'most 1/period, and no more acts than does not oscillate with d = command_delay: '
         'dᵈ/(d + 1)ᵈ⁺¹/period')
-    delay: int = _count(
+    command_delay: int = _count(
         2, 0, 100, 'cycles', 'most commands that are under way when positions are measured: '
         'joints brake from where these lead, or position limits would be crossed')
     release_region: float = _number(

@@ -28,7 +28,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.nodes.numbers_publisher import NumbersPublisher
 from tp_controller.nodes.odometry_check import OdometryCheck
-from tp_controller.nodes.state_checks import FollowCheck
+from tp_controller.nodes.state_checks import Dropped, FollowCheck
 from tp_controller.tasks.pose import parse_pose
 
 # More messages than a queue holds: what arrives meanwhile can wait.
@@ -167,7 +167,7 @@ class MovingBase:
         self._buffer = OdometryBuffer(robot)
         self._commands = NumbersPublisher(node, Twist(), 6, topic('cmd_vel'), qos)
         self._odometry: Subscription | None = None
-        self._ignored, self._ignored_at = '', -np.inf
+        self._dropped = Dropped()
 
     def listen(self, arrived: Callable[[Odometry], None]) -> None:
         """Listen; `arrived` hands odometry to `put` where it is to be taken."""
@@ -182,8 +182,7 @@ class MovingBase:
         """Return why the base cannot move; empty if nothing speaks against it."""
         if not self._buffer.missing(now, timeout):
             return ''
-        recent = now - self._ignored_at <= timeout
-        return 'no odometry' + (f' (ignored: {self._ignored})' if recent else '')
+        return f'no odometry{self._dropped.remark(now, timeout)}'
 
     def publish(self, velocity: Array) -> None:
         """Command the base's part of velocities (n,)."""
@@ -229,9 +228,8 @@ class MovingBase:
             return ''
         fault = fault or self._buffer.put(message.header.frame_id, message.child_frame_id,
                                           placement_of(message), now - self._check.age)
-        if fault:
-            self._ignored, self._ignored_at = fault, now
-        else:
+        self._dropped.note(fault, now)
+        if not fault:
             self._check.take(self._buffer.T_root_base, now)
         return fault
 

@@ -14,25 +14,34 @@
 
 """Other nodes at the topics of the commands: those that publish, too, and those that listen."""
 
-from collections import deque
+from collections import defaultdict, deque
+from functools import partial
+import math
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from std_msgs.msg import String
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.loop import boot_time, ControlLoop
 from tp_controller.nodes.numbers_publisher import NumbersPublisher
 
 # Ending of the names of nodes that watch over the commands of others.
 WATCHDOG = 'watchdog'
+# Ending of the topics on which watchdogs publish their names, how often, and after how long
+# without one a watchdog counts as gone [s]: ROS knows of a node that was killed for 20 s more.
+BEATS, BEAT_SECONDS, LATE_BEAT_SECONDS = '/watchdog', 0.1, 1.0
+# Names that are remembered: whoever publishes others all the time must not fill the memory.
+MOST_NAMES = 100
 # Name that ROS gives to nodes whose name is not known yet.
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
 # Time in which others are discovered before the first command, until when this node counts as
-# the newcomer after its activation, and for how long a command that was received counts [s].
+# the newcomer after its activation, and for how long a command of others forbids a start [s].
 LISTEN_SECONDS, NEW_SECONDS, RECENT_SECONDS = 0.5, 2.0, 1.0
-# As many commands of others stop the robot: one alone may have been under way.
+# As many commands of others stop the robot, however far apart: one alone may have been under way,
+# or sent by hand.
 FOREIGN = 2
 LOOKING = 'looking for other nodes that publish commands'
 # A lost command need not be repeated.
@@ -45,8 +54,8 @@ class Competitors:
 
     A newcomer that finds another publisher of its commands stays silent. A node that receives
     commands of another one while it is active stops, reports it, and stays silent. Both last until
-    ~/start, which is refused while commands of the other one arrive. Once the other one has gone,
-    zeros are published again.
+    ~/start, which is refused while commands of the other one arrive; after it the next one of them
+    stops the robot. Once the other one has gone, zeros are published again.
 
     Parameters
     ----------
@@ -69,10 +78,15 @@ class Competitors:
         self._made = self._since = boot_time()
         self._others: dict[str, tuple[str, ...]] = {}
         self._heard: dict[str, Subscription] = {}
-        # When commands of others were received.
-        self._foreign: deque[float] = deque(maxlen=FOREIGN)
+        # When commands of others were received, of each topic, while there are others.
+        self._foreign: defaultdict[str, deque[float]] = defaultdict(partial(deque, maxlen=FOREIGN))
         # When another publisher was found last.
         self._found = 0.0
+        # When each watchdog has published its name, by the topic that it watches over.
+        self._beats: dict[tuple[str, str], float] = {}
+        self._pulses = [loop_node.create_subscription(
+            String, publisher.topic + BEATS, partial(self._on_beat, publisher.topic), 10)
+            for publisher in loop.commands.publishers]
         if self._exclusive:
             loop.commands.silent, loop.unmet = True, LOOKING
 
@@ -80,6 +94,7 @@ class Competitors:
         """Count as the newcomer from now on."""
         self._since = boot_time()
         self._others = {}
+        self._foreign.clear()
         self.look()
 
     def look(self) -> None:
@@ -95,14 +110,14 @@ class Competitors:
             loop.commands.silent = False
 
     def restart(self) -> None:
-        """Forget the commands of others; `fault` has been asked before."""
-        self._foreign.clear()
+        """Publish again; `fault` has been asked before."""
         self._loop.commands.silent = False
 
     def fault(self) -> str:
         """Return who else commands the robot now; empty if nobody does."""
         # One that has just been found may not have been received yet.
-        last = max(self._found, self._foreign[-1] if len(self._foreign) == FOREIGN else 0.0)
+        last = max([self._found, *(times[-1] for times in list(self._foreign.values())
+                                   if len(times) == FOREIGN)])
         if boot_time() - last > RECENT_SECONDS:
             return ''
         return next((_publishing(names, topic) for topic, names in self._others.items() if names),
@@ -110,9 +125,9 @@ class Competitors:
 
     def close(self) -> None:
         """Stop listening."""
-        for subscription in self._heard.values():
+        for subscription in (*self._heard.values(), *self._pulses):
             self._loop_node.destroy_subscription(subscription)
-        self._heard = {}
+        self._heard, self._pulses = {}, []
 
     def _look_at(self, publisher: NumbersPublisher, now: float) -> None:
         """Look for other publishers of a topic."""
@@ -140,16 +155,16 @@ class Competitors:
                 publisher.kind, topic, lambda raw: self._hear(publisher, raw), HEARING, raw=True)
         elif not names and topic in self._heard:
             self._loop_node.destroy_subscription(self._heard.pop(topic))
+            self._foreign.pop(topic, None)
 
     def _hear(self, publisher: NumbersPublisher, raw: Any) -> None:
         """Receive a serialized command, on the thread of the loop."""
         if publisher.is_own(raw):
             return
-        now = boot_time()
-        self._foreign.append(now)
-        if len(self._foreign) == FOREIGN and now - self._foreign[0] < RECENT_SECONDS \
-                and self._loop.active:
-            self._stop(self._others[publisher.topic], publisher.topic)
+        times, names = self._foreign[publisher.topic], self._others.get(publisher.topic)
+        times.append(boot_time())
+        if len(times) == FOREIGN and names and self._loop.active:
+            self._stop(names, publisher.topic)
 
     def _stop(self, names: tuple[str, ...], topic: str) -> None:
         """Stop the robot until ~/start, and leave it to the others."""
@@ -173,8 +188,24 @@ class Competitors:
         own = _full_name(self._loop_node)
         names = {_name(info) for info
                  in self._node.get_subscriptions_info_by_topic(publisher.topic)} - {own}
-        watchdogs = sum(name.endswith(WATCHDOG) for name in names)
-        return len(names) - watchdogs, watchdogs
+        watchdogs = {name for name in names if name.endswith(WATCHDOG)}
+        return len(names - watchdogs), self._count_alive(watchdogs, publisher.topic)
+
+    def _count_alive(self, watchdogs: set[str], topic: str) -> int:
+        """Return how many watchdogs of a topic are there: the names of others tell nothing."""
+        if not watchdogs:
+            return 0
+        now, beating = boot_time(), set(map(_name, self._node.get_publishers_info_by_topic(
+            topic + BEATS)))
+        return sum(name not in beating
+                   or now - self._beats.get((topic, name), -math.inf) < LATE_BEAT_SECONDS
+                   for name in watchdogs)
+
+    def _on_beat(self, topic: str, message: String) -> None:
+        """Note that a watchdog is there, on the thread of the loop."""
+        if len(self._beats) >= MOST_NAMES:
+            self._beats.clear()
+        self._beats[topic, message.data] = boot_time()
 
 
 def _name(info: TopicEndpointInfo) -> str:

@@ -53,6 +53,7 @@ from tp_controller.nodes.parameters import (
     warn_unknown,
 )
 from tp_controller.nodes.permits import PARAMETERS as PERMITS
+from tp_controller.nodes.permits import read_inputs
 from tp_controller.nodes.realtime import prepare
 from tp_controller.nodes.reporter import Reporter
 from tp_controller.nodes.runner import ClosableNode, run, spinning
@@ -255,6 +256,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._fault = None
         try:
             self._settings = self._settings_of(self._values)
+            # Faults of the parameters alone are not put off until there is a robot.
+            read_inputs(self._values, self.resolve_topic_name)
             self._reporter.leave(NO_ROBOT)
             robot = self._make_robot()
             if robot is not None:

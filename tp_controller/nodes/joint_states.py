@@ -21,7 +21,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tp_controller.model.spatial import Array
-from tp_controller.nodes.state_checks import Contradicting, History, motion, StampAge
+from tp_controller.nodes.state_checks import (
+    Contradicting,
+    Dropped,
+    History,
+    motion,
+    StampAge,
+)
 from tp_controller.tasks.keys import LARGEST
 
 Rows = NDArray[np.intp]
@@ -113,6 +119,8 @@ class JointStateBuffer(Contradicting):
         Positions of the passive joints, `passive_start` before the first [rad or m].
     delay : float
         Age of the last message by its stamp, even if it was ignored [s].
+    dropped : Dropped
+        Messages that were ignored.
 
     """
 
@@ -143,7 +151,7 @@ class JointStateBuffer(Contradicting):
         self._slack = min(late, 1.0)
         self._history = History(self._slack)
         self.delay = 0.0
-        self._ignored, self._ignored_at = '', -math.inf
+        self.dropped = Dropped()
         self._clock = -math.inf
         # Who spoke last, when, where in its messages the joints are, and their positions then.
         self._speaker: Plan | None = None
@@ -185,13 +193,8 @@ class JointStateBuffer(Contradicting):
         """
         fault = self._take(tuple(names), positions, now, stamp,
                            now if received is None else received)
-        if fault:
-            self._ignored, self._ignored_at = fault, now
+        self.dropped.note(fault, now)
         return fault
-
-    def ignored(self, now: float, timeout: float) -> str:
-        """Return why the last message was ignored that was, if that is `timeout` ago at most."""
-        return self._ignored if now - self._ignored_at <= timeout else ''
 
     def _take(self, names: tuple[str, ...], positions: Sequence[float] | Array, now: float,
               stamp: float, clock: float) -> str:

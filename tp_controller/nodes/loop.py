@@ -16,7 +16,6 @@
 
 from collections.abc import Callable
 import math
-import re
 import time
 import traceback
 from typing import Any
@@ -58,8 +57,6 @@ LONGEST_RAMP = 2.0
 CORRECTED = 1.5
 LATE_CYCLE = 'no cycle was completed within watchdog_timeout'
 INACTIVE = 'inactive; activate the node to go on'
-# Ages and the like in a reason: they change all the time while its cause is the same.
-SECONDS = re.compile(r'[\d.e+]+ s\b')
 
 
 def boot_time() -> float:
@@ -353,7 +350,8 @@ class ControlLoop:
         self._buffer.discard()
         self._base.discard()
         self.figures.stalls += 1
-        self.stops.interrupt(f'the node stood still for {silence:.2g} s', now)
+        self._log.warning(f'the node stood still for {silence:.2g} s', 'stall')
+        self.stops.interrupt(f'the node stood still for longer than {self._stall:g} s', now)
         self._zeros()
         self._tell(self._find_stop_reason(now))
         self.completed = now
@@ -405,7 +403,7 @@ class ControlLoop:
             return self._find_stop_reason(now)
         took = boot_time() - now
         if took > self._stall:
-            self.stops.interrupt(f'a cycle took {took:.2g} s', now + took)
+            self.stops.interrupt(f'a cycle took longer than {self._stall:g} s', now + took)
         elif self.commands.publish(command.velocity, noted):
             self.report, self.reported, self._resting = command.report, now, False
             self._ramp = 0.0
@@ -469,7 +467,7 @@ class ControlLoop:
         self.stop_reason = reason
         if reason:
             what = 'nothing' if self.commands.silent else 'zeros'
-            self._log.warning(f'commanding {what}: {reason}', SECONDS.sub('', reason))
+            self._log.warning(f'commanding {what}: {reason}')
             return
         self._log.info('running')
         unheard = self._buffer.unheard()
@@ -490,9 +488,8 @@ class ControlLoop:
         """Return which positions have not arrived for too long; empty if all are known."""
         missing = self._buffer.missing(now, self._timeout)
         if missing:
-            ignored = self._buffer.ignored(now, self._timeout)
             return f'no joint states of {", ".join(missing)}' \
-                   + (f' (ignored: {ignored})' if ignored else '')
+                   + self._buffer.dropped.remark(now, self._timeout)
         return self._base.stop_reason(now, self._timeout)
 
     def _watch(self) -> None:

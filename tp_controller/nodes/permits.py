@@ -23,8 +23,9 @@ import re
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from tp_controller.errors import in_words, SettingsError
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.parameters import names_in, Spec
@@ -38,7 +39,8 @@ PARAMETERS = (
          60.0, True),
     Spec('permit_topics', [''], 'states of the robot that allow motion: topics of one Bool or '
          'number, true or more than 0, or as "topic:field == value" with ==, !=, >, >=, <, <= '
-         '(an empty name: none). One that is lost stops the robot until ~/start', fixed=True),
+         '(an empty name: none). All have to hold, and each field is named once. One that is '
+         'lost stops the robot until ~/start', fixed=True),
     Spec('speed_scaling_topic', '', 'share of the commanded velocity that the robot carries out '
          '(one number): it follows by that share of its commands (empty: none)', fixed=True),
     Spec('speed_scaling_full', 100.0, 'value on `speed_scaling_topic` that stands for full speed',
@@ -50,11 +52,14 @@ OPERATORS: Mapping[str, Callable[[float, float], bool]] = {
 CONDITION = re.compile(r'\s*([\w/~]+)(?::([\w.]+))?\s*(?:(==|!=|>=|<=|>|<)\s*(\S+))?\s*')
 # Field of a message where none is named.
 DATA = 'data'
+BOOL = 'std_msgs/msg/Bool'
+# What is received of a topic: type, reliability and durability.
+Offer = tuple[str, ReliabilityPolicy, DurabilityPolicy]
 
 
 class Input:
     """
-    The latest number on a topic, whatever its type.
+    The latest number on a topic.
 
     Parameters
     ----------
@@ -62,6 +67,8 @@ class Input:
         Full name.
     field : str
         Of the message, with dots.
+    kind : str
+        Type of the message; empty for any type with the field.
 
     Attributes
     ----------
@@ -69,12 +76,17 @@ class Input:
         NaN before the first message.
     received : float
         When it was received [s].
+    fault : str
+        Why the topic cannot be received as it is published; empty where it can.
 
     """
 
-    def __init__(self, topic: str, field: str = DATA) -> None:
-        self.topic, self._field = topic, field
+    def __init__(self, topic: str, field: str = DATA, kind: str = '') -> None:
+        self.topic, self.field, self._kind = topic, field, kind
         self._subscription: Subscription | None = None
+        self._offer: Offer | None = None
+        # Ids of the publishers that were found last.
+        self._publishers: set[bytes] = set()
         self.fault = ''
         self.forget()
 
@@ -83,11 +95,20 @@ class Input:
         self.value, self.received = math.nan, -math.inf
 
     def look(self, graph: Node, node: Node, clock: Callable[[], float]) -> None:
-        """Subscribe as soon as there is a publisher, and forget those that have gone."""
-        if not graph.count_publishers(self.topic):
+        """Subscribe as the publishers publish, and forget those that have gone."""
+        found = graph.get_publishers_info_by_topic(self.topic)
+        before, self._publishers = self._publishers, {bytes(info.endpoint_gid) for info in found}
+        replaced = bool(before) and not before & self._publishers
+        if replaced:
             self.forget()
-        elif self._subscription is None and not self.fault:
-            self._subscribe(graph, node, clock)
+        offer = _offer(found)
+        if found and (replaced or offer is None or offer != self._offer):
+            # Of a new subscription the last value of a latched topic is received again.
+            self.close(node)
+            self.fault = self._subscribe(offer, found, node, clock)
+            self._offer = offer
+            if self.fault:
+                self.forget()
 
     def close(self, node: Node) -> None:
         """Unsubscribe."""
@@ -95,28 +116,47 @@ class Input:
             node.destroy_subscription(self._subscription)
             self._subscription = None
 
-    def _subscribe(self, graph: Node, node: Node, clock: Callable[[], float]) -> None:
-        """Subscribe as the publisher publishes; note why not."""
-        offered = graph.get_publishers_info_by_topic(self.topic)
-        if not offered:
-            return
-        package, _, name = offered[0].topic_type.split('/')
+    def _subscribe(self, offer: Offer | None, found: Sequence[TopicEndpointInfo], node: Node,
+                   clock: Callable[[], float]) -> str:
+        """Subscribe to what is offered; return why that is not possible."""
+        types = sorted({info.topic_type for info in found})
+        told = f'{self.topic} is published as {" and ".join(types)}'
+        if offer is None:
+            return f'{told}; only one type can be received'
+        if self._kind and offer[0] != self._kind:
+            return f'{told}; it must be {self._kind}'
+        package, _, name = offer[0].split('/')
         try:
             kind = getattr(import_module(f'{package}.msg'), name)
-            float(operator.attrgetter(self._field)(kind()))
-        except (ImportError, AttributeError, TypeError, ValueError) as error:
-            self.fault = f'{self.topic}: {package}/{name} has no number {self._field!r}: {error}'
-            return
-        # As it is offered: of a latched topic the last value is received, too.
-        qos = offered[0].qos_profile
+        except (ImportError, AttributeError) as error:
+            return f'{told}, which cannot be read: {error}'
+        try:
+            float(operator.attrgetter(self.field)(kind()))
+        except (AttributeError, TypeError, ValueError):
+            return (f'{told}, which has no number {self.field!r}; '
+                    f'its fields: {", ".join(kind.get_fields_and_field_types()) or "none"}')
         self._subscription = node.create_subscription(
             kind, self.topic, partial(self._take, clock),
-            QoSProfile(depth=10, reliability=qos.reliability, durability=qos.durability))
+            QoSProfile(depth=10, reliability=offer[1], durability=offer[2]))
+        return ''
 
     def _take(self, clock: Callable[[], float], message: Any) -> None:
         """Take a message."""
-        self.value = float(operator.attrgetter(self._field)(message))
+        self.value = float(operator.attrgetter(self.field)(message))
         self.received = clock()
+
+
+def _offer(found: Sequence[TopicEndpointInfo]) -> Offer | None:
+    """Return what suits all publishers; None where they publish several types."""
+    profiles = [info.qos_profile for info in found]
+    if len({info.topic_type for info in found}) != 1:
+        return None
+    # Of a latched topic the last value is received, too.
+    latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in profiles)
+    reliable = all(qos.reliability == ReliabilityPolicy.RELIABLE for qos in profiles)
+    return (found[0].topic_type,
+            ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
 
 
 class Condition:
@@ -148,6 +188,8 @@ class Condition:
             raise SettingsError([f'permit_topics: {text!r} is no condition; valid: topic, '
                                  'topic:field or topic:field == number'])
         self._holds = OPERATORS[sign or '>']
+        # The value of a state that is compared so may change all the time.
+        self._bound = f'{sign} {value}' if sign and sign[0] in '<>' else ''
         self.input = Input(_resolved('permit_topics', topic, resolve), field or DATA)
 
     def fault(self) -> str:
@@ -155,11 +197,12 @@ class Condition:
         found = self.input
         if found.fault:
             return found.fault
-        if math.isnan(found.value):
+        if found.received == -math.inf:
             return f'nothing received on {found.topic}'
-        if not self._holds(found.value, self._value):
-            return f'{found.topic} is {found.value:g}'
-        return ''
+        if self._holds(found.value, self._value) and not math.isnan(found.value):
+            return ''
+        return f'{found.topic} is ' + (f'not {self._bound}' if self._bound
+                                       else f'{found.value:g}')
 
 
 class Permits:
@@ -184,7 +227,7 @@ class Permits:
     Raises
     ------
     SettingsError
-        A permit is no condition.
+        See `read_inputs`.
 
     """
 
@@ -192,11 +235,7 @@ class Permits:
                  stops: Stops, clock: Callable[[], float]) -> None:
         self._node, self._stops, self._clock = node, stops, clock
         self._timeout, self._full = values['enable_timeout'], values['speed_scaling_full']
-        self._enable, self._scaling = (
-            Input(_resolved(name, values[name], topic)) if values[name] else None
-            for name in ('enable_topic', 'speed_scaling_topic'))
-        self._conditions: Sequence[Condition] = [
-            Condition(text, topic) for text in names_in(values['permit_topics']) or ()]
+        self._enable, self._scaling, self._conditions = read_inputs(values, topic)
         self._inputs = [each for each in (self._enable, self._scaling) if each] \
             + [condition.input for condition in self._conditions]
 
@@ -213,7 +252,7 @@ class Permits:
             before = each.fault
             each.look(graph, self._node, self._clock)
             if each.fault and not before:
-                log.error(f'input ignored: {each.fault}')
+                log.error(each.fault)
 
     def reason(self, now: float) -> str:
         """Return why motion is not allowed; empty if it is. A state that is lost latches."""
@@ -222,7 +261,8 @@ class Permits:
         fault = self.refusal()
         if fault and self._stops.moved:
             self._stops.latch(fault, abrupt=False)
-        return fault or self._switched_off(now)
+        unread = self._scaling.fault if self._scaling else ''
+        return fault or unread or self._switched_off(now)
 
     def refusal(self) -> str:
         """Return which state of the robot forbids a start; empty if none does."""
@@ -239,10 +279,45 @@ class Permits:
         if switch is None:
             return ''
         if switch.fault:
-            return switch.fault
+            return f'not enabled: {switch.fault}'
         if math.isnan(switch.value) or 0.0 < self._timeout < now - switch.received:
             return f'not enabled: nothing received on {switch.topic}'
         return '' if switch.value else f'not enabled: {switch.topic} is false'
+
+
+def read_inputs(values: Mapping[str, Any], resolve: Callable[[str], str]
+                ) -> tuple[Input | None, Input | None, list[Condition]]:
+    """
+    Return the enable switch, the speed scaling and the conditions of parameters.
+
+    Parameters
+    ----------
+    values : dict
+        Values of `PARAMETERS`.
+    resolve : callable
+        Returns the full name of a topic.
+
+    Raises
+    ------
+    SettingsError
+        A permit is no condition, or the same number of a topic is named twice.
+
+    """
+    enable, scaling = (
+        Input(_resolved(name, values[name], resolve), kind=kind) if values[name] else None
+        for name, kind in (('enable_topic', BOOL), ('speed_scaling_topic', '')))
+    conditions = [Condition(text, resolve) for text in names_in(values['permit_topics']) or ()]
+    named = [('enable_topic', enable), ('speed_scaling_topic', scaling),
+             *(('permit_topics', condition.input) for condition in conditions)]
+    parameters: dict[tuple[str, str], list[str]] = {}
+    for parameter, each in named:
+        if each is not None:
+            parameters.setdefault((each.topic, each.field), []).append(parameter)
+    faults = [f'{topic}:{field} is named by {" and ".join(names)}; it can be named once'
+              for (topic, field), names in parameters.items() if len(names) > 1]
+    if faults:
+        raise SettingsError(faults)
+    return enable, scaling, conditions
 
 
 def _resolved(parameter: str, name: str, resolve: Callable[[str], str]) -> str:

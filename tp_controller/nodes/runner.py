@@ -50,6 +50,8 @@ LONG = 1e8
 PATIENCE_SECONDS, BESIDE = 1.0, 'beside'
 # How long a node takes at most to end after a signal, and its exit status if it does not [s].
 ENDING_SECONDS, STUCK = 5.0, 1
+# After how long it is logged that a callback has not returned since a signal [s].
+HANGING_SECONDS = 0.1
 # How long a thread that is busy in Python may hold up the others [s]; Python's own is 5 ms.
 SWITCH_SECONDS = 1e-4
 # What Fast DDS sends over, unless the environment says so already. Through shared memory, its
@@ -111,7 +113,7 @@ def run(make_node: Callable[[], ClosableNode], name: str,
     if {'-h', '--help'} & set(sys.argv[1:] if args is None else args):
         print(_help(sys.modules[make_node.__module__]))
         return 0
-    ending = Ending()
+    ending = Ending(name)
     _catch_signals(ending)
     sys.setswitchinterval(SWITCH_SECONDS)
     os.environ.setdefault(*TRANSPORTS)
@@ -163,6 +165,11 @@ class Ending:
     """
     Ends a node from any thread.
 
+    Parameters
+    ----------
+    name : str
+        Name for messages.
+
     Attributes
     ----------
     reason : str
@@ -170,10 +177,11 @@ class Ending:
 
     """
 
-    def __init__(self) -> None:
-        self.reason = ''
+    def __init__(self, name: str) -> None:
+        self._name, self.reason = name, ''
         self._node: ClosableNode | None = None
         self._spun: Future | None = None
+        self._returned = threading.Event()
 
     def follow(self, node: ClosableNode, spun: Future) -> None:
         """End a node from now on, which spins until a future is done."""
@@ -185,6 +193,14 @@ class Ending:
         """End the node because of a signal."""
         self.reason = f'ended by {NAMES[number]}'
         self._act()
+        if not self._returned.wait(HANGING_SECONDS):
+            get_logger(self._name).warning(
+                f'{self.reason}: waiting for a callback, or the start, to return, until the '
+                f'process is ended by force after {ENDING_SECONDS:g} s')
+
+    def note_return(self) -> None:
+        """Note that the main thread hangs in no callback: it ends the node now."""
+        self._returned.set()
 
     def _act(self) -> None:
         """Stop what moves, and then let the main thread end the node, if it can."""
@@ -259,6 +275,7 @@ def _spin(node: ClosableNode, ending: Ending) -> str:
     except ExternalShutdownException:
         pass
     finally:
+        ending.note_return()
         executor.shutdown()
     return cast(str, ended.result()) if ended.done() else 'ended: ROS was shut down'
 

@@ -34,6 +34,7 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tp_controller.errors import RobotError
 from tp_controller.model.simulator import initial_positions, KinematicSimulator, SimulatorNoise
+from tp_controller.nodes.adaptive_subscription import AdaptiveSubscription
 from tp_controller.nodes.base_topics import fill_odometry, twist_of
 from tp_controller.nodes.deadlines import promise
 from tp_controller.nodes.limit_parameters import LimitParameters, robot_from
@@ -47,6 +48,7 @@ from tp_controller.nodes.parameters import (
     warn_unknown,
 )
 from tp_controller.nodes.runner import ClosableNode, run
+from tp_controller.nodes.state_checks import LimitCheck
 from tp_controller.nodes.tf_frames import TfBroadcast
 
 NAME = 'tp_simulator'
@@ -100,6 +102,7 @@ class SimulatorNode(ClosableNode):
             SimulatorNoise(values['noise'], values['delay'], values['lag'], values['drop'],
                            values['seed']))
         names = self._check_names(names_in(values['command_joints']) or self._robot.joint_names)
+        self._warn_outside()
         self._commanded = np.array([self._robot.joint_index(name) for name in names],
                                    dtype=int)
         self._velocity = np.zeros(self._robot.n)
@@ -125,6 +128,14 @@ class SimulatorNode(ClosableNode):
                              f'({", ".join(self._robot.joint_names)}), not {", ".join(names)}')
         return names
 
+    def _warn_outside(self) -> None:
+        """Warn of a start outside the position limits, from where no controller moves a robot."""
+        robot, rows = self._robot, self._robot.joint_columns
+        fault = LimitCheck(robot.joint_names, robot.lower[rows], robot.upper[rows], 0.0).outside(
+            self._simulator.q[robot.joint_rows])
+        if fault:
+            self.get_logger().warning(f'initial_positions: {fault}')
+
     def _connect(self) -> None:
         """Create publishers, the subscription, the service and the timer."""
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -139,14 +150,14 @@ class SimulatorNode(ClosableNode):
         self._clock_publisher = None
         if self._publish_clock:
             self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
-        self.create_subscription(Float64MultiArray, 'velocity_controller/commands',
-                                 self._on_command, 10)
+        AdaptiveSubscription(self, Float64MultiArray, 'velocity_controller/commands',
+                             self._on_command)
         self._odometry_publisher = None
         if self._robot.moves:
             self._odometry = Odometry(child_frame_id=self._robot.base_frame)
             self._odometry.header.frame_id = self._robot.root
             self._odometry_publisher = self.create_publisher(Odometry, 'odom', 10)
-            self.create_subscription(Twist, 'cmd_vel', self._on_base_command, 10)
+            AdaptiveSubscription(self, Twist, 'cmd_vel', self._on_base_command)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self._start_time = time.monotonic()
         self._steps_since_start = 0

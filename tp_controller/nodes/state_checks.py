@@ -32,7 +32,7 @@ from tp_controller.model.spatial import Array, wrap_angle
 REMEMBERED = 5.0
 # After how long stamps that are off by a constant time are taken as another clock [s].
 RELEARNED = 2.0
-# Duration for which a contradiction counts as one that lasts [s].
+# Duration for which a contradiction, or a message that was dropped, counts as one that lasts [s].
 LASTING = 1.0
 # A longer step between two cycles, as a share of the window in which a robot has to follow, is a
 # leap of the clock. It is so short that a robot which did not move meanwhile follows all the same.
@@ -105,8 +105,9 @@ class StampAge:
         self._stepped |= stamp < self._seen - 0.5 * self.limit or age < -self.limit
         self._seen = stamp
         if abs(age) > self.limit and not self._is_another_clock(difference, received):
-            return f'{age:.2g} s old by its stamp' if age > 0.0 \
-                else f'stamped {-age:.2g} s ahead of the ones before'
+            # Without the age, which every message has another one of: a status stays the same.
+            return f'older than {self.limit:g} s by its stamp' if age > 0.0 \
+                else f'stamped more than {self.limit:g} s ahead of the ones before'
         if abs(age) > self.limit:
             self._older = self._newer = difference
             self._newest, age = -math.inf, 0.0
@@ -130,6 +131,26 @@ class StampAge:
             since, least, most = received, difference, difference
         self._off = since, least, most
         return self._stepped and received - since >= RELEARNED
+
+
+class Dropped:
+    """Why the last message was dropped that was dropped."""
+
+    def __init__(self) -> None:
+        self._fault, self._at = '', -math.inf
+
+    def note(self, fault: str, now: float) -> None:
+        """Keep the fault of a message at a time [s]; an empty one is none."""
+        if fault:
+            self._fault, self._at = fault, now
+
+    def remark(self, now: float, timeout: float) -> str:
+        """
+        Return the fault in brackets, if it was within `timeout` seconds; else nothing.
+
+        Messages that come less often are remembered for `LASTING`: the remark would come and go.
+        """
+        return f' (ignored: {self._fault})' if now - self._at <= max(timeout, LASTING) else ''
 
 
 class Contradicting:

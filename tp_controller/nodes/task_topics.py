@@ -28,8 +28,8 @@ from std_srvs.srv import SetBool
 from tp_controller.control.controller import Controller
 from tp_controller.errors import GoalError, in_words
 from tp_controller.nodes import Message
+from tp_controller.nodes.adaptive_subscription import AdaptiveSubscription
 from tp_controller.nodes.goal_messages import GoalMessage, messages_of, Parts
-from tp_controller.nodes.goal_subscription import GoalSubscription
 from tp_controller.nodes.log import Log
 from tp_controller.nodes.tf_frames import TfFrames
 from tp_controller.tasks.collision import ALL
@@ -186,8 +186,8 @@ class TaskTopics:
             service = self._node.create_service(kind, f'~/{name}/{topic}',
                                                 partial(self._on_enable, name))
             return partial(self._node.destroy_service, service)
-        return GoalSubscription(self._node, kind, f'~/{name}/{topic}',
-                                partial(self.take, name, topic)).close
+        return AdaptiveSubscription(self._node, kind, f'~/{name}/{topic}',
+                                    partial(self.take, name, topic)).close
 
     def _on_enable(self, name: str, request: SetBool.Request,
                    response: SetBool.Response) -> SetBool.Response:

@@ -24,10 +24,13 @@ from typing import Any
 
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
+from tp_controller.errors import SettingsError, unknown
+from tp_controller.model.mobile_base import BASES
+from tp_controller.nodes.adaptive_subscription import AdaptiveSubscription
 from tp_controller.nodes.base_topics import twist_of
 from tp_controller.nodes.commands import LAST_ZEROS, TOPIC
-from tp_controller.nodes.competitors import WATCHDOG
+from tp_controller.nodes.competitors import BEAT_SECONDS, BEATS, WATCHDOG
 from tp_controller.nodes.parameters import (
     declare,
     keep_fixed,
@@ -41,7 +44,8 @@ NAME = f'tp_{WATCHDOG}'
 PARAMETERS = (
     Spec('timeout', 0.2, 'time without a command, after one that moves the robot, after which '
          'zeros are commanded', 's', 0.01, 10.0, True),
-    Spec('base', False, 'watch over cmd_vel, too', fixed=True),
+    Spec('base', 'fixed', f'how the base moves ({", ".join(BASES)}): unless it is fixed, '
+         'cmd_vel is watched over, too', fixed=True),
 )
 
 
@@ -81,18 +85,26 @@ class WatchdogNode(ClosableNode):
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, **options)
         values = declare(self, PARAMETERS)
+        if values['base'] not in BASES:
+            raise SettingsError([unknown('base', values['base'], BASES)])
         self._watched = {topic: Guard(values['timeout']) for topic in (TOPIC, 'cmd_vel')}
         # As many as the last command had.
         self._zeros: dict[str, Float64MultiArray | Twist] = {}
         self._out = {}
         for topic, kind, take in ((TOPIC, Float64MultiArray, self._on_command),
                                   ('cmd_vel', Twist, self._on_base_command)):
-            if kind is Twist and not values['base']:
+            if kind is Twist and values['base'] == 'fixed':
                 continue
             self._out[topic] = self.create_publisher(kind, topic, 10)
-            self.create_subscription(kind, topic, take, 10)
-        self.create_timer(values['timeout'] / 4.0, self._on_timer,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+            AdaptiveSubscription(self, kind, topic, take)
+        # Of the topics as they are called after a remapping.
+        self._pulses = [self.create_publisher(String, publisher.topic_name + BEATS, 10)
+                        for publisher in self._out.values()]
+        self._name = String(data=self.get_fully_qualified_name())
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        for period, callback in ((values['timeout'] / 4.0, self._on_timer),
+                                 (BEAT_SECONDS, self._beat)):
+            self.create_timer(period, callback, clock=steady)
         keep_fixed(self)
         take_numbers(self)
         warn_unknown(self)
@@ -109,6 +121,11 @@ class WatchdogNode(ClosableNode):
         """Take velocities of a base."""
         self._zeros['cmd_vel'] = Twist()
         self._watched['cmd_vel'].hear(bool(twist_of(message).any()), time.monotonic())
+
+    def _beat(self) -> None:
+        """Let controllers know that this node is there, and does not hang."""
+        for publisher in self._pulses:
+            publisher.publish(self._name)
 
     def _on_timer(self) -> None:
         """Publish zeros where they are due."""

@@ -127,6 +127,15 @@ def test_the_page_shows_text_and_no_code():
     assert 'nothing was tried' in text_of(report)
 
 
+def test_a_second_parameter_file_goes_before_the_first(capsys, tmp_path):
+    path = tmp_path / 'check.json'
+    (tmp_path / 'slow.yaml').write_text('/**: {ros__parameters: {rate: 20.0}}')
+    main(['check', '--params-file', str(CONFIG / 'demo.yaml'), '--params-file',
+          str(tmp_path / 'slow.yaml'), '--samples', '2', '--runs', '0', '--json', str(path)])
+    capsys.readouterr()
+    assert CheckReport.from_json(path.read_text()).rate == 20.0
+
+
 @pytest.mark.parametrize('name', ['demo', 'mobile', 'underwater', 'two_arms'])
 def test_nothing_is_wrong_with_the_demos(capsys, name):
     status = main(['check', '--params-file', str(CONFIG / f'{name}.yaml'), '--samples', '25',

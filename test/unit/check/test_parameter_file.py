@@ -51,8 +51,25 @@ def file(tmp_path):
     return write
 
 
+def test_of_several_files_the_last_one_that_gives_a_parameter_counts(tmp_path):
+    texts = (
+        'tp_controller: {ros__parameters: {rate: 50.0, damping: 0.2, '
+        'limits: {joint1: {velocity: 0.5, acceleration: 4.0}}}}',
+        '/**: {ros__parameters: {rate: 200.0, limits: {joint1: {velocity: 0.05}}}}\n'
+        'tp_controller: {ros__parameters: {limits: {joint2: {velocity: 0.1}}}}')
+    files = []
+    for number, text in enumerate(texts):
+        files.append(tmp_path / f'{number}.yaml')
+        files[-1].write_text(text)
+    given = read(files, STACK, str(PLANAR_DH), '', None)
+    assert (given.period, given.settings.damping) == (0.005, 0.2)
+    assert given.robot.velocity[:2].tolist() == [0.05, 0.1]
+    assert given.robot.acceleration[0] == 4.0
+    assert read(files[::-1], STACK, str(PLANAR_DH), '', None).robot.velocity[0] == 0.5
+
+
 def test_everything_of_a_file_is_read(file):
-    given = read(file(FILE), '', '', '', None)
+    given = read([file(FILE)], '', '', '', None)
     assert given.robot.joint_names == ('joint1', 'joint3')
     assert given.robot.velocity.tolist() == [0.5, 1.0]
     assert given.robot.acceleration.tolist() == [np.inf, 4.0]
@@ -65,12 +82,12 @@ def test_everything_of_a_file_is_read(file):
 
 
 def test_a_base_starts_where_the_simulator_has_it():
-    assert read(CONFIG / 'underwater.yaml', '', '', '', None).around[2] == -3.0
+    assert read([CONFIG / 'underwater.yaml'], '', '', '', None).around[2] == -3.0
 
 
 def test_arguments_go_before_the_file(file):
     text = FILE.replace("initial_positions: '{joint2: 0.5}'", 'noise: 0.0')
-    given = read(file(text), STACK.replace('tip', 'top'), str(CONFIG / 'robots/planar_3r.yaml'),
+    given = read([file(text)], STACK.replace('tip', 'top'), str(CONFIG / 'robots/planar_3r.yaml'),
                  'planar', 50.0)
     assert given.robot.base == 'planar' and list(given.stack.tasks) == ['top']
     assert given.period == given.settings.period == 0.02 and given.around is None
@@ -79,7 +96,7 @@ def test_arguments_go_before_the_file(file):
 
 
 def test_without_a_file_the_defaults_of_a_node_are_in_force():
-    given = read(None, STACK, str(PLANAR_DH), '', None)
+    given = read([], STACK, str(PLANAR_DH), '', None)
     assert given.period == given.settings.period == 0.01 and given.robot.base == 'fixed'
     assert given.settings.weights is None
 
@@ -95,19 +112,19 @@ def test_names_of_nodes_are_found_in_any_namespace(file, name):
 def test_equal_weights_are_any_number(file):
     for value in ('[]', '[1.0]'):
         path = file(f'tp_controller:\n  ros__parameters: {{weights: {value}}}\n')
-        assert read(path, STACK, str(PLANAR_DH), '', None).settings.weights is None
+        assert read([path], STACK, str(PLANAR_DH), '', None).settings.weights is None
 
 
 def test_unknown_parameters_are_named(file):
     path = file('tp_controller:\n  ros__parameters: {breaking_gain: 3.0, settle_time: 0.1}\n')
-    assert read(path, STACK, str(PLANAR_DH), '', None).ignored == ('breaking_gain',)
+    assert read([path], STACK, str(PLANAR_DH), '', None).ignored == ('breaking_gain',)
 
 
 def test_all_that_a_node_would_refuse_is_listed(file):
     path = file('tp_controller:\n  ros__parameters: {damping: -1.0}\n')
     stack = '- tip: {type: positon, frame: link3}\n- top: {type: position, frame: link9}\n'
     with pytest.raises(Refused) as refused:
-        read(path, stack, str(PLANAR_DH), '', None)
+        read([path], stack, str(PLANAR_DH), '', None)
     messages = list(refused.value.messages())
     assert [where for where, _ in messages] == ['', 'line 1, tip', 'line 2, top, frame']
     assert 'damping' in messages[0][1] and 'position' in messages[1][1]
@@ -121,8 +138,8 @@ def test_all_that_a_node_would_refuse_is_listed(file):
     ('{rate: 0.0, state_timeout: 0.0}', 'period')])
 def test_parameters_that_are_wrong_are_faults(file, parameters, said):
     with pytest.raises(Refused, match=said):
-        read(file(f'tp_controller: {{ros__parameters: {parameters}}}'), STACK, str(PLANAR_DH), '',
-             None)
+        read([file(f'tp_controller: {{ros__parameters: {parameters}}}')], STACK, str(PLANAR_DH),
+             '', None)
 
 
 @pytest.mark.parametrize('text', ['- a list', 'tp_controller: {rate: 3.0}', '{', 'a: {b: 3}',
@@ -135,10 +152,10 @@ def test_other_files_are_refused(file, text):
 def test_what_is_missing_is_told():
     for stack, robot, said in (('', str(PLANAR_DH), 'no stack'), (STACK, '', 'no robot')):
         with pytest.raises(Refused, match=said) as refused:
-            read(None, stack, robot, '', None)
+            read([], stack, robot, '', None)
         assert not refused.value.missing_file
-    for arguments in ((None, 'none.yaml', str(PLANAR_DH)), (None, STACK, 'none.urdf'),
-                      ('none.yaml', STACK, str(PLANAR_DH))):
+    for arguments in (([], 'none.yaml', str(PLANAR_DH)), ([], STACK, 'none.urdf'),
+                      (['none.yaml'], STACK, str(PLANAR_DH))):
         with pytest.raises((Refused, SettingsError)) as missing:
             read(*arguments, '', None)
         assert 'none.' in str(missing.value)

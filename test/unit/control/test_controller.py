@@ -337,7 +337,7 @@ def test_late_commands_lead_no_joint_past_a_limit_that_brake_within_acceleration
     rows = robot.joint_columns
     lower, upper = np.maximum(robot.lower, -3.0)[rows], np.minimum(robot.upper, 3.0)[rows]
     controller = control('- rest: {type: posture, gain: 10.0}\n', robot,
-                         Settings(blend=0.0, period=period, delay=2))
+                         Settings(blend=0.0, period=period, command_delay=2))
     q, now = robot.configuration(rng.uniform(lower, upper)), 0.0
     controller.update(q, now)
     pending = deque([np.zeros(robot.n)] * delay)
@@ -357,7 +357,7 @@ def test_late_commands_lead_no_joint_past_a_limit_that_brake_within_acceleration
 def test_commands_count_as_pending_for_as_many_cycles_as_are_set():
     robot, near = robots.mixed(), np.array([2.4, 0.0, 0.0, 0.0])
     controller = control('- m: {type: joint_velocity, joints: turn, timeout: 100}\n', robot,
-                         Settings(blend=0.0, damping=0.0, delay=2))
+                         Settings(blend=0.0, damping=0.0, command_delay=2))
     controller.update(near, 0.0)
     controller.set_goal('m', [5.0], 0.0)
 
@@ -375,9 +375,9 @@ def test_commands_count_as_pending_for_as_many_cycles_as_are_set():
     controller.halt(0.06)
     controller.halt(0.07)
     assert command(8) == pytest.approx(1.0)
-    controller.settings = replace(controller.settings, delay=0)
+    controller.settings = replace(controller.settings, command_delay=0)
     assert command(9) == pytest.approx(1.0)
-    controller.settings = replace(controller.settings, delay=2)
+    controller.settings = replace(controller.settings, command_delay=2)
     assert command(10) == pytest.approx(1.0)
     assert command(11) == pytest.approx(0.9)
 
@@ -385,7 +385,7 @@ def test_commands_count_as_pending_for_as_many_cycles_as_are_set():
 def test_pending_commands_count_for_twice_the_mean_time_between_two_and_a_period_at_most():
     robot, near = robots.mixed(), np.array([2.45, 0.0, 0.0, 0.0])
     controller = control('- m: {type: joint_velocity, joints: turn, timeout: 100}\n', robot,
-                         Settings(blend=0.0, damping=0.0, period=0.1, delay=1))
+                         Settings(blend=0.0, damping=0.0, period=0.1, command_delay=1))
     controller.update(near, 0.0)
     controller.set_goal('m', [5.0], 0.0)
     for cycle in range(1000):
@@ -397,7 +397,7 @@ def test_pending_commands_count_for_twice_the_mean_time_between_two_and_a_period
 def test_joint_runs_into_its_limit_softly_and_stays_there():
     robot = robots.mixed()
     controller = control('- m: {type: joint_velocity, joints: turn, timeout: 100}\n', robot,
-                         replace(EXACT, delay=0))
+                         replace(EXACT, command_delay=0))
     controller.update([0.0] * 4, 0.0)
     controller.set_goal('m', [5.0], 0.0)
     q = run(controller, [0.0] * 4, 400)[:, 0]
@@ -446,7 +446,7 @@ def test_joint_outside_its_range_comes_back_at_its_speed_limit_if_a_task_demands
                                (0.0, min(10.0 * beyond, 0.2 * speed, 1.0)),
                                (-speed, min(10.0 * beyond, 0.2 * speed, 1.0))):
         controller = control(f'- m: {{type: joint_velocity, joints: {name}}}\n', robot,
-                             Settings(blend=0.0, braking_gain=10.0, delay=0))
+                             Settings(blend=0.0, braking_gain=10.0, command_delay=0))
         controller.update(q, 0.0)
         controller.set_goal('m', [-side * demanded], 0.0)
         assert -side * controller.update(q, 0.0).velocity[index] == pytest.approx(
@@ -714,8 +714,9 @@ def test_all_settings_out_of_range_are_told_at_once():
 
 @pytest.mark.parametrize('delay', [1.0, 1.5, -1, 101, True, '2', None, math.nan])
 def test_delay_that_is_no_number_of_cycles_is_refused(delay):
-    with pytest.raises(SettingsError, match='delay must be a whole number from 0 to 100, not'):
-        Settings(delay=delay)
+    with pytest.raises(SettingsError,
+                       match='command_delay must be a whole number from 0 to 100, not'):
+        Settings(command_delay=delay)
 
 
 def test_braking_that_the_period_cannot_keep_up_with_is_refused():

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Subscription to goals of reliable and best-effort publishers."""
+"""Subscription to reliable and best-effort publishers."""
 
 from collections.abc import Callable
 from functools import partial
@@ -26,7 +26,7 @@ from tp_controller.nodes import Message
 DEPTH = 10
 
 
-class GoalSubscription:
+class AdaptiveSubscription:
     """
     Hears every publisher of a topic.
 

@@ -12,13 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Goals are heard whatever their publishers promise, and count once."""
+"""Goals and commands are heard whatever their publishers promise, and count once."""
 
-from harness import Arm, Status
+from geometry_msgs.msg import Twist
+from harness import Arm, COMMANDS, JOINTS, Status
+from nav_msgs.msg import Odometry
+import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Int32
-from tp_controller.nodes.goal_subscription import GoalSubscription
+from std_msgs.msg import Float64MultiArray, Int32
+from tp_controller.nodes.adaptive_subscription import AdaptiveSubscription
+from tp_controller.nodes.watchdog_node import WatchdogNode
 
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -33,9 +37,40 @@ def test_a_goal_of_a_best_effort_publisher_is_taken(any_harness):
                        meanwhile=arm.publish)
 
 
+def test_the_simulator_receives_commands_of_best_effort_publishers(any_harness):
+    harness = any_harness
+    harness.simulator(base='planar')
+    states = harness.record(JointState, '/joint_states')
+    odometry = harness.record(Odometry, '/odom')
+    commands = harness.publisher(Float64MultiArray, COMMANDS, BEST_EFFORT)
+    drive = harness.publisher(Twist, '/cmd_vel', BEST_EFFORT)
+    message = Twist()
+    message.linear.x = 0.2
+
+    def publish():
+        commands.publish(Float64MultiArray(data=[0.1] * len(JOINTS)))
+        drive.publish(message)
+
+    harness.spin_until(lambda: states and states[-1].velocity[0] > 0.0, 'motion', publish)
+    harness.spin_until(lambda: odometry and odometry[-1].twist.twist.linear.x > 0.0, 'motion',
+                       publish)
+
+
+@pytest.mark.parametrize('kind, topic', [(Float64MultiArray, COMMANDS), (Twist, '/cmd_vel')])
+def test_a_watchdog_receives_commands_of_best_effort_publishers(harness, log, kind, topic):
+    harness.make(WatchdogNode, base='planar', timeout=0.1)
+    publisher, message = harness.publisher(kind, topic, BEST_EFFORT), kind()
+    if kind is Twist:
+        message.linear.x = 0.2
+    else:
+        message.data = [0.1]
+    publisher.publish(message)
+    harness.spin_until_logged(log, f'no command on {topic} any more: zeros')
+
+
 def test_messages_of_both_kinds_of_publishers_count_once_each(harness):
     taken = []
-    subscription = GoalSubscription(harness.node, Int32, '/numbers', taken.append)
+    subscription = AdaptiveSubscription(harness.node, Int32, '/numbers', taken.append)
     reliable = harness.publisher(Int32, '/numbers', 50)
     assert len(list(harness.node.subscriptions)) == 1
     best_effort = harness.publisher(Int32, '/numbers', BEST_EFFORT)
@@ -53,7 +88,7 @@ def test_messages_of_both_kinds_of_publishers_count_once_each(harness):
 
 
 def test_a_second_best_effort_publisher_needs_no_third_subscription(harness):
-    subscription = GoalSubscription(harness.node, Int32, '/numbers', lambda message: None)
+    subscription = AdaptiveSubscription(harness.node, Int32, '/numbers', lambda message: None)
     publishers = [harness.publisher(Int32, '/numbers', BEST_EFFORT) for _ in range(3)]
     for _ in range(20):
         harness.executor.spin_once(timeout_sec=0.005)
