@@ -65,6 +65,8 @@ bench: $(STAMP) $(TEST_NEEDS)  ## measure times on this machine (benchmarks/)
 
 docs: $(STAMP) $(VENV)/with_docs  ## build the pages as a site, strictly: docs/_build/index.html
 	@$(BIN)/python -m sphinx -q -n -W --keep-going docs docs/_build
+	@echo 'docs/_build/index.html; its search shows where a word stands only if the site is served:' \
+	      '$(BIN)/python -m http.server --bind 127.0.0.1 --directory docs/_build'
 
 lint: $(STAMP) $(TEST_NEEDS)  ## check code style and types
 	@$(BIN)/python -m ruff check .

@@ -257,7 +257,7 @@ def test_the_command_of_a_workspace_runs_the_program_beside_it(tmp_path):
     child = subprocess.Popen(['tp_controller', 'one', 'two words'], stdout=subprocess.PIPE,
                              text=True, cwd=tmp_path / 'elsewhere',
                              env={'PATH': f'{command.parent}:/usr/bin:/bin'})
-    said, _ = child.communicate(timeout=10)
+    said, _ = child.communicate(timeout=60)
     assert (said, child.returncode) == (f'{child.pid} 2 two words\n', 7)
 
 
@@ -290,7 +290,7 @@ def child_environment(**changes):
 def run(*command, **changes):
     """Run a command and return what it printed."""
     done = subprocess.run(list(map(str, command)), env=child_environment(**changes), cwd='/',
-                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=120)
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=600)
     assert done.returncode == 0, done.stdout
     return done.stdout
 
@@ -492,7 +492,7 @@ def test_shim_leaves_signals_and_exit_code_to_the_program(prefix, tmp_path):
     program.write_text('#!/bin/sh\necho $$ "$#" "$2"\nexit 7\n')
     program.chmod(0o755)
     child = subprocess.Popen([shim, 'one', 'two words'], stdout=subprocess.PIPE, text=True)
-    text, _ = child.communicate(timeout=10)
+    text, _ = child.communicate(timeout=60)
     assert text == f'{child.pid} 2 two words\n'
     assert child.returncode == 7
 
