@@ -2,7 +2,7 @@
 
 PYTHON ?= python3
 # Where there are no ROS wheels (they are for x86_64): make EXTRAS=test ...
-EXTRAS ?= ros plots view test
+EXTRAS ?= ros plots view record test
 PYTEST_FLAGS ?=
 DEMO_FLAGS ?=
 
@@ -13,13 +13,14 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq
 comma := ,
 CHOSEN := $(subst $(comma), ,$(EXTRAS))
 # Which of them a target needs.
-DEMO_NEEDS := $(patsubst %,$(VENV)/with_%,$(filter ros plots view,$(CHOSEN)))
+DEMO_NEEDS := $(patsubst %,$(VENV)/with_%,$(filter ros plots view record,$(CHOSEN)))
 DEMO_VIEW := $(if $(filter view,$(CHOSEN)),--view)
 TEST_NEEDS := $(patsubst %,$(VENV)/with_%,$(CHOSEN))
 # What each installs, and how large its files are then.
 SIZE_ros := ROS 2 nodes: rclpy and messages as wheels, 150 MB
 SIZE_plots := plots and films: matplotlib, 100 MB
 SIZE_view := page in the browser: viser, 60 MB
+SIZE_record := recordings: rosbags, 20 MB
 SIZE_test := tests, lint, robots to test with, and what docs needs: 850 MB
 SIZE_docs := the site: Sphinx, MyST and a theme, 80 MB
 
@@ -64,6 +65,8 @@ bench: $(STAMP) $(TEST_NEEDS)  ## measure times on this machine (benchmarks/)
 
 docs: $(STAMP) $(VENV)/with_docs  ## build the pages as a site, strictly: docs/_build/index.html
 	@$(BIN)/python -m sphinx -q -n -W --keep-going docs docs/_build
+	@echo 'docs/_build/index.html; its search shows where a word stands only if the site is served:' \
+	      '$(BIN)/python -m http.server --bind 127.0.0.1 --directory docs/_build'
 
 lint: $(STAMP) $(TEST_NEEDS)  ## check code style and types
 	@$(BIN)/python -m ruff check .

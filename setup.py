@@ -18,6 +18,7 @@ import re
 import sys
 import sysconfig
 
+import setuptools
 from setuptools import Extension, find_packages, setup
 
 package_name = 'tp_controller'
@@ -60,19 +61,33 @@ extensions = [
     for name in compiled]
 
 
+# Sections of README.md whose commands need the files of the repository.
+OF_THE_REPOSITORY = ('See it', 'With ROS 2', 'Documentation')
+
+
 def description():
     """
     Return README.md for where there is no repository around it.
 
-    Its links to other files, its picture and the list of pages would lead nowhere there.
+    Its links to other files and its picture would lead nowhere there, and an installed package
+    has neither a Makefile nor a workspace.
     """
     # colcon may run a link to this file, in a folder that has no other of these.
     folder = os.path.dirname(os.path.realpath(__file__))
     with open(os.path.join(folder, 'README.md'), encoding='utf-8') as file:
-        text = file.read().partition('## Documentation')[0]
+        sections = re.split('^(?=## )', file.read(), flags=re.MULTILINE)
+    text = ''.join(section for section in sections
+                   if section.partition('\n')[0][3:] not in OF_THE_REPOSITORY)
+    text = text.replace('`pip install .` installs the library, which needs', 'The library needs')
     file_beside = r'\((?!https?://)[^)]*\)'
     text = re.sub(rf'^!\[[^]]*\]{file_beside}\n+', '', text, flags=re.MULTILINE)
     return re.sub(rf'\[([^]]*)\]{file_beside}', r'\1', text).rstrip() + '\n'
+
+
+def licence():
+    """Return the licence: an SPDX expression where setuptools has a field for it (from 77 on)."""
+    known = int(setuptools.__version__.partition('.')[0]) >= 77
+    return dict.fromkeys(['license', 'license_expression'] if known else ['license'], 'Apache-2.0')
 
 
 def shims():
@@ -126,7 +141,7 @@ setup(
     description='Prioritized velocity control of redundant robots',
     long_description=description(),
     long_description_content_type='text/markdown',
-    license='Apache-2.0',
+    **licence(),
     keywords=['robotics', 'ROS 2', 'task-priority control', 'redundancy resolution',
               'hierarchical inverse kinematics'],
     classifiers=[

@@ -45,6 +45,7 @@ PAGES = (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))
 REGION = re.compile(r'(<!-- begin generated: (?P<name>[\w ]+) -->\n).*?(<!-- end generated -->)',
                     re.DOTALL)
 SECTION = re.compile(r'^### (\w+)$', re.MULTILINE)
+FAMILY = re.compile(r'^## (.+)$', re.MULTILINE)
 PANDA = ROOT / 'config' / 'robots' / 'panda.yaml'
 # Packages of the types that every node's own topics and services have.
 EVERY_NODE = ('lifecycle_msgs', 'rcl_interfaces', 'type_description_interfaces')
@@ -200,20 +201,33 @@ def summary(described):
 
 
 @cache
+def families():
+    """Return {title: {name: class}} of this package's task types, as the page has them."""
+    text = (ROOT / 'docs' / 'tasks.md').read_text(encoding='utf-8')
+    _, *parts = FAMILY.split(text)
+    known = {name: kind for name, kind in task_types().items()
+             if kind.__module__.startswith('tp_controller.')}
+    found = {title: {name: known[name] for name in SECTION.findall(part) if name in known}
+             for title, part in zip(parts[::2], parts[1::2])}
+    return {title: kinds for title, kinds in found.items() if kinds}
+
+
 def types_in_order():
     """Return {name: class} of this package's task types, in the order of their sections."""
-    sections = SECTION.findall((ROOT / 'docs' / 'tasks.md').read_text(encoding='utf-8'))
-    known = task_types()
-    return {name: known[name] for name in sections
-            if name in known and known[name].__module__.startswith('tp_controller.')}
+    return {name: kind for kinds in families().values() for name, kind in kinds.items()}
 
 
 def tasks():
-    """Return the table of task types."""
-    rows = [(f'[`{name}`](docs/tasks.md#{name})', summary(kind).partition(':')[0],
-             ', or '.join(GOALS[goal][0] for goal in goal_types(kind)) or 'none')
-            for name, kind in types_in_order().items()]
-    return table(('`type`', 'what it does', 'goal'), rows)
+    """Return a table of task types for each family."""
+    tables = []
+    for title, kinds in families().items():
+        rows = [(f'[`{name}`](docs/tasks.md#{name})', summary(kind).partition(':')[0],
+                 ', or '.join(GOALS[goal][0] for goal in goal_types(kind)) or 'none')
+                for name, kind in kinds.items()]
+        anchor = title.lower().replace(' ', '-')
+        tables.append(f'**[{title}](docs/tasks.md#{anchor})**\n\n'
+                      + table(('`type`', 'what it does', 'goal'), rows))
+    return '\n'.join(tables)
 
 
 def goal_types(kind):

@@ -12,9 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Puts this folder on the path, so that all tests can import `robots`."""
+"""Rules of all tests; puts this folder on the path, so that all can import `robots`."""
 
 import os
+
+from optional import pytest_pycollect_makemodule, pytest_runtest_call, pytest_runtest_setup
+
+__all__ = ['pytest_pycollect_makemodule', 'pytest_runtest_call', 'pytest_runtest_setup']
 
 # A film of a solid robot takes most of a minute; tests of one set this aside.
 os.environ.setdefault('TP_CONTROLLER_FILM', 'lines')

@@ -15,10 +15,9 @@
 """Robots that the tests share: the files of this repository and of example-robot-data."""
 
 from functools import lru_cache
-from importlib.metadata import files, PackageNotFoundError
+from importlib.metadata import files
 from pathlib import Path
 
-import pytest
 from tp_controller import Robot
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -55,13 +54,9 @@ PLANAR_START = (0.0, 0.6, 0.3)
 
 @lru_cache(maxsize=None)
 def urdf_path(name):
-    """Return the path of a robot's URDF in example-robot-data; skip the test without it."""
+    """Return the path of a robot's URDF in example-robot-data."""
     wanted = f'robots/{(URDFS | STILL)[name]}'
-    try:
-        installed = files('example-robot-data')
-    except PackageNotFoundError:
-        pytest.skip('needs the robots of pip install example-robot-data')
-    for file in installed:
+    for file in files('example-robot-data'):
         if str(file).endswith(wanted):
             return Path(file.locate()).resolve()
     raise FileNotFoundError(f'example-robot-data has no {wanted}')

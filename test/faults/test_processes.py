@@ -29,6 +29,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from monitor import promise_of
 import numpy as np
+from processes_harness import DEADLINE
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -216,7 +217,7 @@ def test_a_process_that_was_stopped_begins_from_rest(limited, listener, heads, r
 def test_a_signal_is_answered_with_several_zeros_and_told(limited, listener, heads, number):
     controller, _ = limited()
     controller.process.send_signal(number)
-    assert controller.process.wait(15.0) == 0
+    assert controller.process.wait(DEADLINE) == 0
     listener.wait(lambda: heads and heads[-1] == f'ended by {number.name}', 'the last status')
     listener.catch_up()
     assert not any(velocity.any() for velocity in listener.commands[-3:])
@@ -226,7 +227,7 @@ def test_a_fault_of_the_loop_ends_the_node_with_several_zeros_and_is_told(
         replaced, listener, heads, tmp_path):
     controller = replaced(CYCLE, "raise RuntimeError('broken')")
     (tmp_path / 'switch').touch()
-    assert controller.process.wait(15.0) != 0
+    assert controller.process.wait(DEADLINE) != 0
     listener.wait(lambda: heads and heads[-1] == 'ended: RuntimeError: broken', 'the last status')
     listener.catch_up()
     assert not any(velocity.any() for velocity in listener.commands[-3:])
@@ -294,7 +295,7 @@ def test_a_signal_stops_the_robot_whatever_hangs(replaced, listener, heads, tmp_
     controller.process.send_signal(number)
     listener.wait(lambda: not listener.moving(), 'zeros')
     listener.wait(lambda: heads and heads[-1] == f'ended by {number.name}', 'the last status')
-    assert controller.process.wait(15.0) == 1
+    assert controller.process.wait(DEADLINE) == 1
     listener.catch_up()
     assert not any(velocity.any() for velocity in listener.commands[-3:])
     del triggered
@@ -328,12 +329,12 @@ def test_a_signal_ends_a_node_that_hangs_at_its_start(domain, tmp_path):
         SCRIPT.format(imports=imports, switch=str(tmp_path / 'switch'),
                       patch=patch.format(act=f'switch.rename(f"{{switch}}ed"); {DEADLOCK}')),
         ['-p', f'robot:={PLANAR_DH}', '-p', f"stack:='{STACK}'"], domain, tmp_path / 'log')
-    end = time.monotonic() + 15.0
+    end = time.monotonic() + DEADLINE
     while not (tmp_path / 'switched').exists():
         assert controller.running() and time.monotonic() < end, controller.output()
         time.sleep(0.01)
     controller.process.send_signal(signal.SIGTERM)
-    assert controller.process.wait(15.0) == 1
+    assert controller.process.wait(DEADLINE) == 1
 
 
 # Tasks that do not return ---------------------------------------------------------------------
@@ -367,7 +368,7 @@ def test_zeros_go_on_while_a_task_never_returns_and_ctrl_c_ends_the_node(replace
     listener.wait(lambda: heads[-1] == 'no cycle was completed within watchdog_timeout',
                   'the reason', [controller])
     controller.process.send_signal(signal.SIGINT)
-    controller.process.wait(15.0)
+    controller.process.wait(DEADLINE)
     listener.wait(lambda: heads and heads[-1] == 'ended by SIGINT', 'the last status')
     listener.catch_up()
     assert not any(velocity.any() for velocity in listener.commands[-10:])

@@ -26,7 +26,7 @@ from tp_controller.nodes.figures import CYCLES, Figures
 from tp_controller.nodes.shared_controller import SharedController
 from tp_controller.nodes.watchdog import Watchdog
 
-DEADLINE = 15.0
+DEADLINE = 60.0
 
 
 def test_figures_before_any_cycle_are_unknown_and_have_their_keys():

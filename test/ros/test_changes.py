@@ -28,6 +28,7 @@ import robots
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from tp_controller.errors import SettingsError
+from tp_controller.solver import compiled
 
 ZEROS = [0.0, 0.0, 0.0]
 Q = (0.0, 0.6, 0.3)
@@ -390,6 +391,16 @@ def test_unknown_parameters_are_named_in_one_warning(harness, log):
     lines = [line for line in log().splitlines() if 'unknown parameters' in line]
     assert len(lines) == 1 and 'WARN' in lines[0]
     assert lines[0].endswith('unknown parameters, ignored: dampnig, foo.bar')
+
+
+@pytest.mark.parametrize('chosen, told', [('', 1), ('python', 0)])
+def test_a_missing_core_is_one_warning_unless_python_was_chosen(
+        harness, log, monkeypatch, chosen, told):
+    monkeypatch.setattr(compiled, 'core', None)
+    monkeypatch.setenv(compiled.VARIABLE, chosen)
+    harness.controller()
+    lines = [line for line in log().splitlines() if 'C++ compiler' in line]
+    assert len(lines) == told and all('WARN' in line for line in lines)
 
 
 @pytest.mark.parametrize('values, told', [

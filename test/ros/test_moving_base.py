@@ -121,7 +121,9 @@ def start_moving(harness, place=None, goal=(1.0, 0.0), **parameters):
 def test_tool_reaches_a_goal_that_the_base_has_to_drive_to(any_harness, base, rate):
     harness, robot = any_harness, Robot.from_file(FILE, base=base)
     options = {'robot': str(FILE), 'base': base}
-    harness.controller(**options, stack=TOOL, use_sim_time=True, rate=rate, status_rate=100.0)
+    # Simulated time is faster than a busy machine, so joint states would be old by their stamps.
+    harness.controller(**options, stack=TOOL, use_sim_time=True, rate=rate, status_rate=100.0,
+                       check_stamps=False)
     harness.simulator(**options, speed=5.0, publish_clock=True, rate=50.0,
                       initial_positions=START)
     commands, status = Commands(harness), Status(harness)

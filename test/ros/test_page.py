@@ -30,23 +30,21 @@ import pytest
 from robots import PLANAR_START
 from scipy.spatial.transform import Rotation
 from tp_controller.model.spatial import pose, rotation_from_rpy
+from tp_controller.nodes.client import Client
 from tp_controller.nodes.markers import Markers
 from tp_controller.tasks.sketch import Cone, Gaps
+from tp_controller.view.camera import first_view
+from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD
+from tp_controller.view.joint_sliders import span
+from tp_controller.view.link import Link
+from tp_controller.view.looks import JOINT_COLOUR
+from tp_controller.view.markers import MarkerScene
+from tp_controller.view.page import Page, RATE
+from tp_controller.view.places import places_of
+from tp_controller.view.server import open_server
+import viser
 from visualization_msgs.msg import Marker, MarkerArray
 import yaml
-
-viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
-
-from tp_controller.nodes.client import Client  # noqa: E402, I100
-from tp_controller.view.camera import first_view  # noqa: E402
-from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD  # noqa: E402
-from tp_controller.view.joint_sliders import span  # noqa: E402
-from tp_controller.view.link import Link  # noqa: E402
-from tp_controller.view.looks import JOINT_COLOUR  # noqa: E402
-from tp_controller.view.markers import MarkerScene  # noqa: E402
-from tp_controller.view.page import Page, RATE  # noqa: E402
-from tp_controller.view.places import places_of  # noqa: E402
-from tp_controller.view.server import open_server  # noqa: E402
 
 STACK = """\
 - tip: {type: position, frame: link3, axes: xy, gain: 2.0}

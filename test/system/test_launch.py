@@ -29,6 +29,7 @@ import subprocess
 import sys
 
 from monitor import promise_of
+from processes_harness import DEADLINE
 import pytest
 from robots import REPOSITORY
 from tp_controller.demos.scenarios import DEMOS
@@ -231,7 +232,7 @@ class Launched:
         if self.running():
             os.killpg(self._process.pid, signal.SIGINT)
         try:
-            return self._process.wait(30.0)
+            return self._process.wait(DEADLINE)
         except subprocess.TimeoutExpired:
             os.killpg(self._process.pid, signal.SIGKILL)
             raise
@@ -262,7 +263,7 @@ def test_a_demo_in_a_namespace_has_its_parameters_and_shows_itself_in_rviz(start
     launched = start('demo.launch.py', 'demo:=two_arms', 'namespace:=left', 'goals:=false')
     waiting = Listener()
     with Client('left/tp_controller') as client:
-        client.wait(client.task_names, 15.0)
+        client.wait(client.task_names, DEADLINE)
         # That the file of parameters applies shows in the stack.
         assert client.task_names() == list(DEMOS['two_arms'].stack.tasks), launched.output()
     waiting.wait(lambda: len(launched.told()) == 2, 'the others', [launched])

@@ -25,7 +25,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from monitor import Monitor, promise_of
 import numpy as np
-from processes_harness import LATE, Listener
+from processes_harness import DEADLINE, LATE, Listener
 import pytest
 from robots import planar, PLANAR_DH
 from tp_controller.demos.processes import NodeProcess
@@ -128,7 +128,7 @@ class Cable:
             ip('-n', name, 'link', 'set', 'veth0', 'up')
         # The kernel tells a change of the link up to a second later, and a node joins only the
         # networks that are up when it starts.
-        end = time.monotonic() + 10.0
+        end = time.monotonic() + DEADLINE
         while not all(map(is_up, self.names)):
             assert time.monotonic() < end, 'the cable does not come up'
             time.sleep(0.02)
@@ -220,7 +220,7 @@ def check(process, promise):
     assert monitor.commands and not faults, '\n'.join(faults)
 
 
-def wait_for(condition, what, processes, seconds=30.0):
+def wait_for(condition, what, processes, seconds=DEADLINE):
     """Wait until a condition holds."""
     end = time.monotonic() + seconds
     while not condition():

@@ -42,11 +42,11 @@ def lines_of(node, word):
 def test_a_signal_ends_the_nodes_with_a_last_zero_and_status_0(cell, listener, number):
     controller, simulator = cell
     controller.process.send_signal(number)
-    assert controller.process.wait(15.0) == 0
+    assert controller.process.wait(DEADLINE) == 0
     listener.wait(lambda: not listener.moving(), 'a last zero')
     assert not lines_of(controller, 'Traceback')
     simulator.process.send_signal(number)
-    assert simulator.process.wait(15.0) == 0
+    assert simulator.process.wait(DEADLINE) == 0
     assert not lines_of(simulator, 'Traceback')
 
 
@@ -56,7 +56,7 @@ def test_two_signals_at_once_end_the_controller_just_as_well(cell, listener):
     controller.process.send_signal(signal.SIGINT)
     controller.process.send_signal(signal.SIGINT)
     controller.process.send_signal(signal.SIGTERM)
-    assert controller.process.wait(15.0) == 0
+    assert controller.process.wait(DEADLINE) == 0
     listener.wait(lambda: not listener.moving(), 'a last zero')
     assert not lines_of(controller, 'Traceback')
 
@@ -92,7 +92,7 @@ def test_a_signal_ends_a_node_that_still_waits_for_its_robot(start, listener):
     listener.wait(lambda: listener.client.stop_reason() == 'no robot description yet', 'status',
                   [controller])
     controller.process.send_signal(signal.SIGTERM)
-    assert controller.process.wait(15.0) == 0
+    assert controller.process.wait(DEADLINE) == 0
     assert listener.commands == []
 
 
@@ -126,7 +126,7 @@ def test_a_fault_at_the_start_ends_a_node_with_one_plain_line(start, tmp_path, e
     (tmp_path / 'broken.yaml').write_text('joints: [{a: one}]')
     told = told.replace('{folder}', str(tmp_path))
     node = start(executable, *(text.replace('{folder}', str(tmp_path)) for text in arguments))
-    assert node.process.wait(30.0) == 1
+    assert node.process.wait(DEADLINE) == 1
     line, = lines_of(node, 'FATAL')
     assert told in line
     assert not lines_of(node, 'Traceback')
@@ -202,7 +202,7 @@ def test_two_domains_of_their_own_are_never_the_same(domain):
 def test_benchmark_of_the_gaps_prints_a_table():
     done = subprocess.run([sys.executable, str(REPOSITORY / 'benchmarks' / 'gaps.py'),
                            '--seconds', '0.5', '--only', 'none', 'refused goals'],
-                          capture_output=True, text=True, timeout=120)
+                          capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     rows = [line.split('|') for line in done.stdout.splitlines()]
     assert [row[1].strip() for row in rows[2:]] == ['none', 'refused goals, 5000/s']
@@ -212,7 +212,7 @@ def test_benchmark_of_the_gaps_prints_a_table():
 def test_a_few_seconds_of_the_endurance_run_break_no_promise():
     done = subprocess.run([sys.executable, str(REPOSITORY / 'benchmarks' / 'endurance.py'),
                            '--hours', '0.003', '--rate', '100'],
-                          capture_output=True, text=True, timeout=120)
+                          capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     minutes, *_, crashes, broken = done.stdout.splitlines()[2].split('|')[1:-1]
     assert float(minutes) > 0.0 and (int(crashes), int(broken)) == (0, 0)
@@ -220,7 +220,7 @@ def test_a_few_seconds_of_the_endurance_run_break_no_promise():
 
 def test_benchmark_of_the_markers_prints_a_table():
     done = subprocess.run([sys.executable, str(REPOSITORY / 'benchmarks' / 'markers.py'),
-                           '--times', '5'], capture_output=True, text=True, timeout=120)
+                           '--times', '5'], capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     rows = [line.split('|')[1:-1] for line in done.stdout.splitlines()[2:]]
     assert len(rows) == 4 and all(int(row[2]) >= 4 for row in rows)
@@ -228,7 +228,7 @@ def test_benchmark_of_the_markers_prints_a_table():
 
 def test_benchmark_of_goals_prints_a_table():
     done = subprocess.run([sys.executable, str(REPOSITORY / 'benchmarks' / 'goals.py'),
-                           '--rounds', '1'], capture_output=True, text=True, timeout=120)
+                           '--rounds', '1'], capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     rows = [line.split('|')[1:-1] for line in done.stdout.splitlines()[2:]]
     assert len(rows) == 3 and all(float(row[1]) > 0.0 for row in rows)
@@ -236,7 +236,7 @@ def test_benchmark_of_goals_prints_a_table():
 
 def test_benchmark_of_the_node_prints_a_table():
     done = subprocess.run([sys.executable, str(REPOSITORY / 'benchmarks' / 'node.py'),
-                           '--seconds', '0.5'], capture_output=True, text=True, timeout=120)
+                           '--seconds', '0.5'], capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     rows = [line.split('|') for line in done.stdout.splitlines()]
     assert len(rows[2:]) == 9

@@ -37,7 +37,7 @@ def build(source, target):
     """Build a folder of pages as `make docs` does; return what Sphinx had to say."""
     done = subprocess.run(
         [sys.executable, '-m', 'sphinx', '-q', '-n', '-W', '--keep-going', source, target],
-        cwd=DOCS.parent, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=120)
+        cwd=DOCS.parent, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=600)
     assert bool(done.returncode) == bool(done.stdout), done.stdout
     return done.stdout
 

@@ -27,6 +27,7 @@ from processes_harness import command_line, DEADLINE
 import pytest
 from tp_controller.demos import live_page
 from tp_controller.demos.processes import own_domain
+from tp_controller.extras import install_command
 
 pytest.importorskip('viser', reason="needs pip install '.[view]'")
 pytest.importorskip('rclpy', reason='needs ROS 2')
@@ -105,7 +106,7 @@ def test_demo_has_a_page_that_answers(tmp_path):
 def test_demo_without_viser_goes_on_and_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(live_page, 'find_spec', lambda name: None)
     said = live_page.start_page(ExitStack(), {}, tmp_path)
-    assert said.startswith(live_page.WITHOUT) and "pip install '.[view]'" in said
+    assert said.startswith(live_page.WITHOUT) and install_command('view') in said
 
 
 def test_demo_without_a_free_port_goes_on_and_says_so(tmp_path, monkeypatch, taken):

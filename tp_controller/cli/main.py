@@ -26,6 +26,7 @@ from typing import NoReturn
 import argcomplete
 from tp_controller.cli import check, demo, goal, plot, record, status, view
 from tp_controller.errors import TpControllerError
+from tp_controller.extras import install_command
 from tp_controller.nodes.interruption import ENDING, SignalWatch
 
 EXAMPLES = """\
@@ -45,12 +46,15 @@ examples:
 COMMANDS = {
     'demo': demo.COMMAND, 'goal': goal.COMMAND, 'status': status.COMMAND, 'check': check.COMMAND,
     'view': view.COMMAND, 'record': record.COMMAND, 'plot': plot.COMMAND}
-# {optional packages: what is said where one is missing}
+# {optional packages: (what needs them, extra that brings them)}
+EXTRAS = {
+    ('matplotlib', 'mpl_toolkits', 'PIL'): ('the figures need it', 'plots'),
+    ('viser', 'trimesh', 'websockets'): ('the page needs it', 'view'),
+    ('rosbags', 'lz4', 'backports'): ('recordings need it', 'record'),
+    ('joblib',): ('more than one job needs it', 'check'),
+}
+# {optional packages of no extra: what needs them, and how to get them}
 CURES = {
-    ('matplotlib', 'mpl_toolkits', 'PIL'): "the figures need it: pip install '.[plots]'",
-    ('viser', 'trimesh', 'websockets'): "the page needs it: pip install '.[view]'",
-    ('rosbags', 'lz4', 'backports'): "recordings need it: pip install '.[record]'",
-    ('joblib',): "more than one job needs it: pip install '.[check]'",
     ('dask', 'distributed'): "the backend dask needs it: pip install 'dask[distributed]'",
     ('ray',): 'the backend ray needs it: pip install ray',
 }
@@ -140,8 +144,10 @@ def _lacks(error: ModuleNotFoundError) -> int:
     package = (error.name or '').partition('.')[0]
     if package in ('', 'tp_controller'):
         raise error
-    cure = next((cure for packages, cure in CURES.items() if package in packages),
-                "this needs ROS 2: source its setup file, or pip install '.[ros]'")
+    cures = {**CURES, **{packages: f'{what}: {install_command(extra)}'
+                         for packages, (what, extra) in EXTRAS.items()}}
+    cure = next((cure for packages, cure in cures.items() if package in packages),
+                f'this needs ROS 2: source its setup file, or {install_command("ros")}')
     print(f'tp_controller: {package} is missing; {cure}', file=sys.stderr)
     return 1
 
@@ -170,11 +176,13 @@ class _Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         """Print it, and which solver runs, and end."""
-        from tp_controller.solver.compiled import running
+        from tp_controller.solver.compiled import fallback_reason, running
         try:
             print(f'{version("tp_controller")}, solver: {running()}')
         except PackageNotFoundError:
             print('not installed')
+        if fallback_reason():
+            print(f'tp_controller: {fallback_reason()}', file=sys.stderr)
         parser.exit()
 
 

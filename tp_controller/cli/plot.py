@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from tp_controller.cli.command import Command
 from tp_controller.cli.progress import progress
 from tp_controller.errors import TpControllerError
+from tp_controller.extras import install_command
 
 if TYPE_CHECKING:  # Imported with the first recording: the help needs none of it.
     from tp_controller.bags.history import History
@@ -138,7 +139,7 @@ def _replay(history: 'History', robot: 'MaybeRobot', remarks: list[str]) -> str:
     try:
         from tp_controller.view.replay import replay_page
     except ModuleNotFoundError as error:
-        remarks.append(f"no replay: {error.name} is missing; pip install '.[view]'")
+        remarks.append(f"no replay: {error.name} is missing; {install_command('view')}")
         return ''
     return replay_page(history, robot)
 

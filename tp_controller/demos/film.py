@@ -26,6 +26,7 @@ from PIL import Image, ImageDraw, ImageFont
 from tp_controller.demos.film_lines import line_pictures
 from tp_controller.demos.motion import Motion
 from tp_controller.errors import TpControllerError
+from tp_controller.extras import install_command
 from tp_controller.files import new_file
 from tp_controller.model.spatial import Array
 
@@ -90,8 +91,7 @@ def _solid(motion: Motion, samples: Sequence[int]) -> Iterator[Image.Image]:
     try:
         from tp_controller.demos.film_solid import solid_pictures
     except ModuleNotFoundError as error:
-        raise TpControllerError(f"{error.name} is missing (pip install 'tp_controller[view]')"
-                                ) from error
+        raise TpControllerError(f'{error.name} is missing: {install_command("view")}') from error
     return solid_pictures(motion, samples, SIZE)
 
 

@@ -24,6 +24,7 @@ from urllib.request import urlopen
 
 from tp_controller.demos.processes import NodeProcess
 from tp_controller.errors import TpControllerError
+from tp_controller.extras import install_command
 
 # For how long the page is waited for, and how often it is looked for [s].
 START_SECONDS, LOOK_SECONDS = 15.0, 0.05
@@ -50,7 +51,7 @@ def start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -
 
     """
     if find_spec('viser') is None:
-        return f"{WITHOUT}viser is missing; pip install '.[view]'"
+        return f'{WITHOUT}viser is missing; {install_command("view")}'
     # Imported where it is there: it is an extra.
     from tp_controller.view.server import free_port, LOCAL, url
     try:

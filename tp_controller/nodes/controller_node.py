@@ -61,7 +61,7 @@ from tp_controller.nodes.shared_controller import SharedController
 from tp_controller.nodes.task_parameters import TaskParameters
 from tp_controller.nodes.task_topics import TaskTopics
 from tp_controller.nodes.watchdog import Watchdog
-from tp_controller.solver.compiled import running
+from tp_controller.solver.compiled import fallback_reason, running
 from tp_controller.tasks.stack import Stack
 
 NAME = 'tp_controller'
@@ -399,6 +399,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._load_stack()
         self._log.info(f'controlling {robot.name}, base {robot.base}, '
                        f'joints {", ".join(robot.joint_names)}, solver: {running()}')
+        if fallback_reason():
+            self._log.warning(fallback_reason())
 
     # Stack and parameters -----------------------------------------------------------------
 

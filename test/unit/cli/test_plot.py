@@ -24,6 +24,7 @@ import pytest
 import recordings
 from robots import REPOSITORY
 from tp_controller.cli.main import main
+from tp_controller.extras import install_command
 
 pytest.importorskip('matplotlib')
 
@@ -198,10 +199,10 @@ def test_what_is_not_installed_is_named(tmp_path, capsys, monkeypatch):
     monkeypatch.delitem(sys.modules, 'tp_controller.view.scene', raising=False)
     monkeypatch.delitem(sys.modules, 'tp_controller.view.parts', raising=False)
     assert main(['plot', str(path)]) == 0
-    assert "no replay: viser is missing; pip install '.[view]'" in capsys.readouterr().err
+    assert f"no replay: viser is missing; {install_command('view')}" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, 'rosbags', None)
     monkeypatch.setitem(sys.modules, 'rosbags.rosbag2', None)
     monkeypatch.delitem(sys.modules, 'tp_controller.bags.reader')
     monkeypatch.delitem(sys.modules, 'tp_controller.bags.history')
     assert main(['plot', str(path)]) == 1
-    assert "pip install '.[record]'" in capsys.readouterr().err
+    assert install_command('record') in capsys.readouterr().err

@@ -188,6 +188,8 @@ def test_benchmark_runs_and_prints_a_table(command):
     name, *options = command
     done = subprocess.run([sys.executable, str(robots.REPOSITORY / 'benchmarks' / name), *options],
                           capture_output=True, text=True, timeout=300)
+    if 'PackageNotFoundError' in done.stderr:
+        pytest.skip(done.stderr.splitlines()[-1])
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) > 6
 

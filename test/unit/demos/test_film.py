@@ -22,6 +22,7 @@ from robots import CONFIG, planar, urdf_robot
 from tp_controller import Robot, Stack
 from tp_controller.demos import film, film_lines, film_solid
 from tp_controller.demos.motion import FixedObject, Motion, Playback
+from tp_controller.extras import install_command
 from tp_controller.model.shapes import Box
 from tp_controller.plots import drawing
 from tp_controller.tasks.sketch import Body, Dot
@@ -181,7 +182,7 @@ def test_film_is_drawn_with_lines_where_nothing_solid_can_be_and_the_reason_is_s
     said = capsys.readouterr().err
     assert said.startswith('The film is drawn with lines: ') and said.count('\n') == 1
     assert ('chromium' in said) is (fault == 'no Chromium')
-    assert ("pip install 'tp_controller[view]'" in said) is (fault == 'no viser')
+    assert (install_command('view') in said) is (fault == 'no viser')
     assert count(pixels(path), drawing.ARM_COLOUR) > 300
 
 

@@ -534,6 +534,18 @@ def test_solver_is_chosen_by_name(monkeypatch):
         compiled.load('compiled')
 
 
+@pytest.mark.solvers('python')
+@pytest.mark.parametrize(('chosen', 'told'), [('', True), ('python', False)])
+def test_a_missing_core_is_reported_unless_the_reference_was_chosen(monkeypatch, chosen, told):
+    monkeypatch.setenv(compiled.VARIABLE, chosen)
+    assert ('install a C++ compiler' in compiled.fallback_reason()) is told
+
+
+def test_a_core_that_runs_is_not_reported_as_missing(monkeypatch):
+    monkeypatch.delenv(compiled.VARIABLE, raising=False)
+    assert bool(compiled.fallback_reason()) is (compiled.running() == 'python')
+
+
 def test_core_runs_where_it_was_built():
     assert compiled.load('') is compiled.load('compiled') is compiled.core
     assert compiled.running() == 'compiled'

@@ -15,10 +15,7 @@
 """Axes of the plots on the page are such that errors can be read from them."""
 
 import pytest
-
-pytest.importorskip('viser', reason="needs pip install '.[view]'")
-
-from tp_controller.view.plots import labels, MOST_LABELS, powers_of_ten  # noqa: E402
+from tp_controller.view.plots import labels, MOST_LABELS, powers_of_ten
 
 
 def test_powers_of_ten_reach_from_below_all_errors_to_above():

@@ -17,16 +17,14 @@
 import base64
 import re
 
+import msgspec
 import numpy as np
 import pytest
 import recordings
 from tp_controller.bags.history import History
 from tp_controller.bags.reader import Bag
 from tp_controller.bags.robots import robot_of
-
-pytest.importorskip('viser')
-msgspec = pytest.importorskip('msgspec')
-zstandard = pytest.importorskip('zstandard')
+import zstandard
 
 MARKER = 'visualization_msgs/msg/Marker'
 

@@ -22,11 +22,10 @@ import pytest
 import robots
 from tp_controller import Robot
 from tp_controller.model.urdf import parse
-
-viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
-
-from tp_controller.view import borrowed, camera, looks, meshes, parts, scene  # noqa: E402
-from tp_controller.view.server import PANEL_WIDTH  # noqa: E402
+from tp_controller.view import borrowed, camera, looks, meshes, parts, scene
+from tp_controller.view.server import PANEL_WIDTH
+import trimesh
+import viser
 
 BOX = '<geometry><box size="0.1 0.2 0.3"/></geometry>'
 BALL = '<geometry><sphere radius="0.2"/></geometry>'
@@ -206,7 +205,6 @@ def test_meshes_of_example_robots_are_all_found(name):
 
 @pytest.mark.parametrize('name', ['panda', 'ur5'])
 def test_meshes_are_as_large_as_the_collision_library_reads_them(name):
-    trimesh = pytest.importorskip('trimesh')
     pytest.importorskip('collada', reason='needs pip install pycollada')
     tree = parse(robots.urdf_path(name).read_text())
     files = {mesh.get('filename') for mesh in tree.iterfind('link/visual/geometry/mesh')}

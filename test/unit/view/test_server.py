@@ -18,12 +18,9 @@ import socket
 
 import pytest
 from tp_controller.errors import TpControllerError
-
-pytest.importorskip('viser', reason="needs pip install '.[view]'")
-
-from tp_controller.view import server as page  # noqa: E402
-from websockets.exceptions import InvalidStatus  # noqa: E402
-from websockets.sync.client import connect  # noqa: E402
+from tp_controller.view import server as page
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 
 @pytest.fixture
