@@ -322,6 +322,15 @@ def test_a_table_shows_silence_errors_and_reasons():
     assert max(map(len, table(heard, 30).splitlines())) == 30
 
 
+def test_a_table_shows_what_others_wrote_without_acting_on_it():
+    """Whatever a node of the domain writes into its status."""
+    tasks = {'tool\x1b[2J': {'level': '1\r', 'error [m]': 'abc', 'status': 'x\ny',
+                             'reason': '\u202eback'}}
+    text = table({'arm\x07': Heard('\x1b]52;c;aGk=\x07', tasks, 0.1)})
+    assert text.replace('\n', '').isprintable() and len(text.splitlines()) == 3
+    assert 'tool\ufffd[2J' in text and 'abc' not in text
+
+
 class Answering:
     """In place of a client: the controller says this status of a task at once."""
 
