@@ -24,7 +24,7 @@ from tp_controller.bags.robots import configurations, path_of, tool_frames
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.view.camera import FIELD_OF_VIEW, first_view
-from tp_controller.view.markers import MarkerScene
+from tp_controller.view.markers import drawable, MarkerScene
 from tp_controller.view.scene import (
     add_surroundings,
     RobotScene,
@@ -84,7 +84,7 @@ def _recorded(server: viser.ViserServer, history: History, robot: Robot, times: 
     recorded = server.get_scene_serializer()
     for row, (moment, wait) in enumerate(zip(moments, np.diff(times, append=times[-1]))):
         shown.show(q[row], passive[row])
-        markers.draw(history.markers(moment))
+        markers.draw(drawable(history.markers(moment)))
         recorded.insert_sleep(float(min(wait, LONGEST_GAP)))
     return recorded.as_html()
 
