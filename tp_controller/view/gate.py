@@ -22,6 +22,7 @@ from urllib.parse import parse_qsl, urlsplit
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
+LOCAL = '127.0.0.1'
 # Largest number of browsers at a time.
 MOST_CLIENTS = 32
 SCHEMES = ('http://', 'https://')

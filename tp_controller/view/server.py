@@ -20,12 +20,11 @@ import io
 import socket
 
 from tp_controller.errors import TpControllerError
-from tp_controller.view.gate import Gate, is_local
+from tp_controller.view.gate import Gate, is_local, LOCAL
 from tp_controller.view.guard import Guard
 from tp_controller.view.trial import try_from_outside
 import viser
 
-LOCAL = '127.0.0.1'
 # Where a free port is looked for, if none is named.
 PORTS = range(8080, 8180)
 TITLE = 'tp_controller'
