@@ -56,6 +56,8 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ASK_SECONDS, ANSWER_SECONDS = 1.0, 3.0
 # Without a status for so long the controller counts as gone [s].
 SILENT_SECONDS = 2.0
+# Faster joints are not believed [rad/s or m/s].
+FASTEST = 1e6
 # Ending of the name of the node that the loop of a controller runs on.
 LOOP = '_loop'
 # What of the controller says which robot it has.
@@ -316,7 +318,8 @@ class Link:
         if len(message.velocity) == len(message.name):
             for name, value in zip(message.name, message.velocity):
                 if name in robot.joint_names:
-                    self.velocity[robot.joint_index(name)] = value
+                    self.velocity[robot.joint_index(name)] = \
+                        value if abs(value) <= FASTEST else math.nan
         self._configure()
 
     def _on_odometry(self, message: Odometry) -> None:
