@@ -358,6 +358,13 @@ def test_an_error_is_shown_with_its_unit_and_a_ratio_without(capsys, unit, shown
     assert capsys.readouterr().out == f'not reached: error {shown} (blocked by tool)\n'
 
 
+def test_a_status_that_makes_no_sense_does_not_end_the_command(capsys):
+    options = make_parser().parse_args(['goal', 'mobile', '--reach', '1'])
+    assert not _reach(Answering(**{'status': 'limited', 'error [m]': 'abc', 'reason': ''}),
+                      options)
+    assert capsys.readouterr().out == 'not reached: error nan m\n'
+
+
 @pytest.mark.parametrize('numbers', [('-1', '-2.5', '-.5'), ('-1e-3', '-2E+1', '-0.5e2')])
 def test_negative_numbers_are_numbers_however_they_are_written(monkeypatch, numbers):
     taken = []

@@ -382,7 +382,7 @@ def absence(names: str) -> str:
 
 
 def subscribe_status(node: Node, controller: str,
-                     callback: Callable[[DiagnosticArray], None]) -> None:
+                     callback: Callable[[DiagnosticArray], None], depth: int = 10) -> None:
     """Subscribe to the status of a controller; `TpControllerError` if that is no valid name."""
     def take(message: DiagnosticArray) -> None:
         # Other nodes have topics of this name and type, too.
@@ -390,7 +390,7 @@ def subscribe_status(node: Node, controller: str,
             callback(received(message))
 
     try:
-        subscribe(node, DiagnosticArray, f'/{controller}/status', take, 10)
+        subscribe(node, DiagnosticArray, f'/{controller}/status', take, depth)
     except NameValidationException as error:
         raise TpControllerError(f'{controller!r} cannot be the name of a node') from error
 

@@ -39,6 +39,8 @@ from websockets.http11 import Request, Response
 
 # Time between two lines of the log, whatever browsers do [s].
 LOG_SECONDS = 10.0
+# What the page of this version of viser asks for.
+SUBPROTOCOL = f'viser-v{viser.__version__}'
 
 
 class Guard:
@@ -110,7 +112,11 @@ class Guard:
         return response and self._gate.protected(response, request.headers['Host'])
 
     async def _handle_client(self, connection: ServerConnection) -> None:
-        """Serve a browser, unless there are too many."""
+        """Serve a browser, unless there are too many or its page is of another version."""
+        if connection.subprotocol != SUBPROTOCOL:
+            # viser says so on the terminal, each time.
+            await connection.close(CloseCode.PROTOCOL_ERROR, 'Version mismatch: reload the page')
+            return
         if self._clients >= MOST_CLIENTS:
             await connection.close(CloseCode.TRY_AGAIN_LATER, 'too many browsers')
             return

@@ -19,7 +19,7 @@ import time
 
 from tp_controller.errors import TpControllerError
 from tp_controller.view.gate import HEADERS, is_local
-from tp_controller.view.guard import Guard
+from tp_controller.view.guard import Guard, SUBPROTOCOL
 import viser
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
@@ -28,8 +28,8 @@ from websockets.typing import Subprotocol
 FOREIGN = 'http://other.example'
 # What a browser sends that sets a property of a widget which is none of its business.
 FORGED = (b'\x83\xa4type\xb0GuiUpdateMessage\xa4uuid\xa1x\xa7updates\x81\xa8disabled\xc3')
-# Time that a busy machine may take to answer [s].
-PATIENCE = 30.0
+# Time that a busy machine may take to answer [s], and to check a message.
+PATIENCE = CHECK_SECONDS = 30.0
 POLL_SECONDS = 0.01
 
 
@@ -74,10 +74,10 @@ def _faults(host: str, port: int, guard: Guard) -> Iterator[str]:
         if name.lower() not in headers:
             yield f'{name} is not sent'
     before = guard.refused
-    with connect(f'ws://{own}', subprotocols=[Subprotocol(f'viser-v{viser.__version__}')],
+    with connect(f'ws://{own}', subprotocols=[Subprotocol(SUBPROTOCOL)],
                  open_timeout=PATIENCE) as browser:
         browser.send(FORGED)
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + CHECK_SECONDS
         while guard.refused == before and time.monotonic() < end:
             time.sleep(POLL_SECONDS)
     if guard.refused == before:

@@ -191,7 +191,7 @@ def unguarded(monkeypatch, **methods):
     ({'_count_refusal': lambda self: None}, 'messages are not checked')])
 def test_a_server_that_lets_others_in_is_not_started(monkeypatch, methods, fault):
     unguarded(monkeypatch, **methods)
-    monkeypatch.setattr(trial, 'PATIENCE', 0.5)
+    monkeypatch.setattr(trial, 'CHECK_SECONDS', 0.5)
     port = page.unused_port()
     with pytest.raises(TpControllerError, match=f'pages of other sites could .*{fault}'):
         page.open_server(port=port)
@@ -209,6 +209,14 @@ def test_there_is_a_limit_of_browsers(server, monkeypatch):
             while True:
                 browsers[-1].recv(timeout=60.0)
         assert browsers[0].recv(timeout=60.0)
+
+
+def test_a_page_of_another_version_is_sent_away_without_a_word(server, capfd):
+    with connect(f'ws://127.0.0.1:{server.get_port()}',
+                 subprotocols=['viser-v0.0.1']) as browser, \
+            pytest.raises(ConnectionClosed, match='Version mismatch'):
+        browser.recv(timeout=60.0)
+    assert capfd.readouterr().out == ''
 
 
 def test_a_message_that_is_too_long_ends_its_connection(server):
