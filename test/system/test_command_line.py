@@ -322,6 +322,15 @@ def test_a_table_shows_silence_errors_and_reasons():
     assert max(map(len, table(heard, 30).splitlines())) == 30
 
 
+def test_a_table_shows_what_others_wrote_without_acting_on_it():
+    """Whatever a node of the domain writes into its status."""
+    tasks = {'tool\x1b[2J': {'level': '1\r', 'error [m]': 'abc', 'status': 'x\ny',
+                             'reason': '\u202eback'}}
+    text = table({'arm\x07': Heard('\x1b]52;c;aGk=\x07', tasks, 0.1)})
+    assert text.replace('\n', '').isprintable() and len(text.splitlines()) == 3
+    assert 'tool\ufffd[2J' in text and 'abc' not in text
+
+
 class Answering:
     """In place of a client: the controller says this status of a task at once."""
 
@@ -347,6 +356,13 @@ def test_an_error_is_shown_with_its_unit_and_a_ratio_without(capsys, unit, shown
     options = make_parser().parse_args(['goal', 'mobile', '--reach', '1'])
     assert not _reach(Answering(**status), options)
     assert capsys.readouterr().out == f'not reached: error {shown} (blocked by tool)\n'
+
+
+def test_a_status_that_makes_no_sense_does_not_end_the_command(capsys):
+    options = make_parser().parse_args(['goal', 'mobile', '--reach', '1'])
+    assert not _reach(Answering(**{'status': 'limited', 'error [m]': 'abc', 'reason': ''}),
+                      options)
+    assert capsys.readouterr().out == 'not reached: error nan m\n'
 
 
 @pytest.mark.parametrize('numbers', [('-1', '-2.5', '-.5'), ('-1e-3', '-2E+1', '-0.5e2')])

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from tp_controller.model.spatial import rotation_from_quaternion
+from tp_controller.untrusted import count, plain
 
 # Goals that come faster than this belong to one stream [s].
 STREAM = 0.2
@@ -94,15 +95,17 @@ class Goals:
         latest = self._latest.get(task)
         if latest is not None and time - latest.last < STREAM and not latest.text.startswith('('):
             latest.last, latest.count = time, latest.count + 1
-            latest.text, latest.point = TEXTS[kind](message), _point(message)
-            self._open.setdefault(task, []).append(latest)
+            latest.text, latest.point = plain(TEXTS[kind](message)), _point(message)
+            waiting = self._open.setdefault(task, [])
+            if not waiting or waiting[-1] is not latest:
+                waiting.append(latest)
             return
-        self._add(Goal(time, time, task, TEXTS[kind](message), _frame(message),
+        self._add(Goal(time, time, task, plain(TEXTS[kind](message)), plain(_frame(message)),
                        point=_point(message)))
 
     def answered(self, time: float, task: str, values: Mapping[str, str]) -> None:
         """Take what the status of a task says about its goals."""
-        counts = int(values.get('goals accepted', 0)), int(values.get('goals refused', 0))
+        counts = count(values.get('goals accepted', '')), count(values.get('goals refused', ''))
         before = self._counts.get(task)
         self._counts[task] = counts
         waiting = self._open.get(task, [])

@@ -28,6 +28,8 @@ from tp_controller.bags.reader import Bag, Unreadable
 from tp_controller.bags.series import Series
 from tp_controller.errors import TpControllerError, unknown
 from tp_controller.model.spatial import Array, pose, rotation_from_quaternion
+from tp_controller.resources import MOST_XML_CHARACTERS
+from tp_controller.untrusted import errors_of, number, plain
 
 STATUS = 'diagnostic_msgs/msg/DiagnosticArray'
 JOINTS = 'sensor_msgs/msg/JointState'
@@ -56,6 +58,13 @@ VALUE_FIELDS = ('', 'bool_value', 'integer_value', 'double_value', 'string_value
                 'double_array_value', 'string_array_value')
 # A status is not counted for longer than this [s]: nobody knows what was in between.
 LONGEST = 1.0
+# Memory is bounded, whatever a recording has. Largest numbers of tasks, errors and causes of a
+# task, and reasons that are told apart; longest name [characters].
+MOST_TASKS, MOST_ERRORS, MOST_CAUSES, MOST_REASONS, LONGEST_NAME = 100, 4, 100, 5000, 256
+# Largest numbers of joints, of topics of one kind, and of values of all commands.
+MOST_JOINTS, MOST_TOPICS, MOST_COMMANDS = 300, 30, 1000
+# Largest size of all markers [bytes], number of parameters, and length of all [characters].
+MOST_MARKER_BYTES, MOST_PARAMETERS, LONGEST_PARAMETERS = 1 << 26, 5000, 1 << 23
 
 
 @dataclass
@@ -203,6 +212,7 @@ class History:
         self._markers: Raw | None = None
         self.moments: list[Moment] = []
         self._period = FRAME_SECONDS
+        self._marker_bytes = self._parameter_characters = 0
         self._unreadable: Counter[str] = Counter()
         for raw in bag.messages(advance):
             self._take(raw)
@@ -249,8 +259,8 @@ class History:
                 self._markers = raw
             elif raw.kind in TAKERS and not (own and raw.kind in (JOINTS, NUMBERS)):
                 TAKERS[raw.kind](self, time, raw.topic, self._bag.decode(raw))
-        except (Unreadable, KeyError, ValueError, TypeError) as error:
-            # What can be decoded may be nonsense all the same.
+        except Exception as error:
+            # What can be decoded may be nonsense all the same, of any kind.
             what = str(error) if isinstance(error, Unreadable) else raw.topic
             self._unreadable[what] += 1
 
@@ -263,9 +273,12 @@ class History:
         self._status_time = time
         self._take_stop(time, message.status[0].message)
         errors, codes = [math.nan] * len(self.columns), [0.0] * len(self.reason_columns)
-        for status in message.status[1:]:
-            name = status.name.partition(': ')[2]
-            values = {value.key: value.value for value in status.values}
+        for status in message.status[1:MOST_TASKS + 1]:
+            name = plain(status.name, LONGEST_NAME).partition(': ')[2]
+            if name not in self.tasks and len(self.tasks) >= MOST_TASKS:
+                continue
+            values = {plain(value.key, LONGEST_NAME): plain(value.value)
+                      for value in status.values}
             self.goals.answered(time, name, values)
             task = self.tasks.setdefault(name, TaskHistory(name))
             _update(task, values, lasted)
@@ -277,7 +290,7 @@ class History:
 
     def _take_stop(self, time: float, head: str) -> None:
         """Take whether zeros are commanded, and why."""
-        stop = self._stop
+        stop, head = self._stop, plain(head)
         if stop is not None:
             stop.end = time
             if _standing(head) == _standing(stop.reason):
@@ -293,6 +306,8 @@ class History:
     def _code(self, reason: str) -> float:
         """Return the code of a reason, in whatever order of shares its parts are."""
         text = '; '.join(sorted({_brief(cause) for cause in reason.split('; ')}))
+        if text not in self._codes and len(self.texts) >= MOST_REASONS:
+            text = 'another reason'
         if text not in self._codes:
             self._codes[text] = float(len(self.texts))
             self.texts.append(text)
@@ -301,9 +316,11 @@ class History:
     def _take_joints(self, time: float, topic: str, message: Any) -> None:
         """Take joint states."""
         names, positions = tuple(message.name), message.position
-        if len(names) != len(positions):
+        if len(names) != len(positions) or len(self._joints.keys() | set(names)) > MOST_JOINTS:
             return
         if names not in self._extremes:
+            if len(self._extremes) >= MOST_TOPICS:
+                return
             self._extremes[names] = positions.copy(), positions.copy()
         low, high = self._extremes[names]
         np.minimum(low, positions, out=low)
@@ -311,21 +328,36 @@ class History:
         if self.moments and time - self.moments[-1].time < EARLY * self._period:
             return
         self._joints.update(zip(names, positions.tolist()))
+        if self._markers is not None and (
+                not self.moments or self.moments[-1].markers is not self._markers):
+            self._marker_bytes += len(self._markers.data)
         self.moments.append(Moment(time, dict(self._joints), self._base, self._markers))
-        if len(self.moments) >= 2 * MOST_FRAMES:
-            self.moments = self.moments[::2]
-            self._period *= 2.0
+        if len(self.moments) >= 2 * MOST_FRAMES or (
+                self._marker_bytes > MOST_MARKER_BYTES and len(self.moments) > 1):
+            self._halve_moments()
+
+    def _halve_moments(self) -> None:
+        """Leave out every second moment, from now on too."""
+        self.moments = self.moments[::2]
+        self._period *= 2.0
+        self._marker_bytes = sum(len(raw.data) for raw in {
+            id(moment.markers): moment.markers for moment in self.moments}.values() if raw)
 
     def _take_command(self, time: float, topic: str, message: Any) -> None:
         """Take velocities of the joints."""
         values = message.data
         if topic not in self.commands:
+            if len(values) + sum(map(len, self.commands.values())) > MOST_COMMANDS:
+                return
             self.commands[topic] = Series(len(values))
-        self.commands[topic].add(time, values)
+        if len(values) <= len(self.commands[topic]):
+            self.commands[topic].add(time, values)
 
     def _take_twist(self, time: float, topic: str, message: Any) -> None:
         """Take velocities of a base."""
         linear, angular = message.linear, message.angular
+        if topic not in self.twists and len(self.twists) >= MOST_TOPICS:
+            return
         self.twists.setdefault(topic, Series(6)).add(
             time, (linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
 
@@ -338,7 +370,8 @@ class History:
 
     def _take_text(self, time: float, topic: str, message: Any) -> None:
         """Take a description of a robot."""
-        if topic.endswith('robot_description'):
+        if topic.endswith('robot_description') and len(message.data) <= MOST_XML_CHARACTERS and (
+                topic in self.descriptions or len(self.descriptions) < MOST_TOPICS):
             self.descriptions[topic] = message.data
 
     def _take_event(self, time: float, topic: str, message: Any) -> None:
@@ -346,8 +379,16 @@ class History:
         if message.node.strip('/') == self.node:
             for parameter in (*message.new_parameters, *message.changed_parameters):
                 value = parameter.value
-                self.parameters[parameter.name] = getattr(value, VALUE_FIELDS[value.type]) \
-                    if value.type else None
+                self._set_parameter(plain(parameter.name, LONGEST_NAME), getattr(
+                    value, VALUE_FIELDS[value.type]) if value.type else None)
+
+    def _set_parameter(self, name: str, value: Any) -> None:
+        """Take a parameter, unless there are too many."""
+        length = _length(value) - _length(self.parameters.get(name))
+        if self._parameter_characters + length <= LONGEST_PARAMETERS and (
+                name in self.parameters or len(self.parameters) < MOST_PARAMETERS):
+            self._parameter_characters += length
+            self.parameters[name] = value
 
 
 TAKERS: dict[str, Callable[[History, float, str, Any], None]] = {
@@ -401,15 +442,22 @@ def _update(task: TaskHistory, values: Mapping[str, str], lasted: float) -> None
         task.reached += lasted
     task.kind, task.level = values.get('type', ''), values.get('level', '')
     task.status = values.get('status', '')
-    for key, value in values.items():
-        if key.startswith('error ['):
-            unit, error = key[7:-1], float(value)
-            task.errors[unit] = error, float(values.get(f'tolerance [{unit}]', 'nan'))
+    for unit, error in errors_of(values).items():
+        if unit in task.errors or len(task.errors) < MOST_ERRORS:
+            task.errors[unit] = error, number(values.get(f'tolerance [{unit}]', ''))
             if error > task.largest.get(unit, -math.inf):
                 task.largest[unit] = error
     for cause in filter(None, values.get('reason', '').split('; ')):
         brief = _brief(cause)
-        task.causes[brief] = task.causes.get(brief, 0.0) + lasted
+        if brief in task.causes or len(task.causes) < MOST_CAUSES:
+            task.causes[brief] = task.causes.get(brief, 0.0) + lasted
+
+
+def _length(value: Any) -> int:
+    """Return how long the value of a parameter is [characters]."""
+    if isinstance(value, list):
+        return sum(map(_length, value))
+    return len(value) if isinstance(value, str) else 8 * np.size(value)
 
 
 def _put(row: list[float], columns: dict[Any, int], key: object, value: float,

@@ -18,9 +18,9 @@ from collections.abc import Callable, Iterator
 import io
 from pathlib import Path
 import struct
-import sys
 from typing import BinaryIO, NamedTuple
 
+from tp_controller.bags.expansion import Budget, expanded, LONGEST, TooMuch
 from tp_controller.errors import TpControllerError
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -31,8 +31,11 @@ HEAD = struct.Struct('<BQ')
 MESSAGE_HEAD = struct.Struct('<HIQQ')
 # Of a chunk: times, size and checksum of what is in it.
 CHUNK_HEAD = struct.Struct('<QQQI')
-# A longer record is none: the file is damaged [bytes].
-LONGEST = 1 << 28
+# Longest record of each kind that is read [bytes]; others are passed over.
+READ = {FOOTER: LONGEST, SCHEMA: 1 << 20, CHANNEL: 1 << 20, MESSAGE: LONGEST, CHUNK: LONGEST,
+        DATA_END: LONGEST}
+# Longest name of a topic or type [bytes].
+LONGEST_NAME = 1000
 
 
 class Raw(NamedTuple):
@@ -79,6 +82,7 @@ class McapFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.fault = ''
+        self._budget = Budget(0)
         self._schemas: dict[int, str] = {}
         # Of each channel the topic and its type; None where it is not in CDR.
         self._channels: dict[int, tuple[str, str] | None] = {}
@@ -102,8 +106,9 @@ class McapFile:
             if file.read(len(MAGIC)) != MAGIC:
                 raise TpControllerError(f'{self.path} is no MCAP file')
             place = file.tell()
+            self._budget = Budget(self.path.stat().st_size)
             try:
-                for kind, record in _records(file):
+                for kind, record in _records(file, place):
                     if kind in (DATA_END, FOOTER):
                         # What is left is an index.
                         advance(self.path.stat().st_size - place)
@@ -111,7 +116,7 @@ class McapFile:
                     yield from self._take(kind, record)
                     advance(file.tell() - place)
                     place = file.tell()
-            except (CutOff, struct.error, ValueError):
+            except (CutOff, TooMuch, struct.error, ValueError):
                 # What came before was told.
                 pass
             self.fault = f'{self.path.name} is cut off, or damaged, after {place} bytes'
@@ -127,37 +132,50 @@ class McapFile:
             yield from self._take_chunk(record)
         elif kind == SCHEMA:
             number, = struct.unpack_from('<H', record)
-            self._schemas[number], _ = _text(record, 2)
+            self._schemas[number] = _text(record, 2)[0][:LONGEST_NAME + 1]
         elif kind == CHANNEL:
             number, schema = struct.unpack_from('<HH', record)
             topic, end = _text(record, 4)
             encoding, _ = _text(record, end)
-            self._channels[number] = (topic, self._schemas.get(schema, '')) \
-                if encoding == 'cdr' else None
+            kind_name = self._schemas.get(schema, '')
+            self._channels[number] = (topic, kind_name) \
+                if encoding == 'cdr' and max(len(topic), len(kind_name)) <= LONGEST_NAME else None
 
     def _take_chunk(self, record: bytes) -> Iterator[Raw]:
         """Yield the messages in a chunk, as far as it goes."""
+        _, _, size, _ = CHUNK_HEAD.unpack_from(record)
         compression, end = _text(record, CHUNK_HEAD.size)
         packed, = struct.unpack_from('<Q', record, end)
         start = end + 8
-        inner = _decompressed(compression, record[start:start + packed])
+        inner = expanded(compression, memoryview(record)[start:start + packed], size)
+        self._budget.take(len(inner))
         for kind, content in _records(io.BytesIO(inner)):
+            if kind == CHUNK:
+                raise CutOff
             yield from self._take(kind, content)
         if len(record) < start + packed:
             raise CutOff
 
 
-def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+def _records(file: BinaryIO, place: int = 0) -> Iterator[tuple[int, bytes]]:
     """
-    Yield the kind and the content of each record to the end.
+    Yield the kind and the content of each record that is of use, to the end.
 
     Of a chunk that is cut off what there is comes last. Raises `CutOff` after what is complete.
     """
+    end = file.seek(0, io.SEEK_END)
+    file.seek(place)
     while head := file.read(HEAD.size):
         if len(head) < HEAD.size:
             raise CutOff
         kind, length = HEAD.unpack(head)
-        if length > LONGEST:
+        if kind not in READ:
+            # There is no record of kind 0: a hole in the file.
+            if not kind or length > end - file.tell():
+                raise CutOff
+            file.seek(length, io.SEEK_CUR)
+            continue
+        if length > READ[kind]:
             raise CutOff
         content = file.read(length)
         if len(content) == length or kind == CHUNK:
@@ -173,36 +191,3 @@ def _text(record: bytes, start: int) -> tuple[str, int]:
     if end > len(record):
         raise CutOff
     return record[start + 4:end].decode(), end
-
-
-def _decompressed(name: str, data: bytes) -> bytes:
-    """Return what a chunk has in it; of one that is cut off, as much as can be known."""
-    if not name:
-        return data
-    if name not in DECOMPRESSORS:
-        raise CutOff
-    try:
-        return DECOMPRESSORS[name](data)
-    except (ImportError, MemoryError):
-        raise
-    except Exception as error:
-        # Each library has errors of its own for data that are damaged.
-        raise CutOff from error
-
-
-def _from_zstd(data: bytes) -> bytes:
-    """Decompress what Zstandard compressed."""
-    if sys.version_info >= (3, 14):
-        from compression import zstd
-    else:
-        from backports import zstd
-    return zstd.ZstdDecompressor().decompress(data)
-
-
-def _from_lz4(data: bytes) -> bytes:
-    """Decompress what LZ4 compressed."""
-    from lz4.frame import LZ4FrameDecompressor
-    return bytes(LZ4FrameDecompressor().decompress(data))
-
-
-DECOMPRESSORS = {'zstd': _from_zstd, 'lz4': _from_lz4}

@@ -21,15 +21,20 @@ import numpy as np
 from tp_controller.bags.goals import Goal
 from tp_controller.bags.history import History, nearest
 from tp_controller.bags.robots import command_names, configurations, path_of, tool_frames
+from tp_controller.errors import in_words, TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.plots.curves import plot_errors, plot_tool_path, plot_velocities
+from tp_controller.untrusted import LONGEST, plain
 
-# More goals than these would hide the curves.
-MOST_CHANGES = 40
+# More goals than these would hide the curves, and more curves each other.
+MOST_CHANGES, MOST_CURVES = 40, 100
+# Longest name in a plot [characters].
+LONGEST_LABEL = 40
 
 
-def draw(history: History, robot: Robot | None, folder: Path) -> Iterator[tuple[str, Path]]:
+def draw(history: History, robot: Robot | None, folder: Path,
+         remarks: list[str]) -> Iterator[tuple[str, Path]]:
     """
     Draw what is there to be drawn.
 
@@ -41,6 +46,8 @@ def draw(history: History, robot: Robot | None, folder: Path) -> Iterator[tuple[
         Its limits are drawn, and the path of its tool.
     folder : pathlib.Path
         Where the plots go.
+    remarks : list of str
+        Gets what cannot be drawn.
 
     Yields
     ------
@@ -49,22 +56,41 @@ def draw(history: History, robot: Robot | None, folder: Path) -> Iterator[tuple[
 
     """
     changes = [goal.time for goal in history.goals.goals][:MOST_CHANGES]
+    for what, plots in (('errors', _draw_errors(history, folder, changes)),
+                        ('velocities', _draw_velocities(history, robot, folder, changes)),
+                        ('velocities of the base', _draw_base(history, robot, folder, changes)),
+                        ('path', _draw_path(history, robot, folder))):
+        try:
+            yield from plots
+        except (OSError, TpControllerError, ImportError):
+            raise
+        except Exception as error:
+            # Of what somebody recorded not all can be drawn.
+            remarks.append(f'no plot of {what}: {in_words(error)}')
+
+
+def _draw_errors(history: History, folder: Path,
+                 changes: list[float]) -> Iterator[tuple[str, Path]]:
+    """Draw the errors of the tasks."""
     curves = _error_curves(history)
     if curves:
         times, errors, reasons = curves
         yield 'Task errors', plot_errors(folder / 'errors.png', times, errors, reasons=reasons,
                                          changes=changes, log=True)
+
+
+def _draw_velocities(history: History, robot: Robot | None, folder: Path,
+                     changes: list[float]) -> Iterator[tuple[str, Path]]:
+    """Draw the velocities of the joints."""
     topic = command_topic(history)
     if topic:
         times, velocities = history.commands[topic].rows()
         names = command_names(history, robot, velocities.shape[1])
         limits, units = _limits(robot, names)
         yield 'Joint velocities', plot_velocities(
-            folder / 'velocities.png', times, velocities, limits, names, units=units,
+            folder / 'velocities.png', times, velocities[:, :MOST_CURVES], limits[:MOST_CURVES],
+            [_label(name) for name in names[:MOST_CURVES]], units=units[:MOST_CURVES],
             changes=changes)
-    yield from _draw_base(history, robot, folder, changes)
-    if robot is not None:
-        yield from _draw_path(history, robot, folder)
 
 
 def command_topic(history: History) -> str:
@@ -77,13 +103,14 @@ def _error_curves(history: History) -> tuple[
     """Return times (T,), (task, unit, errors (T,)) and {task: reasons (T,)}."""
     times, values = history.errors.rows()
     _, codes = history.reasons.rows()
-    curves = [(task, unit, values[:, column])
+    curves = [(_label(task), _label(unit), values[:, column])
               for (task, unit), column in history.columns.items()
-              if np.nan_to_num(values[:, column]).max(initial=0.0) > 0.0]
+              if np.nan_to_num(values[:, column]).max(initial=0.0) > 0.0][:MOST_CURVES]
     if not curves:
         return None
+    texts = [_label(text, LONGEST) for text in history.texts]
     # A task that was not in the stack had no reason.
-    reasons = {task: [history.texts[code] for code in np.nan_to_num(
+    reasons = {_label(task): [texts[code] for code in np.nan_to_num(
         codes[:, column]).astype(int).tolist()]
                for task, column in history.reason_columns.items()}
     return times, curves, reasons
@@ -112,8 +139,11 @@ def _draw_base(history: History, robot: Robot | None, folder: Path,
         title='Velocities of the base', changes=changes)
 
 
-def _draw_path(history: History, robot: Robot, folder: Path) -> Iterator[tuple[str, Path]]:
+def _draw_path(history: History, robot: Robot | None,
+               folder: Path) -> Iterator[tuple[str, Path]]:
     """Draw the path of the frame that the uppermost task is about."""
+    if robot is None:
+        return
     times, q, passive, _ = configurations(history, robot)
     frames = tool_frames(history, robot)
     if len(times) < 2 or not frames:
@@ -121,7 +151,12 @@ def _draw_path(history: History, robot: Robot, folder: Path) -> Iterator[tuple[s
     task, frame = next(iter(frames.items()))
     yield f'Path of {frame}', plot_tool_path(
         folder / 'tool_path.png', path_of(robot, frame, q, passive),
-        _points(history.goals.goals, task, robot), times=times, title=f'Path of {frame}')
+        _points(history.goals.goals, task, robot), times=times, title=f'Path of {_label(frame)}')
+
+
+def _label(name: str, longest: int = LONGEST_LABEL) -> str:
+    """Return a name as it is drawn: what is between dollars would be a formula."""
+    return plain(name, longest).replace('$', r'\$')
 
 
 def _points(goals: list[Goal], task: str, robot: Robot) -> Array:

@@ -15,20 +15,25 @@
 """Reads bags: folders or files of ROS 2, complete or cut off, without ROS."""
 
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from pathlib import Path
 import re
 from typing import Any
 
-from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 from tp_controller.bags.mcap import McapFile, Raw
+from tp_controller.bags.sqlite import SqliteFile
 from tp_controller.errors import TpControllerError
 
 # Of a folder: its description.
 DESCRIPTION = 'metadata.yaml'
 SUFFIXES = ('.mcap', '.db3')
 COMPRESSED = ('.zstd', '.zst', '.lz4')
+# In the description: each message of an SQLite file is compressed by itself.
+BY_MESSAGE = re.compile(r'^\s*compression_mode:\s*["\']?message\b', re.IGNORECASE | re.MULTILINE)
+# Longest description that is read [characters].
+LONGEST_DESCRIPTION = 1 << 24
+# Longest message that is decoded; in memory it may take up to thirty times as much [bytes].
+LONGEST = 1 << 22
 
 
 class Unreadable(Exception):
@@ -79,13 +84,11 @@ class Bag:
 
         """
         for path in self._files:
-            if path.suffix == '.mcap':
-                file = McapFile(path)
-                yield from file.messages(advance)
-                if file.fault:
-                    self.remarks.append(file.fault)
-            else:
-                yield from self._rows(path, advance)
+            file = McapFile(path) if path.suffix == '.mcap' else SqliteFile(
+                path, self._is_compressed)
+            yield from file.messages(advance)
+            if file.fault:
+                self.remarks.append(file.fault)
 
     def decode(self, raw: Raw) -> Any:
         """
@@ -94,31 +97,25 @@ class Bag:
         Raises
         ------
         Unreadable
-            It is damaged, or its type is not known.
+            It is damaged or too long, or its type is not known.
 
         """
+        if len(raw.data) > LONGEST:
+            raise Unreadable(f'{raw.topic} ({raw.kind}), too long')
         try:
             return self._types.deserialize_cdr(raw.data, raw.kind)
         except Exception as error:
             # Whatever a decoder stumbles over in bytes of somebody else.
             raise Unreadable(f'{raw.topic} ({raw.kind})') from error
 
-    def _rows(self, path: Path, advance: Callable[[float], object]) -> Iterator[Raw]:
-        """Yield the messages of an SQLite file."""
-        whole = self.path.is_dir() and not self.remarks and len(self._files) == 1
-        reader = Reader(self.path if whole else path)
+    @property
+    def _is_compressed(self) -> bool:
+        """Return whether each message of SQLite files is compressed."""
         try:
-            reader.open()
-            with closing(reader):
-                share = path.stat().st_size / max(reader.message_count, 1)
-                for connection, stamp, data in reader.messages():
-                    yield Raw(connection.topic, connection.msgtype, stamp, bytes(data))
-                    advance(share)
-        except GeneratorExit:
-            raise
-        except Exception as error:
-            # SQLite and rosbags have many.
-            self.remarks.append(f'{path.name} is cut off or damaged: {error}')
+            with (self.path / DESCRIPTION).open(encoding='utf-8', errors='replace') as file:
+                return BY_MESSAGE.search(file.read(LONGEST_DESCRIPTION)) is not None
+        except OSError:
+            return False
 
 
 def _files(path: Path) -> list[Path]:

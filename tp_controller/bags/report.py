@@ -17,6 +17,7 @@
 import base64
 from collections.abc import Iterable, Iterator, Sequence
 from html import escape
+from itertools import islice
 import math
 from pathlib import Path
 import time
@@ -27,10 +28,14 @@ from tp_controller.bags.goals import Goal, outcome
 from tp_controller.bags.history import History, TaskHistory
 from tp_controller.bags.pictures import command_topic
 from tp_controller.bags.robots import command_names
+from tp_controller.files import new_file
 from tp_controller.model.robot import Robot
+from tp_controller.untrusted import plain
 
-# How many causes of a task are told.
-MOST_CAUSES = 3
+# How many causes of a task are told, and how many rows a table has.
+MOST_CAUSES, MOST_ROWS = 3, 1000
+# Longest cell of the summary, and longest parameter [characters].
+LONGEST_CELL, LONGEST_VALUE = 200, 500
 STYLE = """\
 :root { color-scheme: light dark; --line: #8884; --faint: #8882; --bad: #b00020; }
 @media (prefers-color-scheme: dark) { :root { --bad: #ff7085; } }
@@ -64,9 +69,9 @@ Row = Sequence[str | Cell]
 def summary(history: History) -> str:
     """Return what became of the tasks, as lines of text."""
     titles = ('task', 'level', 'status', 'error at the end', 'reached', 'limited by')
-    rows = [titles, *([cell.text if isinstance(cell, Cell) else cell for cell in row]
-                      for row in (_task_row(task, all_errors=False)
-                                  for task in history.tasks.values()))]
+    tasks = [_task_row(task, all_errors=False) for task in history.tasks.values()]
+    rows = [titles, *([plain(cell.text if isinstance(cell, Cell) else cell, LONGEST_CELL)
+                       for cell in row] for row in tasks)]
     widths = [max(map(len, column)) for column in zip(*rows)]
     return '\n'.join('  '.join(f'{cell:<{width}}' for cell, width in zip(row, widths)).rstrip()
                      for row in rows)
@@ -113,21 +118,23 @@ def write_report(path: Path, history: History, robot: Robot | None,
     parts += _section('Joints', ('joint', 'positions', 'position limits', 'largest velocity',
                                  'of its limit'), list(_joint_rows(history, robot)))
     parts += _details(history)
-    path.write_text('<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-                    '<meta name="viewport" content="width=device-width">'
-                    f'<title>{escape(title)}</title><style>{STYLE}</style></head><body>\n'
-                    + '\n'.join(parts) + '\n</body></html>\n', encoding='utf-8')
+    page = ('<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width">'
+            f'<title>{_shown(title)}</title><style>{STYLE}</style></head><body>\n'
+            + '\n'.join(parts) + '\n</body></html>\n')
+    with new_file(path) as file:
+        file.write(page.encode())
 
 
 def _head(history: History, title: str, remarks: Sequence[str]) -> Iterator[str]:
     """Yield what stands above all."""
     began = time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(1e-9 * history.began))
     node = f'/{history.node}' if history.node else 'no controller'
-    yield f'<h1>{escape(title)}</h1>'
-    yield (f'<p class="facts">{escape(node)} · {began} · {history.end:.1f} s · '
+    yield f'<h1>{_shown(title)}</h1>'
+    yield (f'<p class="facts">{_shown(node)} · {began} · {history.end:.1f} s · '
            f'{history.counts.total()} messages</p>')
     for remark in remarks:
-        yield f'<p class="remarks">{escape(remark)}</p>'
+        yield f'<p class="remarks">{_shown(remark)}</p>'
 
 
 def _frame(page: str) -> Iterator[str]:
@@ -146,11 +153,12 @@ def _section(title: str, names: Sequence[str], rows: Sequence[Row],
         return
     yield f'<h2>{title}</h2><div class="wide"><table><tr>'
     yield ''.join(f'<th>{name}</th>' for name in names)
-    for row in rows:
+    for row in rows[:MOST_ROWS]:
         yield '</tr><tr>' + ''.join(
-            f'<td class="bad">{escape(cell.text)}</td>' if isinstance(cell, Cell)
-            else f'<td>{escape(cell)}</td>' for cell in row)
+            f'<td class="bad">{_shown(cell.text)}</td>' if isinstance(cell, Cell)
+            else f'<td>{_shown(cell)}</td>' for cell in row)
     yield '</tr></table></div>'
+    more += len(rows[MOST_ROWS:])
     if more:
         yield f'<p>… and {more} more.</p>'
 
@@ -235,12 +243,16 @@ def _details(history: History) -> Iterator[str]:
 def _table(rows: Iterable[tuple[str, str]]) -> Iterator[str]:
     """Yield a table of names and values."""
     yield '<div class="wide"><table>'
-    for name, value in rows:
-        yield f'<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>'
+    for name, value in islice(rows, MOST_ROWS):
+        yield f'<tr><td>{_shown(name)}</td><td>{_shown(value)}</td></tr>'
     yield '</table></div>'
+
+
+def _shown(text: str) -> str:
+    """Return a text as HTML that only shows what it says."""
+    return escape(plain(text))
 
 
 def _brief(value: object) -> str:
     """Return a value as text; of a long one the beginning."""
-    text = str(value)
-    return text if len(text) <= 500 else f'{text[:500]} …'
+    return plain(str(value), LONGEST_VALUE, lines=True)

@@ -14,7 +14,6 @@
 
 """The robot of a recording, where it was, and where its tools were."""
 
-from collections.abc import Sequence
 import math
 from typing import Any
 
@@ -44,11 +43,12 @@ def robot_of(history: History) -> Robot | None:
     given = history.parameters
     options: dict[str, Any] = {
         'joints': _names(given.get('joints', ())), 'limits': _limits(given),
-        'base': given.get('base', 'fixed'), 'world_frame': given.get('world_frame', DEFAULT_WORLD)}
+        'base': _text(given, 'base', 'fixed'),
+        'world_frame': _text(given, 'world_frame', DEFAULT_WORLD)}
     own = f'/{history.node}/robot_description'
-    urdf = history.descriptions.get(own) or given.get('robot_description')
-    if not urdf and given.get('robot'):
-        return Robot.from_file(given['robot'], **options)
+    urdf: str | None = history.descriptions.get(own) or _text(given, 'robot_description')
+    if not urdf and _text(given, 'robot'):
+        return Robot.from_file(_text(given, 'robot'), **options)
     if not urdf:
         topic = nearest(list(history.descriptions), ['robot_description'], history.namespace)
         urdf = history.descriptions.get(topic)
@@ -95,7 +95,7 @@ def configurations(history: History, robot: Robot) -> tuple[Array, Array, Array,
 
 def tool_frames(history: History, robot: Robot) -> dict[str, str]:
     """Return {task: frame} of the tasks about a frame, by priority; {} if nothing says which."""
-    text = history.parameters.get('stack')
+    text = _text(history.parameters, 'stack')
     if not text:
         return {}
     try:
@@ -129,9 +129,17 @@ def _base(moment: Moment, robot: Robot) -> Array | None:
     return T.dot(inverse_pose(carried))
 
 
-def _names(value: Sequence[str]) -> list[str] | None:
+def _text(parameters: dict[str, Any], name: str, default: str = '') -> str:
+    """Return a parameter that is a text; the default if it is none."""
+    value = parameters.get(name, default)
+    return value if isinstance(value, str) else default
+
+
+def _names(value: object) -> list[str] | None:
     """Return the names in a parameter; None, where an empty one stands for all."""
-    return list(value) if any(value) else None
+    names = [each for each in value if isinstance(each, str)] if isinstance(
+        value, (list, tuple)) else []
+    return names if any(names) else None
 
 
 def _limits(parameters: dict[str, Any]) -> dict[str, dict[str, float]]:

@@ -49,6 +49,10 @@ class Series:
         self._width = width
         self._bins = _Bins.of(np.empty(0), np.empty((0, width)))
 
+    def __len__(self) -> int:
+        """Return how many values belong to a time."""
+        return self._width
+
     def add(self, time: float, values: Sequence[float]) -> None:
         """Add the values of a time; there may be more of them than before, the others missing."""
         self._width = max(self._width, len(values))

@@ -15,6 +15,7 @@
 """``tp_controller check``: what is wrong or doubtful with a stack, before a robot moves."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
@@ -22,7 +23,8 @@ from typing import TYPE_CHECKING
 from tp_controller.cli.command import Command
 from tp_controller.cli.progress import progress
 from tp_controller.cli.values import positive_number
-from tp_controller.errors import SettingsError, unknown
+from tp_controller.errors import SettingsError, TpControllerError, unknown
+from tp_controller.files import new_file
 
 if TYPE_CHECKING:  # Imported with the first check: the help needs none of it.
     from tp_controller.check import CheckReport
@@ -106,11 +108,12 @@ def run_check(options: argparse.Namespace) -> int:
         return _refuse(str(error))
     print(text_of(report))
     try:
-        if options.json:
-            options.json.write_text(report.to_json(), encoding='utf-8')
-        if options.html:
-            options.html.write_text(page_of(report), encoding='utf-8')
-    except OSError as error:
+        for path, text in ((options.json, report.to_json),
+                           (options.html, partial(page_of, report))):
+            if path:
+                with new_file(path) as file:
+                    file.write(text().encode())
+    except (OSError, TpControllerError) as error:
         return _refuse(str(error))
     return 0 if report.passes(options.strict) else 1
 

@@ -28,6 +28,7 @@ from tp_controller.cli import check, demo, goal, plot, record, status, view
 from tp_controller.errors import TpControllerError
 from tp_controller.extras import install_command
 from tp_controller.nodes.interruption import ENDING, SignalWatch
+from tp_controller.untrusted import plain
 
 EXAMPLES = """\
 examples:
@@ -58,6 +59,8 @@ CURES = {
     ('dask', 'distributed'): "the backend dask needs it: pip install 'dask[distributed]'",
     ('ray',): 'the backend ray needs it: pip install ray',
 }
+# Longest error that is printed [characters].
+LONGEST = 20_000
 INTERRUPTED = 128 + signal.SIGINT
 
 
@@ -99,7 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return options.run(options)
     except TpControllerError as error:
-        print(f'tp_controller: {error}', file=sys.stderr)
+        print(f'tp_controller: {plain(str(error), LONGEST, lines=True)}', file=sys.stderr)
         return 1
     except ModuleNotFoundError as error:
         return _lacks(error)

@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from tp_controller.cli.command import Command
 from tp_controller.cli.progress import progress
-from tp_controller.errors import TpControllerError
+from tp_controller.errors import in_words, TpControllerError
 from tp_controller.extras import install_command
+from tp_controller.untrusted import plain
 
 if TYPE_CHECKING:  # Imported with the first recording: the help needs none of it.
     from tp_controller.bags.history import History
@@ -91,14 +92,14 @@ def plot(options: argparse.Namespace) -> int:
         print(f'tp_controller: --output: {error}', file=sys.stderr)
         return 2
     with progress(1, 'drawing'):
-        plots = list(draw(history, robot, folder))
+        plots = list(draw(history, robot, folder, remarks))
     page = folder / 'report.html'
     write_report(page, history, robot, plots, title=name, remarks=remarks,
                  replay=_replay(history, robot, remarks))
     if history.tasks:
         print(summary(history))
     for remark in remarks:
-        print(f'tp_controller: {remark}', file=sys.stderr)
+        print(f'tp_controller: {plain(remark)}', file=sys.stderr)
     print('\nWritten:')
     for path in (*(path for _, path in plots), page):
         print(f'  {path}')
@@ -141,7 +142,12 @@ def _replay(history: 'History', robot: 'MaybeRobot', remarks: list[str]) -> str:
     except ModuleNotFoundError as error:
         remarks.append(f"no replay: {error.name} is missing; {install_command('view')}")
         return ''
-    return replay_page(history, robot)
+    try:
+        return replay_page(history, robot)
+    except Exception as error:
+        # Of what somebody recorded not all can be shown.
+        remarks.append(f'no replay: {in_words(error)}')
+        return ''
 
 
 COMMAND = Command(

@@ -28,6 +28,7 @@ from tp_controller.cli.command import Command
 from tp_controller.cli.values import positive_number
 from tp_controller.errors import TpControllerError
 from tp_controller.nodes.middleware import set_up_fast_dds
+from tp_controller.untrusted import plain
 
 if TYPE_CHECKING:  # Imported when a recording starts: the help needs no ROS.
     from tp_controller.bags.writer import BagWriter
@@ -109,7 +110,8 @@ def record(options: argparse.Namespace) -> int:
         seconds = _write(recorder, bag, options.seconds, arrived)
         print(_summary(bag, recorder, seconds))
         for topic, reason in recorder.skipped.items():
-            print(f'tp_controller: {topic} is not recorded: {reason}', file=sys.stderr)
+            print(f'tp_controller: {plain(topic)} is not recorded: {plain(reason)}',
+                  file=sys.stderr)
     return 0
 
 
@@ -185,7 +187,7 @@ def _summary(bag: 'BagWriter', recorder: 'BagRecorder', seconds: float) -> str:
 
 def _listed(counts: Mapping[str, int]) -> str:
     """Return how many messages of each topic were written."""
-    return ', '.join(f'{topic} {counts[topic]}' for topic in sorted(counts))
+    return ', '.join(f'{plain(topic)} {counts[topic]}' for topic in sorted(counts))
 
 
 COMMAND = Command(

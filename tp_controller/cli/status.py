@@ -25,6 +25,7 @@ from tp_controller.cli.command import Command
 from tp_controller.cli.values import positive_number
 from tp_controller.errors import TpControllerError
 from tp_controller.nodes.middleware import set_up_fast_dds
+from tp_controller.untrusted import errors_of, plain
 
 if TYPE_CHECKING:  # Imported with the first status: the help needs no ROS.
     from tp_controller.nodes.watch import Heard, Watch
@@ -115,13 +116,12 @@ def table(heard: Mapping[str, 'Heard'], width: int | None = None) -> str:
         lines += ['', f'/{name}: {silent or controller.head}',
                   '  ' + ' '.join(f'{title:<{columns}}' for title, columns in COLUMNS) + ' reason']
         lines += [_row(task, values) for task, values in controller.tasks.items()]
-    return '\n'.join(line.rstrip()[:width] for line in lines[1:])
+    return '\n'.join(plain(line.rstrip())[:width] for line in lines[1:])
 
 
 def _row(task: str, values: Mapping[str, str]) -> str:
     """Return the line of a task."""
-    errors = ', '.join(_error(key[7:-1], float(value)) for key, value in values.items()
-                       if key.startswith('error ['))
+    errors = ', '.join(_error(unit, error) for unit, error in errors_of(values).items())
     cells = (task, values.get('level', ''), errors, values.get('status', ''))
     reason = '; '.join(filter(None, (values.get('reason'), values.get('goal warning'))))
     return '  ' + ' '.join(f'{cell:<{columns}}'

@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 import io
 from itertools import product
-import logging
 from threading import Event
 
 import numpy as np
@@ -213,16 +212,11 @@ def _corners(part: Part) -> Array:
 @contextmanager
 def _server() -> Iterator[viser.ViserServer]:
     """Run a server for this machine alone, on a port where no page is looked for."""
-    # Chromium opens a connection in advance, and closes it unused: no fault.
-    log = logging.getLogger('websockets.server')
-    level = log.level
-    log.setLevel(logging.CRITICAL)
-    server = open_server(port=unused_port())
+    server = open_server(port=unused_port(), pictures=True)
     server.gui.add_html(OUT_OF_VIEW)
     try:
         yield server
     finally:
-        log.setLevel(level)
         with redirect_stdout(io.StringIO()):
             # It would say so.
             server.stop()

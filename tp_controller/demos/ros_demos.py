@@ -39,6 +39,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.plots.curves import plot_errors, plot_tool_path, plot_velocities
 from tp_controller.tasks.frame import FrameTask
+from tp_controller.untrusted import errors_of
 
 if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
     from tp_controller.nodes.client import Client
@@ -208,12 +209,8 @@ def _outcome(client: 'Client', title: str, task: str, asked: bool) -> TaskOutcom
 
 def _errors(status: Mapping[str, str]) -> str:
     """Return the errors of a task, with units that suit their size."""
-    parts = []
-    for key, value in status.items():
-        unit = key.removeprefix('error [').removesuffix(']')
-        if key.startswith('error [') and unit in SHOWN:
-            parts.append(SHOWN[unit].format(FACTORS[unit] * float(value)))
-    return ', '.join(parts)
+    return ', '.join(SHOWN[unit].format(FACTORS[unit] * error)
+                     for unit, error in errors_of(status).items() if unit in SHOWN)
 
 
 def _check_limits(robot: Robot, recorder: 'Recorder') -> bool:

@@ -42,7 +42,10 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from tp_controller.errors import GoalError, TpControllerError, unknown
 from tp_controller.nodes import Message
+from tp_controller.nodes.bounded_subscription import subscribe
 from tp_controller.nodes.interruption import uninterrupted
+from tp_controller.nodes.received_status import received
+from tp_controller.untrusted import count
 
 # What a message is filled with, by the names that `FIELDS` lists.
 Fields = Mapping[str, Any]
@@ -249,7 +252,7 @@ class Client:
             raise GoalError(f'the controller did not answer the goal for task {task!r}')
         self._pending[publisher] = OTHERS_SECONDS
         if self._answers(task)[1] != before[1]:
-            raise GoalError(f'refused: {self.task_status(task)["last refusal"]}')
+            raise GoalError(f'refused: {self.task_status(task).get("last refusal", "")}')
 
     def publish(self, task: str, topic: str, message: Message) -> None:
         """Publish on a topic of a task, and wait for nothing."""
@@ -328,11 +331,11 @@ class Client:
     def _answers(self, task: str) -> tuple[str, str]:
         """Return how many goals of a task were accepted and refused, or `ABSENT`."""
         status = self.task_status(task)
-        return (status['goals accepted'], status['goals refused']) if status else ABSENT
+        return (status.get('goals accepted', ''), status.get('goals refused', ''))
 
     def _listeners(self, task: str, topic: str) -> int:
         """Return how many the controller knows of that listen to a topic of a task."""
-        return int(self.task_status(task).get(f'{topic} listeners', 0))
+        return count(self.task_status(task).get(f'{topic} listeners', ''))
 
     def stop_reason(self) -> str:
         """Return why the controller commands zeros; empty while it runs."""
@@ -379,10 +382,15 @@ def absence(names: str) -> str:
 
 
 def subscribe_status(node: Node, controller: str,
-                     callback: Callable[[DiagnosticArray], None]) -> None:
-    """Listen to the status of a controller; `TpControllerError` if that cannot be its name."""
+                     callback: Callable[[DiagnosticArray], None], depth: int = 10) -> None:
+    """Subscribe to the status of a controller; `TpControllerError` if that is no valid name."""
+    def take(message: DiagnosticArray) -> None:
+        # Other nodes have topics of this name and type, too.
+        if message.status and message.status[0].name == controller:
+            callback(received(message))
+
     try:
-        node.create_subscription(DiagnosticArray, f'/{controller}/status', callback, 10)
+        subscribe(node, DiagnosticArray, f'/{controller}/status', take, depth)
     except NameValidationException as error:
         raise TpControllerError(f'{controller!r} cannot be the name of a node') from error
 

@@ -21,11 +21,14 @@ import math
 import time
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
+from tp_controller.untrusted import plain
 
 # What repeats is written once in this time [s].
 REPEAT_SECONDS = 1.0
 # How much can wait to be written, and how many causes are told apart.
 LARGEST_QUEUE, MOST_CAUSES = 200, 100
+# Longest text that is written [characters].
+LONGEST = 20_000
 # In rclpy each severity needs a line of its own.
 WRITERS: dict[str, Callable[[RcutilsLogger, str], object]] = {
     'info': lambda logger, text: logger.info(text),
@@ -91,5 +94,6 @@ class Log:
         """Write what came last from one cause, unless that is not due."""
         if written.more and now - written.at >= REPEAT_SECONDS:
             more = f' ({written.more} times)' if written.more > 1 else ''
-            WRITERS[written.severity](self._logger, written.text + more)
+            # Texts of others may be in it.
+            WRITERS[written.severity](self._logger, plain(written.text, LONGEST) + more)
             written.at, written.more = now, 0

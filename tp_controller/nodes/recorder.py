@@ -32,8 +32,9 @@ from tp_controller.nodes.base_topics import (
     placement_of,
     twist_of,
 )
-from tp_controller.nodes.client import Client
+from tp_controller.nodes.client import Client, subscribe_status
 from tp_controller.nodes.joint_states import JointStateBuffer
+from tp_controller.untrusted import errors_of
 
 Value = TypeVar('Value')
 
@@ -78,8 +79,7 @@ class Recorder:
         node.create_subscription(JointState, '/joint_states', self._on_state, 50)
         node.create_subscription(Float64MultiArray, '/velocity_controller/commands',
                                  self._on_command, 50)
-        node.create_subscription(DiagnosticArray, f'/{client.controller}/status',
-                                 self._on_status, 50)
+        subscribe_status(node, client.controller, self._on_status, 50)
         if robot.moves:
             self._odometry = OdometryBuffer(robot)
             node.create_subscription(Odometry, '/odom', self._on_odometry, ODOMETRY_QOS)
@@ -138,10 +138,10 @@ class Recorder:
         errors, reasons = {}, {}
         for status in message.status[1:]:
             task = status.name.partition(': ')[2]
+            found = errors_of({value.key: value.value for value in status.values})
+            errors.update({(task, unit): error for unit, error in found.items()})
             for value in status.values:
-                if value.key.startswith('error ['):
-                    errors[task, value.key[7:-1]] = float(value.value)
-                elif value.key == 'reason':
+                if value.key == 'reason':
                     reasons[task] = value.value
         now = self.now()
         self.errors.append((now, errors))

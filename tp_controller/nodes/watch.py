@@ -116,6 +116,5 @@ class Watch:
             subscribe_status(self._client.node, name, partial(self._on_status, name))
 
     def _on_status(self, name: str, message: DiagnosticArray) -> None:
-        """Keep the latest status; other nodes have topics of this name and type, too."""
-        if message.status and message.status[0].name == name:
-            self._heard[name] = message, self._clock()
+        """Keep the latest status."""
+        self._heard[name] = message, self._clock()

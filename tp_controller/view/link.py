@@ -37,9 +37,13 @@ from tp_controller.errors import in_words, TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.nodes.base_topics import OdometryBuffer, placement_of
+from tp_controller.nodes.bounded_subscription import LONGEST, subscribe
 from tp_controller.nodes.client import Client, type_name
 from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.nodes.parameters import LIMITS, names_in, ROBOT, TASKS
+from tp_controller.resources import MOST_XML_CHARACTERS
+from tp_controller.untrusted import plain
+from tp_controller.view.markers import drawable
 from tp_controller.view.rows import Row, rows_of
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -52,6 +56,8 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ASK_SECONDS, ANSWER_SECONDS = 1.0, 3.0
 # Without a status for so long the controller counts as gone [s].
 SILENT_SECONDS = 2.0
+# Faster joints are not believed [rad/s or m/s].
+FASTEST = 1e6
 # Ending of the name of the node that the loop of a controller runs on.
 LOOP = '_loop'
 # What of the controller says which robot it has.
@@ -131,8 +137,8 @@ class Link:
         if wanted and not self._eyes and self.robot is not None:
             self._eyes = [
                 self._listen(JointState, 'joint_states', self._on_joints, NEWEST),
-                self.client.node.create_subscription(
-                    MarkerArray, f'/{self.client.controller}/markers', self._on_markers, 1)]
+                subscribe(self.client.node, MarkerArray,
+                          f'/{self.client.controller}/markers', self._on_markers, 1)]
             if self.robot.moves:
                 self._eyes.append(self._listen(Odometry, 'odom', self._on_odometry, NEWEST))
         elif not wanted and self._eyes:
@@ -207,19 +213,27 @@ class Link:
         waiting, self._pending = self._pending, []
         for future, until, finish, told in waiting:
             if future.done():
-                finish(future.result())
+                self._take_answer(future, finish, told)
             elif now > until:
                 future.cancel()
                 told(False, f'/{self.client.controller} does not answer')
             else:
                 self._pending.append((future, until, finish, told))
 
+    def _take_answer(self, future: Future, finish: Callable[[Any], None], told: Told) -> None:
+        """Hand on an answer; one that makes no sense is none."""
+        try:
+            finish(future.result())
+        except Exception as error:
+            told(False, f'/{self.client.controller} answers what makes no sense: '
+                 f'{plain(in_words(error))}')
+
     # What the page is told ------------------------------------------------------------------
 
     def _listen(self, kind: type, name: str, callback: Callable[[Any], None],
-                qos: QoSProfile) -> Subscription:
+                qos: QoSProfile, longest: int = LONGEST) -> Subscription:
         """Listen to what the controller listens to, too."""
-        return self.client.node.create_subscription(kind, self._topic(name, kind), callback, qos)
+        return subscribe(self.client.node, kind, self._topic(name, kind), callback, qos, longest)
 
     def _topic(self, name: str, kind: type) -> str:
         """Return the topic of a type that the controller listens to, whatever its name became."""
@@ -239,8 +253,8 @@ class Link:
     def _ask(self) -> None:
         """Ask for the parameters that say what is shown."""
         if self._descriptions is None:
-            self._descriptions = self._listen(String, 'robot_description',
-                                              self._on_description, LATCHED)
+            self._descriptions = self._listen(String, 'robot_description', self._on_description,
+                                              LATCHED, MOST_XML_CHARACTERS)
         prefixes = [TASKS.rstrip('.'), LIMITS.rstrip('.')]
         self._call(ListParameters, 'list_parameters', ListParameters.Request(prefixes=prefixes),
                    self._take_names, _nobody)
@@ -277,7 +291,7 @@ class Link:
             robot = Robot.from_urdf(text, **options) if text \
                 else Robot.from_file(values['robot'], **options)
         except TpControllerError as error:
-            self.robot, self.fault = None, in_words(error)
+            self.robot, self.fault = None, plain(in_words(error))
             return
         self.look(False)
         self._joints = JointStateBuffer(robot.joint_names, robot.passive_names,
@@ -304,7 +318,8 @@ class Link:
         if len(message.velocity) == len(message.name):
             for name, value in zip(message.name, message.velocity):
                 if name in robot.joint_names:
-                    self.velocity[robot.joint_index(name)] = value
+                    self.velocity[robot.joint_index(name)] = \
+                        value if abs(value) <= FASTEST else math.nan
         self._configure()
 
     def _on_odometry(self, message: Odometry) -> None:
@@ -325,7 +340,7 @@ class Link:
 
     def _on_markers(self, message: MarkerArray) -> None:
         """Take what is drawn of the tasks."""
-        self.markers = message.markers
+        self.markers = drawable(message.markers)
 
 
 def _gain(task: str) -> str:

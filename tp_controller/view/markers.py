@@ -14,13 +14,14 @@
 
 """What the controller draws of its tasks (`~/markers`), in a scene of the browser."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from tp_controller.model.spatial import Array, pose, rotation_from_quaternion
-from tp_controller.view.parts import add_part, Colour, Part, place
+from tp_controller.untrusted import plain
+from tp_controller.view.parts import add_part, Colour, FARTHEST, is_pose, Part, place
 import viser
 
 if TYPE_CHECKING:  # Recordings are shown without ROS; their markers have the same fields.
@@ -37,6 +38,30 @@ TEXT_VIEW_FACING, TRIANGLE_LIST = 9, 11
 ADDED = 0
 PART_KINDS = {CUBE: 'box', SPHERE: 'sphere', CYLINDER: 'cylinder'}
 LINES = (LINE_LIST, LINE_STRIP)
+# Largest number of markers, of points of each; longest name [characters].
+MOST_MARKERS, MOST_POINTS, LONGEST_NAME = 1000, 20_000, 1000
+
+
+def drawable(markers: Sequence['Marker']) -> list['Marker']:
+    """Return the markers that can be drawn, with texts that can be shown."""
+    found = [marker for marker in markers[:MOST_MARKERS] if _is_drawable(marker)]
+    for marker in found:
+        marker.text = plain(marker.text)
+    return found
+
+
+def _is_drawable(marker: 'Marker') -> bool:
+    """Return whether names and numbers of a marker make sense."""
+    point, turn, scale = marker.pose.position, marker.pose.orientation, marker.scale
+    return (marker.ns.isprintable() and len(marker.ns) <= LONGEST_NAME
+            and len(marker.points) <= MOST_POINTS
+            and is_pose((turn.w, turn.x, turn.y, turn.z), (point.x, point.y, point.z))
+            and len(marker.colors) <= MOST_POINTS
+            and all(0.0 <= size <= FARTHEST for size in (scale.x, scale.y, scale.z))
+            and all(abs(each.x) <= FARTHEST and abs(each.y) <= FARTHEST
+                    and abs(each.z) <= FARTHEST for each in marker.points)
+            and all(0.0 <= part <= 1.0 for each in (marker.color, *marker.colors)
+                    for part in (each.r, each.g, each.b, each.a)))
 
 
 class MarkerScene:

@@ -14,16 +14,20 @@
 
 """The page: puts together what is seen of a controller, and hands on what is done to it."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from html import escape
-import queue
+import sys
 import time
+from traceback import format_exception
 from typing import NoReturn
 
-from tp_controller.errors import TpControllerError
+from tp_controller.errors import in_words, TpControllerError
 from tp_controller.nodes.client import Client
 from tp_controller.nodes.parameters import TASKS
 from tp_controller.tasks import task_types
+from tp_controller.untrusted import plain
 from tp_controller.view.camera import FIELD_OF_VIEW, first_view
 from tp_controller.view.gizmos import Gizmos
 from tp_controller.view.joint_sliders import JointSliders
@@ -41,6 +45,10 @@ from visualization_msgs.msg import Marker
 RATE, TEXT_SECONDS, UNSEEN_SECONDS = 30.0, 0.2, 1.0
 # For how long it is said what was refused [s].
 NOTICE_SECONDS = 12.0
+# Largest number of actions of browsers that wait; others are dropped.
+MOST_WAITING = 100
+# Largest number of internal errors that are reported; longest report [characters].
+MOST_ERRORS, LONGEST_ERROR = 10, 5000
 
 
 class Page:
@@ -66,7 +74,8 @@ class Page:
 
     def __init__(self, server: viser.ViserServer, link: Link) -> None:
         self.server, self.link = server, link
-        self._waiting: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._waiting: deque[Callable[[], None]] = deque()
+        self._errors: set[tuple[str, type]] = set()
         self._robot: RobotScene | None = None
         self._texts_due = 0.0
         self._notice_until = 0.0
@@ -85,7 +94,7 @@ class Page:
         self.stop_button = gui.add_button('Stop', color='red', icon=viser.Icon.HAND_STOP)
         self.start_button = gui.add_button('Start', color='green', icon=viser.Icon.PLAYER_PLAY)
         self.notice = gui.add_html('')
-        self.stop_button.on_click(lambda _: self._later(lambda: link.stop(self._tell)))
+        self.stop_button.on_click(lambda _: self._stop())
         self.start_button.on_click(lambda _: self._later(lambda: link.start(self._tell)))
         self._add_tabs(gui)
 
@@ -111,37 +120,62 @@ class Page:
             self.trail = gui.add_checkbox('path', True)
 
     def update(self) -> None:
-        """Take in what has happened, act on what was done in browsers, and show how it is."""
-        while not self._waiting.empty():
-            self._act(self._waiting.get())
-        self._changes.update()
-        self.link.update()
+        """
+        Act on what was done in browsers, take in what has happened, and show how it is.
+
+        An exception in one of these does not keep the others from being done.
+        """
+        for _ in range(len(self._waiting)):
+            self._attempt('act', self._waiting.popleft())
         watched = bool(self.server.get_clients())
-        # Where the robot stands is learned before anybody looks, once.
-        self.link.look(watched or self.link.q is None)
-        self._show_robot()
         now = time.monotonic()
-        if now < self._texts_due:
-            return
-        self._texts_due = now + (TEXT_SECONDS if watched else UNSEEN_SECONDS)
-        self._show_texts(now)
+        self._attempt('change the stack', self._changes.update)
+        self._attempt('listen', self.link.update)
+        # Where the robot stands is learned before anybody looks, once.
+        self._attempt('look', partial(self.link.look, watched or self.link.q is None))
+        self._attempt('show the robot', self._show_robot)
+        self._attempt('send goals', self._send_goals)
+        if now >= self._texts_due:
+            self._texts_due = now + (TEXT_SECONDS if watched else UNSEEN_SECONDS)
+            self._attempt('show the state', partial(self._show_state, now))
+            self._attempt('show the tasks', partial(self._show_tasks, now))
 
     def _later(self, action: Callable[[], None]) -> None:
         """Do something in the next `update`."""
-        self._waiting.put(action)
+        if len(self._waiting) < MOST_WAITING:
+            self._waiting.append(action)
 
-    def _act(self, action: Callable[[], None]) -> None:
-        """Do something, and say why it cannot be done."""
+    def _stop(self) -> None:
+        """Stop in the next `update`; what was done before and still waits is dropped."""
+        self._waiting.clear()
+        self._later(lambda: self.link.stop(self._tell))
+
+    def _attempt(self, what: str, action: Callable[[], None]) -> None:
+        """Do something, and report why it cannot be done."""
         try:
             action()
         except TpControllerError as error:
             self._tell(False, str(error))
+        except Exception as error:
+            # The page goes on, whatever is wrong: its Stop has to work.
+            self._report(what, error)
+
+    def _report(self, what: str, error: Exception) -> None:
+        """Report an internal error, once."""
+        kind = what, type(error)
+        if kind in self._errors or len(self._errors) >= MOST_ERRORS:
+            return
+        self._errors.add(kind)
+        print(plain(''.join(format_exception(error)), LONGEST_ERROR, lines=True),
+              file=sys.stderr, flush=True)
+        self._tell(False, f'internal error: cannot {what}: {in_words(error)}')
 
     def _tell(self, worked: bool, text: str) -> None:
         """Say what was refused."""
         if worked:
             self._clear_notice()
             return
+        text = plain(text)
         self._notice_until = time.monotonic() + NOTICE_SECONDS
         self.notice.content = (
             '<div data-notice="refused" style="margin:4px 12px;padding:6px 10px;border-radius:'
@@ -173,7 +207,6 @@ class Page:
                     self._drawn = markers
                     self._markers.draw(markers)
                     self._show_gizmos(markers)
-        self._send_goals()
 
     def _show_gizmos(self, markers: Sequence[Marker]) -> None:
         """Show what can be dragged."""
@@ -224,8 +257,8 @@ class Page:
         camera.position, camera.look_at = first_view(
             robot.outer_points(), moves=robot.robot.moves)
 
-    def _show_texts(self, now: float) -> None:
-        """Show the stack, and what the controller does."""
+    def _show_tasks(self, now: float) -> None:
+        """Show the stack, and how its tasks do."""
         link = self.link
         self._topics = link.client.tasks()
         self._changes.read()
@@ -235,6 +268,10 @@ class Page:
             self.joints.show(link.robot, link.q, self._about_joints())
             self.plots.add(now, link.rows, link.robot, self._robot.state, link.velocity,
                            self.frame.value)
+
+    def _show_state(self, now: float) -> None:
+        """Show what the controller does."""
+        link = self.link
         head = link.fault or link.head
         if head != self._head:
             self._head = head

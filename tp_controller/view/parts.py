@@ -16,6 +16,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from tp_controller.model.spatial import Array, quaternion_from_rotation
@@ -23,8 +24,15 @@ from tp_controller.view.meshes import Mesh
 import viser
 
 Colour = tuple[int, int, int]
+Vector = tuple[float, float, float]
+# w first.
+Quaternion = tuple[float, float, float, float]
 
 LINK_COLOUR: Colour = (224, 227, 232)
+# Largest distance of anything from the root [m].
+FARTHEST = 1e6
+# How far the norm of a quaternion may be from 1.
+UNIT_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +62,12 @@ class Part:
     colour: Colour | None = LINK_COLOUR
     opacity: float = 1.0
     mesh: Mesh | None = None
+
+
+def is_pose(wxyz: Quaternion, position: Vector) -> bool:
+    """Return whether a quaternion and a position [m] are a pose that can be shown."""
+    return (abs(math.hypot(*wxyz) - 1.0) <= UNIT_TOLERANCE
+            and all(abs(each) <= FARTHEST for each in position))
 
 
 def wxyz(R: Array) -> Array:

@@ -34,8 +34,8 @@ LIMIT_COLOUR = '#B00020'
 HEIGHT = 190
 # Above, at the right, below and at the left: half of the uppermost label is above its line.
 PADDING = 8, 24, 0, 0
-# Smaller errors are drawn as this: there is no zero on a logarithmic scale (`distr` 3).
-LEAST_ERROR = 1e-6
+# Smaller and larger errors are drawn as these: a logarithmic scale (`distr` 3) has no zero.
+LEAST_ERROR, MOST_ERROR = 1e-6, 1e9
 # How many powers of ten an axis has labels for at most.
 MOST_LABELS = 6
 # As uPlot has them without being told; viser makes them as dark as the labels.
@@ -203,7 +203,8 @@ class Plots:
 
 def error_curves(rows: Sequence[Row]) -> dict[str, float]:
     """Return {task and unit: error}, none of them zero; not a number where it is not known."""
-    return {f'{row.name} [{unit}]': error if math.isnan(error) else max(error, LEAST_ERROR)
+    return {f'{row.name} [{unit}]': error if math.isnan(error)
+            else min(max(error, LEAST_ERROR), MOST_ERROR)
             for row in rows for unit, error in row.errors}
 
 

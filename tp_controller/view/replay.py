@@ -17,6 +17,7 @@
 from collections.abc import Sequence
 from contextlib import redirect_stdout
 import io
+import math
 
 import numpy as np
 from tp_controller.bags.history import History, Moment
@@ -24,7 +25,9 @@ from tp_controller.bags.robots import configurations, path_of, tool_frames
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.view.camera import FIELD_OF_VIEW, first_view
-from tp_controller.view.markers import MarkerScene
+from tp_controller.view.gate import Gate, LOCAL
+from tp_controller.view.guard import Guard
+from tp_controller.view.markers import drawable, MarkerScene
 from tp_controller.view.scene import (
     add_surroundings,
     RobotScene,
@@ -37,6 +40,8 @@ import viser
 PATH = '/path'
 # Where the recording has no messages the replay goes on after this time [s].
 LONGEST_GAP = 2.0
+# Largest number of poses of links in a page; of a robot with many links fewer moments are shown.
+MOST_POSES = 1_000_000
 # From how many configurations the view is chosen.
 VIEWS = 20
 
@@ -61,9 +66,11 @@ def replay_page(history: History, robot: Robot) -> str:
     times, q, passive, moments = configurations(history, robot)
     if not len(times):
         return ''
+    step = math.ceil(len(times) * len(robot.frame_names) / MOST_POSES)
+    times, q, passive, moments = times[::step], q[::step], passive[::step], moments[::step]
     # It tells of a server that nobody has use for.
-    with redirect_stdout(io.StringIO()):
-        server = viser.ViserServer('127.0.0.1', 0, verbose=False)
+    with redirect_stdout(io.StringIO()), Guard(Gate(LOCAL), pictures=True).watching():
+        server = viser.ViserServer(LOCAL, 0, verbose=False)
         try:
             return _recorded(server, history, robot, times, q, passive, moments)
         finally:
@@ -84,7 +91,7 @@ def _recorded(server: viser.ViserServer, history: History, robot: Robot, times: 
     recorded = server.get_scene_serializer()
     for row, (moment, wait) in enumerate(zip(moments, np.diff(times, append=times[-1]))):
         shown.show(q[row], passive[row])
-        markers.draw(history.markers(moment))
+        markers.draw(drawable(history.markers(moment)))
         recorded.insert_sleep(float(min(wait, LONGEST_GAP)))
     return recorded.as_html()
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import math
 
 from diagnostic_msgs.msg import DiagnosticArray
+from tp_controller.untrusted import count, errors_of, number
 
 # Units that are shown with others, and by what they are multiplied.
 SHOWN = {'m': ('mm', 1e3), 'rad': ('°', math.degrees(1.0)), 'm/s': ('mm/s', 1e3),
@@ -83,14 +84,12 @@ def rows_of(message: DiagnosticArray) -> list[Row]:
 
 def _row(name: str, values: Mapping[str, str]) -> Row:
     """Return the row of a task."""
-    errors = tuple((key[7:-1], float(value)) for key, value in values.items()
-                   if key.startswith('error ['))
-    wanted = float(values.get('wanted speed', 'nan'))
-    achieved = float(values.get('achieved speed', 'nan'))
+    errors = tuple(errors_of(values).items())
+    wanted, achieved = (number(values.get(key, '')) for key in ('wanted speed', 'achieved speed'))
+    share = min(max(achieved / wanted, 0.0), 1.0) if wanted > STILL else math.nan
     return Row(name, values.get('type', ''), values.get('level', ''), values.get('status', ''),
-               errors, min(max(achieved / wanted, 0.0), 1.0) if wanted > STILL else math.nan,
-               values.get('reason', ''), values.get('hint', ''),
-               int(values.get('goals refused', 0)), values.get('last refusal', ''),
+               errors, share, values.get('reason', ''), values.get('hint', ''),
+               count(values.get('goals refused', '')), values.get('last refusal', ''),
                values.get('goal warning', ''))
 
 

@@ -16,24 +16,20 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
-from functools import partial
 import io
-import ipaddress
-import re
 import socket
 
 from tp_controller.errors import TpControllerError
+from tp_controller.view.gate import Gate, is_local, LOCAL
+from tp_controller.view.guard import Guard
+from tp_controller.view.trial import try_from_outside
 import viser
-import websockets.asyncio.server
 
-LOCAL = '127.0.0.1'
 # Where a free port is looked for, if none is named.
 PORTS = range(8080, 8180)
 TITLE = 'tp_controller'
 # Of the panel beside the scene [pixels].
 PANEL_WIDTH = 384
-# Pages of this machine. Those of others, open in the same browser, must not move the robot.
-ORIGINS = re.compile(r'https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?')
 
 
 class PageServer(viser.ViserServer):
@@ -49,9 +45,9 @@ class PageServer(viser.ViserServer):
         return None
 
 
-def open_server(host: str = LOCAL, port: int = 0) -> PageServer:
+def open_server(host: str = LOCAL, port: int = 0, *, pictures: bool = False) -> PageServer:
     """
-    Return a server of an empty page.
+    Return a server of an empty page, once it has refused what pages of other sites could do.
 
     Parameters
     ----------
@@ -59,17 +55,27 @@ def open_server(host: str = LOCAL, port: int = 0) -> PageServer:
         Address that it listens on; that of this machine by default, which others cannot reach.
     port : int
         0: the first that is free from 8080 on.
+    pictures : bool
+        Take pictures of the scene from browsers, and nothing that somebody does in them.
 
     Raises
     ------
     TpControllerError
-        The port is taken, or the address is none of this machine.
+        The port is taken, or the address is none of this machine; or the server answers requests
+        that it must refuse, as with a version of viser that it is not made for.
 
     """
     port = port or free_port(host)
     check_port(host, port)
-    with _quiet(), _only_from(ORIGINS if is_local(host) else None):
+    guard = Guard(Gate(host), pictures)
+    with _quiet(), guard.watching():
         server = PageServer(host, port, label=TITLE, verbose=False)
+    try:
+        try_from_outside(host, port, guard)
+        guard.attach(server.gui)
+    except TpControllerError:
+        server.stop()
+        raise
     server.gui.configure_theme(show_logo=False, show_share_button=False,
                                brand_color=(52, 74, 99))
     # Said in pixels: a width of the theme is taken or not, as a browser has it before it docks.
@@ -87,16 +93,6 @@ def url(host: str, port: int) -> str:
     """Return the address of a page; one that all of this machine's addresses lead to has one."""
     shown = 'localhost' if host in ('0.0.0.0', '::', '') else host
     return f'http://{f"[{shown}]" if ":" in shown else shown}:{port}'
-
-
-def is_local(host: str) -> bool:
-    """Say whether only this machine can reach an address."""
-    if host == 'localhost':
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def exposure(host: str) -> str:
@@ -153,17 +149,3 @@ def _quiet() -> Iterator[None]:
     """Keep a frame with the address, which viser prints, from the terminal."""
     with redirect_stdout(io.StringIO()):
         yield
-
-
-@contextmanager
-def _only_from(origins: re.Pattern[str] | None) -> Iterator[None]:
-    """Let a server that is made here refuse connections from pages of other origins."""
-    serve = websockets.asyncio.server.serve
-    if origins is not None:
-        # viser has no parameter for it; no origin at all have programs that are no browsers.
-        allowed = partial(serve, origins=[origins, None])
-        websockets.asyncio.server.serve = allowed  # type: ignore[misc, assignment]
-    try:
-        yield
-    finally:
-        websockets.asyncio.server.serve = serve  # type: ignore[misc]

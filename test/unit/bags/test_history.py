@@ -129,12 +129,17 @@ def test_other_messages_of_the_same_types_are_left_alone(tmp_path):
 
 
 def test_nonsense_is_counted_and_the_rest_is_told(tmp_path):
-    wrong = recordings.status('tp_controller', tool=recordings.task('much'))
-    bag = Bag(recordings.write(tmp_path / 'run', [*recordings.run(), (
-        5.0, '/tp_controller/status', wrong), (5.0, '/tp_controller/status', wrong)]))
+    word = recordings.status('tp_controller', tool=recordings.task('much'))
+    wrong = recordings.parameters('tp_controller', base='fixed')
+    wrong.new_parameters[0].value.type = 200
+    bag = Bag(recordings.write(tmp_path / 'run', [
+        *recordings.run(), (5.0, '/tp_controller/status', word),
+        *[(5.0, '/parameter_events', wrong)] * 2]))
     found = History(bag, '', lambda size: None)
-    assert found.tasks['tool'].status and len(found.errors.rows()[0]) == 40
-    assert '2 messages of /tp_controller/status could not be read' in bag.remarks
+    times, errors = found.errors.rows()
+    assert found.tasks['tool'].status and len(times) == 41
+    assert np.isnan(errors[-1]).all() and not np.isnan(errors[-2]).all()
+    assert '2 messages of /parameter_events could not be read' in bag.remarks
 
 
 def test_a_long_recording_has_no_more_moments_than_a_short_one(tmp_path):

@@ -120,6 +120,14 @@ def test_the_page_says_what_the_text_says_and_needs_nothing_else(capsys, tmp_pat
         assert word.lower() in page.text.lower()
 
 
+@pytest.mark.parametrize('option', ['--html', '--json'])
+def test_what_a_link_leads_to_is_not_written(capsys, tmp_path, option):
+    (tmp_path / 'mine').write_text('mine')
+    (tmp_path / 'link').symlink_to(tmp_path / 'mine')
+    status, _, err = run(capsys, DEAD, option, str(tmp_path / 'link'))
+    assert status == 2 and 'is a link' in err and (tmp_path / 'mine').read_text() == 'mine'
+
+
 def test_the_page_shows_text_and_no_code():
     report = CheckReport(1, '<b>', 1.0, 0, 0, 0, {}, (
         Finding(WRONG, 'fault', '<script>', 'a & b', ''),), (), (), (), (), None)

@@ -15,16 +15,19 @@
 """``tp_controller plot``: from a recording to pictures and a report, without ROS."""
 
 from html.parser import HTMLParser
+import math
 import os
 import re
 import subprocess
 import sys
+import warnings
 
 import pytest
 import recordings
 from robots import REPOSITORY
 from tp_controller.cli.main import main
 from tp_controller.extras import install_command
+from tp_controller.untrusted import plain
 
 pytest.importorskip('matplotlib')
 
@@ -120,6 +123,62 @@ def test_names_that_look_like_html_are_shown_as_they_are(plot, tmp_path):
                for cell in row)
 
 
+@pytest.mark.parametrize('name', [
+    r'$\frac{', '$x$', r'\$', '$$', 'a$', '\x1b]0;title\x07', '\u202eback', '_hidden', '%s{}',
+    '\t', 'x' * 5000])
+def test_names_are_drawn_and_printed_as_they_are(plot, tmp_path, name):
+    def named():
+        for time, topic, message in recordings.run():
+            if topic.endswith('status'):
+                for each in message.status[1:]:
+                    each.name = f'tp_controller: {name}'
+                message.status[0].message = name
+            yield time, topic, message
+        yield 4.0, '/parameter_events', recordings.parameters(
+            'tp_controller', command_joints=[name, name + '2', '3'])
+
+    code, out, err, page = plot(recordings.write(tmp_path / 'run', named()))
+    assert code == 0 and 'no plot' not in err and 'errors.png' in out and 'velocities.png' in out
+    assert (out + err).replace('\n', '').isprintable()
+    assert page.tables['Tasks'][1][0][:200] == plain(name)[:200]
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, 1e308, -1e308, 1e-320])
+def test_numbers_that_make_no_sense_end_no_plot(plot, tmp_path, value):
+    rows = [*recordings.run(),
+            (3.95, '/tp_controller/status', recordings.status(
+                'tp_controller', tool=recordings.task(value))),
+            (3.95, '/velocity_controller/commands', recordings.numbers([value] * 3)),
+            (3.95, '/joint_states', recordings.joint_state([value] * 3)),
+            (3.95, '/tp_controller/tool/goal', recordings.point(value, value, value))]
+    with warnings.catch_warnings():
+        # Of numbers that overflow.
+        warnings.simplefilter('ignore')
+        code, _, _, page = plot(recordings.write(tmp_path / 'run', rows))
+    assert code == 0 and page.tables['Tasks'][1][0] == 'tool'
+
+
+def test_a_plot_that_cannot_be_drawn_leaves_the_rest(plot, tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise OverflowError('of the test')
+
+    monkeypatch.setattr('tp_controller.bags.pictures.plot_errors', fail)
+    code, out, err, page = plot(recordings.write(tmp_path / 'run', recordings.run()))
+    assert code == 0 and 'velocities.png' in out and 'errors.png' not in out
+    assert 'no plot of errors: OverflowError: of the test' in err
+    assert 'no plot of errors' in page.text
+
+
+@pytest.mark.parametrize('name', ['report.html', 'errors.png'])
+def test_what_a_link_leads_to_is_not_written(plot, tmp_path, name):
+    (tmp_path / 'plots').mkdir()
+    (tmp_path / 'mine').write_text('mine')
+    (tmp_path / 'plots' / name).symlink_to(tmp_path / 'mine')
+    code, _, err, _ = plot(recordings.write(tmp_path / 'run', recordings.run()))
+    assert code == 1 and 'is a link' in err
+    assert (tmp_path / 'mine').read_text() == 'mine'
+
+
 def test_a_recording_that_was_cut_off_is_drawn_as_far_as_it_goes(plot, tmp_path):
     path = recordings.write(tmp_path / 'run', recordings.run(seconds=400.0))
     file = path / 'run.mcap'
@@ -201,7 +260,7 @@ def test_what_is_not_installed_is_named(tmp_path, capsys, monkeypatch):
     assert main(['plot', str(path)]) == 0
     assert f"no replay: viser is missing; {install_command('view')}" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, 'rosbags', None)
-    monkeypatch.setitem(sys.modules, 'rosbags.rosbag2', None)
+    monkeypatch.setitem(sys.modules, 'rosbags.typesys', None)
     monkeypatch.delitem(sys.modules, 'tp_controller.bags.reader')
     monkeypatch.delitem(sys.modules, 'tp_controller.bags.history')
     assert main(['plot', str(path)]) == 1

@@ -1,0 +1,38 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The status of a controller as others receive it: of bounded size, and fit to be shown."""
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from tp_controller.untrusted import plain
+
+# Largest number of tasks, and of entries of each.
+MOST_TASKS, MOST_VALUES = 200, 64
+# Longest name [characters].
+LONGEST_NAME = 256
+
+
+def received(message: DiagnosticArray) -> DiagnosticArray:
+    """Return a status with texts that can be shown, and without what is beyond its bounds."""
+    message.status = [_shown(status) for status in message.status[:MOST_TASKS + 1]]
+    return message
+
+
+def _shown(status: DiagnosticStatus) -> DiagnosticStatus:
+    """Return the entry of the controller, or of a task, in texts that can be shown."""
+    status.name, status.message = plain(status.name, LONGEST_NAME), plain(status.message)
+    status.values = status.values[:MOST_VALUES]
+    for value in status.values:
+        value.key, value.value = plain(value.key, LONGEST_NAME), plain(value.value)
+    return status

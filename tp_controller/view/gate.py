@@ -1,0 +1,114 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Admission to the page: which requests of browsers and programs are answered, and how."""
+
+from http import HTTPStatus
+import ipaddress
+import re
+import socket
+from urllib.parse import parse_qsl, urlsplit
+
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
+
+LOCAL = '127.0.0.1'
+# Largest number of browsers at a time.
+MOST_CLIENTS = 32
+SCHEMES = ('http://', 'https://')
+# Parts of an address that the page understands. Others name servers and recordings elsewhere,
+# which could run scripts in the page.
+QUERIES = re.compile('fixedDpr|darkMode|showStats|logCamera|initialCamera[A-Z][A-Za-z]*')
+HOST = re.compile(r'(?P<name>\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z_.-]+)(:[0-9]{1,5})?')
+# Sent with every answer; {host} is where the browser found the page. ``data:`` is what the page
+# is made of.
+HEADERS = {
+    'X-Frame-Options': 'DENY',
+    'Content-Security-Policy':
+        "frame-ancestors 'none'; connect-src 'self' ws://{host} wss://{host} data: blob:; "
+        "object-src 'none'; base-uri 'none'; form-action 'none'",
+    'Cross-Origin-Opener-Policy': 'same-origin',
+    'Cross-Origin-Resource-Policy': 'same-origin',
+    'X-Content-Type-Options': 'nosniff',
+    'Referrer-Policy': 'no-referrer'}
+
+
+def is_local(host: str) -> bool:
+    """Return whether only this machine can reach an address."""
+    if host == 'localhost':
+        return True
+    address = _ip(host)
+    return address is not None and address.is_loopback
+
+
+class Gate:
+    """
+    The rule of admission, the same for every address that a server listens on.
+
+    The browser must have found the page under a name of this machine, and connections must come
+    from that page: ``Origin`` is ``Host``. Programs that are no browsers send no ``Origin``.
+
+    Parameters
+    ----------
+    host : str
+        Address that the server listens on.
+
+    """
+
+    def __init__(self, host: str) -> None:
+        self._exposed = not is_local(host)
+        name = socket.gethostname().lower()
+        self._names = {host.lower(), *((name, f'{name}.local') if self._exposed else ())}
+
+    def refusal(self, request: Request) -> str:
+        """Return why a request is refused; empty if it is not."""
+        hosts, origins = (request.headers.get_all(name) for name in ('Host', 'Origin'))
+        if len(hosts) != 1 or not self._is_known(hosts[0]):
+            return f'no name of this machine: {", ".join(hosts) or "no Host"}'
+        if origins and (len(origins) > 1 or origins[0].lower() not in [
+                f'{scheme}{hosts[0].lower()}' for scheme in SCHEMES]):
+            return f'a page of another site: {", ".join(origins)}'
+        try:
+            queries = parse_qsl(urlsplit(request.path).query, keep_blank_values=True)
+        except ValueError:
+            return 'not an address of the page'
+        unknown = [name for name, _ in queries if not QUERIES.fullmatch(name)]
+        return f'not an address of the page: {", ".join(unknown)}' if unknown else ''
+
+    def refuse(self, connection: ServerConnection, reason: str) -> Response:
+        """Return the answer to a request that is refused."""
+        return self.protected(connection.respond(HTTPStatus.FORBIDDEN, f'Refused: {reason}\n'), '')
+
+    def protected(self, response: Response, host: str) -> Response:
+        """Return an answer with the headers that keep other sites from using the page."""
+        for name, value in HEADERS.items():
+            response.headers[name] = value.replace(' ws://{host} wss://{host}', '') if not host \
+                else value.replace('{host}', host)
+        return response
+
+    def _is_known(self, host: str) -> bool:
+        """Return whether a host (and port) is a name of this machine."""
+        match = HOST.fullmatch(host)
+        if match is None:
+            return False
+        name = match['name'].strip('[]').lower()
+        # No other site can take the place of an address in numbers.
+        return is_local(name) or name in self._names or (self._exposed and _ip(name) is not None)
+
+
+def _ip(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """Return the address that a name is in numbers, if it is."""
+    try:
+        return ipaddress.ip_address(name)
+    except ValueError:
+        return None
