@@ -18,10 +18,8 @@ from collections.abc import Callable, Sequence
 from html import escape
 import queue
 import time
-from typing import NoReturn
 
 from tp_controller.errors import TpControllerError
-from tp_controller.nodes.client import Client
 from tp_controller.nodes.parameters import TASKS
 from tp_controller.tasks import task_types
 from tp_controller.view.camera import FIELD_OF_VIEW, first_view
@@ -125,6 +123,12 @@ class Page:
             return
         self._texts_due = now + (TEXT_SECONDS if watched else UNSEEN_SECONDS)
         self._show_texts(now)
+
+    def turn(self, seconds: float = 1.0 / RATE) -> None:
+        """Update, and wait until a time has passed since the start of the turn [s]."""
+        due = time.monotonic() + seconds
+        self.update()
+        time.sleep(max(due - time.monotonic(), 0.0))
 
     def _later(self, action: Callable[[], None]) -> None:
         """Do something in the next `update`."""
@@ -259,12 +263,3 @@ class Page:
         kinds = task_types()
         return [row.name for row in self.link.rows
                 if row.kind in kinds and kinds[row.kind].goal_type == 'joints']
-
-
-def show_page(server: viser.ViserServer, client: Client) -> NoReturn:
-    """Show the page of the controller that a client talks to, until the process is interrupted."""
-    page = Page(server, Link(client))
-    while True:
-        due = time.monotonic() + 1.0 / RATE
-        page.update()
-        time.sleep(max(due - time.monotonic(), 0.0))
