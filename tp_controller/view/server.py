@@ -23,6 +23,7 @@ import re
 import socket
 
 from tp_controller.errors import TpControllerError
+from tp_controller.view.buffers import use_loop_buffers
 import viser
 import websockets.asyncio.server
 
@@ -68,6 +69,7 @@ def open_server(host: str = LOCAL, port: int = 0) -> PageServer:
     """
     port = port or free_port(host)
     check_port(host, port)
+    use_loop_buffers()
     with _quiet(), _only_from(ORIGINS if is_local(host) else None):
         server = PageServer(host, port, label=TITLE, verbose=False)
     server.gui.configure_theme(show_logo=False, show_share_button=False,
