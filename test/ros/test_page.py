@@ -15,6 +15,7 @@
 """The page shows what a controller does, and what is done on it arrives there."""
 
 from html import unescape
+import math
 import time
 
 from builtin_interfaces.msg import Time
@@ -32,8 +33,10 @@ from scipy.spatial.transform import Rotation
 from tp_controller.model.spatial import pose, rotation_from_rpy
 from tp_controller.nodes.client import Client
 from tp_controller.nodes.markers import Markers
+from tp_controller.nodes.status import diagnostics
 from tp_controller.tasks.sketch import Cone, Gaps
 from tp_controller.view.camera import first_view
+from tp_controller.view.condition import BAD, GONE
 from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD
 from tp_controller.view.joint_sliders import span
 from tp_controller.view.link import Link
@@ -278,7 +281,50 @@ def test_nothing_is_asked_of_the_controller_while_nobody_looks(rig):
 
 def test_controller_that_is_gone_is_said_to_be_gone(rig):
     rig.harness.remove(rig.controller)
-    rig.spin_until(lambda: '/tp_controller is not heard' in rig.page.state_text.content)
+    rig.spin_until(lambda: GONE in rig.page.state_text.content)
+    assert rig.page.start_button.disabled
+    assert 'opacity' in rig.page.stack.rows['tip'].text.content
+
+
+def test_a_short_stop_keeps_the_last_report_in_grey_and_is_no_fault(rig):
+    before = rig.link.rows
+    status = rig.client.status
+    # What the node sends where a joint state is late for a moment.
+    node = rig.controller
+    late = diagnostics(Time(), 'tp_controller', 'joint states are late', None, node._controller,
+                       node._topics.records, {}, lambda: None)
+    rig.client.catch_up = lambda: None
+    rig.client.status = late
+    rig.page._texts_due = 0.0
+    rig.page.update()
+    text = rig.page.stack.rows['tip'].text.content
+    assert rig.link.rows[0].status == 'stopped' and math.isnan(rig.link.rows[0].errors[0][1])
+    assert before[0].error_text() in text and 'opacity' in text
+    assert 'paused: joint states are late' in rig.page.state_text.content
+    assert BAD not in rig.page.state_text.content
+    del rig.client.catch_up
+    rig.client.status = status
+
+
+def test_a_controller_that_has_been_started_anew_is_said_to_have_no_goals(rig):
+    rig.page.gizmos.gizmos['tip/goal'].drag(pose(np.eye(3), [1.2, 0.6, 0.0]))
+    rig.spin_until(lambda: any(row.accepted for row in rig.link.rows), 'the goal')
+    rig.harness.remove(rig.controller)
+    rig.spin_until(lambda: not rig.link.present, 'the end')
+    rig.controller = rig.harness.controller(stack=STACK, state_timeout=5.0, check_stamps=False)
+    rig.spin_until(lambda: 'has no goals' in rig.page.notice.content, 'the notice')
+
+
+def test_results_of_a_demo_stay_when_its_controller_ends(rig):
+    rig.page.conclude('The demo has finished\n5 of 5 <goals> reached')
+    rig.harness.remove(rig.controller)
+    rig.spin_until(lambda: not rig.link.present, 'the end')
+    rig.page._texts_due = 0.0
+    rig.page.update()
+    text = rig.page.state_text.content
+    assert 'The demo has finished' in text and '5 of 5 &lt;goals&gt; reached' in text
+    assert not rig.page.stop_button.visible and not rig.page.start_button.visible
+    assert 'opacity' not in rig.page.stack.rows['tip'].text.content
 
 
 def test_axis_of_errors_has_a_line_for_each_power_of_ten_around_them(rig):

@@ -113,6 +113,19 @@ def test_demo_has_a_page_that_answers(tmp_path):
             assert word == 'page:' and b'<html' in answer.read()
 
 
+def test_results_of_a_demo_go_to_its_page(tmp_path, monkeypatch):
+    from tp_controller.nodes.client import Client
+    with ExitStack() as stack:
+        environment = stack.enter_context(own_domain())
+        for name in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'):
+            monkeypatch.setenv(name, environment[name])
+        live = live_page.start_page(stack, environment, tmp_path)
+        assert wait_for_page(live).startswith('page: ')
+        client = stack.enter_context(Client())
+        assert live.conclude(client, 'The demo has finished')
+        assert 'Traceback' not in (tmp_path / 'viewer_node.log').read_text()
+
+
 def test_demo_without_viser_goes_on_and_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(live_page, 'find_spec', lambda name: None)
     with pytest.raises(TpControllerError, match=live_page.WITHOUT) as error:

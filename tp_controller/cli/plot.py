@@ -21,9 +21,9 @@ import sys
 from typing import TYPE_CHECKING, TypeAlias
 
 from tp_controller.cli.command import Command
-from tp_controller.cli.progress import progress
 from tp_controller.errors import TpControllerError
 from tp_controller.extras import install_command
+from tp_controller.progress import progress
 
 if TYPE_CHECKING:  # Imported with the first recording: the help needs none of it.
     from tp_controller.bags.history import History

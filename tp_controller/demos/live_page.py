@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.error import URLError
 from urllib.request import urlopen
 
@@ -26,6 +27,12 @@ from tp_controller.demos.startup import Startup
 from tp_controller.errors import TpControllerError
 from tp_controller.extras import install_command
 
+if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
+    from tp_controller.nodes.client import Client
+
+NODE = 'tp_viewer'
+# How long the page may take to answer [s].
+ANSWER_SECONDS = 30.0
 WITHOUT = 'no page in the browser, the demo goes on without it: '
 
 
@@ -65,6 +72,11 @@ class LivePage:
         except TpControllerError as error:
             return f'{WITHOUT}{error}'
         return f'page: {self._address}'
+
+    def conclude(self, client: 'Client', text: str) -> bool:
+        """Have the page show the results of the demo; return whether it does."""
+        return self._process.running() and client.set_parameter(
+            NODE, 'conclusion', text, ANSWER_SECONDS)
 
 
 def start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -> LivePage:

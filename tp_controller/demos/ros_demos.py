@@ -21,11 +21,12 @@ from pathlib import Path
 from typing import cast, TYPE_CHECKING
 
 import numpy as np
-from tp_controller.demos.film import write_film
+from tp_controller.demos.film import films
 from tp_controller.demos.live_page import LivePage, start_page
 from tp_controller.demos.motion import Motion
 from tp_controller.demos.processes import (
     ended_by_sigterm,
+    NodeProcess,
     own_domain,
     start_nodes,
 )
@@ -71,8 +72,9 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
         environment = stack.enter_context(own_domain())
         # The client lives in this process, which has to be in the same domain.
         os.environ.update(environment)
+        running = stack.enter_context(ExitStack())
         # They are on their way while this process imports what it needs.
-        nodes = start_nodes(stack, demo.file(''), environment, folder)
+        nodes = start_nodes(running, demo.file(''), environment, folder)
         live = _start_page(stack, environment, folder) if page else None
         all_started()
         from tp_controller.nodes.client import Client
@@ -83,14 +85,28 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
         if live is not None:
             _tell(live.wait(client.spin, _tell))
         print(demo.file('_stack').read_text())
-        client.wait(lambda: False, LINGER_SECONDS)
-        steps = Steps(client, lambda: check_alive(nodes),
-                      lambda: len(recorder.commands) / demo.rate)
-        outcomes: list[TaskOutcome] = []
-        changes: list[float] = []
-        for number, step in enumerate(demo.steps, 1):
-            changes.append(recorder.now())
-            outcomes.extend(steps.carry_out(step, number))
+        outcomes, changes = _carry_out(demo, client, recorder, nodes)
+        within = _check_limits(demo.robot, recorder)
+        if live is not None:
+            live.conclude(client, _conclusion(outcomes))
+        # They take processor time that the figures need.
+        running.close()
+        print('\nWritten:')
+        for path in _figures(folder, demo, recorder, changes):
+            _tell(f'  {path}')
+    return within and all(outcome.reached for outcome in outcomes if outcome.asked)
+
+
+def _carry_out(demo: Demo, client: 'Client', recorder: 'Recorder', nodes: Sequence[NodeProcess]
+               ) -> tuple[list[TaskOutcome], list[float]]:
+    """Carry out the steps of a demo; print and return the outcomes, and return their times."""
+    client.wait(lambda: False, LINGER_SECONDS)
+    steps = Steps(client, lambda: check_alive(nodes), lambda: len(recorder.commands) / demo.rate)
+    outcomes: list[TaskOutcome] = []
+    changes: list[float] = []
+    for number, step in enumerate(demo.steps, 1):
+        changes.append(recorder.now())
+        outcomes.extend(steps.carry_out(step, number))
     print(f'\n{"goal":<42} {"  task":<10} {"error":<24} outcome')
     print('\n'.join(map(str, outcomes)))
     print('\n> marks the task that the goal was for. The others keep their own goals, in the '
@@ -98,11 +114,18 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
     if steps.pauses:
         print(f'\nThe controller paused {steps.pauses} times, which it does where joint states or '
               f'its own cycles come late: this machine has much to do ({load()}).')
-    within = _check_limits(demo.robot, recorder)
-    print('\nWritten:')
-    for path in _figures(folder, demo, recorder, changes):
-        print(f'  {path}', flush=True)
-    return within and all(outcome.reached for outcome in outcomes if outcome.asked)
+    return outcomes, changes
+
+
+def _conclusion(outcomes: Sequence[TaskOutcome]) -> str:
+    """Return what the page shows once the goals are done: a title, and a line for each."""
+    asked = [outcome for outcome in outcomes if outcome.asked]
+    reached = sum(outcome.reached for outcome in asked)
+    lines = [f'{outcome.say}: {outcome.text} ({" ".join(outcome.error.split())})'
+             for outcome in asked]
+    return '\n'.join(('The demo has finished', f'{reached} of {len(asked)} goals reached', '',
+                      *lines, '', 'This page is no longer connected once the demo has ended. To '
+                      'play with a robot: tp_controller view'))
 
 
 def _start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -> LivePage | None:
@@ -165,7 +188,7 @@ def _figures(folder: Path, demo: Demo, recorder: 'Recorder',
              for goal in step if goal['task'] == demo.leader]
     yield plot_tool_path(folder / 'tool_path.png', np.array(path),
                          np.array([goal for _, goal in goals]), times=times)
-    yield write_film(folder / 'film.webp', Motion(
+    yield from films(folder / 'film.webp', Motion(
         demo.title, robot, times, q, demo.stack, (leader.frame, *demo.frames),
         list(_film_goals(demo, changes)), _captions(demo, changes), demo.objects, demo.carried,
         demo.view, demo.ground))

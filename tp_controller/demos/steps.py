@@ -23,6 +23,7 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
+from tp_controller.control.reason_text import brief_reason
 from tp_controller.demos.scenarios import Goal, goal_fields
 
 if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
@@ -61,8 +62,8 @@ class TaskOutcome:
         Number and name of the goal, empty for a task that went on with its own.
     task, error, status, reason : str
         As the status of the controller has them.
-    asked : bool
-        The goal was for this task.
+    say : str
+        What the goal for this task is called, with its number; empty where there was none.
 
     """
 
@@ -70,8 +71,13 @@ class TaskOutcome:
     task: str
     error: str
     status: str
-    asked: bool
+    say: str
     reason: str
+
+    @property
+    def asked(self) -> bool:
+        """Return whether the goal was for this task."""
+        return bool(self.say)
 
     @property
     def reached(self) -> bool:
@@ -82,8 +88,8 @@ class TaskOutcome:
     def text(self) -> str:
         """Return what became of it in a few words."""
         if self.asked and not self.reached:
-            return f'not reached: {self.reason or "out of time"}'
-        return self.status if self.reached else self.reason or 'moving'
+            return f'not reached: {brief_reason(self.reason) or "out of time"}'
+        return self.status if self.reached else brief_reason(self.reason) or 'moving'
 
     def __str__(self) -> str:
         """Return a line of the table."""
@@ -145,7 +151,7 @@ class Steps:
         self._wait(run, lambda: time.monotonic() >= linger)
         # A controller that stopped meanwhile, as where joint states come late, goes on by itself.
         self._wait(run, lambda: self._reached(run) or patience.ended(self._computed()))
-        return [self._outcome(title, task, task in titles) for task, title in zip_longest(
+        return [self._outcome(title, task, titles.get(task, '')) for task, title in zip_longest(
             self._client.task_names(), titles.values(), fillvalue='')]
 
     def _wait(self, run: '_Run', ended: Callable[[], bool]) -> None:
@@ -186,10 +192,10 @@ class Steps:
         return run.lasted() and all(
             self._client.task_status(task)['status'] == 'reached' for task in run.titles)
 
-    def _outcome(self, title: str, task: str, asked: bool) -> TaskOutcome:
+    def _outcome(self, title: str, task: str, say: str) -> TaskOutcome:
         """Return what became of a task."""
         status = self._client.task_status(task)
-        return TaskOutcome(title, task, self._errors.get(task, ''), status['status'], asked,
+        return TaskOutcome(title, task, self._errors.get(task, ''), status['status'], say,
                            status['reason'] or self._client.stop_reason())
 
 

@@ -16,8 +16,8 @@
 Message buffers of viser that may be written from any thread.
 
 viser wakes the senders of a buffer from the thread that writes, although events of asyncio are for
-the thread of their loop alone: now and then a write ended with ``RuntimeError: deque mutated during
-iteration``. It wakes them on the loop as well, which is enough.
+the thread of their loop alone: now and then a write ended with ``RuntimeError: deque mutated
+during iteration``. It wakes them on the loop as well, which is enough.
 """
 
 import asyncio
@@ -29,7 +29,7 @@ import viser.infra._infra as infra
 class LoopEvent(asyncio.Event):
     """An event that is set on the thread of a loop, and left alone on others."""
 
-    def set(self) -> None:
+    def set(self) -> None:  # noqa: A003
         """Wake those who wait; elsewhere leave that to the call that viser makes on the loop."""
         try:
             asyncio.get_running_loop()

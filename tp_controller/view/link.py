@@ -40,6 +40,7 @@ from tp_controller.nodes.base_topics import OdometryBuffer, placement_of
 from tp_controller.nodes.client import Client, type_name
 from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.nodes.parameters import LIMITS, names_in, ROBOT, TASKS
+from tp_controller.view.condition import RUNNING
 from tp_controller.view.rows import Row, rows_of
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -109,16 +110,14 @@ class Link:
         self._descriptions: Subscription | None = None
 
     @property
-    def head(self) -> str:
-        """Return what the controller does: ``running``, why it is stopped, or that it is gone."""
-        if self._clock() - self._heard > SILENT_SECONDS:
-            return f'/{self.client.controller} is not heard'
-        return self.client.stop_reason() or 'running'
+    def head(self) -> str | None:
+        """Return ``running``, or why zeros are commanded; None before the first status."""
+        return None if self._status is None else self.client.stop_reason() or RUNNING
 
     @property
     def running(self) -> bool:
         """Return whether the controller moves its robot."""
-        return self.head == 'running'
+        return self.present and self.head == RUNNING
 
     @property
     def present(self) -> bool:
@@ -152,6 +151,11 @@ class Link:
                 self._watched or self.robot is None):
             self._asked = now
             self._ask()
+
+    @property
+    def reachable(self) -> bool:
+        """Return whether the controller can be stopped: its service is there."""
+        return self.client.service(Trigger, 'stop').service_is_ready()
 
     # What the page tells --------------------------------------------------------------------
 
