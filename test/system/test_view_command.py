@@ -113,13 +113,10 @@ def test_demo_has_a_page_that_answers(tmp_path):
             assert word == 'page:' and b'<html' in answer.read()
 
 
-def test_results_of_a_demo_go_to_its_page(tmp_path, monkeypatch):
+def test_results_of_a_demo_go_to_its_page(domain, tmp_path):
     from tp_controller.nodes.client import Client
     with ExitStack() as stack:
-        environment = stack.enter_context(own_domain())
-        for name in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'):
-            monkeypatch.setenv(name, environment[name])
-        live = live_page.start_page(stack, environment, tmp_path)
+        live = live_page.start_page(stack, domain, tmp_path)
         assert wait_for_page(live).startswith('page: ')
         client = stack.enter_context(Client())
         assert live.conclude(client, 'The demo has finished')
