@@ -41,6 +41,7 @@ from tp_controller.nodes.client import Client, type_name
 from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.nodes.parameters import LIMITS, names_in, ROBOT, TASKS
 from tp_controller.view.condition import RUNNING
+from tp_controller.view.refusals import refusal_in_words
 from tp_controller.view.rows import Row, rows_of
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -177,7 +178,8 @@ class Link:
             Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
 
         def tell(answer: SetParameters.Response) -> None:
-            refusals = [result.reason for result in answer.results if not result.successful]
+            refusals = [refusal_in_words(result.reason) for result in answer.results
+                        if not result.successful]
             if not refusals:
                 self.values.update(values)
             # The controller may have others now: ask at once.
