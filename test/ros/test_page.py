@@ -40,11 +40,11 @@ from tp_controller.view.condition import BAD, GONE
 from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD
 from tp_controller.view.joint_sliders import span
 from tp_controller.view.link import Link
-from tp_controller.view.looks import JOINT_COLOUR
 from tp_controller.view.markers import MarkerScene
 from tp_controller.view.page import Page, RATE
 from tp_controller.view.places import places_of
 from tp_controller.view.server import open_server
+from tp_controller.view.skeleton import JOINT_COLOUR
 import viser
 from visualization_msgs.msg import Marker, MarkerArray
 import yaml
@@ -170,7 +170,8 @@ def test_robot_stands_on_the_ground_once_it_is_known_where_it_is(rig):
     # Its joints turn about drums, half of each of which is below the root.
     drums = [part for parts in rig.page._robot.parts.values() for part in parts
              if part.colour == JOINT_COLOUR]
-    assert rig.page._ground.position[2] == pytest.approx(-0.5 * drums[0].size[1])
+    assert rig.page._ground.position[2] == pytest.approx(
+        -drums[0].mesh.vertices[:, 2].max())
 
 
 def test_who_opens_the_page_sees_the_robot_where_it_is_and_not_at_zero(rig):
