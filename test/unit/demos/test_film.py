@@ -29,7 +29,7 @@ from tp_controller.demos.motion import FixedObject, Motion, Playback
 from tp_controller.extras import install_command
 from tp_controller.model.shapes import Box
 from tp_controller.plots import drawing
-from tp_controller.tasks.sketch import Body, Dot
+from tp_controller.tasks.sketch import Arrow, Body, Dot
 from tp_controller.view.sketches import extent
 from viser import ViserServer
 
@@ -183,7 +183,12 @@ def test_playback_shows_goals_from_when_they_are_given_and_regions_throughout():
     np.testing.assert_allclose(goal, [1.0, 2.0, 0.5])
     shown = [type(sketch) for parts in playback.sketches().values() for sketch in parts]
     # A point, without axes that would turn with the tool.
-    assert shown.count(Dot) == 1 and shown.count(Body) == 2 and len(shown) == 3
+    assert shown.count(Dot) == 1 and shown.count(Body) == 2 and len(shown) == 4
+    # A line leads there.
+    line, = (sketch for parts in playback.sketches().values() for sketch in parts
+             if isinstance(sketch, Arrow))
+    np.testing.assert_allclose(line.end, [1.0, 2.0, 0.5])
+    np.testing.assert_allclose(line.start, playback.state.position('tool'))
     # The stack of the motion stays as it was.
     assert motion.stack.tasks['tool'].goal is None
 

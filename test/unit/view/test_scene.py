@@ -183,7 +183,8 @@ def test_links_stay_as_they_are_where_the_meshes_of_others_are_not_wanted(monkey
 
 @pytest.mark.parametrize('mesh', [
     lathe.drum(0.05, 0.2, 0.01), lathe.limb(0.05, 0.03, 0.4),
-    lathe.limb(0.05, 0.03, 0.4, flat=True), lathe.foot(0.05, 0.13, 0.02), lathe.pointer(0.04, 0.01, 0.1)])
+    lathe.limb(0.05, 0.03, 0.4, flat=True), lathe.foot(0.05, 0.13, 0.02),
+    lathe.pointer(0.04, 0.01, 0.1)])
 def test_surfaces_of_links_are_closed_and_face_outwards(mesh):
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
