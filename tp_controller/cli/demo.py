@@ -33,6 +33,8 @@ DEMOS = {
     'lab1': 'null-space motion',
     'lab2': 'two tasks in both orders',
 }
+# A demo of `tp_controller view` that ends only when somebody exchanges its tasks.
+TO_PLAY_WITH = 'conflict'
 EXAMPLES = """\
 examples:
   tp_controller demo                         figures and film go to ./tp_demo/panda
@@ -49,7 +51,7 @@ which talk on this machine only, in a ROS domain of their own. drill, lab1 and l
 
 def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command to its parser."""
-    parser.add_argument('name', nargs='?', default='panda', choices=tuple(DEMOS),
+    parser.add_argument('name', nargs='?', default='panda', choices=tuple(DEMOS), type=_demo,
                         help='; '.join(f'{name}: {what}' for name, what in DEMOS.items()))
     parser.add_argument('--output', type=Path, default=Path('tp_demo'), metavar='FOLDER',
                         help='where the folder with the figures goes, which has the name '
@@ -88,6 +90,14 @@ def run_demo(options: argparse.Namespace) -> int:
         set_up_fast_dds()
         passed = run_over_ros(ROS_DEMOS[options.name], folder, options.view)
     return 0 if passed else 1
+
+
+def _demo(text: str) -> str:
+    """Return the name of a demo of the command line."""
+    if text == TO_PLAY_WITH:
+        raise argparse.ArgumentTypeError(f'{text} is to be played with: tp_controller view --demo '
+                                         f'{text}')
+    return text
 
 
 def _seed(text: str) -> int:

@@ -50,6 +50,8 @@ DEMOS = {'panda': 'demo', 'conflict': 'conflict', 'mobile': 'mobile', 'underwate
          'two_arms': 'two_arms'}
 # How long the answer of the controller to a goal may take, on a machine with much to do [s].
 ANSWER_SECONDS = 120.0
+# Demos of `tp_controller demo` that start no nodes.
+WITHOUT_NODES = ('drill', 'lab1', 'lab2')
 # What another terminal needs to hear the nodes of a demo.
 DOMAIN = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
 # Keys of a goal in a file that options of `tp_controller goal` are named after.
@@ -68,7 +70,7 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     shown = parser.add_mutually_exclusive_group()
     shown.add_argument('--node', help='name of the controller node, with its namespace, that is '
                        'shown (default: a demo is started)')
-    shown.add_argument('--demo', choices=tuple(DEMOS), default='panda',
+    shown.add_argument('--demo', choices=tuple(DEMOS), type=_demo, default='panda',
                        help='the demo that is started (default: panda)')
     parser.add_argument('--host', default=LOCAL,
                         help='address that the page is shown at (default: 127.0.0.1, which only '
@@ -185,6 +187,14 @@ def _show(stack: ExitStack, server: 'viser.ViserServer', controller: str,
         for node in [node for node in alive if not node.running()]:
             alive.remove(node)
             print(end_of(node), file=sys.stderr, flush=True)
+
+
+def _demo(text: str) -> str:
+    """Return the name of a demo of the command line."""
+    if text in WITHOUT_NODES:
+        raise argparse.ArgumentTypeError(f'{text} is computed without nodes, with a film in place '
+                                         f'of a page: tp_controller demo {text}')
+    return text
 
 
 def _port(text: str) -> int:

@@ -22,6 +22,9 @@ import pytest
 from robots import CONFIG, REPOSITORY
 from tp_controller import Controller, GoalError, KinematicSimulator, Settings
 from tp_controller.cli.demo import DEMOS as DESCRIBED
+from tp_controller.cli.demo import TO_PLAY_WITH
+from tp_controller.cli.view import DEMOS as VIEWED
+from tp_controller.cli.view import WITHOUT_NODES
 from tp_controller.demos import ros_demos
 from tp_controller.demos.scenarios import DEMOS, goal_fields, node_parameters
 from tp_controller.model.simulator import initial_positions
@@ -263,3 +266,9 @@ def test_lines_of_errors_are_interrupted_where_the_controller_was_stopped():
     assert (name, unit, list(times)) == ('tool', 'm', [0.0, 1.0, 2.0])
     np.testing.assert_array_equal(errors, [0.5, np.nan, 0.25])
     assert ros_demos._reasons(recorder) == {'tool': ['a; b', '', '']}
+
+
+def test_every_demo_is_found_by_both_commands():
+    ours = set(DESCRIBED) | {TO_PLAY_WITH}
+    assert set(VIEWED) | set(WITHOUT_NODES) == ours
+    assert not set(VIEWED) & set(WITHOUT_NODES) and set(VIEWED) - set(DEMOS) == {TO_PLAY_WITH}
