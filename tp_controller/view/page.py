@@ -24,11 +24,11 @@ from tp_controller.nodes.parameters import TASKS
 from tp_controller.tasks import task_types
 from tp_controller.view.camera import FIELD_OF_VIEW, first_view
 from tp_controller.view.condition import BAD, Condition, ConditionReader
-from tp_controller.view.gizmos import Gizmos
+from tp_controller.view.gizmos import Gizmos, SIZES
 from tp_controller.view.joint_sliders import JointSliders
 from tp_controller.view.link import Link
 from tp_controller.view.markers import MarkerScene
-from tp_controller.view.places import places_of, Topics
+from tp_controller.view.places import GOALS, places_of, Topics
 from tp_controller.view.plots import Plots
 from tp_controller.view.scene import add_surroundings, RobotScene, tip, Trail
 from tp_controller.view.stack_changes import StackChanges
@@ -256,7 +256,7 @@ class Page:
         """
         camera = self.server.initial_camera
         camera.position, camera.look_at = first_view(
-            robot.outer_points(), moves=robot.robot.moves)
+            robot.points_in_view(SIZES[GOALS]), moves=robot.robot.moves)
 
     def _show_texts(self, now: float) -> None:
         """Show the stack, and what the controller does."""
