@@ -16,6 +16,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from textwrap import shorten
 import time
 from typing import NamedTuple
 
@@ -26,6 +27,8 @@ PAUSE_SECONDS = 1.5
 MANY_PAUSES, WITHIN_SECONDS = 4, 30.0
 # Start of the reason after somebody has stopped the robot.
 BY_HAND = 'stopped'
+# Letters of the reason of a pause.
+LONGEST = 44
 WAITING = 'waiting for its status'
 GONE = 'no longer heard: it has ended, or this machine has too much to do'
 SLOW = ('this machine is too slow: the controller paused {} times in {:.0f} s, which it does '
@@ -33,10 +36,11 @@ SLOW = ('this machine is too slow: the controller paused {} times in {:.0f} s, w
 
 
 class Condition(NamedTuple):
-    """What is said of a controller, and its colour."""
+    """What is said of a controller, its colour, and whether it waits to be started."""
 
     text: str
     colour: str
+    waits: bool = False
 
 
 class ConditionReader:
@@ -84,8 +88,9 @@ class ConditionReader:
         if head.startswith(BY_HAND) or now - self._since > PAUSE_SECONDS:
             # No pause, however soon the controller goes on.
             self._since = -PAUSE_SECONDS if head.startswith(BY_HAND) else self._since
-            return Condition(head, BAD)
-        return Condition(f'paused: {head}', FAINT)
+            return Condition(head, BAD, True)
+        # In one line: it is there for a moment, and nothing below it is to jump.
+        return Condition(shorten(f'paused: {head}', LONGEST, placeholder=' …'), FAINT)
 
     def remark(self) -> str:
         """Return that the machine is too slow, once for as long as it is; else nothing."""

@@ -73,7 +73,7 @@ class Page:
         self._robot: RobotScene | None = None
         self._texts_due = 0.0
         self._notice_until = 0.0
-        self._condition, self._reader = ('', ''), ConditionReader()
+        self._condition, self._reader = Condition('', ''), ConditionReader()
         self._concluded = False
         self._ground, self._stands = add_surroundings(server.scene), False
         server.initial_camera.fov = FIELD_OF_VIEW
@@ -270,7 +270,7 @@ class Page:
             self.plots.add(now, link.rows, link.robot, self._robot.state, link.velocity,
                            self.frame.value)
         self._show_condition()
-        self.start_button.disabled = link.running or not link.present
+        self.start_button.disabled = not self._condition.waits
         self.stop_button.disabled = not link.present and not link.reachable
         if now > self._notice_until:
             self._clear_notice()

@@ -39,7 +39,7 @@ class Reader(ConditionReader):
     def see(self, head, seconds=0.0, present=True):
         """Return what is said after a time [s]."""
         self.now += seconds
-        return tuple(self.read(head, present))
+        return tuple(self.read(head, present))[:2]
 
 
 @pytest.fixture
@@ -98,3 +98,18 @@ def test_pauses_that_are_rare_are_no_remark(reader):
         pause(reader, 1)
         reader.see('running', WITHIN_SECONDS)
         assert reader.remark() == ''
+
+
+def test_start_is_offered_where_the_controller_does_not_go_on_by_itself(reader):
+    assert not reader.read('running', True).waits
+    assert not reader.read(LATE, True).waits
+    reader.now += 2.0 * PAUSE_SECONDS
+    assert reader.read(LATE, True).waits
+    assert reader.read('stopped; call ~/start to go on', True).waits
+    assert not reader.read('stopped; call ~/start to go on', False).waits
+
+
+def test_a_pause_is_told_in_one_line(reader):
+    names = ', '.join(f'joint{number}' for number in range(20))
+    text, _ = reader.see(f'no joint states of {names}')
+    assert text.startswith('paused: no joint states') and len(text) < 50
