@@ -171,6 +171,8 @@ def _this_command() -> list[str]:
 def _show(stack: ExitStack, server: 'viser.ViserServer', controller: str,
           nodes: Sequence[NodeProcess], goals: 'list[Goal]') -> NoReturn:
     """Show a controller on the page of a server, on the way to goals once its nodes run."""
+    # Its time begins before this process imports what it needs.
+    startup = Startup(nodes, partial(print, flush=True))
     from tp_controller.demos.scenarios import goal_fields
     from tp_controller.nodes.client import Client
     from tp_controller.view.link import Link
@@ -178,7 +180,7 @@ def _show(stack: ExitStack, server: 'viser.ViserServer', controller: str,
     client = stack.enter_context(Client(controller))
     page = Page(server, Link(client))
     if nodes:
-        Startup(nodes, partial(print, flush=True)).wait(lambda: missing(client), page.turn)
+        startup.wait(lambda: missing(client), page.turn)
     for goal in goals:
         client.send(goal['task'], wait=ANSWER_SECONDS, **goal_fields(goal))
     alive = list(nodes)

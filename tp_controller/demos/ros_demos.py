@@ -75,13 +75,14 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
         running = stack.enter_context(ExitStack())
         # They are on their way while this process imports what it needs.
         nodes = start_nodes(running, demo.file(''), environment, folder)
+        startup = Startup(nodes, _tell)
         live = _start_page(stack, environment, folder) if page else None
         all_started()
         from tp_controller.nodes.client import Client
         from tp_controller.nodes.recorder import Recorder
         client = stack.enter_context(Client())
         recorder = Recorder(client, demo.robot)
-        Startup(nodes, _tell).wait(lambda: _not_recorded(client, recorder), client.spin)
+        startup.wait(lambda: _not_recorded(client, recorder), client.spin)
         if live is not None:
             _tell(live.wait(client.spin, _tell))
         print(demo.file('_stack').read_text())
