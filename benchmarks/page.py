@@ -48,11 +48,14 @@ PARAMETERS = """\
 # A page that does all that it does for browsers, without one.
 WATCHED = """
 from tp_controller.nodes.client import Client
-from tp_controller.view.page import show_page
+from tp_controller.view.link import Link
+from tp_controller.view.page import Page
 from tp_controller.view.server import open_server
 server = open_server()
 server.get_clients = lambda: {0: None}
-show_page(server, Client())
+page = Page(server, Link(Client()))
+while True:
+    page.turn()
 """
 PATIENCE_SECONDS, WARM_UP_SECONDS = 20.0, 3.0
 TICKS = os.sysconf('SC_CLK_TCK')

@@ -20,6 +20,7 @@ film takes about half a minute, beside the run itself. It needs ROS 2, viser and
 """
 
 import argparse
+import os
 from pathlib import Path
 import shutil
 import sys
@@ -27,6 +28,7 @@ from tempfile import TemporaryDirectory
 
 from tp_controller.cli.main import main as command
 from tp_controller.view.browser import find_chromium
+from tp_controller.view.looks import CHOICE, OWN
 
 FOLDER = Path(__file__).resolve().parent / 'images'
 # {demo: films of it that the pages show}
@@ -48,6 +50,8 @@ def main():
     demos = parser.parse_args().demos or FILMS
     if find_chromium() is None:
         sys.exit('films of solid robots need a Chromium')
+    # What readers see who have not installed the meshes of other robots.
+    os.environ[CHOICE] = OWN
     with TemporaryDirectory() as folder:
         for demo in demos:
             if command(['demo', demo, '--output', folder]):

@@ -41,7 +41,7 @@ from tp_controller.resources import find_file
 # How long a goal may take to be reached before the next one follows [s].
 REACH_SECONDS = 20.0
 # How long to look for the controller, which may have a lot to load [s].
-START_SECONDS = 30.0
+START_SECONDS = 120.0
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -26,7 +26,7 @@ import robots
 from tp_controller.model.shapes import Sphere
 from tp_controller.model.spatial import pose, rotation_from_quaternion
 from tp_controller.nodes.client import make_message
-from tp_controller.nodes.markers import Markers
+from tp_controller.nodes.markers import _colour, Markers
 from tp_controller.tasks.sketch import Arrow, Body, Cone, Dot, Gaps, Path, Triad
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -148,7 +148,7 @@ def test_what_is_not_there_any_more_is_deleted_once(harness):
     harness.spin_for_more(rig.arrays, 3, rig.arm.publish)
     counts = Counter((marker.ns, marker.id) for array in rig.arrays for marker in array.markers
                      if marker.action == Marker.DELETE)
-    assert counts == {('tip/frame', 0): 1, ('tip/goal', 0): 1}
+    assert counts == {('tip/frame', 0): 1, ('tip/goal', 0): 1, ('tip/goal', 1): 1}
     assert set(rig.drawn()) == {'turn/frame', 'turn/goal'}
 
 
@@ -227,14 +227,26 @@ def test_every_part_has_a_namespace_of_its_own(panda):
             'between': 'frame goal reference'}.items() for part in parts.split()}
     assert [(marker.id, marker.type) for marker in panda.found['clear/distance']] == [
         (0, Marker.LINE_LIST), (1, Marker.TEXT_VIEW_FACING)]
-    assert all([marker.id for marker in markers] == [0] for name, markers in panda.found.items()
-               if name != 'clear/distance')
+    assert all(name == 'clear/distance' or name.endswith('/goal')
+               for name, markers in panda.found.items() if len(markers) > 1)
+    assert all(marker.id == number for markers in panda.found.values()
+               for number, marker in enumerate(markers))
+
+
+def test_goals_and_the_lines_to_them_differ_from_frames(panda):
+    goal, ball = panda.found['turn/goal']
+    frame, = panda.found['turn/frame']
+    assert ball.type == Marker.SPHERE and goal.scale.x > 1.5 * frame.scale.x
+    np.testing.assert_allclose([getattr(ball.pose.position, axis) for axis in 'xyz'],
+                               [getattr(goal.pose.position, axis) for axis in 'xyz'])
+    colours = [_colour(part) for part in ('goal', 'error', 'frame')]
+    assert colours[0] == colours[1] != colours[2]
 
 
 def test_axes_are_red_green_and_blue_from_the_frame(panda):
     T = panda.state.pose(TOOL)
     for name, length in (('turn/goal', 0.08), ('turn/frame', 0.04)):
-        marker = only(panda, name)
+        marker = panda.found[name][0]
         assert marker.type == Marker.LINE_LIST
         ends = T[:3, 3] + length * T[:3, :3].T
         np.testing.assert_allclose(points_of(marker)[1::2], ends, atol=1e-9)

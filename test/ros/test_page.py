@@ -15,6 +15,7 @@
 """The page shows what a controller does, and what is done on it arrives there."""
 
 from html import unescape
+import math
 import time
 
 from builtin_interfaces.msg import Time
@@ -32,16 +33,18 @@ from scipy.spatial.transform import Rotation
 from tp_controller.model.spatial import pose, rotation_from_rpy
 from tp_controller.nodes.client import Client
 from tp_controller.nodes.markers import Markers
+from tp_controller.nodes.status import diagnostics
 from tp_controller.tasks.sketch import Cone, Gaps
 from tp_controller.view.camera import first_view
+from tp_controller.view.condition import BAD, GONE
 from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD
 from tp_controller.view.joint_sliders import span
 from tp_controller.view.link import Link
-from tp_controller.view.looks import JOINT_COLOUR
 from tp_controller.view.markers import MarkerScene
 from tp_controller.view.page import Page, RATE
 from tp_controller.view.places import places_of
 from tp_controller.view.server import open_server
+from tp_controller.view.skeleton import JOINT_COLOUR
 import viser
 from visualization_msgs.msg import Marker, MarkerArray
 import yaml
@@ -167,11 +170,12 @@ def test_robot_stands_on_the_ground_once_it_is_known_where_it_is(rig):
     # Its joints turn about drums, half of each of which is below the root.
     drums = [part for parts in rig.page._robot.parts.values() for part in parts
              if part.colour == JOINT_COLOUR]
-    assert rig.page._ground.position[2] == pytest.approx(-0.5 * drums[0].size[1])
+    assert rig.page._ground.position[2] == pytest.approx(
+        -drums[0].mesh.vertices[:, 2].max())
 
 
 def test_who_opens_the_page_sees_the_robot_where_it_is_and_not_at_zero(rig):
-    points, view = rig.page._robot.outer_points(), rig.page.server.initial_camera
+    points, view = rig.page._robot.points_in_view(0.22), rig.page.server.initial_camera
     start = rig.link.robot.state(PLANAR_START)
     middle = np.mean([start.position(f'link{number}') for number in (1, 2, 3)], axis=0)
     assert np.linalg.norm(view.look_at[:2] - middle[:2]) < 0.5 * np.ptp(points, axis=0).max()
@@ -231,7 +235,8 @@ def test_box_follows_what_others_switch_off(rig):
 def test_gain_that_is_refused_is_said_with_its_reason_and_shown_as_it_was(rig):
     row = rig.page.stack.rows['rest']
     act(row.gains[0], -3.0)
-    rig.spin_until(lambda: 'out of range' in rig.page.notice.content, 'the reason')
+    rig.spin_until(lambda: 'the gain of task rest must be' in rig.page.notice.content,
+                   'the reason')
     rig.spin_until(lambda: row.gains[0].value == 1.0, 'the gain that is in force')
 
 
@@ -278,7 +283,50 @@ def test_nothing_is_asked_of_the_controller_while_nobody_looks(rig):
 
 def test_controller_that_is_gone_is_said_to_be_gone(rig):
     rig.harness.remove(rig.controller)
-    rig.spin_until(lambda: '/tp_controller is not heard' in rig.page.state_text.content)
+    rig.spin_until(lambda: GONE in rig.page.state_text.content)
+    assert rig.page.start_button.disabled
+    assert 'opacity' in rig.page.stack.rows['tip'].text.content
+
+
+def test_a_short_stop_keeps_the_last_report_in_grey_and_is_no_fault(rig):
+    before = rig.link.rows
+    status = rig.client.status
+    # What the node sends where a joint state is late for a moment.
+    node = rig.controller
+    late = diagnostics(Time(), 'tp_controller', 'joint states are late', None, node._controller,
+                       node._topics.records, {}, lambda: None)
+    rig.client.catch_up = lambda: None
+    rig.client.status = late
+    rig.page._texts_due = 0.0
+    rig.page.update()
+    text = rig.page.stack.rows['tip'].text.content
+    assert rig.link.rows[0].status == 'stopped' and math.isnan(rig.link.rows[0].errors[0][1])
+    assert before[0].error_text() in text and 'opacity' in text
+    assert 'paused: joint states are late' in rig.page.state_text.content
+    assert BAD not in rig.page.state_text.content
+    del rig.client.catch_up
+    rig.client.status = status
+
+
+def test_a_controller_that_has_been_started_anew_is_said_to_have_no_goals(rig):
+    rig.page.gizmos.gizmos['tip/goal'].drag(pose(np.eye(3), [1.2, 0.6, 0.0]))
+    rig.spin_until(lambda: any(row.accepted for row in rig.link.rows), 'the goal')
+    rig.harness.remove(rig.controller)
+    rig.spin_until(lambda: not rig.link.present, 'the end')
+    rig.controller = rig.harness.controller(stack=STACK, state_timeout=5.0, check_stamps=False)
+    rig.spin_until(lambda: 'has no goals' in rig.page.notice.content, 'the notice')
+
+
+def test_results_of_a_demo_stay_when_its_controller_ends(rig):
+    rig.page.conclude('The demo has finished\n5 of 5 <goals> reached')
+    rig.harness.remove(rig.controller)
+    rig.spin_until(lambda: not rig.link.present, 'the end')
+    rig.page._texts_due = 0.0
+    rig.page.update()
+    text = rig.page.state_text.content
+    assert 'The demo has finished' in text and '5 of 5 &lt;goals&gt; reached' in text
+    assert not rig.page.stop_button.visible and not rig.page.start_button.visible
+    assert 'opacity' not in rig.page.stack.rows['tip'].text.content
 
 
 def test_axis_of_errors_has_a_line_for_each_power_of_ten_around_them(rig):

@@ -192,6 +192,8 @@ class View:
         self.wait(lambda: self.commands and np.abs(self.commands[-1]).max() < 1e-3, 'rest')
         self.page.locator('[data-task="posture"]').filter(
             has_not_text='acceleration limit').wait_for()
+        # Not in a pause, as where the machine has much to do.
+        self.page.wait_for_selector('[data-state="running"]')
 
     def start(self):
         """Click Start, again where it is refused: on a busy machine joint states may be late."""

@@ -114,7 +114,9 @@ def window(server, chromium):
 def first_view(window):
     """Return from where the robot is seen well where it is now."""
     from tp_controller.view import camera
-    return camera.first_view(window.page._robot.outer_points())
+    from tp_controller.view.gizmos import SIZES
+    from tp_controller.view.places import GOALS
+    return camera.first_view(window.page._robot.points_in_view(SIZES[GOALS]))
 
 
 def test_a_browser_that_is_open_already_goes_once_to_where_the_robot_is_seen(window):

@@ -56,7 +56,7 @@ def inputs(server, chromium):
     joints, stack = JointSliders(server.gui, None), StackPanel(server.gui, None, None, None)
     joints.build(robot())
     joints.show(robot(), np.array([joint[-1] for joint in JOINTS.values()]), ['posture'])
-    stack.show([Row(name, 'position', '1', 'moving', (('m', 0.1),), 0.5, '', '', 0, '', '')
+    stack.show([Row(name, 'position', '1', 'moving', (('m', 0.1),), 0.5, '', '', 0, 0, '', '')
                 for name in GAINS], GAINS)
     page = chromium.new_page(viewport={'width': 1280, 'height': 1000})
     page.set_default_timeout(1e3 * SECONDS)

@@ -118,7 +118,7 @@ def tab(server, chromium):
 def row(name):
     """Return what is shown of a task."""
     from tp_controller.view.rows import Row
-    return Row(name, 'position', '1', 'moving', (('m', 0.1),), 0.5, '', '', 0, '', '')
+    return Row(name, 'position', '1', 'moving', (('m', 0.1),), 0.5, '', '', 0, 0, '', '')
 
 
 def change_robots(gui, heard):

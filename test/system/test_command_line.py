@@ -284,6 +284,9 @@ def test_the_status_is_printed_line_by_line_into_a_pipe(robot, domain):
     (['goal', 'tool', '--joint', 'a=nan'], "'nan' is not a finite number"),
     (['goal', 'tool', '--rpy', '0', '0', '0', '--quat', '0', '0', '0', '1'], 'not allowed with'),
     (['demo', 'lab3'], "invalid choice: 'lab3'"),
+    (['demo', 'conflict'], 'tp_controller view --demo conflict'),
+    (['view', '--demo', 'drill'], 'tp_controller demo drill'),
+    (['view', '--demo', 'lab1'], 'tp_controller demo lab1'),
     (['demo', '--output', '/dev/null/figures'], '--output: '),
     ([], 'required: command'),
 ])

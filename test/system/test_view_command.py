@@ -17,16 +17,21 @@
 from contextlib import ExitStack
 import os
 from pathlib import Path
+import re
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import time
 from urllib.request import urlopen
 
 from processes_harness import command_line, DEADLINE
 import pytest
+from robots import CONFIG
 from tp_controller.demos import live_page
 from tp_controller.demos.processes import own_domain
+from tp_controller.errors import TpControllerError
 from tp_controller.extras import install_command
 
 pytest.importorskip('viser', reason="needs pip install '.[view]'")
@@ -94,26 +99,42 @@ def test_port_that_is_none_is_refused(environment, port):
     assert status == 2 and '--port' in complaint
 
 
+def wait_for_page(live):
+    """Return what is said of the page of a demo, once that is known."""
+    return live.wait(time.sleep, lambda line: None)
+
+
 def test_demo_has_a_page_that_answers(tmp_path):
     with ExitStack() as stack:
         environment = stack.enter_context(own_domain())
-        said = live_page.start_page(stack, environment, tmp_path)
+        said = wait_for_page(live_page.start_page(stack, environment, tmp_path))
         word, address = said.split()
         with urlopen(address, timeout=DEADLINE) as answer:
             assert word == 'page:' and b'<html' in answer.read()
 
 
+def test_results_of_a_demo_go_to_its_page(domain, tmp_path):
+    from tp_controller.nodes.client import Client
+    with ExitStack() as stack:
+        live = live_page.start_page(stack, domain, tmp_path)
+        assert wait_for_page(live).startswith('page: ')
+        client = stack.enter_context(Client())
+        assert live.conclude(client, 'The demo has finished')
+        assert 'Traceback' not in (tmp_path / 'viewer_node.log').read_text()
+
+
 def test_demo_without_viser_goes_on_and_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(live_page, 'find_spec', lambda name: None)
-    said = live_page.start_page(ExitStack(), {}, tmp_path)
-    assert said.startswith(live_page.WITHOUT) and install_command('view') in said
+    with pytest.raises(TpControllerError, match=live_page.WITHOUT) as error:
+        live_page.start_page(ExitStack(), {}, tmp_path)
+    assert install_command('view') in str(error.value)
 
 
 def test_demo_without_a_free_port_goes_on_and_says_so(tmp_path, monkeypatch, taken):
     from tp_controller.view import server
     monkeypatch.setattr(server, 'PORTS', range(taken, taken + 1))
-    said = live_page.start_page(ExitStack(), {}, tmp_path)
-    assert said.startswith(live_page.WITHOUT) and f'no free port from {taken}' in said
+    with pytest.raises(TpControllerError, match=f'{live_page.WITHOUT}no free port from {taken}'):
+        live_page.start_page(ExitStack(), {}, tmp_path)
 
 
 def test_demo_whose_page_cannot_start_goes_on_and_says_why(tmp_path, monkeypatch, taken):
@@ -123,5 +144,26 @@ def test_demo_whose_page_cannot_start_goes_on_and_says_why(tmp_path, monkeypatch
     monkeypatch.setattr(live_page, '_answers', lambda address: False)
     with ExitStack() as stack:
         environment = stack.enter_context(own_domain())
-        said = live_page.start_page(stack, environment, tmp_path)
+        said = wait_for_page(live_page.start_page(stack, environment, tmp_path))
     assert said.startswith(live_page.WITHOUT) and 'in use' in said
+    assert str(tmp_path / 'viewer_node.log') in said
+
+
+def test_view_names_the_log_of_a_node_that_cannot_start(environment, tmp_path):
+    folder = tmp_path / 'config'
+    shutil.copytree(CONFIG, folder)
+    (folder / 'demo.yaml').write_text((folder / 'demo.yaml').read_text().replace(
+        'rate: 0.0', 'rate: -7.0'))
+    patched = f"""
+import sys
+from pathlib import Path
+from tp_controller.cli import main, view
+view._file = lambda demo, ending: Path({str(folder)!r}) / f'demo{{ending}}.yaml'
+sys.exit(main.main(['view']))
+"""
+    done = subprocess.run([sys.executable, '-c', patched], env={
+        **environment, 'TMPDIR': str(tmp_path)}, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert 'controller_node has ended' in done.stderr and '-7' in done.stderr
+    log = re.search(r'log of controller_node: (\S+)', done.stderr).group(1)
+    assert '-7' in Path(log).read_text()

@@ -38,6 +38,7 @@ import shlex
 import subprocess
 import sys
 
+from PIL import Image
 import pytest
 import setuptools
 import tp_controller
@@ -611,3 +612,11 @@ def test_readme_comes_to_the_point():
     assert first.line <= 20
     assert text.index('](docs/images/') < text.index('```')
     assert text.count('\n') <= 120
+
+
+def test_readme_begins_with_what_people_search_for_and_a_film():
+    title, first, picture = (ROOT / 'README.md').read_text().split('\n\n')[:3]
+    assert title == '# tp_controller' and 'differential inverse kinematics' in first
+    film = re.fullmatch(r'!\[.+\]\((.+)\)', picture).group(1)
+    with Image.open(ROOT / film) as opened:
+        assert opened.is_animated

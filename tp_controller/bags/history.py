@@ -46,6 +46,8 @@ GOAL_TOPICS = ('goal', 'twist', 'obstacles')
 FRAME_SECONDS, MOST_FRAMES = 0.04, 1500
 # Messages come a little early, too: from this share of the time on.
 EARLY = 0.9
+# The status of all tasks while the robot is stopped.
+STOPPED = 'stopped'
 # How many stops are told; more are counted.
 MOST_STOPS = 500
 # Numbers in a reason, which change all the time.
@@ -74,10 +76,14 @@ class TaskHistory:
 
     Attributes
     ----------
-    name, kind, level, status : str
+    name, kind, level : str
         As its last status has them.
+    status : str
+        The last one before a stop; ``stopped`` where there was no other.
+    stopped : bool
+        Whether the robot was stopped at the end.
     errors : dict
-        {unit: (last error, tolerance)}; not a number while the robot is stopped.
+        {unit: (last error that is known, tolerance)}
     largest : dict
         {unit: largest error}
     causes : dict
@@ -91,6 +97,7 @@ class TaskHistory:
     kind: str = ''
     level: str = ''
     status: str = ''
+    stopped: bool = False
     errors: dict[str, tuple[float, float]] = field(default_factory=dict)
     largest: dict[str, float] = field(default_factory=dict)
     causes: dict[str, float] = field(default_factory=dict)
@@ -282,8 +289,9 @@ class History:
             self.goals.answered(time, name, values)
             task = self.tasks.setdefault(name, TaskHistory(name))
             _update(task, values, lasted)
-            for unit, (error, _) in task.errors.items():
-                _put(errors, self.columns, (name, unit), error, math.nan)
+            for unit in task.errors:
+                _put(errors, self.columns, (name, unit),
+                     number(values.get(f'error [{unit}]', '')), math.nan)
             _put(codes, self.reason_columns, name, self._code(values.get('reason', '')), 0.0)
         self.errors.add(time, errors)
         self.reasons.add(time, codes)
@@ -438,11 +446,16 @@ def _update(task: TaskHistory, values: Mapping[str, str], lasted: float) -> None
     """Take a status of a task, which lasted for some time [s]."""
     # What was told the last time is what lasted since then.
     task.known += lasted
-    if task.status in ('reached', 'satisfied'):
+    if task.status in ('reached', 'satisfied') and not task.stopped:
         task.reached += lasted
     task.kind, task.level = values.get('type', ''), values.get('level', '')
-    task.status = values.get('status', '')
+    status = values.get('status', '')
+    task.stopped = status == STOPPED
+    # A stop, as at the end of most recordings, says nothing of what was reached.
+    task.status = task.status or status if task.stopped else status
     for unit, error in errors_of(values).items():
+        if math.isnan(error) and unit in task.errors:
+            continue
         if unit in task.errors or len(task.errors) < MOST_ERRORS:
             task.errors[unit] = error, number(values.get(f'tolerance [{unit}]', ''))
             if error > task.largest.get(unit, -math.inf):

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 from tp_controller.bags.goals import Goal, outcome
-from tp_controller.bags.history import History, TaskHistory
+from tp_controller.bags.history import History, STOPPED, TaskHistory
 from tp_controller.bags.pictures import command_topic
 from tp_controller.bags.robots import command_names
 from tp_controller.files import new_file
@@ -68,7 +68,7 @@ Row = Sequence[str | Cell]
 
 def summary(history: History) -> str:
     """Return what became of the tasks, as lines of text."""
-    titles = ('task', 'level', 'status', 'error at the end', 'reached', 'limited by')
+    titles = ('task', 'level', 'status', 'last error', 'reached', 'limited by')
     tasks = [_task_row(task, all_errors=False) for task in history.tasks.values()]
     rows = [titles, *([plain(cell.text if isinstance(cell, Cell) else cell, LONGEST_CELL)
                        for cell in row] for row in tasks)]
@@ -102,7 +102,7 @@ def write_report(path: Path, history: History, robot: Robot | None,
 
     """
     parts = [*_head(history, title, remarks),
-             *_section('Tasks', ('task', 'type', 'level', 'status', 'error at the end',
+             *_section('Tasks', ('task', 'type', 'level', 'status', 'last error',
                                  'largest', 'reached', 'limited by'),
                        [_task_row(task) for task in history.tasks.values()]),
              *_frame(replay),
@@ -174,7 +174,9 @@ def _task_row(task: TaskHistory, all_errors: bool = True) -> Row:
     causes += ' …' if len(task.causes) > MOST_CAUSES else ''
     last = ', '.join(_error(error, unit) for unit, (error, _) in task.errors.items())
     largest = ', '.join(_error(error, unit) for unit, error in task.largest.items())
-    status = task.status if done else Cell(task.status)
+    text = f'{task.status}, then {STOPPED}' if task.stopped and task.status != STOPPED \
+        else task.status
+    status = text if done else Cell(text)
     if not all_errors:
         return task.name, task.level, status, last, share, causes
     return task.name, task.kind, task.level, status, last, largest, share, causes

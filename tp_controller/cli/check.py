@@ -21,10 +21,10 @@ import sys
 from typing import TYPE_CHECKING
 
 from tp_controller.cli.command import Command
-from tp_controller.cli.progress import progress
 from tp_controller.cli.values import positive_number
 from tp_controller.errors import SettingsError, TpControllerError, unknown
 from tp_controller.files import new_file
+from tp_controller.progress import progress
 
 if TYPE_CHECKING:  # Imported with the first check: the help needs none of it.
     from tp_controller.check import CheckReport

@@ -15,12 +15,15 @@
 """``tp_controller demo``: a demonstration, with its table and figures."""
 
 import argparse
+import os
 from pathlib import Path
 import sys
 
 from tp_controller.cli.command import Command
 from tp_controller.nodes.middleware import set_up_fast_dds
 
+# As tp_controller.demos.film has them, which takes a second to import.
+FILM, NO_FILM = 'TP_CONTROLLER_FILM', 'none'
 DEMOS = {
     'panda': 'a 7-DoF arm over ROS 2 topics (default)',
     'mobile': 'an arm on wheels carries a tray past obstacles',
@@ -30,10 +33,13 @@ DEMOS = {
     'lab1': 'null-space motion',
     'lab2': 'two tasks in both orders',
 }
+# A demo of `tp_controller view` that ends only when somebody exchanges its tasks.
+TO_PLAY_WITH = 'conflict'
 EXAMPLES = """\
 examples:
   tp_controller demo                         figures and film go to ./tp_demo/panda
   tp_controller demo --output figures
+  tp_controller demo --no-film               no film: done as soon as the goals are
   tp_controller demo underwater              a vehicle with an arm, beside a riser
   tp_controller demo --view                  the same, live on a page in the browser, too
   tp_controller demo lab2 --seed 3           exercise 2 of the lab with other random goals
@@ -45,7 +51,7 @@ which talk on this machine only, in a ROS domain of their own. drill, lab1 and l
 
 def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command to its parser."""
-    parser.add_argument('name', nargs='?', default='panda', choices=tuple(DEMOS),
+    parser.add_argument('name', nargs='?', default='panda', choices=tuple(DEMOS), type=_demo,
                         help='; '.join(f'{name}: {what}' for name, what in DEMOS.items()))
     parser.add_argument('--output', type=Path, default=Path('tp_demo'), metavar='FOLDER',
                         help='where the folder with the figures goes, which has the name '
@@ -55,6 +61,8 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--view', action='store_true',
                         help='show it on a page in the browser while it runs, too (demos over '
                         'ROS 2)')
+    parser.add_argument('--no-film', dest='film', action='store_false',
+                        help='draw no film: the figures are there at once')
 
 
 def run_demo(options: argparse.Namespace) -> int:
@@ -66,6 +74,9 @@ def run_demo(options: argparse.Namespace) -> int:
     except OSError as error:
         print(f'tp_controller: --output: {error}', file=sys.stderr)
         return 2
+    if not options.film:
+        # Whatever a demo draws, it asks there.
+        os.environ[FILM] = NO_FILM
     # Imported here: figures take a second to import, and goals do not need them.
     if options.name == 'drill':
         from tp_controller.demos.drill import drill
@@ -79,6 +90,14 @@ def run_demo(options: argparse.Namespace) -> int:
         set_up_fast_dds()
         passed = run_over_ros(ROS_DEMOS[options.name], folder, options.view)
     return 0 if passed else 1
+
+
+def _demo(text: str) -> str:
+    """Return the name of a demo of the command line."""
+    if text == TO_PLAY_WITH:
+        raise argparse.ArgumentTypeError(f'{text} is to be played with: tp_controller view --demo '
+                                         f'{text}')
+    return text
 
 
 def _seed(text: str) -> int:

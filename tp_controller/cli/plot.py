@@ -21,9 +21,9 @@ import sys
 from typing import TYPE_CHECKING, TypeAlias
 
 from tp_controller.cli.command import Command
-from tp_controller.cli.progress import progress
 from tp_controller.errors import in_words, TpControllerError
 from tp_controller.extras import install_command
+from tp_controller.progress import progress
 from tp_controller.untrusted import plain
 
 if TYPE_CHECKING:  # Imported with the first recording: the help needs none of it.

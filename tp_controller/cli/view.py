@@ -15,16 +15,26 @@
 """``tp_controller view``: a running controller, or a demo, on a page in the browser."""
 
 import argparse
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, ExitStack
+from functools import partial
 import os
 from pathlib import Path
 import shlex
+import shutil
 import sys
 import tempfile
 from typing import NoReturn, TYPE_CHECKING
 
 from tp_controller.cli.command import Command
-from tp_controller.demos.processes import ended_by_sigterm, own_domain, start_nodes
+from tp_controller.demos.processes import (
+    ended_by_sigterm,
+    NodeProcess,
+    own_domain,
+    start_nodes,
+)
+from tp_controller.demos.startup import end_of, missing, Startup
+from tp_controller.errors import TpControllerError
 from tp_controller.nodes.middleware import set_up_fast_dds
 from tp_controller.resources import load_yaml, package_share
 
@@ -38,6 +48,10 @@ CONTROLLER = 'tp_controller'
 # {name: parameter file of the nodes}
 DEMOS = {'panda': 'demo', 'conflict': 'conflict', 'mobile': 'mobile', 'underwater': 'underwater',
          'two_arms': 'two_arms'}
+# How long the answer of the controller to a goal may take, on a machine with much to do [s].
+ANSWER_SECONDS = 120.0
+# Demos of `tp_controller demo` that start no nodes.
+WITHOUT_NODES = ('drill', 'lab1', 'lab2')
 # What another terminal needs to hear the nodes of a demo.
 DOMAIN = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
 # Keys of a goal in a file that options of `tp_controller goal` are named after.
@@ -56,7 +70,7 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     shown = parser.add_mutually_exclusive_group()
     shown.add_argument('--node', help='name of the controller node, with its namespace, that is '
                        'shown (default: a demo is started)')
-    shown.add_argument('--demo', choices=tuple(DEMOS), default='panda',
+    shown.add_argument('--demo', choices=tuple(DEMOS), type=_demo, default='panda',
                        help='the demo that is started (default: panda)')
     parser.add_argument('--host', default=LOCAL,
                         help='address that the page is shown at (default: 127.0.0.1, which only '
@@ -77,7 +91,8 @@ def show_view(options: argparse.Namespace) -> NoReturn:
     Raises
     ------
     TpControllerError
-        The port is taken, or the address is none of this machine.
+        The port is taken, the address is none of this machine, or a node of the demo does not
+        start.
 
     """
     set_up_fast_dds()
@@ -89,22 +104,39 @@ def show_view(options: argparse.Namespace) -> NoReturn:
         if exposure(options.host):
             print(f'warning: {exposure(options.host)}', file=sys.stderr)
         goals: 'list[Step]' = []
+        nodes: list[NodeProcess] = []
         if options.node is None:
-            _start_demo(stack, _file(options.demo, ''))
+            nodes = _start_demo(stack, _file(options.demo, ''))
             goals = load_yaml(_file(options.demo, '_goals').read_text())
             print(_how_to_send(_at_once(goals[-1])[0]), flush=True)
-        _show(stack, server, options.node or CONTROLLER, _at_once(goals[0]) if goals else [])
+        _show(stack, server, options.node or CONTROLLER, nodes,
+              _at_once(goals[0]) if goals else [])
 
 
-def _start_demo(stack: ExitStack, parameters: Path) -> None:
+def _start_demo(stack: ExitStack, parameters: Path) -> list[NodeProcess]:
     """Start the nodes of a demo, where only this process hears them."""
     all_started = stack.enter_context(ended_by_sigterm())
     environment = stack.enter_context(own_domain())
     # The page lives in this process, which has to be in the same domain.
     os.environ.update(environment)
-    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix='tp_view_'))
-    start_nodes(stack, parameters, environment, Path(folder))
+    nodes = start_nodes(stack, parameters, environment, stack.enter_context(_log_folder()))
     all_started()
+    return nodes
+
+
+@contextmanager
+def _log_folder() -> Iterator[Path]:
+    """Make a folder, which stays where an error names a file in it."""
+    folder = Path(tempfile.mkdtemp(prefix='tp_view_'))
+    needed = False
+    try:
+        yield folder
+    except TpControllerError:
+        needed = True
+        raise
+    finally:
+        if not needed:
+            shutil.rmtree(folder)
 
 
 def _file(demo: str, ending: str) -> Path:
@@ -137,15 +169,34 @@ def _this_command() -> list[str]:
 
 
 def _show(stack: ExitStack, server: 'viser.ViserServer', controller: str,
-          goals: 'list[Goal]') -> NoReturn:
-    """Show a controller on the page of a server, on the way to goals."""
+          nodes: Sequence[NodeProcess], goals: 'list[Goal]') -> NoReturn:
+    """Show a controller on the page of a server, on the way to goals once its nodes run."""
+    # Its time begins before this process imports what it needs.
+    startup = Startup(nodes, partial(print, flush=True))
     from tp_controller.demos.scenarios import goal_fields
     from tp_controller.nodes.client import Client
-    from tp_controller.view.page import show_page
+    from tp_controller.view.link import Link
+    from tp_controller.view.page import Page
     client = stack.enter_context(Client(controller))
+    page = Page(server, Link(client))
+    if nodes:
+        startup.wait(lambda: missing(client), page.turn)
     for goal in goals:
-        client.send(goal['task'], **goal_fields(goal))
-    show_page(server, client)
+        client.send(goal['task'], wait=ANSWER_SECONDS, **goal_fields(goal))
+    alive = list(nodes)
+    while True:
+        page.turn()
+        for node in [node for node in alive if not node.running()]:
+            alive.remove(node)
+            print(end_of(node), file=sys.stderr, flush=True)
+
+
+def _demo(text: str) -> str:
+    """Return the name of a demo of the command line."""
+    if text in WITHOUT_NODES:
+        raise argparse.ArgumentTypeError(f'{text} is computed without nodes, with a film in place '
+                                         f'of a page: tp_controller demo {text}')
+    return text
 
 
 def _port(text: str) -> int:

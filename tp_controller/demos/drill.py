@@ -30,7 +30,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 from tp_controller import Controller, KinematicSimulator, Robot, RobotState, Settings, Stack
-from tp_controller.demos.film import write_film
+from tp_controller.demos.film import films
 from tp_controller.demos.motion import FixedObject, Motion
 from tp_controller.demos.outcome import Measurement, Outcome, tell
 from tp_controller.model.shapes import Cylinder
@@ -224,7 +224,7 @@ def _figures(folder: Path, motion: Recording) -> Iterator[Path]:
         title='Drilling > markers in view > away from singularities > away from joint limits')
     goals = [(now, name, goal) for now in motion.times.tolist()
              for name, goal in zip(('tip', 'drill'), target(now))]
-    yield write_film(folder / 'drill.webp', Motion(
+    yield from films(folder / 'drill.webp', Motion(
         'Drilling along a moving target', motion.robot, motion.times, motion.q, motion.stack,
         (TOOL,), goals, list(_captions(motion)), DRILL, view=VIEW))
 

@@ -29,9 +29,10 @@ from tp_controller.errors import TpControllerError
 from tp_controller.extras import install_command
 from tp_controller.files import new_file
 from tp_controller.model.spatial import Array
+from tp_controller.progress import progress
 
-# Environment variable that chooses how films are drawn, and the choice other than the default.
-CHOICE, LINES = 'TP_CONTROLLER_FILM', 'lines'
+# Environment variable that chooses how films are drawn, and the choices other than the default.
+CHOICE, LINES, NONE = 'TP_CONTROLLER_FILM', 'lines', 'none'
 SIZE = 960, 720
 # Pictures of the longest film, and how long that is [s].
 MAX_FRAMES = 100
@@ -41,6 +42,11 @@ QUALITY, EFFORT = 65, 4
 INK, PAPER = (33, 41, 52), (255, 255, 255, 205)
 LARGE, SMALL, MARGIN = 26, 20, 14
 FONT = Path(matplotlib.get_data_path()) / 'fonts' / 'ttf' / 'DejaVuSans.ttf'
+
+
+def films(path: Path, motion: Motion) -> tuple[Path, ...]:
+    """Return the path of the film of a motion; none where ``TP_CONTROLLER_FILM=none`` is set."""
+    return () if os.environ.get(CHOICE) == NONE else (write_film(path, motion),)
 
 
 def write_film(path: str | Path, motion: Motion) -> Path:
@@ -64,15 +70,27 @@ def write_film(path: str | Path, motion: Motion) -> Path:
 
     """
     samples = shown_samples(motion.times)
+    print(f'Drawing the film, {len(samples)} pictures (--no-film: none) ...', flush=True)
     pictures: list[Image.Image] = []
     if os.environ.get(CHOICE) != LINES:
         try:
-            pictures = list(_captioned(motion, samples, _solid(motion, samples)))
+            pictures = _drawn(motion, samples, _solid(motion, samples))
         except TpControllerError as error:
             print(f'The film is drawn with lines: {error}', file=sys.stderr)
     if not pictures:
-        pictures = list(_captioned(motion, samples, line_pictures(motion, samples, SIZE)))
+        pictures = _drawn(motion, samples, line_pictures(motion, samples, SIZE))
     return save_animation(path, pictures, 1000.0 * _seconds(motion.times) / len(samples))
+
+
+def _drawn(motion: Motion, samples: Sequence[int],
+           pictures: Iterable[Image.Image]) -> list[Image.Image]:
+    """Return pictures with captions, and show how far they are."""
+    done = []
+    with progress(len(samples), 'drawing the film') as bar:
+        for picture in _captioned(motion, samples, pictures):
+            done.append(picture)
+            bar.advance()
+    return done
 
 
 def shown_samples(times: Array) -> list[int]:

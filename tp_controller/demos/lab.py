@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
-from tp_controller.demos.film import write_film
+from tp_controller.demos.film import films
 from tp_controller.demos.motion import Motion
 from tp_controller.demos.outcome import Measurement, Outcome, tell
 from tp_controller.model.spatial import Array
@@ -129,7 +129,7 @@ def run_lab1(folder: str | Path) -> Outcome:
     error = ('end-effector', 'mm', 1e3 * motion.errors['end_effector'])
     folder = Path(folder)
     paths = (
-        _film(folder / 'lab1.webp', motion, 'The joints move, the end-effector stays'),
+        *_film(folder / 'lab1.webp', motion, 'The joints move, the end-effector stays'),
         plot_positions(folder / 'lab1_positions.png', motion.times, motion.q,
                        motion.robot.joint_names, title='Null-space motion: joint positions'),
         plot_errors(folder / 'lab1_error.png', motion.times, [error],
@@ -292,7 +292,7 @@ def _two_task_figures(folder: Path, motions: Mapping[str, Recording]) -> Iterato
         name = ORDERS[order]
         caption = order[0].upper() + order[1:]
         names, times = motion.robot.joint_names, motion.times
-        yield _film(folder / f'{name}.webp', motion, caption)
+        yield from _film(folder / f'{name}.webp', motion, caption)
         yield plot_positions(folder / f'{name}_positions.png', times, motion.q, names,
                              title=f'{caption}: joint positions', changes=changes)
         yield plot_velocities(folder / f'{name}_velocities.png', times, motion.velocities,
@@ -306,13 +306,13 @@ def _two_task_figures(folder: Path, motions: Mapping[str, Recording]) -> Iterato
         title='Error of the end-effector (top) and of joint 1 (bottom)', changes=changes)
 
 
-def _film(path: Path, motion: Recording, title: str) -> Path:
-    """Write a film, with the number of the goal where there are several, and return its path."""
+def _film(path: Path, motion: Recording, title: str) -> tuple[Path, ...]:
+    """Return the path of a film, with numbers where there are several goals; see `films`."""
     new = np.append(True, np.any(np.diff(motion.goals, axis=0), axis=1))
     goals = [(now, 'end_effector', goal) for now, goal in zip(
         motion.times[new].tolist(), motion.goals[new])]
     captions = [(now, f'{title}: goal {number} of {len(goals)}' if len(goals) > 1 else title)
                 for number, (now, *_) in enumerate(goals, 1)]
-    return write_film(path, Motion(title, motion.robot, motion.times, motion.q, motion.stack,
-                                   (TOOL,), goals, captions, view=VIEW, ground=GROUND,
-                                   enlarged=ENLARGED))
+    return films(path, Motion(title, motion.robot, motion.times, motion.q, motion.stack,
+                              (TOOL,), goals, captions, view=VIEW, ground=GROUND,
+                              enlarged=ENLARGED))

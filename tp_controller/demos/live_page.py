@@ -14,24 +14,72 @@
 
 """The page in the browser beside a demo: it shows what happens, and the demo does without it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
-import time
+from typing import TYPE_CHECKING
 from urllib.error import URLError
 from urllib.request import urlopen
 
 from tp_controller.demos.processes import NodeProcess
+from tp_controller.demos.startup import Startup
 from tp_controller.errors import TpControllerError
 from tp_controller.extras import install_command
 
-# For how long the page is waited for, and how often it is looked for [s].
-START_SECONDS, LOOK_SECONDS = 15.0, 0.05
+if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
+    from tp_controller.nodes.client import Client
+
+NODE = 'tp_viewer'
+# How long the page may take to answer [s].
+ANSWER_SECONDS = 30.0
 WITHOUT = 'no page in the browser, the demo goes on without it: '
 
 
-def start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -> str:
+class LivePage:
+    """
+    The page of a demo, in a process of its own that has been started.
+
+    Parameters
+    ----------
+    process : NodeProcess
+    address : str
+        Where a browser finds it.
+
+    """
+
+    def __init__(self, process: NodeProcess, address: str) -> None:
+        self._process, self._address = process, address
+
+    def wait(self, turn: Callable[[float], None], report: Callable[[str], None]) -> str:
+        """
+        Wait until the page answers.
+
+        Parameters
+        ----------
+        turn, report : callable
+            See `Startup`.
+
+        Returns
+        -------
+        str
+            Where the page is, or why there is none.
+
+        """
+        try:
+            Startup([self._process], report).wait(
+                lambda: '' if _answers(self._address) else 'the page in the browser', turn)
+        except TpControllerError as error:
+            return f'{WITHOUT}{error}'
+        return f'page: {self._address}'
+
+    def conclude(self, client: 'Client', text: str) -> bool:
+        """Have the page show the results of the demo; return whether it does."""
+        return self._process.running() and client.set_parameter(
+            NODE, 'conclusion', text, ANSWER_SECONDS)
+
+
+def start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -> LivePage:
     """
     Start the page of a demo, until a stack ends.
 
@@ -44,29 +92,23 @@ def start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -
     folder : pathlib.Path
         Where its log goes.
 
-    Returns
-    -------
-    str
-        Where the page is, or why there is none.
+    Raises
+    ------
+    TpControllerError
+        There cannot be one; `WITHOUT` begins the reason.
 
     """
     if find_spec('viser') is None:
-        return f'{WITHOUT}viser is missing; {install_command("view")}'
+        raise TpControllerError(f'{WITHOUT}viser is missing; {install_command("view")}')
     # Imported where it is there: it is an extra.
     from tp_controller.view.server import free_port, LOCAL, url
     try:
         port = free_port(LOCAL)
     except TpControllerError as error:
-        return f'{WITHOUT}{error}'
-    page = stack.enter_context(NodeProcess('viewer_node', ['-p', f'port:={port}'], environment,
-                                           folder / 'viewer_node.log'))
-    until = time.monotonic() + START_SECONDS
-    while page.running() and time.monotonic() < until:
-        if _answers(url(LOCAL, port)):
-            return f'page: {url(LOCAL, port)}'
-        time.sleep(LOOK_SECONDS)
-    said = page.output().strip().splitlines()
-    return f'{WITHOUT}{said[-1] if said else "it did not start"}'
+        raise TpControllerError(f'{WITHOUT}{error}') from error
+    process = NodeProcess('viewer_node', ['-p', f'port:={port}'], environment,
+                          folder / 'viewer_node.log')
+    return LivePage(stack.enter_context(process), url(LOCAL, port))
 
 
 def _answers(address: str) -> bool:

@@ -23,7 +23,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.shapes import Shape
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.sketch import Body, Cone, Dot, Sketch, Triad
+from tp_controller.tasks.sketch import Arrow, Body, Cone, Dot, Sketch, Triad
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Goal
 
@@ -136,7 +136,7 @@ class Playback:
             self._with_goal.add(name)
 
     def sketches(self) -> Mapping[str, list[Sketch]]:
-        """Return {task: what is shown of it}: goals that were given, regions, and views."""
+        """Return {task: what is shown of it}: given goals, lines to them, regions, and views."""
         return {name: [_without_axes(sketch) if task.goal_type == 'point' else sketch
                        for sketch in task.sketch(self.state) if self._is_shown(name, sketch)]
                 for name, task in self._tasks.items()}
@@ -161,6 +161,8 @@ class Playback:
         """Say whether a sketch is of what a film shows."""
         if isinstance(sketch, Triad | Dot):
             return sketch.part == 'goal' and name in self._with_goal
+        if isinstance(sketch, Arrow):
+            return sketch.part == 'error' and name in self._with_goal
         if isinstance(sketch, Body):
             return sketch.part != 'sphere'
         return isinstance(sketch, Cone) and self._tasks[name].bounded

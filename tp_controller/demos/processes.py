@@ -123,13 +123,18 @@ class NodeProcess:
     log : str or pathlib.Path
         Where its output goes.
 
+    Attributes
+    ----------
+    name : str
+        Of the executable.
+
     """
 
     def __init__(self, executable: str, arguments: Sequence[str],
                  environment: Mapping[str, str], log: str | Path) -> None:
         if executable not in NODES:
             raise ValueError(f'{executable!r} is none of {", ".join(sorted(NODES))}')
-        self.log = Path(log)
+        self.name, self.log = executable, Path(log)
         # A node that outlives this process, which was killed perhaps, keeps its domain reserved.
         lock = _LOCKS.get(environment.get('ROS_DOMAIN_ID', ''))
         with new_file(self.log) as output:
@@ -154,6 +159,14 @@ class NodeProcess:
     def output(self) -> str:
         """Return what the process has printed so far."""
         return self.log.read_text()
+
+    def processor_seconds(self) -> float:
+        """Return the processor time of the process [s]; 0 where the system does not tell."""
+        try:
+            fields = Path(f'/proc/{self.process.pid}/stat').read_text().rpartition(')')[2].split()
+        except OSError:
+            return 0.0
+        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
     def stop(self, seconds: float = 10.0) -> int:
         """End the process as a shell would, by force if it does not; return its exit status."""

@@ -16,16 +16,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
-from itertools import zip_longest
 import os
 from pathlib import Path
-import time
 from typing import cast, TYPE_CHECKING
 
 import numpy as np
-from tp_controller.demos.film import write_film
-from tp_controller.demos.live_page import start_page
+from tp_controller.demos.film import films
+from tp_controller.demos.live_page import LivePage, start_page
 from tp_controller.demos.motion import Motion
 from tp_controller.demos.processes import (
     ended_by_sigterm,
@@ -33,67 +30,22 @@ from tp_controller.demos.processes import (
     own_domain,
     start_nodes,
 )
-from tp_controller.demos.scenarios import Demo, Goal, goal_fields
+from tp_controller.demos.scenarios import Demo, goal_fields
+from tp_controller.demos.startup import check_alive, load, missing, Startup
+from tp_controller.demos.steps import Steps, TaskOutcome
 from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.plots.curves import plot_errors, plot_tool_path, plot_velocities
 from tp_controller.tasks.frame import FrameTask
-from tp_controller.untrusted import errors_of
 
 if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
     from tp_controller.nodes.client import Client
     from tp_controller.nodes.recorder import Recorder
 
-# Discovery mostly takes less than 50 ms, now and then 3 s.
-START_SECONDS = 20.0
 GOAL_SECONDS = 20.0
-# A goal is looked at a little longer than it takes to reach it.
+# What is recorded before the first goal, and shown [s].
 LINGER_SECONDS = 0.5
-PROGRESS_SECONDS = 1.0
-# A velocity has to be repeated, or it times out.
-REPEAT_SECONDS = 0.1
-# Errors in units that suit their size.
-SHOWN = {'m': '{:8.2f} mm', 'rad': '{:6.2f}°', 'm/s': '{:8.2f} mm/s'}
-FACTORS = {'m': 1e3, 'rad': np.degrees(1.0), 'm/s': 1e3}
-DONE = ('reached', 'satisfied')
-
-
-@dataclass(frozen=True)
-class TaskOutcome:
-    """
-    What became of one task under one goal.
-
-    Attributes
-    ----------
-    goal : str
-        Number and name of the goal, empty for a task that went on with its own.
-    task, error, status, reason : str
-        As the status of the controller has them.
-    asked : bool
-        The goal was for this task.
-
-    """
-
-    goal: str
-    task: str
-    error: str
-    status: str
-    asked: bool
-    reason: str
-
-    @property
-    def reached(self) -> bool:
-        """Return whether the task is reached or satisfied."""
-        return self.status in DONE
-
-    def __str__(self) -> str:
-        """Return a line of the table."""
-        outcome = self.status if self.reached else self.reason or 'moving'
-        if self.asked and not self.reached:
-            outcome = f'not reached: {self.reason or "out of time"}'
-        mark = '>' if self.asked else ' '
-        return f'{self.goal:<42} {mark} {self.task:<8} {self.error:<24} {outcome}'
 
 
 def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
@@ -120,97 +72,83 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
         environment = stack.enter_context(own_domain())
         # The client lives in this process, which has to be in the same domain.
         os.environ.update(environment)
-        if page:
-            print(start_page(stack, environment, folder), flush=True)
-        nodes = start_nodes(stack, demo.file(''), environment, folder)
+        running = stack.enter_context(ExitStack())
+        # They are on their way while this process imports what it needs.
+        nodes = start_nodes(running, demo.file(''), environment, folder)
+        startup = Startup(nodes, _tell)
+        live = _start_page(stack, environment, folder) if page else None
         all_started()
         from tp_controller.nodes.client import Client
         from tp_controller.nodes.recorder import Recorder
         client = stack.enter_context(Client())
         recorder = Recorder(client, demo.robot)
-        _wait_until_running(client, recorder, nodes)
+        startup.wait(lambda: _not_recorded(client, recorder), client.spin)
+        if live is not None:
+            _tell(live.wait(client.spin, _tell))
         print(demo.file('_stack').read_text())
-        client.wait(lambda: False, LINGER_SECONDS)
-        outcomes: list[TaskOutcome] = []
-        changes: list[float] = []
-        for number, step in enumerate(demo.steps, 1):
-            changes.append(recorder.now())
-            outcomes.extend(_carry_out(client, nodes, step, number))
+        outcomes, changes = _carry_out(demo, client, recorder, nodes)
+        within = _check_limits(demo.robot, recorder)
+        if live is not None:
+            live.conclude(client, _conclusion(outcomes))
+        # They take processor time that the figures need.
+        running.close()
+        print('\nWritten:')
+        for path in _figures(folder, demo, recorder, changes):
+            _tell(f'  {path}')
+    return within and all(outcome.reached for outcome in outcomes if outcome.asked)
+
+
+def _carry_out(demo: Demo, client: 'Client', recorder: 'Recorder', nodes: Sequence[NodeProcess]
+               ) -> tuple[list[TaskOutcome], list[float]]:
+    """Carry out the steps of a demo; print and return the outcomes, and return their times."""
+    client.wait(lambda: False, LINGER_SECONDS)
+    steps = Steps(client, lambda: check_alive(nodes), lambda: len(recorder.commands) / demo.rate)
+    outcomes: list[TaskOutcome] = []
+    changes: list[float] = []
+    for number, step in enumerate(demo.steps, 1):
+        changes.append(recorder.now())
+        outcomes.extend(steps.carry_out(step, number))
     print(f'\n{"goal":<42} {"  task":<10} {"error":<24} outcome')
     print('\n'.join(map(str, outcomes)))
     print('\n> marks the task that the goal was for. The others keep their own goals, in the '
           'null space of the tasks above.')
-    within = _check_limits(demo.robot, recorder)
-    print('\nWritten:')
-    for path in _figures(folder, demo, recorder, changes):
-        print(f'  {path}', flush=True)
-    return within and all(outcome.reached for outcome in outcomes if outcome.asked)
+    if steps.pauses:
+        print(f'\nThe controller paused {steps.pauses} times, which it does where joint states or '
+              f'its own cycles come late: this machine has much to do ({load()}).')
+    return outcomes, changes
 
 
-def _wait_until_running(client: 'Client', recorder: 'Recorder',
-                        nodes: Sequence[NodeProcess]) -> None:
-    """Wait for the first commands, until everything that is recorded comes in."""
-    def ready() -> bool:
-        _check_alive(nodes)
-        return recorder.hears() and not client.stop_reason() and bool(client.tasks())
-
-    if not client.wait(ready, START_SECONDS):
-        raise TpControllerError(f'the controller did not start: {client.stop_reason()}\n'
-                                + '\n'.join(node.output() for node in nodes))
-
-
-def _check_alive(nodes: Sequence[NodeProcess]) -> None:
-    """Raise with the output of a node that ended."""
-    for node in nodes:
-        if not node.running():
-            raise TpControllerError(f'a node ended:\n{node.output()}')
+def _conclusion(outcomes: Sequence[TaskOutcome]) -> str:
+    """Return what the page shows once the goals are done: a title, and a line for each."""
+    asked = [outcome for outcome in outcomes if outcome.asked]
+    reached = sum(outcome.reached for outcome in asked)
+    lines = [f'{outcome.say}: {outcome.text} ({" ".join(outcome.error.split())})'
+             for outcome in asked]
+    return '\n'.join(('The demo has finished', f'{reached} of {len(asked)} goals reached', '',
+                      *lines, '', 'This page is no longer connected once the demo has ended. To '
+                      'play with a robot: tp_controller view'))
 
 
-def _carry_out(client: 'Client', nodes: Sequence[NodeProcess], step: Sequence[Goal],
-               number: int) -> list[TaskOutcome]:
-    """Send goals, show the progress, and return what became of every task."""
-    titles = {goal['task']: f'{number} {goal["say"]}' for goal in step}
-    for goal in step:
-        client.send(goal['task'], **goal_fields(goal))
-    lasts = max(goal.get('for', 0.0) for goal in step)
-    began = time.monotonic()
-    shown, sent = 0.0, began
-
-    def reached() -> bool:
-        nonlocal shown, sent
-        _check_alive(nodes)
-        now = time.monotonic()
-        if lasts and now - sent > REPEAT_SECONDS:
-            sent = now
-            client.repeat()
-        if now - shown > PROGRESS_SECONDS:
-            shown = now
-            for task, title in titles.items():
-                print(f'{title:<42}   {task:<8} {_errors(client.task_status(task)):<24} '
-                      f'{now - began:4.1f} s', flush=True)
-        return now - began >= lasts and all(
-            client.task_status(task)['status'] == 'reached' for task in titles)
-
-    client.wait(reached, GOAL_SECONDS)
-    # Asked all the same, or a velocity would not be repeated.
-    client.wait(lambda: reached() and False, LINGER_SECONDS)
-    # A controller that stopped meanwhile, as where joint states come late, goes on by itself.
-    client.wait(reached, began + GOAL_SECONDS - time.monotonic())
-    return [_outcome(client, title, task, task in titles) for task, title in zip_longest(
-        client.task_names(), titles.values(), fillvalue='')]
+def _start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -> LivePage | None:
+    """Start the page of a demo, or print why there is none."""
+    try:
+        return start_page(stack, environment, folder)
+    except TpControllerError as error:
+        _tell(str(error))
+        return None
 
 
-def _outcome(client: 'Client', title: str, task: str, asked: bool) -> TaskOutcome:
-    """Return what became of a task."""
-    status = client.task_status(task)
-    return TaskOutcome(title, task, _errors(status), status['status'], asked,
-                       status['reason'] or client.stop_reason())
+def _not_recorded(client: 'Client', recorder: 'Recorder') -> str:
+    """Return what has not come yet of everything that is recorded; empty once all has."""
+    if not recorder.states:
+        return 'the joint states of the simulator'
+    reason = missing(client)
+    return reason or ('' if recorder.commands else 'the commands of the controller')
 
 
-def _errors(status: Mapping[str, str]) -> str:
-    """Return the errors of a task, with units that suit their size."""
-    return ', '.join(SHOWN[unit].format(FACTORS[unit] * error)
-                     for unit, error in errors_of(status).items() if unit in SHOWN)
+def _tell(line: str) -> None:
+    """Print a line at once."""
+    print(line, flush=True)
 
 
 def _check_limits(robot: Robot, recorder: 'Recorder') -> bool:
@@ -251,7 +189,7 @@ def _figures(folder: Path, demo: Demo, recorder: 'Recorder',
              for goal in step if goal['task'] == demo.leader]
     yield plot_tool_path(folder / 'tool_path.png', np.array(path),
                          np.array([goal for _, goal in goals]), times=times)
-    yield write_film(folder / 'film.webp', Motion(
+    yield from films(folder / 'film.webp', Motion(
         demo.title, robot, times, q, demo.stack, (leader.frame, *demo.frames),
         list(_film_goals(demo, changes)), _captions(demo, changes), demo.objects, demo.carried,
         demo.view, demo.ground))

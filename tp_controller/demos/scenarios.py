@@ -78,6 +78,12 @@ class Demo:
         """Return the robot as the nodes are told to have it, limits included."""
         return robot_of(self.file(''))
 
+    @property
+    def rate(self) -> float:
+        """Return how many joint states the simulator publishes, each with a command [Hz]."""
+        rate: float = node_parameters(self.file(''), 'tp_simulator')['rate']
+        return rate
+
     @cached_property
     def stack(self) -> Stack:
         """Return the stack."""

@@ -29,7 +29,7 @@ from geometry_msgs.msg import (
     Vector3,
     Vector3Stamped,
 )
-from rcl_interfaces.srv import DescribeParameters
+from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy import init, try_shutdown
 from rclpy.client import Client as RosClient
 from rclpy.context import Context
@@ -37,6 +37,7 @@ from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
@@ -277,10 +278,40 @@ class Client:
             Done once it has answered; None where it is not there.
 
         """
+        service = self.service(kind, name)
+        return service.call_async(request) if service.service_is_ready() else None
+
+    def set_parameter(self, node: str, name: str, value: object, wait: float) -> bool:
+        """
+        Set a parameter of any node.
+
+        Parameters
+        ----------
+        node, name : str
+            Of the node, and of its parameter.
+        value : object
+            Of the parameter.
+        wait : float
+            How long to wait for the node, and for its answer [s].
+
+        Returns
+        -------
+        bool
+            Whether the node has taken it.
+
+        """
+        service = self.node.create_client(SetParameters, f'/{node}/set_parameters')
+        if not self.wait(service.service_is_ready, wait):
+            return False
+        future = service.call_async(SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]))
+        return self.wait(future.done, wait) and future.result().results[0].successful
+
+    def service(self, kind: type, name: str) -> RosClient:
+        """Return the client of a service of the controller, made at the first use."""
         if name not in self._services:
             self._services[name] = self.node.create_client(kind, f'/{self.controller}/{name}')
-        service = self._services[name]
-        return service.call_async(request) if service.service_is_ready() else None
+        return self._services[name]
 
     def repeat(self) -> None:
         """Publish once more what was sent last; no answer is waited for."""

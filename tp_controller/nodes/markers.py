@@ -43,15 +43,15 @@ from visualization_msgs.msg import Marker, MarkerArray
 Rgba = tuple[float, float, float, float]
 
 # {part: colour, size}; of lines the size is their width [m].
-YELLOW, BLUE, GREY = (1.0, 0.85, 0.0, 1.0), (0.2, 0.6, 1.0, 1.0), (0.6, 0.6, 0.6, 0.8)
+ORANGE, BLUE, GREY = (0.84, 0.37, 0.0, 1.0), (0.2, 0.6, 1.0, 1.0), (0.6, 0.6, 0.6, 0.8)
 COLOURS: dict[str, Rgba] = {
-    'frame': BLUE, 'error': YELLOW, 'turn': YELLOW, 'axis': BLUE, 'sight': GREY,
+    'goal': ORANGE, 'frame': BLUE, 'error': ORANGE, 'turn': ORANGE, 'axis': BLUE, 'sight': GREY,
     'reference': GREY, 'cone': (0.2, 0.6, 1.0, 0.25), 'sphere': (0.2, 0.6, 1.0, 0.25)}
 ALLOWED, FORBIDDEN = (0.2, 0.8, 0.3, 0.2), (0.9, 0.3, 0.15, 0.45)
 AXIS_COLOURS: tuple[Rgba, ...] = ((0.9, 0.1, 0.1, 1.0), (0.1, 0.7, 0.1, 1.0),
                                   (0.2, 0.3, 0.95, 1.0))
 # Of the axes of a goal; those of other frames are half as long and wide [m].
-AXES_WIDTH, LINE_WIDTH, DOT_SIZE, TEXT_SIZE = 0.008, 0.004, 0.03, 0.03
+AXES_WIDTH, LINE_WIDTH, DOT_SIZE, BALL_SIZE, TEXT_SIZE = 0.008, 0.004, 0.03, 0.024, 0.03
 # How far the text of a line is above its middle at most, besides its own height [m]; from which
 # slope on it is below: the arrow that changes the distance points up there.
 MOST_LIFT, STEEP = 2.0 * TEXT_SIZE, 0.2
@@ -60,6 +60,7 @@ ARROW, HEAD_SHARE = (0.006, 0.015, 0.03), 0.4
 # A half-space is drawn as a plate: how far it goes, and how thick it is [m].
 PLATE = (2.0, 0.002)
 CORNERS = 24
+GOAL = 'goal'
 # Of one marker.
 MOST_POINTS = 2000
 # How long markers stay if no others come: so many periods, and no less [s].
@@ -152,12 +153,15 @@ def _marker(kind: int, T: ArrayLike, colour: Rgba, size: Sequence[float],
 
 
 def _axes(sketch: Triad) -> list[Marker]:
-    """Return the axes of a frame: x red, y green, z blue."""
-    share = 1.0 if sketch.part == 'goal' else 0.5
+    """Return the axes of a frame: x red, y green, z blue; those of a goal are around a ball."""
+    share = 1.0 if sketch.part == GOAL else 0.5
     marker = _marker(Marker.LINE_LIST, sketch.T, (1.0, 1.0, 1.0, 1.0),
                      (share * AXES_WIDTH, 0.0, 0.0), _axis_points(share * AXES_LENGTH))
     marker.colors = _axis_colours()
-    return [marker]
+    if sketch.part != GOAL:
+        return [marker]
+    return [marker, _marker(Marker.SPHERE, _at(np.asarray(sketch.T)[:3, 3]), ORANGE,
+                            (BALL_SIZE,) * 3)]
 
 
 def _dot(sketch: Dot) -> list[Marker]:

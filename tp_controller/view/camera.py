@@ -24,8 +24,8 @@ FIELD = 0.6
 # How much of the picture stays free beside, above and below what is seen; a caption is below.
 FREE_SIDE, FREE_TOP, FREE_BOTTOM = 0.05, 0.05, 0.12
 # Of the first view of a page: its angles [deg] and field [rad]; width per height of the scene of a
-# window, which is rather wider; and how near it is at most [m].
-FIRST_ANGLES, FIELD_OF_VIEW, FIRST_ASPECT, NEAREST = (-43.5, 21.7), 0.75, 1.0, 1.4
+# window of 800 x 600 beside the panel; and how near it is at most [m].
+FIRST_ANGLES, FIELD_OF_VIEW, FIRST_ASPECT, NEAREST = (-43.5, 21.7), 0.75, 0.69, 1.4
 # How much farther away it is than need be: goals are around a robot, and a moving one goes there.
 FARTHER, MUCH_FARTHER = 1.15, 2.0
 

@@ -43,7 +43,9 @@ from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.nodes.parameters import LIMITS, names_in, ROBOT, TASKS
 from tp_controller.resources import MOST_XML_CHARACTERS
 from tp_controller.untrusted import plain
+from tp_controller.view.condition import RUNNING
 from tp_controller.view.markers import drawable
+from tp_controller.view.refusals import refusal_in_words
 from tp_controller.view.rows import Row, rows_of
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -115,16 +117,14 @@ class Link:
         self._descriptions: Subscription | None = None
 
     @property
-    def head(self) -> str:
-        """Return what the controller does: ``running``, why it is stopped, or that it is gone."""
-        if self._clock() - self._heard > SILENT_SECONDS:
-            return f'/{self.client.controller} is not heard'
-        return self.client.stop_reason() or 'running'
+    def head(self) -> str | None:
+        """Return ``running``, or why zeros are commanded; None before the first status."""
+        return None if self._status is None else self.client.stop_reason() or RUNNING
 
     @property
     def running(self) -> bool:
         """Return whether the controller moves its robot."""
-        return self.head == 'running'
+        return self.present and self.head == RUNNING
 
     @property
     def present(self) -> bool:
@@ -159,6 +159,11 @@ class Link:
             self._asked = now
             self._ask()
 
+    @property
+    def reachable(self) -> bool:
+        """Return whether the controller can be stopped: its service is there."""
+        return self.client.service(Trigger, 'stop').service_is_ready()
+
     # What the page tells --------------------------------------------------------------------
 
     def stop(self, told: Told) -> None:
@@ -179,7 +184,8 @@ class Link:
             Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
 
         def tell(answer: SetParameters.Response) -> None:
-            refusals = [result.reason for result in answer.results if not result.successful]
+            refusals = [refusal_in_words(result.reason) for result in answer.results
+                        if not result.successful]
             if not refusals:
                 self.values.update(values)
             # The controller may have others now: ask at once.

@@ -21,19 +21,18 @@ from html import escape
 import sys
 import time
 from traceback import format_exception
-from typing import NoReturn
 
 from tp_controller.errors import in_words, TpControllerError
-from tp_controller.nodes.client import Client
 from tp_controller.nodes.parameters import TASKS
 from tp_controller.tasks import task_types
 from tp_controller.untrusted import plain
 from tp_controller.view.camera import FIELD_OF_VIEW, first_view
-from tp_controller.view.gizmos import Gizmos
+from tp_controller.view.condition import BAD, Condition, ConditionReader
+from tp_controller.view.gizmos import Gizmos, SIZES
 from tp_controller.view.joint_sliders import JointSliders
 from tp_controller.view.link import Link
 from tp_controller.view.markers import MarkerScene
-from tp_controller.view.places import places_of, Topics
+from tp_controller.view.places import GOALS, places_of, Topics
 from tp_controller.view.plots import Plots
 from tp_controller.view.scene import add_surroundings, RobotScene, tip, Trail
 from tp_controller.view.stack_changes import StackChanges
@@ -43,6 +42,10 @@ from visualization_msgs.msg import Marker
 
 # Pictures a second; texts change less often, and even less while nobody looks [s].
 RATE, TEXT_SECONDS, UNSEEN_SECONDS = 30.0, 0.2, 1.0
+# Said of a controller that has fewer goals than before, and the colours of such remarks.
+ANEW = ('the controller has been started anew: it has no goals from before; drag them, or send '
+        'them again')
+REMARK = '#eef1f4;color:#5b6470'
 # For how long it is said what was refused [s].
 NOTICE_SECONDS = 12.0
 # Largest number of actions of browsers that wait; others are dropped.
@@ -79,7 +82,8 @@ class Page:
         self._robot: RobotScene | None = None
         self._texts_due = 0.0
         self._notice_until = 0.0
-        self._head = ''
+        self._condition, self._reader = Condition('', ''), ConditionReader()
+        self._concluded = False
         self._ground, self._stands = add_surroundings(server.scene), False
         server.initial_camera.fov = FIELD_OF_VIEW
         self._markers = MarkerScene(server.scene)
@@ -88,6 +92,7 @@ class Page:
         self._trail = Trail(server.scene, '/path')
         self._topics: Topics = {}
         self._drawn: Sequence[Marker] = ()
+        self._accepted: dict[str, int] = {}
         self._refused: dict[str, int] = {}
         gui = server.gui
         self.state_text = gui.add_html('')
@@ -135,10 +140,35 @@ class Page:
         self._attempt('look', partial(self.link.look, watched or self.link.q is None))
         self._attempt('show the robot', self._show_robot)
         self._attempt('send goals', self._send_goals)
-        if now >= self._texts_due:
+        if now >= self._texts_due and not self._concluded:
             self._texts_due = now + (TEXT_SECONDS if watched else UNSEEN_SECONDS)
             self._attempt('show the state', partial(self._show_state, now))
             self._attempt('show the tasks', partial(self._show_tasks, now))
+
+    def turn(self, seconds: float = 1.0 / RATE) -> None:
+        """Update, and wait until a time has passed since the start of the turn [s]."""
+        due = time.monotonic() + seconds
+        self.update()
+        time.sleep(max(due - time.monotonic(), 0.0))
+
+    def conclude(self, text: str) -> None:
+        """
+        Show that a demo has finished, and its results, from now on: its nodes are about to end.
+
+        Parameters
+        ----------
+        text : str
+            Lines, the first of them a title.
+
+        """
+        title, _, results = text.partition('\n')
+        self._concluded = True
+        self._clear_notice()
+        self.stop_button.visible = self.start_button.visible = False
+        self.state_text.content = (
+            f'<div data-state="{escape(title)}" style="padding:4px 12px"><b>{escape(title)}</b>'
+            '<div style="white-space:pre-wrap;font-size:0.85em;padding-top:4px">'
+            f'{escape(results)}</div></div>')
 
     def _later(self, action: Callable[[], None]) -> None:
         """Do something in the next `update`."""
@@ -175,11 +205,14 @@ class Page:
         if worked:
             self._clear_notice()
             return
-        text = plain(text)
+        self._notice('refused', plain(text), '#fdecea;color:#8c1d18')
+
+    def _notice(self, kind: str, text: str, colours: str) -> None:
+        """Show a text for a while."""
         self._notice_until = time.monotonic() + NOTICE_SECONDS
         self.notice.content = (
-            '<div data-notice="refused" style="margin:4px 12px;padding:6px 10px;border-radius:'
-            f'4px;background:#fdecea;color:#8c1d18;font-size:0.9em">{escape(text)}</div>')
+            f'<div data-notice="{kind}" style="margin:4px 12px;padding:6px 10px;border-radius:4px;'
+            f'background:{colours};font-size:0.9em">{escape(text)}</div>')
 
     def _clear_notice(self) -> None:
         """Say no more what was refused."""
@@ -255,14 +288,14 @@ class Page:
         """
         camera = self.server.initial_camera
         camera.position, camera.look_at = first_view(
-            robot.outer_points(), moves=robot.robot.moves)
+            robot.points_in_view(SIZES[GOALS]), moves=robot.robot.moves)
 
     def _show_tasks(self, now: float) -> None:
         """Show the stack, and how its tasks do."""
         link = self.link
         self._topics = link.client.tasks()
         self._changes.read()
-        self.stack.show(link.rows, link.gains())
+        self.stack.show(link.rows, link.gains(), link.present)
         self._show_refusals()
         if link.robot is not None and self._robot is not None:
             self.joints.show(link.robot, link.q, self._about_joints())
@@ -272,20 +305,35 @@ class Page:
     def _show_state(self, now: float) -> None:
         """Show what the controller does."""
         link = self.link
-        head = link.fault or link.head
-        if head != self._head:
-            self._head = head
-            colour = '#2e9e5b' if head == 'running' else '#c62828'
-            self.state_text.content = (
-                f'<div data-state="{escape(head)}" style="padding:4px 12px"><b>/'
-                f'{escape(link.client.controller)}</b>: <span style="color:{colour}">'
-                f'{escape(head)}</span></div>')
-        self.start_button.disabled = link.running
+        self._show_condition()
+        self.start_button.disabled = not self._condition.waits
+        self.stop_button.disabled = not link.present and not link.reachable
         if now > self._notice_until:
             self._clear_notice()
 
+    def _show_condition(self) -> None:
+        """Show what the controller does."""
+        link = self.link
+        found = self._reader.read(link.head, link.present)
+        if link.fault:
+            found = Condition(link.fault, BAD)
+        if found != self._condition:
+            self._condition = found
+            self.state_text.content = (
+                f'<div data-state="{escape(found.text)}" style="padding:4px 12px"><b>/'
+                f'{escape(link.client.controller)}</b>: <span style="color:{found.colour}">'
+                f'{escape(found.text)}</span></div>')
+        remark = self._reader.remark()
+        if remark:
+            self._notice('slow', remark, REMARK)
+
     def _show_refusals(self) -> None:
-        """Say why a goal was refused."""
+        """Show why a goal was refused, and that the goals are gone with their controller."""
+        accepted = {row.name: row.accepted for row in self.link.rows}
+        if any(accepted[name] < before for name, before in self._accepted.items()
+               if name in accepted):
+            self._notice('anew', ANEW, REMARK)
+        self._accepted = accepted
         for row in self.link.rows:
             if row.refused > self._refused.get(row.name, row.refused):
                 self._tell(False, f'goal for task {row.name} refused: {row.refusal}')
@@ -296,12 +344,3 @@ class Page:
         kinds = task_types()
         return [row.name for row in self.link.rows
                 if row.kind in kinds and kinds[row.kind].goal_type == 'joints']
-
-
-def show_page(server: viser.ViserServer, client: Client) -> NoReturn:
-    """Show the page of the controller that a client talks to, until the process is interrupted."""
-    page = Page(server, Link(client))
-    while True:
-        due = time.monotonic() + 1.0 / RATE
-        page.update()
-        time.sleep(max(due - time.monotonic(), 0.0))

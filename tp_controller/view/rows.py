@@ -27,6 +27,8 @@ SHOWN = {'m': ('mm', 1e3), 'rad': ('°', math.degrees(1.0)), 'm/s': ('mm/s', 1e3
 # A task whose desired speed is below this is at rest.
 STILL = 1e-6
 DISABLED = 'disabled'
+# The status of all tasks while zeros are commanded.
+STOPPED = 'stopped'
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,8 @@ class Row:
         What part of the desired speed is achieved; not a number at rest.
     reason, hint : str
         What limits the task, and what may help.
-    refused : int
-        How many goals were refused.
+    accepted, refused : int
+        How many goals were accepted, and refused.
     refusal, warning : str
         Why the last one was, and what is probably a mistake in the last that was not.
 
@@ -61,6 +63,7 @@ class Row:
     share: float
     reason: str
     hint: str
+    accepted: int
     refused: int
     refusal: str
     warning: str
@@ -89,8 +92,8 @@ def _row(name: str, values: Mapping[str, str]) -> Row:
     share = min(max(achieved / wanted, 0.0), 1.0) if wanted > STILL else math.nan
     return Row(name, values.get('type', ''), values.get('level', ''), values.get('status', ''),
                errors, share, values.get('reason', ''), values.get('hint', ''),
-               count(values.get('goals refused', '')), values.get('last refusal', ''),
-               values.get('goal warning', ''))
+               count(values.get('goals accepted', '')), count(values.get('goals refused', '')),
+               values.get('last refusal', ''), values.get('goal warning', ''))
 
 
 def quantity(unit: str, value: float) -> str:

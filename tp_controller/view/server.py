@@ -20,6 +20,7 @@ import io
 import socket
 
 from tp_controller.errors import TpControllerError
+from tp_controller.view.buffers import use_loop_buffers
 from tp_controller.view.gate import Gate, is_local, LOCAL
 from tp_controller.view.guard import Guard
 from tp_controller.view.trial import try_from_outside
@@ -67,6 +68,7 @@ def open_server(host: str = LOCAL, port: int = 0, *, pictures: bool = False) -> 
     """
     port = port or free_port(host)
     check_port(host, port)
+    use_loop_buffers()
     guard = Guard(Gate(host), pictures)
     with _quiet(), guard.watching():
         server = PageServer(host, port, label=TITLE, verbose=False)

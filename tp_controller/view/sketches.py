@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from tp_controller.model.shapes import Box, Cylinder, Shape, Sphere
 from tp_controller.model.spatial import Array
-from tp_controller.tasks.sketch import Body, Cone, Dot, Path, Sketch, Triad
+from tp_controller.tasks.sketch import Arrow, Body, Cone, Dot, Path, Sketch, Triad
 from tp_controller.view.parts import add_part, Colour, Part, place
 import viser
 
@@ -113,7 +113,7 @@ class SketchScene:
             if handle is None:
                 return
             self._shown[name] = looks, handle
-        if not isinstance(sketch, Path):
+        if not isinstance(sketch, Path | Arrow):
             place(self._shown[name][1], _pose(sketch))
 
     def _remove(self, name: str) -> None:
@@ -139,6 +139,8 @@ def _looks(sketch: Any) -> object:
         return id(sketch.shape), sketch.allowed
     if isinstance(sketch, Path):
         return sketch.points.tobytes()
+    if isinstance(sketch, Arrow):
+        return sketch.start.tobytes(), sketch.end.tobytes()
     return None
 
 
@@ -186,5 +188,11 @@ def _path(scene: viser.SceneApi, name: str, sketch: Path, size: float) -> viser.
         thickness=2.0, thickness_units='screen')
 
 
+def _line(scene: viser.SceneApi, name: str, sketch: Arrow, size: float) -> viser.SceneNodeHandle:
+    """Add a line from a frame to its goal."""
+    return scene.add_line_segments(name, np.stack((sketch.start, sketch.end))[np.newaxis],
+                                   GOAL_COLOUR, thickness=2.0, thickness_units='screen')
+
+
 _ADD: dict[type, Callable[[viser.SceneApi, str, Any, float], viser.SceneNodeHandle | None]] = {
-    Triad: _goal, Dot: _goal, Body: _body, Cone: _cone, Path: _path}
+    Triad: _goal, Dot: _goal, Body: _body, Cone: _cone, Path: _path, Arrow: _line}

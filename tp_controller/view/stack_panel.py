@@ -20,12 +20,14 @@ import math
 import time
 from typing import TypeVar
 
-from tp_controller.view.rows import Row
+from tp_controller.control.reason_text import causes_in
+from tp_controller.view.condition import FAINT
+from tp_controller.view.rows import Row, STOPPED
 import viser
 
 # By status: of the dot before the name of a task.
 COLOURS = {'reached': '#2e9e5b', 'satisfied': '#2e9e5b', 'moving': '#2f7fd1',
-           'limited': '#e08a00', 'failed': '#c62828', 'stopped': '#8a8f98',
+           'limited': '#e08a00', 'failed': '#c62828', STOPPED: FAINT,
            'disabled': '#b8bec6'}
 DONE = ('reached', 'satisfied')
 UP, DOWN = '▲ up', '▼ down'
@@ -69,9 +71,9 @@ class StackPanel:
         self.rows: dict[str, TaskRow] = {}
         self._unused: list[TaskRow] = []
 
-    def show(self, rows: Sequence[Row], gains: Mapping[str, Gain]) -> None:
+    def show(self, rows: Sequence[Row], gains: Mapping[str, Gain], present: bool = True) -> None:
         """
-        Show the tasks.
+        Show the tasks; while the robot is stopped, in grey, what was known of them before.
 
         Parameters
         ----------
@@ -79,6 +81,8 @@ class StackPanel:
             By priority.
         gains : dict
             {task: gain} of those that have one.
+        present : bool
+            Whether the controller is there: of one that is gone the last status is shown.
 
         """
         names = [row.name for row in rows]
@@ -88,7 +92,7 @@ class StackPanel:
             if row.name not in self.rows:
                 self.rows[row.name] = self._unused.pop() if self._unused else TaskRow(
                     self._gui, self._folder, self._enable, self._move, self._set_gain)
-            self.rows[row.name].show(row, place, gains.get(row.name))
+            self.rows[row.name].show(row, place, gains.get(row.name), present)
         for unused in self._unused:
             unused.folder.visible = False
 
@@ -113,6 +117,7 @@ class TaskRow:
                  enable: Callable[[str, bool], None], move: Callable[[str, int], None],
                  set_gain: Callable[[str, Gain], None]) -> None:
         self._name, self._set_gain = '', set_gain
+        self._report: Row | None = None
         self._chosen = {'enabled': -math.inf, 'gain': -math.inf}
         with parent:
             self.folder = gui.add_folder('')
@@ -138,15 +143,18 @@ class TaskRow:
         """Return the inputs of the gain: one, or one for each row of the task, as it has it."""
         return self._gain.shown or self._gain_by_row.shown
 
-    def show(self, row: Row, place: int, gain: Gain | None) -> None:
+    def show(self, row: Row, place: int, gain: Gain | None, present: bool = True) -> None:
         """Show what is known of the task."""
         if row.name != self._name:
-            self._name = row.name
+            self._name, self._report = row.name, None
             self._chosen = dict.fromkeys(self._chosen, -math.inf)
         self.folder.label = f'{place + 1} · {row.name}  ({row.kind})'
         self.folder.order = float(place)
         self.folder.visible = True
-        self.text.content = row_html(row)
+        if row.status != STOPPED:
+            self._report = row
+        stopped = row.status == STOPPED or not present
+        self.text.content = row_html(self._report if stopped and self._report else row, stopped)
         if self._settled('enabled'):
             assign(self.enabled, row.enabled)
         if self._settled('gain'):
@@ -221,11 +229,12 @@ def assign(handle: viser.GuiInputHandle[Value], value: Value) -> None:
     handle.value = value  # type: ignore[misc]
 
 
-def row_html(row: Row) -> str:
-    """Return error, share achieved and cause of a task, with its status as a colour."""
-    colour = COLOURS.get(row.status, '#8a8f98')
+def row_html(row: Row, stopped: bool = False) -> str:
+    """Return error, share achieved and cause of a task, with its status as a colour; or grey."""
+    colour = COLOURS.get(row.status, FAINT)
+    before = ' before' if stopped and row.status != STOPPED else ''
     lines = [f'<div style="display:flex;justify-content:space-between">'
-             f'<span><span style="color:{colour}">●</span> {escape(row.status)}</span>'
+             f'<span><span style="color:{colour}">●</span> {escape(row.status)}{before}</span>'
              f'<b>{escape(row.error_text())}</b></div>']
     if not math.isnan(row.share) and row.status not in DONE:
         percent = round(100.0 * row.share)
@@ -235,11 +244,12 @@ def row_html(row: Row) -> str:
             f'<div style="width:{percent}%;height:6px;border-radius:3px;background:{colour}">'
             f'</div></div><span style="width:3em;text-align:right">{percent} %</span></div>')
     lines += [f'<div style="color:#5b6470">{escape(text)}</div>'
-              for text in (row.reason, row.hint) if text]
+              for text in (*causes_in(row.reason), row.hint) if text]
     if row.warning:
         lines.append(f'<div style="color:#e08a00">goal: {escape(row.warning)}</div>')
     if row.refusal:
         lines.append(f'<div style="color:#c62828">last refusal: {escape(row.refusal)}</div>')
-    return (f'<div data-task="{escape(row.name)}" data-status="{escape(row.status)}" '
-            f'style="padding:2px 12px 4px;font-size:0.85em;line-height:1.35">{"".join(lines)}'
-            '</div>')
+    status, faint = (STOPPED, 'opacity:0.55;filter:grayscale(1);') if stopped else (row.status, '')
+    return (f'<div data-task="{escape(row.name)}" data-status="{escape(status)}" '
+            f'style="{faint}padding:2px 12px 4px;font-size:0.85em;line-height:1.35">'
+            f'{"".join(lines)}</div>')

@@ -14,11 +14,13 @@
 
 """Shows a running controller on a page in the browser, to be seen, changed and pulled about."""
 
+from collections.abc import Sequence
 from functools import partial
 import sys
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
+from rclpy.parameter import Parameter
 from tp_controller.nodes.client import Client
 from tp_controller.nodes.parameters import declare, keep_fixed, Spec, warn_unknown
 from tp_controller.nodes.runner import ClosableNode, run
@@ -26,12 +28,14 @@ from tp_controller.view.link import Link
 from tp_controller.view.page import Page, RATE
 from tp_controller.view.server import address, exposure, LOCAL, open_server
 
-NAME = 'tp_viewer'
+NAME, CONCLUSION = 'tp_viewer', 'conclusion'
 PARAMETERS = (
     Spec('controller', 'tp_controller', 'name of the controller node, with its namespace',
          fixed=True),
     Spec('host', LOCAL, 'address that the page is shown at; whoever can reach it can move the '
          'robot', fixed=True),
+    Spec(CONCLUSION, '', 'text that is shown once a demo has finished, in place of the state of '
+         'the controller; its first line is a title'),
     Spec('port', 0, 'port of the page (0: the first that is free from 8080 on)', fixed=True),
 )
 
@@ -52,7 +56,14 @@ class ViewerNode(ClosableNode):
         self.create_timer(1.0 / RATE, self._page.update,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         keep_fixed(self)
+        self.add_post_set_parameters_callback(self._on_parameters)
         warn_unknown(self)
+
+    def _on_parameters(self, parameters: Sequence[Parameter]) -> None:
+        """Show the conclusion of a demo."""
+        for parameter in parameters:
+            if parameter.name == CONCLUSION and parameter.value:
+                self._page.conclude(parameter.value)
 
     def close(self, reason: str) -> None:
         """Take the page away."""

@@ -23,6 +23,7 @@ from tp_controller import TpControllerError
 from tp_controller.bags.goals import Goal, Goals, outcome
 from tp_controller.bags.history import History, MOST_FRAMES, nearest
 from tp_controller.bags.reader import Bag
+from tp_controller.bags.report import summary
 from tp_controller.bags.robots import configurations, path_of, robot_of, tool_frames
 
 
@@ -48,6 +49,21 @@ def test_errors_and_tasks_are_those_of_the_status(run):
     column = values[:, run.columns['tool', 'm']]
     np.testing.assert_allclose(column, np.maximum((2.0 - times) / 2.0, 0.0), atol=1e-9)
     np.testing.assert_allclose(times, np.arange(0.0, 4.0, 0.1), atol=1e-9)
+
+
+def test_a_stop_at_the_end_does_not_hide_what_was_reached(tmp_path):
+    states = [('moving', 0.5)] * 10 + [('reached', 0.0004)] * 10 + [('stopped', math.nan)] * 5
+    found = history_of(recordings.write(tmp_path / 'run', [
+        (0.1 * number, '/tp_controller/status', recordings.status(
+            'tp_controller', 'running' if state != 'stopped' else 'ended by SIGINT',
+            tool=recordings.task(error, state)))
+        for number, (state, error) in enumerate(states)]))
+    tool = found.tasks['tool']
+    assert (tool.status, tool.stopped, tool.errors) == ('reached', True, {'m': (0.0004, 0.001)})
+    assert tool.reached == pytest.approx(1.0)
+    assert 'reached, then stopped' in summary(found) and '0.0004 m' in summary(found)
+    # Lines are interrupted all the same.
+    assert np.isnan(found.errors.rows()[1][-5:]).all()
 
 
 def test_durations_are_those_between_messages(run):

@@ -22,6 +22,9 @@ import pytest
 from robots import CONFIG, REPOSITORY
 from tp_controller import Controller, GoalError, KinematicSimulator, Settings
 from tp_controller.cli.demo import DEMOS as DESCRIBED
+from tp_controller.cli.demo import TO_PLAY_WITH
+from tp_controller.cli.view import DEMOS as VIEWED
+from tp_controller.cli.view import WITHOUT_NODES
 from tp_controller.demos import ros_demos
 from tp_controller.demos.scenarios import DEMOS, goal_fields, node_parameters
 from tp_controller.model.simulator import initial_positions
@@ -265,45 +268,7 @@ def test_lines_of_errors_are_interrupted_where_the_controller_was_stopped():
     assert ros_demos._reasons(recorder) == {'tool': ['a; b', '', '']}
 
 
-# Outcomes ---------------------------------------------------------------------------------------
-
-class Played:
-    """A controller whose task is reached after a second; it is stopped from `stopped` on."""
-
-    def __init__(self, monkeypatch, stopped):
-        self.now, self._stopped = 0.0, stopped
-        monkeypatch.setattr(ros_demos.time, 'monotonic', lambda: self.now)
-
-    def send(self, task, **fields):
-        pass
-
-    def wait(self, condition, seconds):
-        end = self.now + seconds
-        while not condition():
-            if self.now >= end:
-                return False
-            self.now += 0.02
-        return True
-
-    def task_names(self):
-        return ['tool']
-
-    def task_status(self, task):
-        stopped = self.stop_reason()
-        return {'error [m]': 'nan' if stopped else '0.001', 'reason': '',
-                'status': 'reached' if self.now > 1.0 and not stopped else 'moving'}
-
-    def stop_reason(self):
-        start, end = self._stopped
-        return 'joint states are late' if start <= self.now < end else ''
-
-
-@pytest.mark.parametrize('stopped, outcome', [
-    ((1.2, 1.7), 'reached'), ((0.5, 3.0), 'reached'),
-    ((1.2, np.inf), 'not reached: joint states are late')])
-def test_a_demo_waits_for_a_controller_that_goes_on_by_itself(monkeypatch, stopped, outcome):
-    client = Played(monkeypatch, stopped)
-    step = [{'task': 'tool', 'say': 'there', 'xyz': [0.0, 0.0, 0.0]}]
-    found, = ros_demos._carry_out(client, (), step, 1)
-    assert str(found).endswith(outcome)
-    assert client.now <= ros_demos.GOAL_SECONDS + 0.1
+def test_every_demo_is_found_by_both_commands():
+    ours = set(DESCRIBED) | {TO_PLAY_WITH}
+    assert set(VIEWED) | set(WITHOUT_NODES) == ours
+    assert not set(VIEWED) & set(WITHOUT_NODES) and set(VIEWED) - set(DEMOS) == {TO_PLAY_WITH}

@@ -14,18 +14,22 @@
 
 """Films drawn with lines show what they should; solid ones are tested in test/system."""
 
+import contextlib
+from types import SimpleNamespace
+
 from matplotlib.colors import to_rgb
 import numpy as np
 from PIL import Image
 import pytest
 from robots import CONFIG, planar, urdf_robot
 from tp_controller import Robot, Stack
+from tp_controller.cli.demo import FILM, NO_FILM
 from tp_controller.demos import film, film_lines, film_solid
 from tp_controller.demos.motion import FixedObject, Motion, Playback
 from tp_controller.extras import install_command
 from tp_controller.model.shapes import Box
 from tp_controller.plots import drawing
-from tp_controller.tasks.sketch import Body, Dot
+from tp_controller.tasks.sketch import Arrow, Body, Dot
 from tp_controller.view.sketches import extent
 from viser import ViserServer
 
@@ -61,6 +65,21 @@ def pixels(path, frame=0):
 def count(picture, colour, tolerance=0.12):
     """Return how many pixels have a colour, as nearly as WebP has it."""
     return int((np.abs(picture - np.array(to_rgb(colour))).max(axis=2) < tolerance).sum())
+
+
+def test_a_film_says_how_far_it_is_and_can_be_left_out(tmp_path, monkeypatch, capsys):
+    robot = planar()
+    drawn = []
+    monkeypatch.setattr(film, 'progress', lambda total, what: contextlib.nullcontext(
+        SimpleNamespace(advance=lambda: drawn.append(total))))
+    motion = motion_of(robot, swing(robot)[:20], TIMES[:20])
+    path, = film.films(tmp_path / 'arm.webp', motion)
+    assert path.is_file() and drawn == [20] * 20
+    assert '20 pictures' in capsys.readouterr().out
+    monkeypatch.setenv(film.CHOICE, film.NONE)
+    assert film.films(tmp_path / 'none.webp', motion) == ()
+    assert (FILM, NO_FILM) == (film.CHOICE, film.NONE)
+    assert capsys.readouterr().out == '' and not (tmp_path / 'none.webp').exists()
 
 
 def test_film_of_a_planar_arm_shows_arm_path_and_goal(tmp_path):
@@ -164,7 +183,12 @@ def test_playback_shows_goals_from_when_they_are_given_and_regions_throughout():
     np.testing.assert_allclose(goal, [1.0, 2.0, 0.5])
     shown = [type(sketch) for parts in playback.sketches().values() for sketch in parts]
     # A point, without axes that would turn with the tool.
-    assert shown.count(Dot) == 1 and shown.count(Body) == 2 and len(shown) == 3
+    assert shown.count(Dot) == 1 and shown.count(Body) == 2 and len(shown) == 4
+    # A line leads there.
+    line, = (sketch for parts in playback.sketches().values() for sketch in parts
+             if isinstance(sketch, Arrow))
+    np.testing.assert_allclose(line.end, [1.0, 2.0, 0.5])
+    np.testing.assert_allclose(line.start, playback.state.position('tool'))
     # The stack of the motion stays as it was.
     assert motion.stack.tasks['tool'].goal is None
 

@@ -79,8 +79,9 @@ def test_the_replay_lasts_as_long_as_the_run_and_moves_the_links(history, capsys
 
 
 def test_the_robot_of_the_replay_stands_on_the_ground(history):
-    from tp_controller.view.looks import JOINT_COLOUR, looks_of
+    from tp_controller.view.looks import looks_of
     from tp_controller.view.replay import replay_page
+    from tp_controller.view.skeleton import JOINT_COLOUR
     robot = robot_of(history)
     # Its joints turn about drums, half of each of which is below the root.
     drum = next(part for parts in looks_of(robot).parts.values() for part in parts
@@ -88,7 +89,7 @@ def test_the_robot_of_the_replay_stands_on_the_ground(history):
     _, told = content(replay_page(history, robot))
     height, = (message['position'][2] for _, message in told
                if message['type'] == 'SetPositionMessage' and message['name'] == '/ground')
-    assert height == pytest.approx(-0.5 * drum.size[1])
+    assert height == pytest.approx(-drum.mesh.vertices[:, 2].max())
 
 
 def test_types_of_markers_are_those_of_ros():

@@ -22,11 +22,14 @@ import pytest
 import robots
 from tp_controller import Robot
 from tp_controller.model.urdf import parse
-from tp_controller.view import borrowed, camera, looks, meshes, parts, scene
+from tp_controller.view import borrowed, camera, lathe, looks, meshes, parts, scene
 from tp_controller.view.server import PANEL_WIDTH
+from tp_controller.view.skeleton import JOINT_COLOUR, skeleton
 import trimesh
 import viser
 
+# Size of what a goal is dragged by [m].
+GIZMO = 0.22
 BOX = '<geometry><box size="0.1 0.2 0.3"/></geometry>'
 BALL = '<geometry><sphere radius="0.2"/></geometry>'
 MISSING = '<geometry><mesh filename="package://no_such_package/a.stl"/></geometry>'
@@ -81,7 +84,7 @@ def configuration(robot, seed):
 @pytest.mark.parametrize('base', ['fixed', 'planar', 'underwater'])
 def test_links_are_shown_where_the_kinematics_have_them(stage, base):
     robot = robots.moving_panda(base) if base != 'fixed' else robots.panda()
-    shown = scene.RobotScene(stage, robot, looks=looks.Looks(looks.skeleton(parse(robot.urdf))))
+    shown = scene.RobotScene(stage, robot, looks=looks.Looks(skeleton(parse(robot.urdf))))
     assert {'panda_link2', 'panda_link4', 'panda_link7'} <= set(shown.frames)
     for seed in range(3):
         q = configuration(robot, seed)
@@ -137,9 +140,11 @@ def test_where_a_mesh_is_missing_the_collision_shape_is_shown_and_it_is_said():
 
 def test_where_nothing_can_be_read_links_are_rods_that_reach_the_next_joint():
     found = looks.looks_of(two_links(f'<visual>{MISSING}</visual>'))
-    rod = next(part for part in found.parts['a'] if part.kind == 'cylinder')
-    ends = [rod.T @ [0.0, 0.0, side * rod.size[1] / 2.0, 1.0] for side in (-1.0, 1.0)]
-    np.testing.assert_allclose(np.array(ends)[:, :3], [[0, 0, 0], [0, 0, 0.5]], atol=1e-9)
+    limb = found.parts['a'][-1]
+    points = limb.mesh.vertices @ limb.T[:3, :3].T + limb.T[:3, 3]
+    radius = np.hypot(*points[:, :2].T).max()
+    assert 0.01 < radius < 0.05
+    assert points[:, 2].min() == pytest.approx(0.0) and 0.5 < points[:, 2].max() < 0.5 + radius
 
 
 def test_a_link_without_shapes_beside_others_stays_invisible():
@@ -149,7 +154,7 @@ def test_a_link_without_shapes_beside_others_stays_invisible():
 
 def test_joints_of_bare_robots_are_drums_about_their_axes():
     found = looks.looks_of(two_links())
-    drum = next(part for part in found.parts['b'] if part.kind == 'cylinder')
+    drum = found.parts['b'][0]
     np.testing.assert_allclose(np.abs(drum.T[:3, 2]), [0, 1, 0], atol=1e-9)
 
 
@@ -158,11 +163,47 @@ def test_robot_of_a_dh_table_is_drawn_solid(monkeypatch, tmp_path):
     monkeypatch.setattr(borrowed, 'ROBOTS', tmp_path)
     found = looks.looks_of(robots.panda())
     kinds = {part.kind for each in found.parts.values() for part in each}
-    assert kinds == {'cylinder', 'sphere'}
-    # Each of the seven joints is there.
-    drums = [link for link, each in found.parts.items()
-             if any(part.colour == looks.JOINT_COLOUR for part in each)]
-    assert len(drums) == 7
+    assert kinds == {'mesh'}
+    # Each of the seven joints is there, and the tool; joints and links have colours of their own.
+    dark = [link for link, each in found.parts.items()
+            if any(part.colour == JOINT_COLOUR for part in each)]
+    assert len(dark) == 8
+    light = [part for each in found.parts.values() for part in each
+             if part.colour == parts.LINK_COLOUR]
+    assert len(light) > 8
+    # It gets thinner towards the tool.
+    widths = [np.hypot(*part.mesh.vertices[:, :2].T).max() for part in light]
+    assert widths[0] > 1.5 * widths[-1]
+
+
+def test_links_stay_as_they_are_where_the_meshes_of_others_are_not_wanted(monkeypatch):
+    robots.urdf_path('panda')
+    monkeypatch.setenv(looks.CHOICE, looks.OWN)
+    assert {part.mesh.glb for each in looks.looks_of(robots.panda()).parts.values()
+            for part in each} == {b''}
+
+
+@pytest.mark.parametrize('mesh', [
+    lathe.drum(0.05, 0.2, 0.01), lathe.limb(0.05, 0.03, 0.4),
+    lathe.limb(0.05, 0.03, 0.4, flat=True), lathe.foot(0.05, 0.13, 0.02),
+    lathe.pointer(0.04, 0.01, 0.1)])
+def test_surfaces_of_links_are_closed_and_face_outwards(mesh):
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # The volume within is positive, and the areas add up to nothing.
+    volume = np.einsum('ij,ij->i', corners.mean(axis=1), normals).sum() / 6.0
+    box = np.ptp(mesh.vertices, axis=0).prod()
+    assert 0.15 * box < volume < box
+    np.testing.assert_allclose(normals.sum(axis=0), 0.0, atol=1e-9)
+
+
+def test_an_arm_that_rises_has_a_foot_on_the_ground():
+    found = skeleton(parse(robots.panda().urdf))
+    lowest = min((part.mesh.vertices @ part.T[:3, :3].T + part.T[:3, 3])[:, 2].min()
+                 for link in ('panda_link0', 'panda_link1_axis') for part in found[link])
+    assert lowest == pytest.approx(0.0, abs=1e-9)
+    foot, = found['panda_link0']
+    assert np.ptp(foot.mesh.vertices, axis=0)[0] > 0.2
 
 
 def test_robot_of_a_dh_table_borrows_the_looks_of_the_same_example_robot():
@@ -263,7 +304,7 @@ def test_first_view_has_all_of_the_robot_in_it_and_little_else(stage, name):
     assert np.abs(origins).max() < 0.9
     picture = seen(*view, shown.outer_points())
     assert np.abs(picture).max() < 0.95
-    assert np.ptp(picture, axis=1).max() > 1.2
+    assert np.ptp(picture, axis=1).max() > 0.8
 
 
 @pytest.mark.parametrize('width, height', [(800, 600), (1280, 800), (1920, 1080)])
@@ -277,8 +318,10 @@ def test_first_view_has_the_robot_beside_the_panel(stage, name, width, height):
     for turn in (0.0, 1.0):
         shown.show(robot.configuration(np.full(len(robot.joint_names), turn), T)
                    if robot.moves else np.clip(np.full(robot.n, turn), robot.lower, robot.upper))
-        view = camera.first_view(shown.outer_points(), moves=robot.moves)
-        x, y = seen(*view, shown.outer_points())
+        # The goal of its tool is there, too, with what it is dragged by.
+        points = shown.points_in_view(GIZMO)
+        view = camera.first_view(points, moves=robot.moves)
+        x, y = seen(*view, points)
         # The scene is as wide as the panel leaves.
         assert np.abs(x).max() < (width - PANEL_WIDTH) / height and np.abs(y).max() < 0.95
 
@@ -367,4 +410,4 @@ def test_urdf_of_a_dh_table_is_bare_and_that_of_a_real_robot_is_not():
     assert not looks._is_bare(parse(robots.urdf_path('panda').read_text()))
     assert not looks._is_bare(ElementTree.fromstring(
         f'<robot name="r"><link name="a"><visual>{BOX}</visual></link></robot>'))
-    assert parts.LINK_COLOUR != looks.JOINT_COLOUR
+    assert parts.LINK_COLOUR != JOINT_COLOUR

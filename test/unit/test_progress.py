@@ -15,8 +15,8 @@
 import io
 
 import pytest
-from tp_controller.cli import progress as module
-from tp_controller.cli.progress import Progress, progress
+import tp_controller.progress as module
+from tp_controller.progress import Progress, progress
 
 
 class Terminal(io.StringIO):

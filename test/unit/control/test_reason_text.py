@@ -1,0 +1,35 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Reasons with many causes are shortened, others stay as they are."""
+
+import pytest
+from tp_controller.control.reason_text import brief_reason, causes_in
+
+MANY = ('blocked by tool, elbow, the acceleration limit of panda_joint3, the acceleration limit '
+        'of panda_joint7 and the acceleration limit of panda_joint1 together')
+
+
+@pytest.mark.parametrize('reason, causes, brief', [
+    ('', [], ''),
+    ('slowed by damping', ['slowed by damping'], 'slowed by damping'),
+    ('blocked by tool; slowed by damping', ['blocked by tool', 'slowed by damping'],
+     'blocked by tool; slowed by damping'),
+    ('blocked by tool and elbow together', ['blocked by tool', '+ elbow'],
+     'blocked by tool + elbow'),
+    (MANY, ['blocked by tool', '+ elbow', '+ the acceleration limit of panda_joint3', '+ 2 more'],
+     'blocked by tool + elbow + the acceleration limit of panda_joint3 + 2 more')])
+def test_a_reason_names_no_more_causes_than_can_be_read(reason, causes, brief):
+    assert causes_in(reason) == causes
+    assert brief_reason(reason) == brief
