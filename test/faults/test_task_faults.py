@@ -220,7 +220,7 @@ def test_new_stack_gives_a_task_another_chance():
     controller.enable('rest', False)
     task.broken = 'evaluate'
     run(controller)
-    _, other = controller_of()
+    other = Faulty(robots.planar(), 'faulty')
     controller.replace_stack(Stack([[other], [controller.stack.tasks['rest']]]))
     reports = run(controller, 1, start=1.0)[0].report.tasks
     assert {task.name: task.status for task in reports} == {
@@ -536,7 +536,7 @@ def test_stack_with_a_task_that_fails_to_inherit_its_goal_is_refused(method):
     controller, _ = controller_of()
     run(controller)
     before = controller.stack
-    _, task = controller_of()
+    task = Faulty(robots.planar(), 'faulty')
     task.broken = method
     with pytest.raises(EvaluationError, match='task faulty: inherit_goal raised'):
         controller.replace_stack(Stack([[task]]))

@@ -121,7 +121,7 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
         That is not moved.
     stack : Stack
         Its tasks are copied and stay as they are; goals that they have count as goals of the
-        stack.
+        stack. No controller has used it.
     settings : Settings, optional
         Of the controller.
     period : float, optional
@@ -152,6 +152,8 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
     ------
     SettingsError
         An argument is out of range.
+    StackError
+        A controller has used the stack; see `Stack.copy`.
     RobotError
         `around` is no configuration.
     ModuleNotFoundError
@@ -225,7 +227,7 @@ def _check_counts(samples: int, runs: int, seconds: float, seed: int) -> None:
 def _refusals(setup: Setup) -> list[Finding]:
     """Return why a controller would refuse the settings with this stack."""
     try:
-        Controller(setup.robot, setup.fresh(), setup.settings)
+        Controller(setup.robot, setup.stack.copy(), setup.settings)
     except SettingsError as error:
         return [Finding(WRONG, 'fault', '', fault, 'correct it: a controller refuses it, too')
                 for fault in error.faults]

@@ -40,7 +40,7 @@ class Setup:
     ----------
     robot : Robot
     stack : Stack
-        Never evaluated itself: every run takes a `fresh` one.
+        Never evaluated itself: every run takes a copy.
     settings : Settings
     period : float
         Time between two cycles [s].
@@ -57,14 +57,6 @@ class Setup:
     period: float
     seconds: float
     around: Array
-
-    def fresh(self) -> Stack:
-        """Return the stack with tasks that remember nothing of other runs."""
-        stack = Stack([[task.probe() for task in group] for group in self.stack.groups],
-                      self.stack.text)
-        for name in self.stack.disabled:
-            stack.enable(name, False)
-        return stack
 
 
 @dataclass(frozen=True)

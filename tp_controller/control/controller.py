@@ -72,6 +72,8 @@ class Controller:
     """
     Carries out a stack of tasks on a robot, one `update` a cycle.
 
+    Its tasks remember goals and cycles, so they belong to this controller from now on.
+
     Time is whatever clock the caller has, in seconds. It should not stand still nor be set back,
     but nothing is lost if it does; see `update`.
 
@@ -85,12 +87,17 @@ class Controller:
     ------
     SettingsError
         The settings do not fit the robot or the stack; see `check_settings`.
+    StackError
+        Another controller has used tasks of the stack; see `Stack.copy`.
 
     """
 
     def __init__(self, robot: Robot, stack: Stack, settings: Settings | None = None) -> None:
         self.robot = robot
         self.stack = stack
+        # Mark of the stack in force; another one with each stack.
+        self._owner = object()
+        stack.check_owner(self._owner)
         # None before the first update.
         self._state: RobotState | None = None
         # Of this cycle and of the one before, in turns, and one for reports. To make one takes
@@ -111,6 +118,7 @@ class Controller:
         self._time = CycleTime(settings.period)
         self.check_settings(settings)
         self._use(settings)
+        stack.set_owner(self._owner)
 
     def replace_stack(self, stack: Stack, settings: Settings | None = None) -> None:
         """
@@ -131,14 +139,20 @@ class Controller:
         ------
         SettingsError
             The settings do not fit it; what was in force before stays in force.
+        StackError
+            Tasks belong to another controller, or to a stack that was replaced before; see
+            `Stack.copy`. What was in force before stays in force.
         EvaluationError
             A task fails when it gets its goal; what was in force before stays in force.
 
         """
         settings = settings or self._settings
         self.check_settings(settings, stack)
+        stack.check_owner(self._owner)
         before = self.stack.active
         stack.inherit_goals(self.stack)
+        self._owner = object()
+        stack.set_owner(self._owner)
         stack.limit_time(settings.task_budget * settings.period)
         self.stack = stack
         self._started = False

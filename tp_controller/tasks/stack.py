@@ -110,6 +110,48 @@ class Stack:
             raise StackError([Fault(0, '', str(error))]) from error
         return cls(_Reader(robot).read(text), text)
 
+    def copy(self) -> 'Stack':
+        """
+        Return an equal stack, for another controller, or for the same one later.
+
+        Raises
+        ------
+        StackError
+            A controller has used tasks of the stack; see `check_owner`.
+
+        """
+        self.check_owner(None)
+        stack = Stack([[task.probe() for task in group] for group in self.groups], self.text)
+        stack.disabled = set(self.disabled)
+        stack._arrange()
+        return stack
+
+    def check_owner(self, owner: object) -> None:
+        """
+        Check whether a controller may use the tasks, which remember goals, gains and cycles.
+
+        Parameters
+        ----------
+        owner : object
+            Mark of the controller; tasks that have none, or this one, may be used.
+
+        Raises
+        ------
+        StackError
+            Tasks belong to another controller, or to a stack that was replaced.
+
+        """
+        used = [task for task in self.tasks.values() if task.owner not in (None, owner)]
+        if used:
+            raise StackError([Fault(0, '', f'a controller has used {_names(used)} already, and '
+                                           'goals of then would stay in force: read the stack '
+                                           'again, or copy() it before it is used')])
+
+    def set_owner(self, owner: object) -> None:
+        """Mark the tasks as those of a controller; see `check_owner`."""
+        for task in self.tasks.values():
+            task.owner = owner
+
     def enable(self, name: str, enabled: bool) -> None:
         """Enable or disable a task."""
         (self.disabled.discard if enabled else self.disabled.add)(name)

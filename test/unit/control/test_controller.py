@@ -34,6 +34,7 @@ from tp_controller import (
     SettingsError,
     SimulatorNoise,
     Stack,
+    StackError,
 )
 from tp_controller.tasks import Joint, JointLimits, Pose
 
@@ -668,6 +669,73 @@ def test_stack_can_be_replaced_between_two_cycles():
     assert command.velocity == pytest.approx(2.0 * (np.where(np.arange(7) == 0, 0.5, READY)
                                                     - READY - 0.01))
     assert command.report.tasks[1].errors[0][0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_controllers_of_copies_know_nothing_of_each_other():
+    robot = robots.panda()
+    stack = Stack.from_yaml(POSE_AND_POSTURE, robot)
+    stack.enable('tool', False)
+    one, other = Controller(robot, stack.copy()), Controller(robot, stack.copy())
+    assert one.stack.disabled == {'tool'} and one.stack.text == stack.text
+    for cycle in range(3):
+        one.set_goal('posture', {'panda_joint1': 0.5}, 0.01 * cycle)
+        one.set_gain('posture', 3.0)
+        one.update(READY, 0.01 * cycle)
+    assert not other.update(READY, 0.02).velocity.any()
+    assert other.stack.tasks['posture'].gain == 0.5
+    # Arrays of copies are not shared.
+    third = stack.copy()
+    third.start(robot.state(READY))
+    fourth = third.copy()
+    fourth.tasks['posture'].set_goal(READY + 1.0, 0.0)
+    fourth.tasks['posture'].forget_goal()
+    third.reset()
+    third.start(robot.state(READY + 0.1))
+    assert third.tasks['posture'].goal == pytest.approx(READY + 0.1)
+
+
+def test_stack_that_a_controller_has_used_is_refused():
+    first = control(POSE_AND_POSTURE)
+    robot, used = first.robot, first.stack
+    first.update(READY, 0.0)
+    message = 'a controller has used tool, posture already, and goals of then would stay'
+    with pytest.raises(StackError, match=message):
+        Controller(robot, used)
+    with pytest.raises(StackError, match=message):
+        used.copy()
+    with pytest.raises(StackError, match='has used posture already'):
+        Controller(robot, Stack([[used.tasks['posture']]]))
+    second = control('- posture: {type: posture, gain: 0.3}\n', robot)
+    own = second.stack
+    with pytest.raises(StackError, match=message):
+        second.replace_stack(used)
+    assert second.stack is own
+    # A stack in force, or a part of it, is no other one.
+    first.replace_stack(used)
+    first.replace_stack(Stack([[used.tasks['posture']]]))
+    first.update(READY, 0.01)
+    with pytest.raises(StackError, match='has used tool already'):
+        first.replace_stack(used)
+
+
+def test_stack_that_comes_back_takes_over_the_newer_goal():
+    robot = robots.panda()
+    one, other = (Stack.from_yaml(f'- a: {{type: joint, joints: panda_joint1, gain: {gain}}}\n',
+                                  robot) for gain in (1.0, 2.0))
+    controller = Controller(robot, one.copy(), Settings(blend=0.0))
+    controller.update(READY, 0.0)
+    for cycle, stack in enumerate((other, one, other), 1):
+        controller.set_goal('a', [0.1 * cycle], 0.01 * cycle)
+        controller.replace_stack(stack.copy())
+        velocity = controller.update(READY, 0.01 * cycle).velocity
+        assert velocity[0] == pytest.approx(controller.stack.tasks['a'].gain * 0.1 * cycle)
+
+
+def test_controller_that_refuses_its_settings_leaves_the_stack_unused():
+    stack = Stack.from_yaml('- limits: {type: joint_limits, gain: 60}\n', robots.panda())
+    with pytest.raises(SettingsError):
+        Controller(robots.panda(), stack, Settings(period=0.02))
+    Controller(robots.panda(), stack, Settings(period=0.01))
 
 
 def test_restart_holds_where_the_robot_is_found_but_keeps_goals_that_were_given():
