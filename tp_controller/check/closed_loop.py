@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 import math
 
 import numpy as np
+from tp_controller.check.results import STILL_MOVING
 from tp_controller.check.sampling import random_configuration
 from tp_controller.check.setup import Setup
 from tp_controller.control.controller import Command, Controller
@@ -360,8 +361,10 @@ def _task_run(task: TaskReport, since: float, possible: bool) -> TaskRun:
     """Return what became of a task."""
     if task.reached:
         return TaskRun(possible, True, since)
-    return TaskRun(possible, False, math.nan,
-                   tuple((cause.kind, cause.name) for cause in task.causes), task.reason)
+    causes = tuple((cause.kind, cause.name) for cause in task.causes)
+    if not task.reason:
+        causes = ((STILL_MOVING, ''),)
+    return TaskRun(possible, False, math.nan, causes, task.reason)
 
 
 def watch(extremes: Extremes, setup: Setup, q: Array, velocity: Array, previous: Array,

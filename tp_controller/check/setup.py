@@ -17,7 +17,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 import hashlib
-import math
 import pickle
 from typing import Any
 
@@ -148,8 +147,3 @@ def _robot_arguments(robot: Robot) -> dict[str, Any]:
               for row, name in enumerate(robot.velocity_names)}
     return {'source': robot.urdf, 'base': robot.base, 'joints': list(robot.joint_names),
             'limits': limits, 'world_frame': robot.root if robot.moves else DEFAULT_WORLD}
-
-
-def largest_gain(gain: Any) -> float:
-    """Return the largest number of a gain [1/s]."""
-    return float(np.max(gain)) if np.size(gain) else math.nan

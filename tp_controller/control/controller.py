@@ -23,7 +23,7 @@ from tp_controller.control.causes import Place, TRANSITION
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.cycle_time import check_time, CycleTime
 from tp_controller.control.escape import Escape
-from tp_controller.control.gains import gain_faults, set_gain, set_tolerance
+from tp_controller.control.gains import gain_faults, gain_remark, set_gain, set_tolerance
 from tp_controller.control.goal_limits import check_goal
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
@@ -277,8 +277,8 @@ class Controller:
         Raises
         ------
         SettingsError
-            There is not one weight for each joint, or a bound would be approached faster than
-            the period allows.
+            There is not one weight for each joint, or a gain is too high for the period: a bound
+            would be crossed, or an error would grow.
 
         """
         faults = []
@@ -351,6 +351,22 @@ class Controller:
         for index, group in enumerate(self.stack.active):
             if task in group:
                 self._transition.announce(index)
+
+    def gain_warning(self, name: str) -> str:
+        """
+        Return what is doubtful about the gain of a task, and what can be changed; mostly empty.
+
+        It is judged by the mean time between the last cycles, at first by the `period`.
+
+        Raises
+        ------
+        GoalError
+            There is no such task.
+
+        """
+        task = self._task(name)
+        doubt = gain_remark(task, task.gain, self._time.mean)
+        return f'{doubt.message}: {doubt.change}' if doubt else ''
 
     def set_tolerance(self, name: str, tolerance: Tolerance) -> None:
         """

@@ -28,6 +28,7 @@ from tp_controller.control.causes import (
     TASK,
     TRANSITION,
 )
+from tp_controller.control.gains import gain_remark
 from tp_controller.control.velocity_limits import ACCELERATION, LOWER, UPPER, VELOCITY
 from tp_controller.tasks.bounded import out_of_reach, STILL
 from tp_controller.tasks.keys import with_unit
@@ -63,6 +64,8 @@ HINTS = {
     DAMPING: 'lower the setting damping',
     TRANSITION: 'wait, or lower the setting blend',
 }
+# What a gain that is too high for the period runs into.
+OVERSHOT = frozenset((VELOCITY, ACCELERATION, RESERVE))
 ELSEWHERE = frozenset((SINGULARITY, IMPOSSIBLE, DAMPING))
 
 
@@ -104,12 +107,18 @@ def hint_of(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> s
     """Return what would help a task that is limited; see `reason_of`."""
     if is_out_of_reach(evaluation, found, causes):
         return 'the goal is out of reach: choose another one'
+    task = evaluation.task
+    if not found or found[0].kind in OVERSHOT:
+        # Higher limits would only make it worse.
+        doubt = gain_remark(task, task.gain, causes.period)
+        if doubt:
+            return doubt.change
     if not found:
         return ''
     first = found[0]
     if first.kind == TASK and causes.share_a_level(evaluation, first.name):
-        return f'give {first.name} and {evaluation.task.name} levels of their own'
-    return HINTS[first.kind].format(name=first.name, own=evaluation.task.name)
+        return f'give {first.name} and {task.name} levels of their own'
+    return HINTS[first.kind].format(name=first.name, own=task.name)
 
 
 def limit_text(kind: str, joint: str) -> str:

@@ -438,6 +438,9 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         for task in stack.tasks.values():
             for remark in task.remarks:
                 self._log.warning(f'task {task.name}: {remark}')
+            # Else the period is only the longest one.
+            if self._values['rate'] > 0.0:
+                self._task_parameters.warn(task.name)
 
     def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Refuse what the method would refuse; what it knows nothing of is not its business."""

@@ -671,6 +671,46 @@ def test_stack_can_be_replaced_between_two_cycles():
     assert command.report.tasks[1].errors[0][0] == pytest.approx(0.0, abs=1e-12)
 
 
+SWING = '- swing: {type: joint, joints: panda_joint1, gain: %g}\n'
+UNSTABLE = ('gain %g of task swing must be at most 2/period = %g, or its error would grow from '
+            'cycle to cycle')
+
+
+def test_gain_beyond_what_the_period_allows_is_refused():
+    robot = robots.panda()
+    stack = Stack.from_yaml(SWING % 201, robot)
+    with pytest.raises(SettingsError, match=UNSTABLE % (201, 200)):
+        Controller(robot, stack)
+    controller = control(SWING % 200, robot)
+    with pytest.raises(SettingsError, match=UNSTABLE % (201, 200)):
+        controller.replace_stack(stack)
+    with pytest.raises(SettingsError, match=UNSTABLE % (5e5, 200)):
+        controller.set_gain('swing', 5e5)
+    with pytest.raises(SettingsError, match=UNSTABLE % (200, 100)):
+        controller.settings = Settings(period=0.02)
+    assert controller.stack.tasks['swing'].gain == 200.0
+    # How fast an objective is climbed has nothing to do with the period.
+    controller.replace_stack(Stack.from_yaml('- far: {type: joint_limit_distance, gain: 300}',
+                                             robot))
+
+
+@pytest.mark.parametrize('gain', [60.0, 150.0])
+def test_hint_for_a_gain_that_is_too_high_lowers_it(gain):
+    """The arm chatters at its acceleration limit, and a higher one would make it worse."""
+    robot = Robot.from_file(robots.PANDA_DH, limits={'panda_joint1': {'acceleration': 5.0}})
+    controller = Controller(robot, Stack.from_yaml(SWING % gain, robot), Settings(blend=0.0))
+    controller.update(READY, 0.0)
+    controller.set_goal('swing', [0.5], 0.0)
+    task, = controller.update(READY, 0.01).report.tasks
+    assert task.reason == 'panda_joint1 at its acceleration limit'
+    assert task.hint.startswith('a gain of at most 25/s does not overshoot')
+    assert controller.gain_warning('swing').startswith(
+        f'gain {gain:g}/s at 100 Hz: after one cycle {1.0 - gain / 100.0:.2g} of the error')
+    controller.set_gain('swing', 49.0)
+    assert controller.gain_warning('swing') == ''
+    assert 'raise the acceleration limit' in controller.update(READY, 0.02).report.tasks[0].hint
+
+
 def test_controllers_of_copies_know_nothing_of_each_other():
     robot = robots.panda()
     stack = Stack.from_yaml(POSE_AND_POSTURE, robot)
