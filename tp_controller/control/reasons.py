@@ -31,8 +31,8 @@ from tp_controller.control.causes import (
 from tp_controller.control.gains import gain_remark
 from tp_controller.control.velocity_limits import ACCELERATION, LOWER, UPPER, VELOCITY
 from tp_controller.tasks.bounded import out_of_reach, STILL
-from tp_controller.tasks.keys import with_unit
 from tp_controller.tasks.task import Evaluation
+from tp_controller.units import with_unit
 
 # How many causes a sentence names.
 NAMED = 3

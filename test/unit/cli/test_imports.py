@@ -17,6 +17,7 @@
 import subprocess
 import sys
 
+import pytest
 from robots import REPOSITORY
 
 # Each takes a fifth of a second and more.
@@ -30,3 +31,32 @@ def test_what_takes_long_to_import_is_left_to_the_commands_that_need_it():
     done = subprocess.run([sys.executable, '-c', program], cwd=REPOSITORY, capture_output=True,
                           text=True, timeout=60, check=True)
     assert done.stdout.split() == []
+
+
+GOAL_AND_STATUS = """
+import argparse, sys
+from tp_controller.cli import goal, status
+from tp_controller.nodes import client, watch
+
+class Client:
+    def wait(self, done, seconds):
+        return done()
+
+    def task_status(self, task):
+        return {'status': 'moving', 'error [m]': '0.25', 'reason': 'far', 'hint': 'wait'}
+
+    def stop_reason(self):
+        return ''
+
+goal._reach(Client(), argparse.Namespace(task='tool', reach=1.0))
+print(*sorted({'pinocchio', 'tp_controller.tasks', 'scipy'} & set(sys.modules)))
+"""
+
+
+def test_a_goal_is_sent_and_waited_for_without_the_kinematics():
+    """To import Pinocchio takes longer than to send a goal."""
+    pytest.importorskip('rclpy')
+    done = subprocess.run([sys.executable, '-c', GOAL_AND_STATUS], cwd=REPOSITORY,
+                          capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.splitlines() == [
+        'not reached: error 0.25 m (far)', 'what would help: wait', '']
