@@ -14,6 +14,7 @@
 
 """What the command line imports before it knows which command is meant."""
 
+import os
 import subprocess
 import sys
 
@@ -60,3 +61,27 @@ def test_a_goal_is_sent_and_waited_for_without_the_kinematics():
                           capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.splitlines() == [
         'not reached: error 0.25 m (far)', 'what would help: wait', '']
+
+
+# What there is without a compiler.
+WITHOUT_CORE = """
+import sys
+sys.modules['tp_controller.solver.core'] = None
+from tp_controller.cli import main
+sys.exit(eval(sys.argv[1]))
+"""
+
+
+@pytest.mark.parametrize('call', [
+    "main.main(['--version'])", "main.main(['demo', 'lab1', '--out', '/nowhere'])",
+    "main.main(['check', '- tip: {type: posture}', '--robot', 'config/robots/planar_3r.yaml'])",
+    'main.controller_node()', 'main.simulator_node()'])
+def test_core_that_is_wanted_and_missing_ends_a_command_in_one_line(call):
+    if 'node' in call:
+        pytest.importorskip('rclpy')
+    done = subprocess.run(
+        [sys.executable, '-c', WITHOUT_CORE, call], cwd=REPOSITORY, capture_output=True, text=True,
+        timeout=60, env={**os.environ, 'TP_CONTROLLER_SOLVER': 'compiled'})
+    line, = done.stderr.splitlines()
+    assert line.startswith('tp_controller: TP_CONTROLLER_SOLVER is compiled, but the core was not')
+    assert done.returncode == 2 and done.stdout == ''
