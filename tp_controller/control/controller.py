@@ -32,6 +32,7 @@ from tp_controller.control.velocity_limits import lowered, VelocityBounds, Veloc
 from tp_controller.errors import (
     EvaluationError,
     GoalError,
+    RobotError,
     SettingsError,
     TimeError,
     unknown,
@@ -44,7 +45,7 @@ from tp_controller.solver.level import Level
 from tp_controller.tasks.guard import accept
 from tp_controller.tasks.keys import Gain, Tolerance
 from tp_controller.tasks.pose import parse_pose
-from tp_controller.tasks.stack import Groups, levels_of, shared_levels, Stack
+from tp_controller.tasks.stack import check_type, Groups, levels_of, shared_levels, Stack
 from tp_controller.tasks.task import Evaluation, Goal, Task
 
 # A command is in force for at most this multiple of the mean time between two, or a period.
@@ -74,8 +75,8 @@ class Controller:
 
     Its tasks remember goals and cycles, so they belong to this controller from now on.
 
-    Time is whatever clock the caller has, in seconds. It should not stand still nor be set back,
-    but nothing is lost if it does; see `update`.
+    Time is whatever clock the caller has, in seconds; without it (`now`) calls are refused. It
+    should not stand still nor be set back, but nothing is lost if it does; see `update`.
 
     Parameters
     ----------
@@ -85,14 +86,20 @@ class Controller:
 
     Raises
     ------
+    RobotError
+        `robot` is none.
     SettingsError
         The settings do not fit the robot or the stack; see `check_settings`.
     StackError
-        Another controller has used tasks of the stack; see `Stack.copy`.
+        `stack` is none, or another controller has used tasks of it; see `Stack.copy`.
 
     """
 
     def __init__(self, robot: Robot, stack: Stack, settings: Settings | None = None) -> None:
+        if not isinstance(robot, Robot):
+            raise RobotError('a controller needs a Robot, such as Robot.from_urdf(file), and then '
+                             f'a Stack, got {type(robot).__name__}')
+        check_type(stack)
         self.robot = robot
         self.stack = stack
         # Mark of the stack in force; another one with each stack.
@@ -115,8 +122,8 @@ class Controller:
         self._transition = Transition(0.0)
         self._escape = Escape(robot.n)
         self._settings = settings = settings or Settings()
-        self._time = CycleTime(settings.period)
         self.check_settings(settings)
+        self._time = CycleTime(settings.period)
         self._use(settings)
         stack.set_owner(self._owner)
 
@@ -189,7 +196,7 @@ class Controller:
         self._started = False
         self.stack.forget_goals()
 
-    def halt(self, now: float) -> None:
+    def halt(self, now: float | None = None) -> None:
         """
         Say that no motion is commanded now, whatever the last update returned.
 
@@ -281,12 +288,15 @@ class Controller:
             would be crossed, or an error would grow.
 
         """
+        stack = self.stack if stack is None else check_type(stack)
+        if not isinstance(settings, Settings):
+            raise SettingsError([f'settings must be made by Settings(…), got {settings!r}'])
         faults = []
         weights = settings.weights
         if weights and len(weights) != self.robot.n:
             faults.append(f'weights needs {self.robot.n} numbers, one for each of '
                           f'{", ".join(self.robot.velocity_names)}, got {len(weights)}')
-        for task in (self.stack if stack is None else stack).tasks.values():
+        for task in stack.tasks.values():
             faults += gain_faults(task, task.gain, settings.period)
         if faults:
             raise SettingsError(faults)
@@ -389,7 +399,7 @@ class Controller:
         """
         set_tolerance(self._task(name), tolerance)
 
-    def set_goal(self, name: str, goal: Goal, now: float,
+    def set_goal(self, name: str, goal: Goal, now: float | None = None,
                  frame: str | Array | None = None) -> tuple[str, ...]:
         """
         Set the goal of a task.
@@ -433,7 +443,7 @@ class Controller:
         accept(task, task.set_goal, goal, now)
         return remarks
 
-    def set_feed_forward(self, name: str, velocity: Any, now: float,
+    def set_feed_forward(self, name: str, velocity: Any, now: float | None = None,
                          frame: str | Array | None = None) -> None:
         """
         Set the feed-forward velocity of a task, in force until its timeout.
@@ -484,7 +494,7 @@ class Controller:
         self.stack.enable(name, enabled)
         self._announce_stack(before)
 
-    def update(self, q: ArrayLike, now: float, passive: ArrayLike | None = None,
+    def update(self, q: ArrayLike, now: float | None = None, passive: ArrayLike | None = None,
                elapsed: float | None = None) -> Command:
         """
         Return the command at positions `q`.
@@ -557,7 +567,7 @@ class Controller:
                                                 cycle, outcome, self.stack.faults,
                                                 Place(state.q, self._passive, now, self._spare)))
 
-    def _rest(self, now: float, velocity: Array) -> None:
+    def _rest(self, now: float | None, velocity: Array) -> None:
         """Command a velocity (n,) that no task demands; motion that follows is blended in."""
         self._last_update = check_time(now, 'now', TimeError)
         self._send(velocity)

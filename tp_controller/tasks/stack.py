@@ -52,12 +52,21 @@ MOST_TASKS = 100
 # For how long tasks are read [s]: only `self_collision` of robots with hundreds of shapes takes
 # more than a second, and types of other packages may take any time.
 SECONDS = 10.0
+# Characters that are shown of what is no stack.
+LONGEST_SHOWN = 100
 LIST_FORM = 'a stack must be a list of "- name: {type: …}", the highest priority first'
 
 
 class Stack:
     """
     Prioritized tasks.
+
+    Parameters
+    ----------
+    groups : iterable of iterable of Task
+        The tasks of each level, the highest priority first; `from_yaml` reads them.
+    text : str
+        YAML that they were read from, if they were.
 
     Attributes
     ----------
@@ -74,10 +83,15 @@ class Stack:
     text : str
         YAML that it was read from; empty where it was made otherwise.
 
+    Raises
+    ------
+    StackError
+        They are something else.
+
     """
 
     def __init__(self, groups: Iterable[Iterable[Task]], text: str = '') -> None:
-        self.groups: Groups = tuple(tuple(group) for group in groups)
+        self.groups: Groups = _checked(groups)
         self.tasks = {task.name: task for group in self.groups for task in group}
         self.disabled: set[str] = set()
         self.faults: Mapping[str, str] = {}
@@ -243,6 +257,28 @@ class Stack:
         self.active = tuple(group for group in enabled if group)
         self.active_tasks = tuple(task for group in self.active for task in group)
         self.inactive = tuple(task for name, task in self.tasks.items() if name in self.disabled)
+
+
+def check_type(stack: object) -> Stack:
+    """Return a stack; raise `StackError` where it is none."""
+    if isinstance(stack, Stack):
+        return stack
+    raise StackError([Fault(0, '', 'needs a Stack, such as Stack.from_yaml(text, robot), got '
+                                   f'{type(stack).__name__}')])
+
+
+def _checked(groups: Iterable[Iterable[Task]]) -> Groups:
+    """Return the tasks of each level; raise `StackError` where they are something else."""
+    try:
+        found = tuple(tuple(group) for group in groups)
+        if all(isinstance(task, Task) for group in found for task in group):
+            return found
+    except TypeError:
+        # Not even a list of lists.
+        pass
+    raise StackError([Fault(0, '', 'a stack is made of levels, each a list of tasks, such as '
+                                   '[[tool], [posture]]; YAML is read by Stack.from_yaml(text, '
+                                   f'robot); got {repr(groups)[:LONGEST_SHOWN]}')])
 
 
 def is_stack(text: str) -> bool:

@@ -35,6 +35,7 @@ from tp_controller import (
     SimulatorNoise,
     Stack,
     StackError,
+    TpControllerError,
 )
 from tp_controller.tasks import Joint, JointLimits, Pose
 
@@ -769,6 +770,28 @@ def test_stack_that_comes_back_takes_over_the_newer_goal():
         controller.replace_stack(stack.copy())
         velocity = controller.update(READY, 0.01 * cycle).velocity
         assert velocity[0] == pytest.approx(controller.stack.tasks['a'].gain * 0.1 * cycle)
+
+
+@pytest.mark.parametrize('make, told', [
+    (lambda robot, stack: Stack([{'tool': {'type': 'posture'}}], robot), 'YAML is read by'),
+    (lambda robot, stack: Stack('stack.yaml'), "read by Stack.from_yaml.*got 'stack.yaml'"),
+    (lambda robot, stack: Stack(list(stack.tasks.values())), r'such as \[\[tool\], \[posture\]\]'),
+    (lambda robot, stack: Stack(None), 'got None'),
+    (lambda robot, stack: Settings(rate=-3), "unknown setting 'rate'; valid: period, damping"),
+    (lambda robot, stack: Settings(brakinggain=1), "did you mean 'braking_gain'"),
+    (lambda robot, stack: Controller(stack, robot), 'a controller needs a Robot.*got Stack'),
+    (lambda robot, stack: Controller(robot, POSE_AND_POSTURE), 'needs a Stack.*got str'),
+    (lambda robot, stack: Controller(robot, stack, {'period': 1}), 'made by Settings'),
+    (lambda robot, stack: Controller(robot, stack).replace_stack('x'), 'needs a Stack.*got str'),
+    (lambda robot, stack: Controller(robot, stack).update(READY), 'time of any clock.*got None'),
+    (lambda robot, stack: Controller(robot, stack).halt(), 'now must be'),
+    (lambda robot, stack: Controller(robot, stack).set_goal('posture', READY), 'now must be'),
+    (lambda robot, stack: Controller(robot, stack).set_feed_forward('posture', READY),
+     'now must be')])
+def test_what_is_something_else_is_refused_with_what_is_valid(make, told):
+    robot = robots.panda()
+    with pytest.raises(TpControllerError, match=told):
+        make(robot, Stack.from_yaml(POSE_AND_POSTURE, robot))
 
 
 def test_controller_that_refuses_its_settings_leaves_the_stack_unused():
