@@ -70,6 +70,9 @@ def about_robot(setup: Setup) -> Iterator[Finding]:
                  if given == limit]
         if names:
             yield Finding(DOUBTFUL, 'velocity limit', ', '.join(names), what, change)
+    for remark in robot.remarks:
+        yield Finding(DOUBTFUL, 'remark', robot.name, remark,
+                      'replace them by limits, or correct the description')
     for task in setup.stack.tasks.values():
         for remark in task.remarks:
             yield Finding(DOUBTFUL, 'remark', task.name, remark,

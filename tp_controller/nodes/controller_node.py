@@ -388,6 +388,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
                      if given == limit]
             if names:
                 self._log.warning(f'{what} {", ".join(names)}')
+        for remark in robot.remarks:
+            self._log.warning(remark)
         controller = SharedController(robot, Stack([]), self._settings)
         self._loop = ControlLoop(self.loop_node, self.resolve_topic_name, controller,
                                  self._values, self._log)

@@ -137,6 +137,11 @@ def test_a_pose_of_an_arm_with_as_many_joints_as_rows_is_looked_at():
         (each.kind, each.where) for each in report.of(WRONG)}
 
 
+def test_limits_that_look_like_degrees_are_doubtful():
+    robot = Robot.from_urdf(planar().urdf, limits={'joint2': {'lower': -120, 'upper': 120}})
+    assert found(robot, [ANGLE], runs=0)[('remark', robot.name)] == DOUBTFUL
+
+
 # Gains -----------------------------------------------------------------------------------
 
 
