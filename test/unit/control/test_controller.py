@@ -632,6 +632,21 @@ def test_task_is_evaluated_once_unless_something_changes_and_the_report_does_wit
         assert asked == ['limits', 'tool', 'posture'] * (2 if cycle == 30 else 1)
 
 
+def test_what_is_not_read_of_a_report_is_not_computed(monkeypatch):
+    measured = []
+
+    def counted(self, error, residual, reported=Pose.reported_errors):
+        measured.append(self.name)
+        return reported(self, error, residual)
+
+    monkeypatch.setattr(Pose, 'reported_errors', counted)
+    controller = control(POSE_AND_POSTURE)
+    tool, _ = controller.update(READY, 0.0).report.tasks
+    assert (tool.name, tool.level) == ('tool', 1) and not measured
+    assert tool.reached and tool.status == 'reached' and tool.errors[0][0] == 0.0
+    assert measured == ['tool']
+
+
 def test_tasks_that_share_a_level_are_reported_one_by_one():
     controller = control('- [a: {type: joint, joints: panda_joint1, target: [0.3]},\n'
                          '   b: {type: joint, joints: panda_joint7, target: [0.285], gain: 4}]\n')
