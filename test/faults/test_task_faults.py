@@ -622,7 +622,8 @@ def test_class_that_inherits_the_name_of_a_type_does_not_take_its_place():
 def test_all_that_a_task_can_override_is_covered():
     """A new method of `Task` needs a case here, or has to be none that a cycle calls."""
     covered = {*CALLED, 'parse_goal', 'set_goal', 'parse_feed_forward', 'set_feed_forward',
-               'goal_remarks', 'goal_place', 'sketch', 'with_goal', 'goal_in_reference',
+               'goal_remarks', 'out_of_reach', 'goal_place', 'sketch', 'with_goal',
+               'goal_in_reference',
                'feed_forward_in_reference', 'goal_pose', 'reset', 'forget_goal',
                'inherit_goal',
                'is_compatible', 'is_equivalent', 'reported_errors', 'accepted_keys',

@@ -64,6 +64,8 @@ HINTS = {
     DAMPING: 'lower the setting damping',
     TRANSITION: 'wait, or lower the setting blend',
 }
+OUT_OF_REACH = 'out of reach'
+CHOOSE_ANOTHER = 'the goal is out of reach: choose another one'
 # What a gain that is too high for the period runs into.
 OVERSHOT = frozenset((VELOCITY, ACCELERATION, RESERVE))
 ELSEWHERE = frozenset((SINGULARITY, IMPOSSIBLE, DAMPING))
@@ -91,7 +93,7 @@ def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]]
         if is_out_of_reach(evaluation, found, causes):
             distance = ', '.join(with_unit(f'{value:.2g}', unit)
                                  for value, unit, tolerance in errors if value > tolerance)
-            sentences.append(f'out of reach by {distance}')
+            sentences.append(f'{OUT_OF_REACH} by {distance}')
         else:
             sentences.extend(_sentence(cause, evaluation, causes) for cause in found[:NAMED])
             if not found:
@@ -106,7 +108,7 @@ def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]]
 def hint_of(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> str:
     """Return what would help a task that is limited; see `reason_of`."""
     if is_out_of_reach(evaluation, found, causes):
-        return 'the goal is out of reach: choose another one'
+        return CHOOSE_ANOTHER
     task = evaluation.task
     if not found or found[0].kind in OVERSHOT:
         # Higher limits would only make it worse.

@@ -22,7 +22,13 @@ from typing import NamedTuple
 import numpy as np
 from tp_controller.control.causes import Cause, Causes, missing_of, Place
 from tp_controller.control.cycle import Cycle, Outcome
-from tp_controller.control.reasons import hint_of, limit_text, reason_of
+from tp_controller.control.reasons import (
+    CHOOSE_ANOTHER,
+    hint_of,
+    limit_text,
+    OUT_OF_REACH,
+    reason_of,
+)
 from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
@@ -144,7 +150,20 @@ class TaskReport:
             return self.fault
         if self._causes is None or self._evaluation is None or self.level is None or self.reached:
             return ''
-        return reason_of(self._evaluation, self.errors, self.causes, self._causes)
+        reason = reason_of(self._evaluation, self.errors, self.causes, self._causes)
+        return reason if OUT_OF_REACH in reason else \
+            '; '.join(filter(None, (self._unreachable, reason)))
+
+    @cached_property
+    def _unreachable(self) -> str:
+        """Return why no motion can bring the task to its goal, which may be far away still."""
+        task = self._task
+        try:
+            with foreign:
+                return '' if task.goal is None else str(task.out_of_reach(task.goal))
+        except Exception:
+            # Of a type of another package: a remark is not worth a fault.
+            return ''
 
     @cached_property
     def hint(self) -> str:
@@ -153,7 +172,8 @@ class TaskReport:
             return 'correct its code, then enable the task again'
         if self._causes is None or self._evaluation is None or not self.reason:
             return ''
-        return hint_of(self._evaluation, self.causes, self._causes)
+        return CHOOSE_ANOTHER if self._unreachable else \
+            hint_of(self._evaluation, self.causes, self._causes)
 
     @property
     def status(self) -> str:

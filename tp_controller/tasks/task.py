@@ -270,6 +270,10 @@ class Task(ABC):
         """Return a goal given in another frame; raise `GoalError` where goals have no frame."""
         raise GoalError(f'a goal of task {self.name!r} is not expressed in a frame: leave it out')
 
+    def out_of_reach(self, goal: Goal) -> str:
+        """Return why the robot cannot reach a goal, however it stands; empty where it may."""
+        return ''
+
     def goal_remarks(self, goal: Goal, converted: bool) -> tuple[str, ...]:
         """
         Return what is probably a mistake in a goal, in words.

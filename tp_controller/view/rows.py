@@ -90,7 +90,7 @@ def _row(name: str, values: Mapping[str, str]) -> Row:
     return Row(name, values.get('type', ''), values.get('level', ''), values.get('status', ''),
                errors, share, values.get('reason', ''), values.get('hint', ''),
                count(values.get('goals refused', '')), values.get('last refusal', ''),
-               '; '.join(filter(None, map(values.get, ('goal warning', 'gain warning')))))
+               '; '.join(_warnings(values)))
 
 
 def quantity(unit: str, value: float) -> str:

@@ -647,6 +647,28 @@ def test_what_is_not_read_of_a_report_is_not_computed(monkeypatch):
     assert measured == ['tool']
 
 
+@pytest.mark.parametrize('text, goal', [
+    ('- tool: {type: pose, frame: panda_hand_tcp}\n', [2.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0]),
+    ('- tool: {type: position, frame: panda_hand_tcp}\n', [2.0, 0.0, 0.3])])
+def test_goal_that_no_motion_reaches_is_said_at_once(text, goal):
+    controller = control(text)
+    controller.update(READY, 0.0)
+    remark, = controller.set_goal('tool', goal, 0.0)
+    task, = controller.update(READY, 0.01).report.tasks
+    assert remark in task.reason and task.status == 'limited'
+    assert task.hint == 'the goal is out of reach: choose another one'
+    controller.set_goal('tool', [0.5, *goal[1:]], 0.02)
+    assert controller.update(READY, 0.02).report.tasks[0].status == 'moving'
+
+
+def test_type_that_fails_to_tell_its_reach_is_reported_all_the_same(monkeypatch):
+    monkeypatch.setattr(Pose, 'out_of_reach', lambda self, goal: 1 / 0)
+    controller = control(POSE_AND_POSTURE)
+    controller.update(READY, 0.0)
+    controller.stack.tasks['tool'].goal[0, 3] += 0.1
+    assert controller.update(READY, 0.01).report.tasks[0].status == 'moving'
+
+
 def test_tasks_that_share_a_level_are_reported_one_by_one():
     controller = control('- [a: {type: joint, joints: panda_joint1, target: [0.3]},\n'
                          '   b: {type: joint, joints: panda_joint7, target: [0.285], gain: 4}]\n')
@@ -705,7 +727,7 @@ def test_gain_beyond_what_the_period_allows_is_refused():
     with pytest.raises(SettingsError, match=UNSTABLE % (200, 100)):
         controller.settings = Settings(period=0.02)
     assert controller.stack.tasks['swing'].gain == 200.0
-    # How fast an objective is climbed has nothing to do with the period.
+    # The gain of an objective has nothing to do with the period.
     controller.replace_stack(Stack.from_yaml('- far: {type: joint_limit_distance, gain: 300}',
                                              robot))
 
@@ -774,7 +796,7 @@ def test_stack_that_a_controller_has_used_is_refused():
         first.replace_stack(used)
 
 
-def test_stack_that_comes_back_takes_over_the_newer_goal():
+def test_stack_that_comes_back_has_the_newer_goal():
     robot = robots.panda()
     one, other = (Stack.from_yaml(f'- a: {{type: joint, joints: panda_joint1, gain: {gain}}}\n',
                                   robot) for gain in (1.0, 2.0))
