@@ -93,6 +93,12 @@ def _row(name: str, values: Mapping[str, str]) -> Row:
                '; '.join(_warnings(values)))
 
 
+def _warnings(values: Mapping[str, str]) -> list[str]:
+    """Return the warnings about a task that its reason does not contain."""
+    found = (values.get('goal warning', ''), values.get('gain warning', ''))
+    return [warning for warning in found if warning and warning not in values.get('reason', '')]
+
+
 def quantity(unit: str, value: float) -> str:
     """Return a value with its unit, or with one that suits its size."""
     if math.isnan(value):
