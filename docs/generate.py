@@ -157,6 +157,8 @@ STATUS = {
     'goals accepted': 'goals and velocities accepted since the task is in the stack',
     'goals refused': 'goals and velocities refused',
     'last refusal': 'reason of the last refusal',
+    'gain warning': 'what is doubtful about its gain at the rate of the last cycles: [it is too '
+                    'high](method.md#time-steps-and-gains); empty if nothing is',
     'goal warning': 'what is probably a mistake in the last goal accepted: out of reach, or '
                     'coordinates that do not count; empty if nothing is',
     'goal listeners': 'subscriptions to `~/<task>/goal`, that of the controller and those of '

@@ -220,7 +220,7 @@ def test_new_stack_gives_a_task_another_chance():
     controller.enable('rest', False)
     task.broken = 'evaluate'
     run(controller)
-    _, other = controller_of()
+    other = Faulty(robots.planar(), 'faulty')
     controller.replace_stack(Stack([[other], [controller.stack.tasks['rest']]]))
     reports = run(controller, 1, start=1.0)[0].report.tasks
     assert {task.name: task.status for task in reports} == {
@@ -536,7 +536,7 @@ def test_stack_with_a_task_that_fails_to_inherit_its_goal_is_refused(method):
     controller, _ = controller_of()
     run(controller)
     before = controller.stack
-    _, task = controller_of()
+    task = Faulty(robots.planar(), 'faulty')
     task.broken = method
     with pytest.raises(EvaluationError, match='task faulty: inherit_goal raised'):
         controller.replace_stack(Stack([[task]]))
@@ -622,7 +622,8 @@ def test_class_that_inherits_the_name_of_a_type_does_not_take_its_place():
 def test_all_that_a_task_can_override_is_covered():
     """A new method of `Task` needs a case here, or has to be none that a cycle calls."""
     covered = {*CALLED, 'parse_goal', 'set_goal', 'parse_feed_forward', 'set_feed_forward',
-               'goal_remarks', 'goal_place', 'sketch', 'with_goal', 'goal_in_reference',
+               'goal_remarks', 'out_of_reach', 'goal_place', 'sketch', 'with_goal',
+               'goal_in_reference',
                'feed_forward_in_reference', 'goal_pose', 'reset', 'forget_goal',
                'inherit_goal',
                'is_compatible', 'is_equivalent', 'reported_errors', 'accepted_keys',

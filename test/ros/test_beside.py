@@ -91,7 +91,7 @@ def test_threads_that_share_a_controller_disturb_nothing():
     names = ', '.join(robot.joint_names)
     stacks = [Stack.from_yaml(f'- a: {{type: joint, joints: [{names}], gain: {gain}}}\n'
                               f'- b: {{type: posture}}', robot) for gain in (1.0, 2.0)]
-    controller = SharedController(robot, stacks[0], Settings(period=0.01))
+    controller = SharedController(robot, stacks[0].copy(), Settings(period=0.01))
     ended, failed = Event(), []
 
     def disturb():
@@ -100,7 +100,7 @@ def test_threads_that_share_a_controller_disturb_nothing():
             for count in range(10 ** 6):
                 if ended.is_set():
                     return
-                controller.replace_stack(stacks[count % 2])
+                controller.replace_stack(stacks[count % 2].copy())
                 controller.set_goal('a', random.uniform(-1.0, 1.0, 3), 0.01)
                 controller.enable('a', count % 3 > 0)
                 controller.restart()

@@ -299,8 +299,8 @@ def test_parameters_change_while_the_robot_moves(any_harness):
 @pytest.mark.parametrize('values, told', [
     ({'damping': -0.5}, 'damping'),
     ({'damping': float('nan')}, 'damping'),
-    ({'damping': True}, "expected 'Type.DOUBLE' got 'Type.BOOL'"),
-    ({'damping': 'much'}, "expected 'Type.DOUBLE' got 'Type.STRING'"),
+    ({'damping': True}, 'parameter damping must be a number, such as 1.0, not True'),
+    ({'damping': 'much'}, "must be a number, such as 1.0, not 'much'"),
     ({'braking_gain': 1000.0}, 'braking_gain 1000 must be at most 1/period = 100, or position '
      'limits would be crossed (period is 1/rate)'),
     ({'scaling': 'none'}, 'scaling must be one of redistribute, uniform'),

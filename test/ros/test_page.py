@@ -235,8 +235,7 @@ def test_box_follows_what_others_switch_off(rig):
 def test_gain_that_is_refused_is_said_with_its_reason_and_shown_as_it_was(rig):
     row = rig.page.stack.rows['rest']
     act(row.gains[0], -3.0)
-    rig.spin_until(lambda: 'the gain of task rest must be' in rig.page.notice.content,
-                   'the reason')
+    rig.spin_until(lambda: 'must be from' in rig.page.notice.content, 'the reason')
     rig.spin_until(lambda: row.gains[0].value == 1.0, 'the gain that is in force')
 
 

@@ -100,8 +100,8 @@ def test_they_are_described_with_unit_and_range(rig):
     assert described['tasks.inside.tolerance'] == 'how far outside still counts as satisfied [rad]'
     ranges = {each.name: (each.floating_point_range[0].from_value,
                           each.floating_point_range[0].to_value) for each in descriptors}
-    assert ranges['tasks.swing.gain'] == (0.0, 1e6)
-    # 1/period: 100 cycles a second.
+    # 2/period and 1/period: 100 cycles a second.
+    assert ranges['tasks.swing.gain'] == (0.0, 200.0)
     assert ranges['tasks.inside.gain'] == (0.0, 100.0)
 
 
@@ -136,17 +136,22 @@ def test_a_tolerance_that_is_set_is_that_of_the_status(rig):
 
 @pytest.mark.parametrize('values, told', [
     ({'tasks.swing.gain': 0.0}, 'gain of task swing must be positive'),
-    ({'tasks.swing.gain': -1.0}, 'out of range'),
-    ({'tasks.swing.gain': True}, "expected 'Type.DOUBLE' got 'Type.BOOL'"),
-    ({'tasks.swing.gain': [1.0, 1.0, 1.0]}, "expected 'Type.DOUBLE' got 'Type.DOUBLE_ARRAY'"),
-    ({'tasks.swing.gain': float('nan')}, 'out of range'),
-    ({'tasks.swing.gain': float('inf')}, 'out of range'),
+    ({'tasks.swing.gain': -1.0}, 'parameter tasks.swing.gain must be from 0 to 200, not -1.0'),
+    ({'tasks.swing.gain': True}, 'tasks.swing.gain must be a number, such as 1.0, not True'),
+    ({'tasks.swing.gain': 'fast'}, "tasks.swing.gain must be a number, such as 1.0, not 'fast'"),
+    ({'tasks.swing.gain': [1.0, 1.0]}, 'must be a number, such as 1.0, not [1.0, 1.0]'),
+    ({'tasks.swing.gain': float('nan')}, 'must be from 0 to 200, not nan'),
+    ({'tasks.swing.gain': float('inf')}, 'must be from 0 to 200, not inf'),
+    ({'tasks.swing.gain': 500.0}, 'must be from 0 to 200, not 500.0 (at most 2/period, or its '
+     'error would grow from cycle to cycle; 0.25/period does not overshoot, a cycle late either)'),
+    ({'tasks.both.gain': [1.0, 500.0]}, 'gain 500 of task both must be at most 2/period = 200'),
     ({'tasks.both.gain': [1.0]}, 'one for each of the 2 rows, got 1'),
     ({'tasks.both.gain': [1.0, float('nan')]}, 'gain of task both needs a number'),
-    ({'tasks.inside.gain': 101.0}, 'out of range'),
+    ({'tasks.inside.gain': 101.0}, 'must be from 0 to 100, not 101.0 (at most 1/period, or its '
+     'bounds would be crossed)'),
     ({'tasks.both.tolerance.m': 0.0}, 'tolerance of task both must be positive'),
-    ({'tasks.drift.gain': 1.0}, 'undeclared'),
-    ({'tasks.nobody.gain': 1.0}, 'undeclared'),
+    ({'tasks.drift.gain': 1.0}, "there is no parameter 'tasks.drift.gain'"),
+    ({'tasks.swing.gian': 1.0}, "'tasks.swing.gian' (did you mean 'tasks.swing.gain'?)"),
     # All or none.
     ({'tasks.swing.gain': 2.0, 'damping': -1.0}, 'damping'),
     ({'tasks.swing.gain': 2.0, 'stack': '[]'}, 'set the stack first, and then tasks.swing.gain'),
@@ -158,6 +163,25 @@ def test_a_refused_value_carries_the_reason_and_changes_nothing(rig, values, tol
     del rig.commands[:]
     rig.harness.spin_for_more(rig.commands, 3, rig.arm.publish)
     np.testing.assert_allclose(rig.commands, [VELOCITY] * len(rig.commands), atol=1e-9)
+
+
+def test_doubtful_gain_is_warned_of_in_log_and_status(harness, log):
+    rig = Rig(harness)
+    rig.spin_until_command(VELOCITY)
+    assert rig.change({'tasks.swing.gain': 190.0}) == ''
+    doubt = 'gain 190/s at '
+    harness.spin_until_logged(log, f'task swing: {doubt}', rig.arm.publish)
+    harness.spin_until(lambda: rig.status.task('swing')['gain warning'].startswith(doubt),
+                       'the warning', rig.arm.publish)
+    assert rig.status.task('both')['gain warning'] == ''
+    assert rig.change({'tasks.swing.gain': 1.0}) == ''
+    harness.spin_until(lambda: not rig.status.task('swing')['gain warning'], 'no warning',
+                       rig.arm.publish)
+
+
+def test_doubtful_gain_of_a_stack_is_warned_of(harness, log):
+    Rig(harness, stack=STACK.replace('type: joint,', 'type: joint, gain: 60,'))
+    assert 'task swing: gain 60/s at 100 Hz: after one cycle 0.4 of the error is left' in log()
 
 
 def test_what_was_set_lasts_until_the_stack_is_read_again(harness, tmp_path):

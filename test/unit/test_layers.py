@@ -28,9 +28,9 @@ import tp_controller
 
 PACKAGE = robots.REPOSITORY / 'tp_controller'
 # The layers, lowest first: each imports only itself and those before it.
-LAYERS = ['solver', 'foreign', 'untrusted', 'errors', 'extras', 'resources', 'files', 'progress',
-          'model', 'tasks', 'control', 'check', '', 'plots', 'bags', 'nodes', 'view', 'demos',
-          'cli', '__main__']
+LAYERS = ['solver', 'foreign', 'untrusted', 'errors', 'extras', 'units', 'resources', 'files',
+          'progress', 'model', 'tasks', 'control', 'check', '', 'plots', 'bags', 'nodes', 'view',
+          'demos', 'cli', '__main__']
 # What is no part of the method, and has libraries of its own.
 BESIDE = ('plots', 'bags', 'nodes', 'view', 'demos', 'cli', '__main__')
 SPEAK_ROS = ('nodes', 'view')

@@ -61,14 +61,14 @@ from tp_controller.check.results import (
     WorstResult,
     WRONG,
 )
-from tp_controller.check.setup import largest_gain, Setup
+from tp_controller.check.setup import Setup
 from tp_controller.check.spread import Spreader
 from tp_controller.control.controller import Controller
+from tp_controller.control.gains import decay_step
 from tp_controller.control.settings import Settings
 from tp_controller.errors import SettingsError, TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.simulator import start_configuration
-from tp_controller.tasks.gradient import GradientTask
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Task
 
@@ -121,7 +121,7 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
         That is not moved.
     stack : Stack
         Its tasks are copied and stay as they are; goals that they have count as goals of the
-        stack.
+        stack. No controller has used it.
     settings : Settings, optional
         Of the controller.
     period : float, optional
@@ -152,6 +152,8 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
     ------
     SettingsError
         An argument is out of range.
+    StackError
+        A controller has used the stack; see `Stack.copy`.
     RobotError
         `around` is no configuration.
     ModuleNotFoundError
@@ -225,7 +227,7 @@ def _check_counts(samples: int, runs: int, seconds: float, seed: int) -> None:
 def _refusals(setup: Setup) -> list[Finding]:
     """Return why a controller would refuse the settings with this stack."""
     try:
-        Controller(setup.robot, setup.fresh(), setup.settings)
+        Controller(setup.robot, setup.stack.copy(), setup.settings)
     except SettingsError as error:
         return [Finding(WRONG, 'fault', '', fault, 'correct it: a controller refuses it, too')
                 for fault in error.faults]
@@ -244,9 +246,9 @@ def _report(setup: Setup, seed: int, glimpses: Sequence[Glimpse], runs: Sequence
     filling = seen[0].filling if seen else frozenset()
     findings = [*faults, *_failures(glimpses, runs), *chain(
         about_robot(setup), about_levels(levels, filling),
-        about_pairs(pairs, numbers), about_gains(setup, tasks),
+        about_pairs(pairs, numbers), about_gains(setup),
         about_singularities(setup, tasks), about_bounds(tasks, len(runs)),
-        about_goals(tasks, filling), about_limits(worst, setup),
+        about_goals(tasks, filling, setup), about_limits(worst, setup),
         about_time(timing, setup) if timing else ())]
     ended = Counter(run.ended for run in runs)
     return CheckReport(
@@ -312,17 +314,10 @@ def _task(setup: Setup, task: Task, number: int, glimpses: Sequence[Glimpse],
     near = [each for each, far in possible if far <= NEAR]
     seconds = [each.seconds for each in reached]
     return TaskResult(
-        name, task.type_name, number, _gain_period(setup, task), singular, smallest, outside,
-        rows, active, active_in_loops, len(possible), len(reached), len(near),
+        name, task.type_name, number, decay_step(task, task.gain, setup.period), singular,
+        smallest, outside, rows, active, active_in_loops, len(possible), len(reached), len(near),
         sum(each.reached for each in near), float(np.median(seconds)) if seconds else None,
         max(seconds, default=None), _causes([each for each, _ in possible]))
-
-
-def _gain_period(setup: Setup, task: Task) -> float | None:
-    """Return gain times period of a task whose gain says how fast an error decays."""
-    if task.bounded or isinstance(task, GradientTask) or 'gain' not in task.accepted_keys():
-        return None
-    return largest_gain(task.gain) * setup.period
 
 
 def _region(setup: Setup, number: int) -> float | None:

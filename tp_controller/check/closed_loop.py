@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 import math
 
 import numpy as np
+from tp_controller.check.results import STILL_MOVING
 from tp_controller.check.sampling import random_configuration
 from tp_controller.check.setup import Setup
 from tp_controller.control.controller import Command, Controller
@@ -302,7 +303,7 @@ def _valid(setup: Setup, random: np.random.Generator, around: Array,
     """
     found: list[tuple[Array, dict[str, bool]]] = []
     while not found or len(found) < TRIES and not all(found[-1][1].values()):
-        stack = setup.fresh()
+        stack = setup.stack.copy()
         given = [task for task in stack.active_tasks if task.bounded or task.goal is not None]
         loop = Loop.at(setup, random_configuration(setup.robot, random, around, far), stack)
         if given:
@@ -341,10 +342,10 @@ def start_loop(setup: Setup, start: Array, goals: Array) -> Loop:
 
     Tasks with a goal of the stack keep it.
     """
-    loop = Loop.at(setup, start, setup.fresh())
+    loop = Loop.at(setup, start, setup.stack.copy())
     # One cycle in which the tasks take what they have as default goals, as in a node.
     loop.step()
-    there = setup.fresh()
+    there = setup.stack.copy()
     there.start(setup.robot.state(goals))
     for name, task in there.tasks.items():
         if task.has_default_goal and name not in there.disabled:
@@ -360,8 +361,10 @@ def _task_run(task: TaskReport, since: float, possible: bool) -> TaskRun:
     """Return what became of a task."""
     if task.reached:
         return TaskRun(possible, True, since)
-    return TaskRun(possible, False, math.nan,
-                   tuple((cause.kind, cause.name) for cause in task.causes), task.reason)
+    causes = tuple((cause.kind, cause.name) for cause in task.causes)
+    if not task.reason:
+        causes = ((STILL_MOVING, ''),)
+    return TaskRun(possible, False, math.nan, causes, task.reason)
 
 
 def watch(extremes: Extremes, setup: Setup, q: Array, velocity: Array, previous: Array,

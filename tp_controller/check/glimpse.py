@@ -86,7 +86,7 @@ def glimpse(setup: Setup, seed: np.random.SeedSequence) -> Glimpse:
     random = np.random.default_rng(seed)
     here, there = (setup.robot.state(random_configuration(setup.robot, random, setup.around))
                    for _ in range(2))
-    stack = setup.fresh()
+    stack = setup.stack.copy()
     try:
         stack.start(there)
         evaluations = stack.evaluate(here, 0.0)

@@ -25,19 +25,16 @@ from tp_controller.check.results import (
     FINE,
     LevelResult,
     PairResult,
+    STILL_MOVING,
     TaskResult,
     Timing,
     WorstResult,
     WRONG,
 )
 from tp_controller.check.setup import Setup
+from tp_controller.control.gains import gain_faults, gain_remark, OVERSHOOTS
 from tp_controller.control.reasons import SENTENCES
 
-# Gain times period from which a step overshoots the goal, and from which a robot that obeys a
-# cycle late does by more than half; docs/method.md, time steps and gains.
-OVERSHOOTS, DOUBTFUL_GAIN = 1.0, 0.5
-# The same without overshoot, a cycle late.
-LATE = 0.25
 # Share of the samples, or of the time, that is most of them.
 MOST, NEARLY_ALL, HARDLY_ANY = 0.5, 0.9, 0.01
 # Runs that have to be possible before a task can be said never to reach its goal, or seldom.
@@ -50,6 +47,8 @@ ROUNDING, ROUNDING_POSITION = 1e-6, 1e-9
 BUSY = 0.5
 # Causes and tasks that a sentence names.
 NAMED = 3
+# Gain times the time in which an error shrinks to a thousandth.
+ENOUGH_TIME = 7.0
 
 
 def about_parameters(ignored: Sequence[str]) -> Iterator[Finding]:
@@ -71,6 +70,9 @@ def about_robot(setup: Setup) -> Iterator[Finding]:
                  if given == limit]
         if names:
             yield Finding(DOUBTFUL, 'velocity limit', ', '.join(names), what, change)
+    for remark in robot.remarks:
+        yield Finding(DOUBTFUL, 'remark', robot.name, remark,
+                      'replace them by limits, or correct the description')
     for task in setup.stack.tasks.values():
         for remark in task.remarks:
             yield Finding(DOUBTFUL, 'remark', task.name, remark,
@@ -125,27 +127,13 @@ def about_pairs(pairs: Sequence[PairResult], levels: dict[str, int]) -> Iterator
             'leave out the axes that they share of one of them, or send goals that agree')
 
 
-def about_gains(setup: Setup, tasks: Sequence[TaskResult]) -> Iterator[Finding]:
-    """Yield which gains are too high for the rate."""
-    rate = 1.0 / setup.period
-    for task in tasks:
-        step = task.gain_period
-        if step is None or step < DOUBTFUL_GAIN:
-            continue
-        if step >= 2.0:
-            effect = 'the error grows from cycle to cycle'
-        elif step > OVERSHOOTS:
-            effect = 'every cycle overshoots the goal'
-        elif step == OVERSHOOTS:
-            effect = 'any delay makes it overshoot'
-        else:
-            effect = 'a robot that obeys a cycle late overshoots'
-        yield Finding(
-            WRONG if step >= OVERSHOOTS else DOUBTFUL, 'gain', task.name,
-            f'gain {step * rate:g}/s at {rate:g} Hz: after one cycle {1.0 - step:.2g} of the '
-            f'error is left; {effect}',
-            f'a gain of at most {LATE * rate:.3g}/s does not overshoot, a cycle late either '
-            '(docs/method.md, time steps and gains); or raise the rate')
+def about_gains(setup: Setup) -> Iterator[Finding]:
+    """Yield which gains are too high for the rate; a controller refuses still higher ones."""
+    for task in setup.stack.tasks.values():
+        found = gain_remark(task, task.gain, setup.period)
+        if found and not gain_faults(task, task.gain, setup.settings.period):
+            yield Finding(WRONG if found.step >= OVERSHOOTS else DOUBTFUL, 'gain', task.name,
+                          found.message, found.change)
 
 
 def about_singularities(setup: Setup, tasks: Sequence[TaskResult]) -> Iterator[Finding]:
@@ -195,28 +183,44 @@ def about_bounds(tasks: Sequence[TaskResult], runs: int) -> Iterator[Finding]:
                 'loops', 'widen its bounds')
 
 
-def about_goals(tasks: Sequence[TaskResult], filling: frozenset[str]) -> Iterator[Finding]:
+def about_goals(tasks: Sequence[TaskResult], filling: frozenset[str],
+                setup: Setup) -> Iterator[Finding]:
     """Yield which tasks reach their goals in closed loops; `filling` demand every joint."""
     for task in tasks:
         if not task.possible:
             continue
-        why = _why(task.causes)
         found = f'at its goal in {task.reached} of {task.possible} runs' if task.outside is None \
             else f'satisfied in the end of {task.reached} of {task.possible} runs'
         near = f', {task.reached_near} of {task.possible_near} with near goals' \
             if task.reached < task.possible else ''
         if task.median_seconds is not None and task.outside is None:
             near += f', after {task.median_seconds:.1f} s in the median'
-        if task.possible >= ENOUGH and not task.reached:
-            # Below others that is how priorities work.
-            below = task.name in filling or task.causes[0].kind in ('task', 'bounds')
-            severity, kind = DOUBTFUL if below else WRONG, 'never reached'
-            change = _cure(task.causes)
+        below = bool(task.causes) and task.causes[0].kind in ('task', 'bounds')
+        slow = '' if below or task.reached == task.possible else _slow(task, setup)
+        if not task.reached:
+            # Below others that is how priorities work, and few runs prove nothing.
+            sure = task.possible >= ENOUGH and not below and not slow \
+                and task.name not in filling
+            severity, kind = WRONG if sure else DOUBTFUL, 'never reached'
         elif task.possible_near >= ENOUGH_NEAR and task.reached_near < MOST * task.possible_near:
-            severity, kind, change = DOUBTFUL, 'seldom reached', _cure(task.causes)
+            severity, kind = DOUBTFUL, 'seldom reached'
         else:
-            severity, kind, change = FINE, 'reached', ''
-        yield Finding(severity, kind, task.name, found + near + why, change)
+            severity, kind = FINE, 'reached'
+        change = '' if severity == FINE else \
+            'raise its gain, or the time of a run' if slow else _cure(task, setup)
+        yield Finding(severity, kind, task.name, found + near + (slow or _why(task.causes)),
+                      change)
+
+
+def _slow(task: TaskResult, setup: Setup) -> str:
+    """Return that a gain is too low for the time of a run, as the end of a sentence, if it is."""
+    if task.gain_period is None:
+        return ''
+    gain = float(np.min(setup.stack.tasks[task.name].gain))
+    if gain * setup.seconds >= ENOUGH_TIME:
+        return ''
+    return f'; with a gain of {gain:g}/s an error shrinks to a thousandth in ' \
+           f'{ENOUGH_TIME / gain:.3g} s, and a run has {setup.seconds:g} s'
 
 
 def about_limits(worst: Sequence[WorstResult], setup: Setup) -> Iterator[Finding]:
@@ -270,18 +274,22 @@ def _why(causes: Sequence[CauseCount]) -> str:
 
 def _cause(cause: CauseCount) -> str:
     """Return a cause in words."""
+    if cause.kind == STILL_MOVING:
+        return 'still on its way'
     return SENTENCES[cause.kind].format(cause.name) if cause.kind else 'several causes together'
 
 
-def _cure(causes: Sequence[CauseCount]) -> str:
+def _cure(task: TaskResult, setup: Setup) -> str:
     """Return what helps against the most frequent cause."""
-    kind = causes[0].kind if causes else ''
-    if kind in ('task', 'bounds'):
-        return f'see what {causes[0].name} leaves it, or put it higher'
-    if 'position limit' in kind:
+    first = task.causes[0] if task.causes else CauseCount('', '', 0)
+    if first.kind in ('task', 'bounds'):
+        return f'see what {first.name} leaves it, or put it higher'
+    if 'position limit' in first.kind:
         return 'a posture in the middle of the ranges, or joint_limit_distance, leaves more ' \
                'joints free'
-    return 'raise its gain, or the time of a run'
+    own = setup.stack.tasks[task.name]
+    doubt = gain_remark(own, own.gain, setup.period)
+    return doubt.change if doubt else 'raise its gain, or the time of a run'
 
 
 def _count(directions: int) -> str:

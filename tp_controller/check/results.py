@@ -24,6 +24,8 @@ from typing import Any, cast, get_args, get_origin, get_type_hints
 # How bad a finding is.
 WRONG, DOUBTFUL, FINE = 'wrong', 'doubtful', 'fine'
 SEVERITIES = (WRONG, DOUBTFUL, FINE)
+# Kind of a cause: nothing limited the task when the time of the run was over.
+STILL_MOVING = 'moving'
 
 
 def _said(description: str, unit: str = '') -> Any:
@@ -70,7 +72,8 @@ class PairResult:
 class CauseCount:
     """How often something limited a task that did not reach its goal."""
 
-    kind: str = _said('as in the report of a cycle; empty: several causes together')
+    kind: str = _said('as in the report of a cycle; empty: several causes together; `moving`: '
+                      'nothing limited it when the run ended')
     name: str = _said('joint or task')
     runs: int = _said('in how many runs it was the largest cause')
 

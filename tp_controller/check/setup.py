@@ -17,7 +17,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 import hashlib
-import math
 import pickle
 from typing import Any
 
@@ -40,7 +39,7 @@ class Setup:
     ----------
     robot : Robot
     stack : Stack
-        Never evaluated itself: every run takes a `fresh` one.
+        Never evaluated itself: every run takes a copy.
     settings : Settings
     period : float
         Time between two cycles [s].
@@ -57,14 +56,6 @@ class Setup:
     period: float
     seconds: float
     around: Array
-
-    def fresh(self) -> Stack:
-        """Return the stack with tasks that remember nothing of other runs."""
-        stack = Stack([[task.probe() for task in group] for group in self.stack.groups],
-                      self.stack.text)
-        for name in self.stack.disabled:
-            stack.enable(name, False)
-        return stack
 
 
 @dataclass(frozen=True)
@@ -156,8 +147,3 @@ def _robot_arguments(robot: Robot) -> dict[str, Any]:
               for row, name in enumerate(robot.velocity_names)}
     return {'source': robot.urdf, 'base': robot.base, 'joints': list(robot.joint_names),
             'limits': limits, 'world_frame': robot.root if robot.moves else DEFAULT_WORLD}
-
-
-def largest_gain(gain: Any) -> float:
-    """Return the largest number of a gain [1/s]."""
-    return float(np.max(gain)) if np.size(gain) else math.nan

@@ -24,6 +24,7 @@ from tp_controller.cli.command import Command
 from tp_controller.cli.values import finite_number, positive_number
 from tp_controller.model.rpy import quaternion_from_rpy
 from tp_controller.nodes.middleware import set_up_fast_dds
+from tp_controller.units import with_unit
 from tp_controller.untrusted import errors_of
 
 if TYPE_CHECKING:  # Imported when a goal is sent: the help needs no ROS.
@@ -171,7 +172,6 @@ def _reach(client: 'Client', options: argparse.Namespace) -> bool:
     if client.stop_reason():
         print(f'not reached: {client.stop_reason()}')
         return False
-    from tp_controller.tasks.keys import with_unit
     errors = ', '.join(with_unit(f'{error:.3g}', unit)
                        for unit, error in errors_of(status).items())
     reason = status.get('reason', f'the stack has no task {options.task} any more')

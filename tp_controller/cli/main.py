@@ -25,7 +25,7 @@ from typing import NoReturn
 
 import argcomplete
 from tp_controller.cli import check, demo, goal, plot, record, status, view
-from tp_controller.errors import TpControllerError
+from tp_controller.errors import SolverError, TpControllerError
 from tp_controller.extras import install_command
 from tp_controller.nodes.interruption import ENDING, SignalWatch
 from tp_controller.untrusted import plain
@@ -94,16 +94,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = make_parser()
     argcomplete.autocomplete(parser)
-    options = parser.parse_args(
-        _mark_numbers(sys.argv[1:] if arguments is None else arguments))
+    try:
+        options = parser.parse_args(
+            _mark_numbers(sys.argv[1:] if arguments is None else arguments))
+    except TpControllerError as error:
+        return _refuse(error)
     # The first Ctrl-C is an exception, which waits for C code to return.
     watch = SignalWatch(ENDING, INTERRUPTED)
     watch.start()
     try:
         return options.run(options)
     except TpControllerError as error:
-        print(f'tp_controller: {plain(str(error), LONGEST, lines=True)}', file=sys.stderr)
-        return 1
+        return _refuse(error)
     except ModuleNotFoundError as error:
         return _lacks(error)
     except KeyboardInterrupt:
@@ -137,9 +139,17 @@ def _node(name: str, part: str = 'nodes') -> int:
     """Run a node, whose module needs ROS already to be imported."""
     try:
         module = importlib.import_module(f'tp_controller.{part}.{name}')
+    except TpControllerError as error:
+        return _refuse(error)
     except ModuleNotFoundError as error:
         return _lacks(error)
     return module.main()
+
+
+def _refuse(error: TpControllerError) -> int:
+    """Say what is wrong; return the exit status, 2 for a solver that cannot be had."""
+    print(f'tp_controller: {plain(str(error), LONGEST, lines=True)}', file=sys.stderr)
+    return 2 if isinstance(error, SolverError) else 1
 
 
 def _lacks(error: ModuleNotFoundError) -> int:

@@ -123,7 +123,10 @@ def _row(task: str, values: Mapping[str, str]) -> str:
     """Return the line of a task."""
     errors = ', '.join(_error(unit, error) for unit, error in errors_of(values).items())
     cells = (task, values.get('level', ''), errors, values.get('status', ''))
-    reason = '; '.join(filter(None, (values.get('reason'), values.get('goal warning'))))
+    reason = values.get('reason', '')
+    for warning in (values.get('goal warning', ''), values.get('gain warning', '')):
+        if warning not in reason:
+            reason = f'{reason}; {warning}' if reason else warning
     return '  ' + ' '.join(f'{cell:<{columns}}'
                            for cell, (_, columns) in zip(cells, COLUMNS)) + f' {reason}'
 

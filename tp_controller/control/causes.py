@@ -140,6 +140,11 @@ class Causes:
         self._out_of_reach: dict[str, bool] = {}
 
     @property
+    def period(self) -> float:
+        """Return the mean time between two commands [s]."""
+        return self._cycle.period
+
+    @property
     def instead(self) -> str:
         """Return why something else than the stack is carried out; mostly empty."""
         return self._outcome.instead

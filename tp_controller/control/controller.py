@@ -23,7 +23,7 @@ from tp_controller.control.causes import Place, TRANSITION
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.cycle_time import check_time, CycleTime
 from tp_controller.control.escape import Escape
-from tp_controller.control.gains import gain_faults, set_gain, set_tolerance
+from tp_controller.control.gains import gain_faults, gain_remark, set_gain, set_tolerance
 from tp_controller.control.goal_limits import check_goal
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
@@ -32,6 +32,7 @@ from tp_controller.control.velocity_limits import lowered, VelocityBounds, Veloc
 from tp_controller.errors import (
     EvaluationError,
     GoalError,
+    RobotError,
     SettingsError,
     TimeError,
     unknown,
@@ -44,7 +45,7 @@ from tp_controller.solver.level import Level
 from tp_controller.tasks.guard import accept
 from tp_controller.tasks.keys import Gain, Tolerance
 from tp_controller.tasks.pose import parse_pose
-from tp_controller.tasks.stack import Groups, levels_of, shared_levels, Stack
+from tp_controller.tasks.stack import check_type, Groups, levels_of, shared_levels, Stack
 from tp_controller.tasks.task import Evaluation, Goal, Task
 
 # A command is in force for at most this multiple of the mean time between two, or a period.
@@ -72,8 +73,10 @@ class Controller:
     """
     Carries out a stack of tasks on a robot, one `update` a cycle.
 
-    Time is whatever clock the caller has, in seconds. It should not stand still nor be set back,
-    but nothing is lost if it does; see `update`.
+    Its tasks remember goals and cycles, so they belong to this controller from now on.
+
+    Time is whatever clock the caller has, in seconds; without it (`now`) calls are refused. It
+    should not stand still nor be set back, but nothing is lost if it does; see `update`.
 
     Parameters
     ----------
@@ -83,14 +86,25 @@ class Controller:
 
     Raises
     ------
+    RobotError
+        `robot` is none.
     SettingsError
         The settings do not fit the robot or the stack; see `check_settings`.
+    StackError
+        `stack` is none, or another controller has used tasks of it; see `Stack.copy`.
 
     """
 
     def __init__(self, robot: Robot, stack: Stack, settings: Settings | None = None) -> None:
+        if not isinstance(robot, Robot):
+            raise RobotError('a controller needs a Robot, such as Robot.from_urdf(file), and then '
+                             f'a Stack, got {type(robot).__name__}')
+        check_type(stack)
         self.robot = robot
         self.stack = stack
+        # Mark of the stack in force; another one with each stack.
+        self._owner = object()
+        stack.check_owner(self._owner)
         # None before the first update.
         self._state: RobotState | None = None
         # Of this cycle and of the one before, in turns, and one for reports. To make one takes
@@ -108,9 +122,10 @@ class Controller:
         self._transition = Transition(0.0)
         self._escape = Escape(robot.n)
         self._settings = settings = settings or Settings()
-        self._time = CycleTime(settings.period)
         self.check_settings(settings)
+        self._time = CycleTime(settings.period)
         self._use(settings)
+        stack.set_owner(self._owner)
 
     def replace_stack(self, stack: Stack, settings: Settings | None = None) -> None:
         """
@@ -131,14 +146,20 @@ class Controller:
         ------
         SettingsError
             The settings do not fit it; what was in force before stays in force.
+        StackError
+            Tasks belong to another controller, or to a stack that was replaced before; see
+            `Stack.copy`. What was in force before stays in force.
         EvaluationError
             A task fails when it gets its goal; what was in force before stays in force.
 
         """
         settings = settings or self._settings
         self.check_settings(settings, stack)
+        stack.check_owner(self._owner)
         before = self.stack.active
         stack.inherit_goals(self.stack)
+        self._owner = object()
+        stack.set_owner(self._owner)
         stack.limit_time(settings.task_budget * settings.period)
         self.stack = stack
         self._started = False
@@ -175,7 +196,7 @@ class Controller:
         self._started = False
         self.stack.forget_goals()
 
-    def halt(self, now: float) -> None:
+    def halt(self, now: float | None = None) -> None:
         """
         Say that no motion is commanded now, whatever the last update returned.
 
@@ -263,16 +284,19 @@ class Controller:
         Raises
         ------
         SettingsError
-            There is not one weight for each joint, or a bound would be approached faster than
-            the period allows.
+            There is not one weight for each joint, or a gain is too high for the period: a bound
+            would be crossed, or an error would grow.
 
         """
+        stack = self.stack if stack is None else check_type(stack)
+        if not isinstance(settings, Settings):
+            raise SettingsError([f'settings must be made by Settings(…), got {settings!r}'])
         faults = []
         weights = settings.weights
         if weights and len(weights) != self.robot.n:
             faults.append(f'weights needs {self.robot.n} numbers, one for each of '
                           f'{", ".join(self.robot.velocity_names)}, got {len(weights)}')
-        for task in (self.stack if stack is None else stack).tasks.values():
+        for task in stack.tasks.values():
             faults += gain_faults(task, task.gain, settings.period)
         if faults:
             raise SettingsError(faults)
@@ -338,6 +362,22 @@ class Controller:
             if task in group:
                 self._transition.announce(index)
 
+    def gain_warning(self, name: str) -> str:
+        """
+        Return what is doubtful about the gain of a task, and what can be changed; mostly empty.
+
+        It is judged by the mean time between the last cycles, at first by the `period`.
+
+        Raises
+        ------
+        GoalError
+            There is no such task.
+
+        """
+        task = self._task(name)
+        doubt = gain_remark(task, task.gain, self._time.mean)
+        return f'{doubt.message}: {doubt.change}' if doubt else ''
+
     def set_tolerance(self, name: str, tolerance: Tolerance) -> None:
         """
         Give a task other tolerances, which changes its report only.
@@ -359,7 +399,7 @@ class Controller:
         """
         set_tolerance(self._task(name), tolerance)
 
-    def set_goal(self, name: str, goal: Goal, now: float,
+    def set_goal(self, name: str, goal: Goal, now: float | None = None,
                  frame: str | Array | None = None) -> tuple[str, ...]:
         """
         Set the goal of a task.
@@ -403,7 +443,7 @@ class Controller:
         accept(task, task.set_goal, goal, now)
         return remarks
 
-    def set_feed_forward(self, name: str, velocity: Any, now: float,
+    def set_feed_forward(self, name: str, velocity: Any, now: float | None = None,
                          frame: str | Array | None = None) -> None:
         """
         Set the feed-forward velocity of a task, in force until its timeout.
@@ -454,7 +494,7 @@ class Controller:
         self.stack.enable(name, enabled)
         self._announce_stack(before)
 
-    def update(self, q: ArrayLike, now: float, passive: ArrayLike | None = None,
+    def update(self, q: ArrayLike, now: float | None = None, passive: ArrayLike | None = None,
                elapsed: float | None = None) -> Command:
         """
         Return the command at positions `q`.
@@ -527,7 +567,7 @@ class Controller:
                                                 cycle, outcome, self.stack.faults,
                                                 Place(state.q, self._passive, now, self._spare)))
 
-    def _rest(self, now: float, velocity: Array) -> None:
+    def _rest(self, now: float | None, velocity: Array) -> None:
         """Command a velocity (n,) that no task demands; motion that follows is blended in."""
         self._last_update = check_time(now, 'now', TimeError)
         self._send(velocity)

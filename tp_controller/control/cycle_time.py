@@ -78,12 +78,13 @@ class CycleTime:
         return elapsed
 
 
-def check_time(value: float, name: str, refusal: type[TpControllerError]) -> float:
+def check_time(value: float | None, name: str, refusal: type[TpControllerError]) -> float:
     """Return a time as a float [s]; raise `refusal` unless it is a finite number."""
     try:
-        if math.isfinite(value):
+        if value is not None and math.isfinite(value):
             return float(value)
     except (TypeError, ValueError, OverflowError):
         # What follows says what is wrong with it.
         pass
-    raise refusal(f'{name} must be a finite number [s], got {value!r}')
+    raise refusal(f'{name} must be a finite number, the time of any clock [s], got {value!r}'
+                  if name == 'now' else f'{name} must be a finite number [s], got {value!r}')

@@ -28,10 +28,11 @@ from tp_controller.control.causes import (
     TASK,
     TRANSITION,
 )
+from tp_controller.control.gains import gain_remark
 from tp_controller.control.velocity_limits import ACCELERATION, LOWER, UPPER, VELOCITY
 from tp_controller.tasks.bounded import out_of_reach, STILL
-from tp_controller.tasks.keys import with_unit
 from tp_controller.tasks.task import Evaluation
+from tp_controller.units import with_unit
 
 # How many causes a sentence names.
 NAMED = 3
@@ -63,6 +64,10 @@ HINTS = {
     DAMPING: 'lower the setting damping',
     TRANSITION: 'wait, or lower the setting blend',
 }
+OUT_OF_REACH = 'out of reach'
+CHOOSE_ANOTHER = 'the goal is out of reach: choose another one'
+# What a gain that is too high for the period runs into.
+OVERSHOT = frozenset((VELOCITY, ACCELERATION, RESERVE))
 ELSEWHERE = frozenset((SINGULARITY, IMPOSSIBLE, DAMPING))
 
 
@@ -88,7 +93,7 @@ def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]]
         if is_out_of_reach(evaluation, found, causes):
             distance = ', '.join(with_unit(f'{value:.2g}', unit)
                                  for value, unit, tolerance in errors if value > tolerance)
-            sentences.append(f'out of reach by {distance}')
+            sentences.append(f'{OUT_OF_REACH} by {distance}')
         else:
             sentences.extend(_sentence(cause, evaluation, causes) for cause in found[:NAMED])
             if not found:
@@ -103,13 +108,19 @@ def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]]
 def hint_of(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> str:
     """Return what would help a task that is limited; see `reason_of`."""
     if is_out_of_reach(evaluation, found, causes):
-        return 'the goal is out of reach: choose another one'
+        return CHOOSE_ANOTHER
+    task = evaluation.task
+    if not found or found[0].kind in OVERSHOT:
+        # Higher limits would only make it worse.
+        doubt = gain_remark(task, task.gain, causes.period)
+        if doubt:
+            return doubt.change
     if not found:
         return ''
     first = found[0]
     if first.kind == TASK and causes.share_a_level(evaluation, first.name):
-        return f'give {first.name} and {evaluation.task.name} levels of their own'
-    return HINTS[first.kind].format(name=first.name, own=evaluation.task.name)
+        return f'give {first.name} and {task.name} levels of their own'
+    return HINTS[first.kind].format(name=first.name, own=task.name)
 
 
 def limit_text(kind: str, joint: str) -> str:

@@ -17,11 +17,18 @@
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 import math
+from typing import NamedTuple
 
 import numpy as np
 from tp_controller.control.causes import Cause, Causes, missing_of, Place
 from tp_controller.control.cycle import Cycle, Outcome
-from tp_controller.control.reasons import hint_of, limit_text, reason_of
+from tp_controller.control.reasons import (
+    CHOOSE_ANOTHER,
+    hint_of,
+    limit_text,
+    OUT_OF_REACH,
+    reason_of,
+)
 from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
@@ -31,9 +38,19 @@ from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Evaluation, norm, Task
 
 
+class Measures(NamedTuple):
+    """What a task has come to in a cycle; see `TaskReport`."""
+
+    errors: tuple[tuple[float, str, float], ...]
+    reached: bool = False
+    wanted_speed: float = 0.0
+    achieved_speed: float = 0.0
+    fault: str = ''
+
+
 class TaskReport:
     """
-    One task in one cycle; causes are computed when they are read.
+    One task in one cycle; computed when it is read.
 
     Attributes
     ----------
@@ -60,31 +77,59 @@ class TaskReport:
                  causes: Causes | None = None, fault: str = '') -> None:
         self.name, self.type_name, self.bounded = task.name, task.type_name, task.bounded
         self.level, self._evaluation, self._causes = level, evaluation, causes
-        self.reached, self.wanted_speed, self.achieved_speed = False, 0.0, 0.0
-        self.fault = fault
+        self._task, self._velocity, self._known_fault = task, velocity, fault
+
+    @cached_property
+    def _measures(self) -> Measures:
+        """Return what the task has come to."""
+        task = self._task
         try:
             with foreign:
-                self.errors = self._measure(task, velocity)
+                return self._measure(task)
         except Exception as error:
             # Of a type of another package; it is carried out all the same.
-            self.fault = fault or raised(task.reported_errors, error)
-            self.errors = tuple((math.nan, unit, tolerance) for _, unit, tolerance in task.groups)
-            self.reached = False
+            return Measures(
+                tuple((math.nan, unit, tolerance) for _, unit, tolerance in task.groups),
+                fault=self._known_fault or raised(task.reported_errors, error))
 
-    def _measure(self, task: Task,
-                 velocity: Array | None) -> tuple[tuple[float, str, float], ...]:
-        """Measure speeds, and return the errors."""
-        evaluation = self._evaluation
+    def _measure(self, task: Task) -> Measures:
+        """Return what the task has come to; its type may fail."""
+        evaluation, velocity = self._evaluation, self._velocity
         if evaluation is None or velocity is None:
             # Nothing is known about a task that is not carried out.
             unknown = np.full(task.rows, np.nan)
-            return _checked(task.reported_errors(unknown, unknown))
+            return Measures(_checked(task.reported_errors(unknown, unknown)),
+                            fault=self._known_fault)
         missing = missing_of(evaluation.level, velocity) / task.row_scale
         achieved = evaluation.level.J.dot(velocity) / task.row_scale
         errors = _checked(task.reported_errors(evaluation.error, missing))
-        self.reached = all(value <= tolerance for value, _, tolerance in errors)
-        self.wanted_speed, self.achieved_speed = norm(achieved + missing), norm(achieved)
-        return errors
+        return Measures(errors, all(value <= tolerance for value, _, tolerance in errors),
+                        norm(achieved + missing), norm(achieved), self._known_fault)
+
+    @property
+    def errors(self) -> tuple[tuple[float, str, float], ...]:
+        """Return norm of the error, its unit and the tolerance, for each unit."""
+        return self._measures.errors
+
+    @property
+    def reached(self) -> bool:
+        """Return whether every error is within its tolerance."""
+        return self._measures.reached
+
+    @property
+    def wanted_speed(self) -> float:
+        """Return the norm of the demanded task velocity."""
+        return self._measures.wanted_speed
+
+    @property
+    def achieved_speed(self) -> float:
+        """Return the norm of the part of it that is carried out."""
+        return self._measures.achieved_speed
+
+    @property
+    def fault(self) -> str:
+        """Return why the task failed, in a sentence; empty where it did not."""
+        return self._measures.fault
 
     @property
     def carried_out(self) -> bool:
@@ -105,7 +150,20 @@ class TaskReport:
             return self.fault
         if self._causes is None or self._evaluation is None or self.level is None or self.reached:
             return ''
-        return reason_of(self._evaluation, self.errors, self.causes, self._causes)
+        reason = reason_of(self._evaluation, self.errors, self.causes, self._causes)
+        return reason if OUT_OF_REACH in reason else \
+            '; '.join(filter(None, (self._unreachable, reason)))
+
+    @cached_property
+    def _unreachable(self) -> str:
+        """Return why no motion can bring the task to its goal, which may be far away still."""
+        task = self._task
+        try:
+            with foreign:
+                return '' if task.goal is None else str(task.out_of_reach(task.goal))
+        except Exception:
+            # Of a type of another package: a remark is not worth a fault.
+            return ''
 
     @cached_property
     def hint(self) -> str:
@@ -114,7 +172,8 @@ class TaskReport:
             return 'correct its code, then enable the task again'
         if self._causes is None or self._evaluation is None or not self.reason:
             return ''
-        return hint_of(self._evaluation, self.causes, self._causes)
+        return CHOOSE_ANOTHER if self._unreachable else \
+            hint_of(self._evaluation, self.causes, self._causes)
 
     @property
     def status(self) -> str:

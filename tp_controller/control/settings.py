@@ -20,7 +20,7 @@ import math
 from typing import Any
 
 import numpy as np
-from tp_controller.errors import SettingsError
+from tp_controller.errors import SettingsError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.resources import is_number
 from tp_controller.solver.damping import Damping
@@ -127,6 +127,14 @@ class Settings:
     largest_turn: float = _number(
         math.inf, 0.0, math.inf, 'rad', 'largest angle between a new goal and where its task is, '
         'also of joints (inf: any)')
+
+    def __new__(cls, *values: object, **named: object) -> 'Settings':
+        """Refuse settings that there are not."""
+        names = [item.name for item in fields(cls)]
+        faults = [unknown('setting', name, names) for name in named if name not in names]
+        if faults:
+            raise SettingsError(faults)
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         """Check everything, and raise one error for all faults."""

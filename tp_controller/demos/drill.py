@@ -39,7 +39,7 @@ from tp_controller.plots.curves import plot_bounds
 from tp_controller.resources import package_share
 from tp_controller.tasks.field_of_view import FieldOfView
 from tp_controller.tasks.joint_limits import JointLimits
-from tp_controller.tasks.keys import with_unit
+from tp_controller.units import with_unit
 
 PERIOD = 0.01
 DURATION = 40.0

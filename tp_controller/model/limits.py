@@ -14,7 +14,7 @@
 
 """Limits of a robot: those of its URDF, narrowed by mimic joints, replaced by the user's."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import math
 from typing import TypeAlias
 from xml.etree.ElementTree import Element
@@ -27,6 +27,8 @@ from tp_controller.resources import is_number
 LIMIT_KEYS = ('lower', 'upper', 'velocity', 'acceleration')
 # A joint with a narrower range than this cannot move [rad or m]: what is left is rounding.
 NARROWEST = 1e-9
+# No joint with an end turns farther than this from zero; degrees do [rad].
+TURNS = 4.0 * math.pi * (1.0 + 1e-3)
 # A base has no position limits.
 BASE_LIMIT_KEYS = ('velocity', 'acceleration')
 
@@ -70,6 +72,14 @@ def velocity_limits(base: Base, driven: Sequence[str], elements: Mapping[str, El
         _check_row(_what(name, base), row, [
             follower for follower in mimics if resolve_mimic(follower, mimics)[0] == name])
     return rows
+
+
+def in_degrees(names: Iterable[str], units: Iterable[str], lower: Iterable[float],
+               upper: Iterable[float]) -> list[str]:
+    """Return which joints have position limits that look like degrees, with their limits."""
+    return [f'{name} ({low:g} to {high:g})'
+            for name, unit, low, high in zip(names, units, lower, upper)
+            if unit == 'rad' and any(TURNS < abs(end) < math.inf for end in (low, high))]
 
 
 def without_range(names: Sequence[str], elements: Mapping[str, Element],

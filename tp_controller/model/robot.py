@@ -25,6 +25,7 @@ from tp_controller.errors import RobotError, unknown
 from tp_controller.model.dh import Table, urdf_from_dh
 from tp_controller.model.kinematics import Kinematics
 from tp_controller.model.limits import (
+    in_degrees,
     joint_limits,
     LIMIT_KEYS,
     LimitOverrides,
@@ -98,6 +99,8 @@ class Robot:
         Joints that turn without end.
     passive_neutral : ndarray (p,)
         Where passive joints are taken to be until something is heard of them [rad or m].
+    remarks : tuple of str
+        What is probably a mistake in the description.
     mass : float
         Of all links; 0 where the description gives none [kg].
     frame_names : tuple of str
@@ -138,6 +141,11 @@ class Robot:
         mimics = mimic_rules(elements)
         self._name_joints(model.names, elements, mimics, joints, limits or {})
         self._read_limits(elements, mimics, limits or {})
+        # How far a frame can get depends on them.
+        for name, lower, upper in zip(self.joint_names, self.lower[self.joint_columns],
+                                      self.upper[self.joint_columns]):
+            row = model.joints[model.getJointId(name)].idx_q
+            model.lowerPositionLimit[row], model.upperPositionLimit[row] = lower, upper
         self.kinematics = Kinematics(model, frame_ids, self._base, self.joint_names,
                                      self.passive_names, mimics)
         self.mass = self.kinematics.mass
@@ -420,6 +428,9 @@ class Robot:
             [name in elements and elements[name].get('type') == 'continuous'
              for name in self.velocity_names], dtype=bool)
             & np.isinf(self.lower) & np.isinf(self.upper))
+        degrees = in_degrees(self.velocity_names, self.velocity_units, self.lower, self.upper)
+        self.remarks = (f'position limits beyond two turns, which look like degrees: '
+                        f'{", ".join(degrees)}; limits are in rad',) if degrees else ()
         ranges = [joint_limits(name, elements[name]) for name in self.passive_names]
         self.passive_neutral = np.array([min(max(0.0, row['lower']), row['upper'])
                                          for row in ranges])

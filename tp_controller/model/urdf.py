@@ -55,7 +55,6 @@ def moving_joints(tree: Element) -> dict[str, Element]:
     for joint in tree.findall('joint'):
         kind = joint.get('type')
         if kind in MOVING:
-            _check_limit(joint)
             elements[joint.get('name', '')] = joint
             if len(elements) > MOST_JOINTS:
                 raise RobotError(f'more than {MOST_JOINTS} joints that move: fix those that are '
@@ -105,16 +104,6 @@ def _names(tree: Element, what: str) -> dict[str, None]:
     return names
 
 
-def _check_limit(joint: Element) -> None:
-    """Raise `RobotError` where a joint lacks the limits that its type needs."""
-    limit = joint.find('limit')
-    if joint.get('type') == 'continuous' and limit is None:
-        return
-    for key in ('effort', 'velocity'):
-        if limit is None or limit.get(key) is None:
-            raise RobotError(f'joint {joint.get("name")!r} needs <limit> with effort and velocity')
-
-
 def build_model(tree: Element, moving_base: bool = False) -> pinocchio.Model:
     """
     Return Pinocchio's model of a URDF, every moving joint with one coordinate.
@@ -128,12 +117,17 @@ def build_model(tree: Element, moving_base: bool = False) -> pinocchio.Model:
             link.findall('inertial'))
     slim.extend(copy.deepcopy(tree.findall('joint')))
     for joint in slim.findall('joint'):
+        if joint.get('type') not in MOVING:
+            continue
+        limit = joint.find('limit')
+        if limit is None:
+            limit = ElementTree.SubElement(joint, 'limit')
+        # The parser insists on both. Limits are read from the description itself.
+        limit.set('effort', '0')
+        limit.set('velocity', '0')
         if joint.get('type') == 'continuous':
             # Pinocchio would hold a continuous joint as cosine and sine and forget its turns.
             joint.set('type', 'revolute')
-            limit = joint.find('limit')
-            if limit is None:
-                limit = ElementTree.SubElement(joint, 'limit', effort='0', velocity='0')
             limit.set('lower', repr(-UNLIMITED))
             limit.set('upper', repr(UNLIMITED))
     before = (pinocchio.JointModelFreeFlyer(), FREE_FLYER) if moving_base else ()

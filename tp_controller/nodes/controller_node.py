@@ -388,6 +388,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
                      if given == limit]
             if names:
                 self._log.warning(f'{what} {", ".join(names)}')
+        for remark in robot.remarks:
+            self._log.warning(remark)
         controller = SharedController(robot, Stack([]), self._settings)
         self._loop = ControlLoop(self.loop_node, self.resolve_topic_name, controller,
                                  self._values, self._log)
@@ -438,6 +440,9 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         for task in stack.tasks.values():
             for remark in task.remarks:
                 self._log.warning(f'task {task.name}: {remark}')
+            # Else the period is only the longest one.
+            if self._values['rate'] > 0.0:
+                self._task_parameters.warn(task.name)
 
     def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Refuse what the method would refuse; what it knows nothing of is not its business."""

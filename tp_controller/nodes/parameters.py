@@ -34,7 +34,7 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from tp_controller.control.settings import Settings
-from tp_controller.errors import SettingsError
+from tp_controller.errors import SettingsError, suggestion
 from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
 from tp_controller.resources import load_yaml
 
@@ -72,6 +72,8 @@ class Spec:
         Range of a number.
     fixed : bool
         Fixed while the node is configured.
+    why : str
+        What the range follows from; else empty.
 
     """
 
@@ -82,12 +84,13 @@ class Spec:
     lower: float = -math.inf
     upper: float = math.inf
     fixed: bool = False
+    why: str = ''
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor that ROS tools show."""
         unit = f' [{self.unit}]' if self.unit else ''
         described = ParameterDescriptor(description=self.description + unit,
-                                        additional_constraints=FIXED if self.fixed else '')
+                                        additional_constraints=FIXED if self.fixed else self.why)
         if self.lower == -math.inf and self.upper == math.inf:
             return described
         if isinstance(self.default, int):
@@ -154,28 +157,68 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
         except ParameterAlreadyDeclaredException:
             values[spec.name] = node.get_parameter_or(spec.name).value
         except InvalidParameterTypeException:
-            faults.append(wrong_type(spec, node._parameter_overrides[spec.name].value))
+            faults.append(wrong_type(spec.name, Parameter.Type.from_parameter_value(spec.default),
+                                     node._parameter_overrides[spec.name].value))
         except InvalidParameterValueException:
-            faults.append(f'parameter {spec.name} must be from {spec.lower:g} to {spec.upper:g}, '
-                          f'not {node._parameter_overrides[spec.name].value!r}')
+            faults.append(_out_of_range(spec.name, spec.lower, spec.upper,
+                                        node._parameter_overrides[spec.name].value, spec.why))
     if faults:
         raise SettingsError(faults)
     return values
 
 
-def wrong_type(spec: Spec, given: object) -> str:
-    """Return what is wrong with a start value of another type."""
-    kind = Parameter.Type.from_parameter_value(spec.default)
-    return f'parameter {spec.name} must be {EXAMPLES[kind.name]}, not {given!r}'
+def wrong_type(name: str, kind: Parameter.Type, given: object) -> str:
+    """Return what is wrong with a value of another type."""
+    shown = given.tolist() if isinstance(given, array) else given
+    return f'parameter {name} must be {EXAMPLES.get(kind.name, kind.name)}, not {shown!r}'
+
+
+def _out_of_range(name: str, lower: float, upper: float, given: object, why: str) -> str:
+    """Return what is wrong with a number out of range, and why that is its range."""
+    return f'parameter {name} must be from {lower:g} to {upper:g}, not {given!r}' \
+           + (f' ({why})' if why else '')
 
 
 def take_numbers(node: Node) -> None:
-    """Take whatever says a number for doubles of a node from now on; see `as_type`."""
+    """
+    Take whatever says a number for doubles of a node from now on; see `as_type`.
+
+    What ROS refuses, before any callback, is refused in words that say what is valid.
+    """
     def as_declared(parameters: Sequence[Parameter]) -> list[Parameter]:
         return [as_type(parameter, node.get_parameter_or(parameter.name).type_)
                 for parameter in parameters]
 
+    set_atomically = node.set_parameters_atomically
+
+    def explained(parameter_list: list[Parameter]) -> SetParametersResult:
+        strange = [f'there is no parameter {suggestion(parameter.name, node._parameters)}'
+                   for parameter in parameter_list if not node.has_parameter(parameter.name)]
+        if strange:
+            return SetParametersResult(successful=False, reason='; '.join(strange))
+        result = set_atomically(parameter_list)
+        if not result.successful:
+            faults = [fault for parameter in as_declared(parameter_list)
+                      for fault in _refusals(node, parameter)]
+            result.reason = '; '.join(faults) or result.reason
+        return result
+
     node.add_pre_set_parameters_callback(as_declared)
+    node.set_parameters_atomically = explained  # type: ignore[method-assign]
+
+
+def _refusals(node: Node, parameter: Parameter) -> list[str]:
+    """Return why ROS refuses a value of a declared parameter, if it does."""
+    descriptor = node.describe_parameter(parameter.name)
+    kind = Parameter.Type(descriptor.type)
+    if parameter.type_ is not kind:
+        return [wrong_type(parameter.name, kind, parameter.value)]
+    for allowed in (*descriptor.floating_point_range, *descriptor.integer_range):
+        if isinstance(parameter.value, (int, float)) \
+                and not allowed.from_value <= parameter.value <= allowed.to_value:
+            return [_out_of_range(parameter.name, allowed.from_value, allowed.to_value,
+                                  parameter.value, descriptor.additional_constraints)]
+    return []
 
 
 def as_type(parameter: Parameter, kind: Parameter.Type) -> Parameter:

@@ -20,6 +20,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from tp_controller.control.controller import Controller
 from tp_controller.control.report import Report, stopped_reports, TaskReport
+from tp_controller.errors import GoalError
 from tp_controller.nodes.task_topics import GoalRecord
 
 LEVELS = {**dict.fromkeys(('reached', 'satisfied', 'moving', 'disabled'), DiagnosticStatus.OK),
@@ -70,7 +71,9 @@ def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | 
     for task in task_reports(stop_reason, report, controller):
         if task.name in records:
             wait()
-            array.status.append(_task_status(node_name, task, records[task.name], wait))
+            status = _task_status(node_name, task, records[task.name], wait)
+            status.values.append(_value('gain warning', _gain_warning(controller, task.name)))
+            array.status.append(status)
     return array
 
 
@@ -80,6 +83,14 @@ def task_reports(stop_reason: str, report: Report | None,
     if report is not None and not stop_reason:
         return report.tasks
     return stopped_reports(controller.stack) if controller else ()
+
+
+def _gain_warning(controller: Controller | None, task: str) -> str:
+    """Return what is doubtful about the gain of a task, which may be of an earlier stack."""
+    try:
+        return controller.gain_warning(task) if controller else ''
+    except GoalError:
+        return ''
 
 
 def _goal_values(record: GoalRecord) -> list[KeyValue]:

@@ -23,7 +23,13 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from tp_controller.control.controller import Controller
-from tp_controller.control.gains import check_gain, check_tolerance, set_gain, set_tolerance
+from tp_controller.control.gains import (
+    check_gain,
+    check_tolerance,
+    gain_limit,
+    set_gain,
+    set_tolerance,
+)
 from tp_controller.errors import SettingsError
 from tp_controller.foreign import foreign
 from tp_controller.nodes.log import Log
@@ -85,7 +91,7 @@ class TaskParameters:
             kind = Parameter.Type.from_parameter_value(entry.spec.default)
             given = as_type(given, kind)
             if given.type_ is not kind:
-                faults.append(wrong_type(entry.spec, given.value))
+                faults.append(wrong_type(name, kind, given.value))
                 continue
             task = stack.tasks[entry.task]
             try:
@@ -125,6 +131,13 @@ class TaskParameters:
                 self._controller.set_tolerance(entry.task, {entry.unit: value})
             else:
                 self._controller.set_gain(entry.task, _plain(value))
+                self.warn(entry.task)
+
+    def warn(self, task: str) -> None:
+        """Log what is doubtful about the gain of a task."""
+        warning = self._controller.gain_warning(task)
+        if warning:
+            self._log.warning(f'task {task}: {warning}')
 
     def close(self) -> None:
         """Undeclare them."""
@@ -164,9 +177,10 @@ def _entries_of(task: Task, period: float) -> Iterator[TaskParameter]:
     """Yield the parameters of a task, for cycles of a period [s]."""
     prefix, described = f'{TASKS}{task.name}', task.described_keys()
     if 'gain' in described:
-        largest = min(LARGEST, 1.0 / period) if task.bounded else LARGEST
+        largest, why = gain_limit(task, period)
         yield TaskParameter(Spec(f'{prefix}.gain', np.asarray(task.gain, float).tolist(),
-                                 described['gain'], lower=0.0, upper=largest), task.name)
+                                 described['gain'], lower=0.0, upper=min(LARGEST, largest),
+                                 why=f'at most {why}' if why else ''), task.name)
     if 'tolerance' in described:
         # What follows says how several units are written in YAML.
         description = described['tolerance'].partition(':')[0]

@@ -296,7 +296,7 @@ class BoundedHierarchy:
         """
         Move x towards bounds on what G (r, k) gains, at a multiplier (r,) of at most `dearest`.
 
-        Each row may lack w, from 0 to what it asks for: least ‖a‖² + Σ (w + dearest)², which
+        Each row may lack w, from 0 to what it demands: least ‖a‖² + Σ (w + dearest)², which
         makes the multiplier of a row that lacks something `dearest` + w.
         """
         A, least, most = self.allowed.along(self.x, self.Z)

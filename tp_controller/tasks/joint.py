@@ -152,7 +152,8 @@ class Joint(JointTask):
     def set_goal(self, goal: Array, now: float) -> None:
         """Take a goal; joints that it moves have no default goal any more."""
         if self.has_default_goal:
-            self._default_rows &= goal == self.goal
+            # A copy may share the array.
+            self._default_rows = self._default_rows & (goal == self.goal)
         super().set_goal(goal, now)
         self.has_default_goal = bool(self._default_rows.any())
 
@@ -164,7 +165,7 @@ class Joint(JointTask):
     def forget_goal(self) -> None:
         """Drop the goals of all joints."""
         super().forget_goal()
-        self._default_rows[:] = False
+        self._default_rows = np.zeros(self.rows, dtype=bool)
         self.has_default_goal = False
 
     def inherit_goal(self, other: Task) -> None:

@@ -76,11 +76,6 @@ class Keys:
             raise TaskError(name, self.faults)
 
 
-def with_unit(value: str, unit: str) -> str:
-    """Return a number and its unit as text."""
-    return value if unit == '1' else f'{value} {unit}'
-
-
 def number(value: object) -> float:
     """Return a finite float, or raise ValueError."""
     if not (is_number(value) and abs(value) <= LARGEST):

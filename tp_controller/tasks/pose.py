@@ -73,13 +73,16 @@ class Pose(PoseTask, TurningFrameTask):
         error[3:] = self._turn(state)
         return error[self._mask]
 
+    def out_of_reach(self, goal: Array) -> str:
+        """Return why the robot cannot reach a goal, however it stands; empty where it may."""
+        return out_of_reach(goal[:3, 3], self.counts[:3], self.reach, self.reference)
+
     def goal_remarks(self, goal: Array, converted: bool) -> tuple[str, ...]:
         """Say that the goal is out of reach, or parts of it do not count."""
         place, turns = goal[:3, 3], self.axis_names()[3:]
         masked = () if converted else (masked_place(place, self.axes),
                                        masked_turn(goal[:3, :3], self.axes, turns))
-        return tuple(filter(None, (
-            out_of_reach(place, self.counts[:3], self.reach, self.reference), *masked)))
+        return tuple(filter(None, (self.out_of_reach(goal), *masked)))
 
     def goal_place(self, goal: Array, state: RobotState) -> Array:
         """Return the goal, where it counts, and where the frame is for the rest (3,) [m]."""

@@ -55,10 +55,14 @@ class Position(PointTask, FrameTask):
         """Return the vector to the goal along the axes that count (rows,) [m]."""
         return (self.goal - self.position(state))[self._mask]
 
+    def out_of_reach(self, goal: Array) -> str:
+        """Return why the robot cannot reach a goal, however it stands; empty where it may."""
+        return out_of_reach(goal, self.counts[:3], self.reach, self.reference)
+
     def goal_remarks(self, goal: Array, converted: bool) -> tuple[str, ...]:
         """Say that the goal is out of reach, or coordinates of it do not count."""
         return tuple(filter(None, (
-            out_of_reach(goal, self.counts[:3], self.reach, self.reference),
+            self.out_of_reach(goal),
             '' if converted else masked_place(goal, self.axes))))
 
     def goal_place(self, goal: Array, state: RobotState) -> Array:

@@ -52,12 +52,21 @@ MOST_TASKS = 100
 # For how long tasks are read [s]: only `self_collision` of robots with hundreds of shapes takes
 # more than a second, and types of other packages may take any time.
 SECONDS = 10.0
+# Characters that are shown of what is no stack.
+LONGEST_SHOWN = 100
 LIST_FORM = 'a stack must be a list of "- name: {type: …}", the highest priority first'
 
 
 class Stack:
     """
     Prioritized tasks.
+
+    Parameters
+    ----------
+    groups : iterable of iterable of Task
+        The tasks of each level, the highest priority first; `from_yaml` reads them.
+    text : str
+        YAML that they were read from, if they were.
 
     Attributes
     ----------
@@ -74,10 +83,15 @@ class Stack:
     text : str
         YAML that it was read from; empty where it was made otherwise.
 
+    Raises
+    ------
+    StackError
+        They are something else.
+
     """
 
     def __init__(self, groups: Iterable[Iterable[Task]], text: str = '') -> None:
-        self.groups: Groups = tuple(tuple(group) for group in groups)
+        self.groups: Groups = _checked(groups)
         self.tasks = {task.name: task for group in self.groups for task in group}
         self.disabled: set[str] = set()
         self.faults: Mapping[str, str] = {}
@@ -109,6 +123,48 @@ class Stack:
         except (OSError, ValueError) as error:
             raise StackError([Fault(0, '', str(error))]) from error
         return cls(_Reader(robot).read(text), text)
+
+    def copy(self) -> 'Stack':
+        """
+        Return an equal stack, for another controller, or for the same one later.
+
+        Raises
+        ------
+        StackError
+            A controller has used tasks of the stack; see `check_owner`.
+
+        """
+        self.check_owner(None)
+        stack = Stack([[task.probe() for task in group] for group in self.groups], self.text)
+        stack.disabled = set(self.disabled)
+        stack._arrange()
+        return stack
+
+    def check_owner(self, owner: object) -> None:
+        """
+        Check whether a controller may use the tasks, which remember goals, gains and cycles.
+
+        Parameters
+        ----------
+        owner : object
+            Mark of the controller; tasks that have none, or this one, may be used.
+
+        Raises
+        ------
+        StackError
+            Tasks belong to another controller, or to a stack that was replaced.
+
+        """
+        used = [task for task in self.tasks.values() if task.owner not in (None, owner)]
+        if used:
+            raise StackError([Fault(0, '', f'a controller has used {_names(used)} already, and '
+                                           'goals of then would stay in force: read the stack '
+                                           'again, or copy() it before it is used')])
+
+    def set_owner(self, owner: object) -> None:
+        """Mark the tasks as those of a controller; see `check_owner`."""
+        for task in self.tasks.values():
+            task.owner = owner
 
     def enable(self, name: str, enabled: bool) -> None:
         """Enable or disable a task."""
@@ -201,6 +257,28 @@ class Stack:
         self.active = tuple(group for group in enabled if group)
         self.active_tasks = tuple(task for group in self.active for task in group)
         self.inactive = tuple(task for name, task in self.tasks.items() if name in self.disabled)
+
+
+def check_type(stack: object) -> Stack:
+    """Return a stack; raise `StackError` where it is none."""
+    if isinstance(stack, Stack):
+        return stack
+    raise StackError([Fault(0, '', 'needs a Stack, such as Stack.from_yaml(text, robot), got '
+                                   f'{type(stack).__name__}')])
+
+
+def _checked(groups: Iterable[Iterable[Task]]) -> Groups:
+    """Return the tasks of each level; raise `StackError` where they are something else."""
+    try:
+        found = tuple(tuple(group) for group in groups)
+        if all(isinstance(task, Task) for group in found for task in group):
+            return found
+    except TypeError:
+        # Not even a list of lists.
+        pass
+    raise StackError([Fault(0, '', 'a stack is made of levels, each a list of tasks, such as '
+                                   '[[tool], [posture]]; YAML is read by Stack.from_yaml(text, '
+                                   f'robot); got {repr(groups)[:LONGEST_SHOWN]}')])
 
 
 def is_stack(text: str) -> bool:

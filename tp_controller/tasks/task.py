@@ -130,6 +130,8 @@ class Task(ABC):
         ``joints``, ``joint_velocities`` and ``twist``.
     goal_types : tuple of str
         The kinds that `goal_type` may be, where a key decides.
+    owner : object or None
+        Mark of the controller that uses the task, or has used it; see `Stack.check_owner`.
 
     """
 
@@ -145,6 +147,7 @@ class Task(ABC):
     remarks: tuple[str, ...] = ()
     row_scale = 1.0
     every_joint = False
+    owner: object = None
     keys: ClassVar[dict[str, str]] = {
         'gain': 'gain K, one number or one for each row [1/s]',
         'tolerance': 'error below which the goal counts as reached: a number, or one for each '
@@ -266,6 +269,10 @@ class Task(ABC):
     def goal_in_reference(self, goal: Goal, T_reference_frame: Array) -> Goal:
         """Return a goal given in another frame; raise `GoalError` where goals have no frame."""
         raise GoalError(f'a goal of task {self.name!r} is not expressed in a frame: leave it out')
+
+    def out_of_reach(self, goal: Goal) -> str:
+        """Return why the robot cannot reach a goal, however it stands; empty where it may."""
+        return ''
 
     def goal_remarks(self, goal: Goal, converted: bool) -> tuple[str, ...]:
         """

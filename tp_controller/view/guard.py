@@ -39,7 +39,7 @@ from websockets.http11 import Request, Response
 
 # Time between two lines of the log, whatever browsers do [s].
 LOG_SECONDS = 10.0
-# What the page of this version of viser asks for.
+# What the page of this version of viser requests.
 SUBPROTOCOL = f'viser-v{viser.__version__}'
 
 

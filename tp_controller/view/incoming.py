@@ -66,7 +66,7 @@ class DragStart(msgspec.Struct, forbid_unknown_fields=True,
 
 
 class DragEnd(DragStart, forbid_unknown_fields=True, tag='TransformControlsDragEndMessage'):
-    """Somebody has let go of a gizmo."""
+    """The drag of a gizmo has ended."""
 
 
 class Drag(DragStart, forbid_unknown_fields=True, kw_only=True,
@@ -99,7 +99,7 @@ class Input(msgspec.Struct, forbid_unknown_fields=True, tag='GuiUpdateMessage'):
 
 
 class Picture(msgspec.Struct, forbid_unknown_fields=True, tag='GetRenderResponseMessage'):
-    """A picture of the scene that the server has asked for."""
+    """A picture of the scene that the server has requested."""
 
     payload: bytes
     render_uuid: str
@@ -138,7 +138,7 @@ def checked(raw: object, decoder: 'msgspec.msgpack.Decoder[Any]', find: Find) ->
         return None
     if isinstance(message, Input) and not fits(find(message.uuid), message.updates.value):
         return None
-    # Not the bytes that came: they may say a thing twice.
+    # Not the bytes that came: they may say something twice.
     return msgspec.msgpack.encode(message)
 
 

@@ -45,7 +45,6 @@ from tp_controller.resources import MOST_XML_CHARACTERS
 from tp_controller.untrusted import plain
 from tp_controller.view.condition import RUNNING
 from tp_controller.view.markers import drawable
-from tp_controller.view.refusals import refusal_in_words
 from tp_controller.view.rows import Row, rows_of
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -184,7 +183,7 @@ class Link:
             Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
 
         def tell(answer: SetParameters.Response) -> None:
-            refusals = [refusal_in_words(result.reason) for result in answer.results
+            refusals = [result.reason for result in answer.results
                         if not result.successful]
             if not refusals:
                 self.values.update(values)

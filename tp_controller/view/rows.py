@@ -93,7 +93,13 @@ def _row(name: str, values: Mapping[str, str]) -> Row:
     return Row(name, values.get('type', ''), values.get('level', ''), values.get('status', ''),
                errors, share, values.get('reason', ''), values.get('hint', ''),
                count(values.get('goals accepted', '')), count(values.get('goals refused', '')),
-               values.get('last refusal', ''), values.get('goal warning', ''))
+               values.get('last refusal', ''), '; '.join(_warnings(values)))
+
+
+def _warnings(values: Mapping[str, str]) -> list[str]:
+    """Return the warnings about a task that its reason does not contain."""
+    found = (values.get('goal warning', ''), values.get('gain warning', ''))
+    return [warning for warning in found if warning and warning not in values.get('reason', '')]
 
 
 def quantity(unit: str, value: float) -> str:

@@ -34,6 +34,8 @@ from tp_controller import (
     SettingsError,
     SimulatorNoise,
     Stack,
+    StackError,
+    TpControllerError,
 )
 from tp_controller.tasks import Joint, JointLimits, Pose
 
@@ -630,6 +632,43 @@ def test_task_is_evaluated_once_unless_something_changes_and_the_report_does_wit
         assert asked == ['limits', 'tool', 'posture'] * (2 if cycle == 30 else 1)
 
 
+def test_what_is_not_read_of_a_report_is_not_computed(monkeypatch):
+    measured = []
+
+    def counted(self, error, residual, reported=Pose.reported_errors):
+        measured.append(self.name)
+        return reported(self, error, residual)
+
+    monkeypatch.setattr(Pose, 'reported_errors', counted)
+    controller = control(POSE_AND_POSTURE)
+    tool, _ = controller.update(READY, 0.0).report.tasks
+    assert (tool.name, tool.level) == ('tool', 1) and not measured
+    assert tool.reached and tool.status == 'reached' and tool.errors[0][0] == 0.0
+    assert measured == ['tool']
+
+
+@pytest.mark.parametrize('text, goal', [
+    ('- tool: {type: pose, frame: panda_hand_tcp}\n', [2.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0]),
+    ('- tool: {type: position, frame: panda_hand_tcp}\n', [2.0, 0.0, 0.3])])
+def test_goal_that_no_motion_reaches_is_said_at_once(text, goal):
+    controller = control(text)
+    controller.update(READY, 0.0)
+    remark, = controller.set_goal('tool', goal, 0.0)
+    task, = controller.update(READY, 0.01).report.tasks
+    assert remark in task.reason and task.status == 'limited'
+    assert task.hint == 'the goal is out of reach: choose another one'
+    controller.set_goal('tool', [0.5, *goal[1:]], 0.02)
+    assert controller.update(READY, 0.02).report.tasks[0].status == 'moving'
+
+
+def test_type_that_fails_to_tell_its_reach_is_reported_all_the_same(monkeypatch):
+    monkeypatch.setattr(Pose, 'out_of_reach', lambda self, goal: 1 / 0)
+    controller = control(POSE_AND_POSTURE)
+    controller.update(READY, 0.0)
+    controller.stack.tasks['tool'].goal[0, 3] += 0.1
+    assert controller.update(READY, 0.01).report.tasks[0].status == 'moving'
+
+
 def test_tasks_that_share_a_level_are_reported_one_by_one():
     controller = control('- [a: {type: joint, joints: panda_joint1, target: [0.3]},\n'
                          '   b: {type: joint, joints: panda_joint7, target: [0.285], gain: 4}]\n')
@@ -668,6 +707,135 @@ def test_stack_can_be_replaced_between_two_cycles():
     assert command.velocity == pytest.approx(2.0 * (np.where(np.arange(7) == 0, 0.5, READY)
                                                     - READY - 0.01))
     assert command.report.tasks[1].errors[0][0] == pytest.approx(0.0, abs=1e-12)
+
+
+SWING = '- swing: {type: joint, joints: panda_joint1, gain: %g}\n'
+UNSTABLE = ('gain %g of task swing must be at most 2/period = %g, or its error would grow from '
+            'cycle to cycle')
+
+
+def test_gain_beyond_what_the_period_allows_is_refused():
+    robot = robots.panda()
+    stack = Stack.from_yaml(SWING % 201, robot)
+    with pytest.raises(SettingsError, match=UNSTABLE % (201, 200)):
+        Controller(robot, stack)
+    controller = control(SWING % 200, robot)
+    with pytest.raises(SettingsError, match=UNSTABLE % (201, 200)):
+        controller.replace_stack(stack)
+    with pytest.raises(SettingsError, match=UNSTABLE % (5e5, 200)):
+        controller.set_gain('swing', 5e5)
+    with pytest.raises(SettingsError, match=UNSTABLE % (200, 100)):
+        controller.settings = Settings(period=0.02)
+    assert controller.stack.tasks['swing'].gain == 200.0
+    # The gain of an objective has nothing to do with the period.
+    controller.replace_stack(Stack.from_yaml('- far: {type: joint_limit_distance, gain: 300}',
+                                             robot))
+
+
+@pytest.mark.parametrize('gain', [60.0, 150.0])
+def test_hint_for_a_gain_that_is_too_high_lowers_it(gain):
+    """The arm chatters at its acceleration limit, and a higher one would make it worse."""
+    robot = Robot.from_file(robots.PANDA_DH, limits={'panda_joint1': {'acceleration': 5.0}})
+    controller = Controller(robot, Stack.from_yaml(SWING % gain, robot), Settings(blend=0.0))
+    controller.update(READY, 0.0)
+    controller.set_goal('swing', [0.5], 0.0)
+    task, = controller.update(READY, 0.01).report.tasks
+    assert task.reason == 'panda_joint1 at its acceleration limit'
+    assert task.hint.startswith('a gain of at most 25/s does not overshoot')
+    assert controller.gain_warning('swing').startswith(
+        f'gain {gain:g}/s at 100 Hz: after one cycle {1.0 - gain / 100.0:.2g} of the error')
+    controller.set_gain('swing', 49.0)
+    assert controller.gain_warning('swing') == ''
+    assert 'raise the acceleration limit' in controller.update(READY, 0.02).report.tasks[0].hint
+
+
+def test_controllers_of_copies_know_nothing_of_each_other():
+    robot = robots.panda()
+    stack = Stack.from_yaml(POSE_AND_POSTURE, robot)
+    stack.enable('tool', False)
+    one, other = Controller(robot, stack.copy()), Controller(robot, stack.copy())
+    assert one.stack.disabled == {'tool'} and one.stack.text == stack.text
+    for cycle in range(3):
+        one.set_goal('posture', {'panda_joint1': 0.5}, 0.01 * cycle)
+        one.set_gain('posture', 3.0)
+        one.update(READY, 0.01 * cycle)
+    assert not other.update(READY, 0.02).velocity.any()
+    assert other.stack.tasks['posture'].gain == 0.5
+    # Arrays of copies are not shared.
+    third = stack.copy()
+    third.start(robot.state(READY))
+    fourth = third.copy()
+    fourth.tasks['posture'].set_goal(READY + 1.0, 0.0)
+    fourth.tasks['posture'].forget_goal()
+    third.reset()
+    third.start(robot.state(READY + 0.1))
+    assert third.tasks['posture'].goal == pytest.approx(READY + 0.1)
+
+
+def test_stack_that_a_controller_has_used_is_refused():
+    first = control(POSE_AND_POSTURE)
+    robot, used = first.robot, first.stack
+    first.update(READY, 0.0)
+    message = 'a controller has used tool, posture already, and goals of then would stay'
+    with pytest.raises(StackError, match=message):
+        Controller(robot, used)
+    with pytest.raises(StackError, match=message):
+        used.copy()
+    with pytest.raises(StackError, match='has used posture already'):
+        Controller(robot, Stack([[used.tasks['posture']]]))
+    second = control('- posture: {type: posture, gain: 0.3}\n', robot)
+    own = second.stack
+    with pytest.raises(StackError, match=message):
+        second.replace_stack(used)
+    assert second.stack is own
+    # A stack in force, or a part of it, is no other one.
+    first.replace_stack(used)
+    first.replace_stack(Stack([[used.tasks['posture']]]))
+    first.update(READY, 0.01)
+    with pytest.raises(StackError, match='has used tool already'):
+        first.replace_stack(used)
+
+
+def test_stack_that_comes_back_has_the_newer_goal():
+    robot = robots.panda()
+    one, other = (Stack.from_yaml(f'- a: {{type: joint, joints: panda_joint1, gain: {gain}}}\n',
+                                  robot) for gain in (1.0, 2.0))
+    controller = Controller(robot, one.copy(), Settings(blend=0.0))
+    controller.update(READY, 0.0)
+    for cycle, stack in enumerate((other, one, other), 1):
+        controller.set_goal('a', [0.1 * cycle], 0.01 * cycle)
+        controller.replace_stack(stack.copy())
+        velocity = controller.update(READY, 0.01 * cycle).velocity
+        assert velocity[0] == pytest.approx(controller.stack.tasks['a'].gain * 0.1 * cycle)
+
+
+@pytest.mark.parametrize('make, told', [
+    (lambda robot, stack: Stack([{'tool': {'type': 'posture'}}], robot), 'YAML is read by'),
+    (lambda robot, stack: Stack('stack.yaml'), "read by Stack.from_yaml.*got 'stack.yaml'"),
+    (lambda robot, stack: Stack(list(stack.tasks.values())), r'such as \[\[tool\], \[posture\]\]'),
+    (lambda robot, stack: Stack(None), 'got None'),
+    (lambda robot, stack: Settings(rate=-3), "unknown setting 'rate'; valid: period, damping"),
+    (lambda robot, stack: Settings(brakinggain=1), "did you mean 'braking_gain'"),
+    (lambda robot, stack: Controller(stack, robot), 'a controller needs a Robot.*got Stack'),
+    (lambda robot, stack: Controller(robot, POSE_AND_POSTURE), 'needs a Stack.*got str'),
+    (lambda robot, stack: Controller(robot, stack, {'period': 1}), 'made by Settings'),
+    (lambda robot, stack: Controller(robot, stack).replace_stack('x'), 'needs a Stack.*got str'),
+    (lambda robot, stack: Controller(robot, stack).update(READY), 'time of any clock.*got None'),
+    (lambda robot, stack: Controller(robot, stack).halt(), 'now must be'),
+    (lambda robot, stack: Controller(robot, stack).set_goal('posture', READY), 'now must be'),
+    (lambda robot, stack: Controller(robot, stack).set_feed_forward('posture', READY),
+     'now must be')])
+def test_what_is_something_else_is_refused_with_what_is_valid(make, told):
+    robot = robots.panda()
+    with pytest.raises(TpControllerError, match=told):
+        make(robot, Stack.from_yaml(POSE_AND_POSTURE, robot))
+
+
+def test_controller_that_refuses_its_settings_leaves_the_stack_unused():
+    stack = Stack.from_yaml('- limits: {type: joint_limits, gain: 60}\n', robots.panda())
+    with pytest.raises(SettingsError):
+        Controller(robots.panda(), stack, Settings(period=0.02))
+    Controller(robots.panda(), stack, Settings(period=0.01))
 
 
 def test_restart_holds_where_the_robot_is_found_but_keeps_goals_that_were_given():

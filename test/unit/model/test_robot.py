@@ -324,6 +324,40 @@ LIMIT = '<limit lower="-1" upper="2" velocity="3" effort="0"/>'
 WIDE = '<limit lower="-9" upper="9" velocity="90" effort="0"/>'
 
 
+@pytest.mark.parametrize(('kind', 'inner', 'limits', 'found'), [
+    ('revolute', '<limit lower="-1" upper="2" effort="1"/>', {}, (-1.0, 2.0, math.inf)),
+    ('prismatic', '<limit lower="-1" upper="2"/>', {}, (-1.0, 2.0, math.inf)),
+    ('revolute', '<limit lower="-1" upper="2"/>', {'velocity': 0.5}, (-1.0, 2.0, 0.5)),
+    ('revolute', '', {'lower': -1.0, 'upper': 1.0, 'velocity': 0.5}, (-1.0, 1.0, 0.5)),
+    ('continuous', '<limit effort="1"/>', {}, (-math.inf, math.inf, math.inf)),
+    ('revolute', '<limit lower="-1" upper="2" velocity="inf" effort="x"/>', {},
+     (-1.0, 2.0, math.inf))])
+def test_limits_that_a_description_lacks_are_none_or_come_from_outside(kind, inner, limits, found):
+    robot = Robot.from_urdf(urdf(('a', kind, inner)), limits={'a': limits} if limits else None)
+    assert (robot.lower[0], robot.upper[0], robot.velocity[0]) == found
+    moved = robot.state([0.7]).position('l1') - robot.state([0.0]).position('l1')
+    assert moved == pytest.approx([0.0, 0.0, 0.7 if kind == 'prismatic' else 0.0])
+
+
+def test_reach_follows_the_limits_in_force():
+    source = urdf(('a', 'prismatic', ''))
+    for end in (0.5, 3.0):
+        robot = Robot.from_urdf(source, limits={'a': {'lower': -0.1, 'upper': end}})
+        # The origin of the joint is 1 m from that of its parent.
+        assert robot.reach('l1') == pytest.approx(1.0 + end)
+
+
+def test_position_limits_that_look_like_degrees_are_remarked():
+    degrees = '<limit lower="-120" upper="120" velocity="1"/>'
+    robot = Robot.from_urdf(urdf(
+        ('a', 'revolute', degrees), ('b', 'revolute', LIMIT), ('c', 'prismatic', degrees),
+        ('d', 'continuous', ''), ('e', 'revolute', degrees.replace('120', '12.5664'))))
+    assert robot.remarks == (
+        'position limits beyond two turns, which look like degrees: a (-120 to 120); limits are '
+        'in rad',)
+    assert Robot.from_urdf(robot.urdf, limits={'a': {'lower': -2.0, 'upper': 2.0}}).remarks == ()
+
+
 def test_passive_joints_stay_where_they_were_set():
     robot = Robot.from_urdf(urdf(('a', 'revolute', LIMIT), ('b', 'revolute', LIMIT)), joints=['b'])
     assert (robot.joint_names, robot.passive_names) == (('b',), ('a',))
@@ -568,8 +602,9 @@ def test_urdf_of_a_dh_table_gives_the_same_robot_again():
 
 
 @pytest.mark.parametrize('text, named', [
-    (urdf(('a', 'revolute', '')), "joint 'a' needs <limit>"),
-    (urdf(('a', 'revolute', '<limit lower="0" upper="1" effort="0"/>')), "joint 'a' needs"),
+    (urdf(('a', 'revolute', '')), 'leave no range: a'),
+    (urdf(('a', 'revolute', '<limit lower="0" upper="1" velocity="x"/>')),
+     "joint a: velocity limit 'x' is not a number"),
     (urdf(('a', 'revolute', LIMIT)).replace('child link="l1"', 'child link="nowhere"'),
      "joint 'a', child: unknown link 'nowhere'"),
     (urdf(('a', 'revolute', LIMIT), ('a', 'revolute', LIMIT)), "joint .*'a'"),

@@ -651,11 +651,8 @@ def test_beginning_anew_forgets_how_the_value_curved_before():
 @pytest.mark.parametrize('name', [name for name in LOOPS if name != 'speed_limit'])
 def test_start_outside_of_bounds_comes_back_and_never_gets_deeper(name):
     robot = robots.panda()
-    stack = Stack.from_yaml(f"""
-- guard: {LOOPS[name]}
-- posture: {{type: posture, gain: 0.5}}
-""", robot)
-    guard, rng = stack.tasks['guard'], np.random.default_rng(7)
+    text = f'- guard: {LOOPS[name]}\n- posture: {{type: posture, gain: 0.5}}\n'
+    guard, rng = Stack.from_yaml(text, robot).tasks['guard'], np.random.default_rng(7)
     found = 0
     for _ in range(500):
         q = inside(robot, rng)
@@ -665,9 +662,8 @@ def test_start_outside_of_bounds_comes_back_and_never_gets_deeper(name):
         if start < 0.01 or found == 2:
             continue
         found += 1
-        controller = Controller(robot, Stack([[guard], [stack.tasks['posture']]]),
-                                Settings(period=PERIOD))
-        stack.tasks['posture'].goal = None
+        controller = Controller(robot, Stack.from_yaml(text, robot), Settings(period=PERIOD))
+        controller.stack.tasks['guard'].goal = guard.goal
         depths = [start]
         for cycle in range(1500):
             q = q + PERIOD * controller.update(q, cycle * PERIOD).velocity
