@@ -15,6 +15,7 @@
 """A page with a made-up controller: tests say what comes from the network and from browsers."""
 
 import asyncio
+from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import msgspec
@@ -112,6 +113,10 @@ class MadeUpClient(Client):
         """Note what is published; it must be a message that can be sent."""
         serialize_message(message)
         self.sent.append((task, topic, message))
+
+    def service(self, kind, name):
+        """Return a service, which is there."""
+        return SimpleNamespace(service_is_ready=lambda: True)
 
     def call(self, kind, name, request):
         """Note which service is called."""

@@ -236,30 +236,35 @@ class Link:
     # What the page is told ------------------------------------------------------------------
 
     def _listen(self, kind: type, name: str, callback: Callable[[Any], None],
-                qos: QoSProfile, longest: int = LONGEST) -> Subscription:
-        """Listen to what the controller listens to, too."""
-        return subscribe(self.client.node, kind, self._topic(name, kind), callback, qos, longest)
+                qos: QoSProfile, ending: str = LOOP, longest: int = LONGEST) -> Subscription:
+        """Listen to what a node of the controller, by the end of its name, listens to, too."""
+        return subscribe(self.client.node, kind, self._topic(name, kind, ending), callback, qos,
+                         longest)
 
-    def _topic(self, name: str, kind: type) -> str:
-        """Return the topic of a type that the controller listens to, whatever its name became."""
+    def _topic(self, name: str, kind: type, ending: str) -> str:
+        """
+        Return the topic that a node of the controller has in place of a name, which is remapped.
+
+        The graph says which topics of a type a node listens to, and not what they are to it: the
+        name itself is taken where it is among them, or they are several.
+        """
         namespace, _, node = self.client.controller.rpartition('/')
         own = f'/{self.client.controller}/'
-        for each in (f'{node}{LOOP}', node):
-            try:
-                heard = self.client.node.get_subscriber_names_and_types_by_node(
-                    each, f'/{namespace}')
-            except NodeNameNonExistentError:
-                continue
-            for topic, types in heard:
-                if types == [type_name(kind)] and not topic.startswith(own):
-                    return str(topic)
-        return f'/{namespace}/{name}' if namespace else f'/{name}'
+        usual = f'/{namespace}/{name}' if namespace else f'/{name}'
+        try:
+            heard = self.client.node.get_subscriber_names_and_types_by_node(
+                node + ending, f'/{namespace}')
+        except NodeNameNonExistentError:
+            return usual
+        found = [str(topic) for topic, types in heard
+                 if types == [type_name(kind)] and not topic.startswith(own)]
+        return found[0] if len(found) == 1 else usual
 
     def _ask(self) -> None:
         """Ask for the parameters that say what is shown."""
         if self._descriptions is None:
             self._descriptions = self._listen(String, 'robot_description', self._on_description,
-                                              LATCHED, MOST_XML_CHARACTERS)
+                                              LATCHED, ending='', longest=MOST_XML_CHARACTERS)
         prefixes = [TASKS.rstrip('.'), LIMITS.rstrip('.')]
         self._call(ListParameters, 'list_parameters', ListParameters.Request(prefixes=prefixes),
                    self._take_names, _nobody)

@@ -1,0 +1,56 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The page finds the topics of the controller's robot, by whatever names."""
+
+from harness import parts
+import pytest
+from robots import moving_panda, PANDA_DH
+from tp_controller.nodes.client import Client
+from tp_controller.nodes.controller_node import ControllerNode
+from tp_controller.nodes.simulator_node import SimulatorNode
+from tp_controller.view.link import Link
+
+STACK = '- rest: {type: posture}'
+TOPICS = 'joint_states', 'robot_description', 'odom'
+REMAPPED = [word for topic in TOPICS for word in ('-r', f'{topic}:=another/{topic}')]
+
+
+@pytest.fixture
+def link(harness):
+    """Return a link to a controller of this name."""
+    client = Client(context=harness.context)
+    yield Link(client)
+    client.close()
+
+
+@pytest.mark.parametrize('arguments', [(), ('--ros-args', *REMAPPED)], ids=['usual', 'remapped'])
+@pytest.mark.parametrize('base', ['fixed', 'planar'])
+def test_robot_and_its_configuration_are_found_by_whatever_names(harness, link, arguments, base):
+    harness.make(SimulatorNode, arguments=arguments, robot=str(PANDA_DH), base=base)
+    controller = harness.make(ControllerNode, arguments=arguments, stack=STACK, base=base,
+                              exclusive=False)
+    # The graph is known to the page before it has a robot.
+    harness.spin_until(lambda: all(
+        link.client.node.get_subscriber_names_and_types_by_node(each.get_name(), '/')
+        for each in parts(controller)), 'the topics of the controller')
+
+    def is_shown():
+        link.update()
+        link.look(True)
+        return link.q is not None
+
+    harness.spin_until(is_shown, 'the configuration')
+    assert link.robot.joint_names == moving_panda('planar').joint_names
+    assert link.q.size == (7 if base == 'fixed' else link.robot.nq)
