@@ -16,6 +16,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,12 +109,14 @@ class MarkerScene:
         points = np.array([(point.x, point.y, point.z) for point in marker.points])
         looks = _looks(marker)
         if before is not None and before.looks != looks:
-            before.handle.remove()
+            self._drawn.pop(key).handle.remove()
             before = None
         content = _content(marker)
         if before is None:
             ns, number = key
-            handle = ADD[marker.type](self._scene, f'{self._name}/{ns}/{number}', marker, points)
+            # One node each: branches are removed with another, and their stems are left behind.
+            name = f'{self._name}/{quote(ns, safe="")}:{number}'
+            handle = ADD[marker.type](self._scene, name, marker, points)
             before = self._drawn[key] = _Drawn(handle, looks, points, content)
         elif before.content != content or before.points.shape != points.shape \
                 or np.abs(points - before.points).max(initial=0.0) > SAME:

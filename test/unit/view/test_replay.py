@@ -74,7 +74,7 @@ def test_the_replay_lasts_as_long_as_the_run_and_moves_the_links(history, capsys
     # The robot stands from 2 s on.
     assert len(moves) > 50 and 1.9 < max(moves) < 2.1
     goal = [time for time, message in told if message.get('name', '').startswith(
-        '/tasks/tool/goal') and message['type'].endswith('Message')]
+        '/tasks/tool%2Fgoal') and message['type'].endswith('Message')]
     assert goal and min(goal) == pytest.approx(1.0, abs=0.1)
 
 
