@@ -33,7 +33,7 @@ from tp_controller.view.browser import find_chromium, HeadlessPage, open_page
 from tp_controller.view.camera import Camera, camera_for, FIELD
 from tp_controller.view.looks import looks_of
 from tp_controller.view.parts import add_part, Colour, Part, place, wxyz
-from tp_controller.view.scene import add_surroundings, RobotScene, Trail
+from tp_controller.view.scene import add_ground, RobotScene, Trail
 from tp_controller.view.server import address, open_server, unused_port
 from tp_controller.view.sketches import extent, shape_part, SketchScene
 import viser
@@ -105,8 +105,7 @@ class _Stage:
         self._motion, self._playback = motion, Playback(motion)
         self._robot = RobotScene(scene, motion.robot)
         self._robot.show(motion.q[0])
-        add_surroundings(
-            scene, self._robot.ground() if motion.ground is None else motion.ground)
+        add_ground(scene, self._robot.ground() if motion.ground is None else motion.ground)
         self._sketches = SketchScene(scene, size)
         self._trails = [Trail(scene, f'/trail/{frame}') for frame in motion.frames]
         self._objects = [(_add_object(scene, f'/objects/{number}', each), each.frame)

@@ -34,7 +34,7 @@ from tp_controller.view.link import Link
 from tp_controller.view.markers import MarkerScene
 from tp_controller.view.places import GOALS, places_of, Topics
 from tp_controller.view.plots import Plots
-from tp_controller.view.scene import add_surroundings, RobotScene, tip, Trail
+from tp_controller.view.scene import add_ground, add_sky, RobotScene, tip, Trail
 from tp_controller.view.stack_changes import StackChanges
 from tp_controller.view.stack_panel import assign, StackPanel
 import viser
@@ -84,7 +84,8 @@ class Page:
         self._notice_until = 0.0
         self._condition, self._reader = Condition('', ''), ConditionReader()
         self._concluded = False
-        self._ground, self._stands = add_surroundings(server.scene), False
+        add_sky(server.scene)
+        self._ground, self._stands = add_ground(server.scene), False
         server.initial_camera.fov = FIELD_OF_VIEW
         self._markers = MarkerScene(server.scene)
         self._changes = StackChanges(link, self._tell)

@@ -29,7 +29,8 @@ from tp_controller.view.gate import Gate, LOCAL
 from tp_controller.view.guard import Guard
 from tp_controller.view.markers import drawable, MarkerScene
 from tp_controller.view.scene import (
-    add_surroundings,
+    add_ground,
+    add_sky,
     RobotScene,
     TRAIL_COLOUR,
     TRAIL_WIDTH,
@@ -82,7 +83,8 @@ def _recorded(server: viser.ViserServer, history: History, robot: Robot, times: 
     """Return the page; see `configurations`."""
     shown = RobotScene(server.scene, robot)
     shown.show(q[0], passive[0])
-    add_surroundings(server.scene, shown.ground())
+    add_ground(server.scene, shown.ground())
+    add_sky(server.scene)
     frames = tool_frames(history, robot)
     _look(server, shown, q, passive)
     if frames:

@@ -191,17 +191,24 @@ class Trail:
             self._line = None
 
 
-def add_surroundings(scene: viser.SceneApi, height: float = 0.0) -> viser.GridHandle:
-    """Add the ground, at a height [m], and what is behind all; return the ground."""
-    ground = scene.add_grid(
+def add_ground(scene: viser.SceneApi, height: float = 0.0) -> viser.GridHandle:
+    """Add the ground, at a height [m], and light; return the ground."""
+    scene.configure_environment_map('studio', environment_intensity=BRIGHTNESS)
+    return scene.add_grid(
         GROUND, GROUND_SIZE, GROUND_SIZE, cell_size=CELL, section_size=SECTION,
         cell_color=CELL_COLOUR, section_color=SECTION_COLOUR, shadow_opacity=SHADOW,
         position=(0.0, 0.0, height), plane_color=GROUND_COLOUR, plane_opacity=1.0)
+
+
+def add_sky(scene: viser.SceneApi) -> None:
+    """
+    Add what is behind all.
+
+    It follows the camera of who looks at the page, not that of a picture that is taken of it.
+    """
     shares = np.linspace(0.0, 1.0, SHADES)[:, np.newaxis, np.newaxis]
     sky = (1.0 - shares) * np.array(SKY_COLOURS[0]) + shares * np.array(SKY_COLOURS[1])
     scene.set_background_image(np.repeat(sky, 2, axis=1).astype(np.uint8), format='png')
-    scene.configure_environment_map('studio', environment_intensity=BRIGHTNESS)
-    return ground
 
 
 def tip(robot: Robot) -> str:

@@ -349,7 +349,7 @@ def test_a_robot_whose_root_is_its_pelvis_stands_on_the_ground(stage, foot):
     leg = Leg(foot)
     shown = scene.RobotScene(stage, leg.robot)
     assert shown.ground() == pytest.approx(-1.0 - leg.depth)
-    ground = scene.add_surroundings(stage, shown.ground())
+    ground = scene.add_ground(stage, shown.ground())
     assert ground.position[2] == pytest.approx(-1.0 - leg.depth)
 
 
