@@ -23,11 +23,11 @@ from setuptools import Extension, find_packages, setup
 
 package_name = 'tp_controller'
 executables = {
-    'tp_controller': 'tp_controller.cli.main:main',
-    'controller_node': 'tp_controller.cli.main:controller_node',
-    'simulator_node': 'tp_controller.cli.main:simulator_node',
-    'watchdog_node': 'tp_controller.cli.main:watchdog_node',
-    'viewer_node': 'tp_controller.cli.main:viewer_node',
+    'tp_controller': 'tp_controller.tools.cli.main:main',
+    'controller_node': 'tp_controller.tools.cli.main:controller_node',
+    'simulator_node': 'tp_controller.tools.cli.main:simulator_node',
+    'watchdog_node': 'tp_controller.tools.cli.main:watchdog_node',
+    'viewer_node': 'tp_controller.tools.cli.main:viewer_node',
 }
 plots = ['matplotlib', 'Pillow']
 # Recordings, written and read.

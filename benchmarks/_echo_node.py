@@ -21,10 +21,10 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from tp_controller.nodes.commands import TOPIC
-from tp_controller.nodes.deadlines import state_qos
-from tp_controller.nodes.middleware import set_up_fast_dds
-from tp_controller.nodes.runner import LONG, make_executor
+from tp_controller.ros.loop.commands import TOPIC
+from tp_controller.ros.loop.deadlines import state_qos
+from tp_controller.ros.middleware import set_up_fast_dds
+from tp_controller.ros.runner import LONG, make_executor
 
 
 def main():

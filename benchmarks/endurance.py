@@ -49,7 +49,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 from tp_controller import Robot
-from tp_controller.demos.processes import NodeProcess, own_domain
+from tp_controller.tools.demos.processes import NodeProcess, own_domain
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 monitor = importlib.import_module('monitor')

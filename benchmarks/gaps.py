@@ -42,7 +42,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
-from tp_controller.demos.processes import NodeProcess, own_domain
+from tp_controller.tools.demos.processes import NodeProcess, own_domain
 
 ROBOT = 'package://tp_controller/config/robots/panda.yaml'
 START = '{panda_joint2: -0.785, panda_joint4: -2.356, panda_joint6: 1.571, panda_joint7: 0.785}'
@@ -142,7 +142,7 @@ class FullDisk(NodeProcess):
         with open(self.log, 'w') as output:
             self.process = subprocess.Popen(
                 ['unshare', '--user', '--map-root-user', '--mount', 'sh', '-c', script, 'sh',
-                 str(mounted), sys.executable, '-m', 'tp_controller.nodes.controller_node',
+                 str(mounted), sys.executable, '-m', 'tp_controller.ros.controller_node',
                  '--ros-args', *arguments], env={**environment, 'ROS_LOG_DIR': str(mounted)},
                 stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT)
 

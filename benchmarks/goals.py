@@ -30,8 +30,8 @@ import tempfile
 import time
 
 import numpy as np
-from tp_controller.demos.processes import NodeProcess, own_domain
 from tp_controller.resources import package_share
+from tp_controller.tools.demos.processes import NodeProcess, own_domain
 
 TASK = 'elbow'
 COMMANDS = {

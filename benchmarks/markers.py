@@ -31,8 +31,8 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from tp_controller import Controller
 from tp_controller.control.sketcher import Sketcher
-from tp_controller.demos.scenarios import Demo, DEMOS
-from tp_controller.nodes.markers import Markers
+from tp_controller.ros.interface.markers import Markers
+from tp_controller.tools.demos.scenarios import Demo, DEMOS
 from visualization_msgs.msg import MarkerArray
 
 CYCLES, PERIOD = 50, 0.01

@@ -45,9 +45,9 @@ import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from tp_controller.demos.processes import NodeProcess, own_domain
 from tp_controller.model.spatial import quaternion_from_rotation
-from tp_controller.nodes.commands import TOPIC
+from tp_controller.ros.loop.commands import TOPIC
+from tp_controller.tools.demos.processes import NodeProcess, own_domain
 from visualization_msgs.msg import MarkerArray
 
 ROBOT = 'package://tp_controller/config/robots/panda.yaml'

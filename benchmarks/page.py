@@ -31,8 +31,8 @@ import sys
 import tempfile
 import time
 
-from tp_controller.demos.processes import NodeProcess, own_domain
-from tp_controller.nodes.client import Client
+from tp_controller.ros.client.client import Client
+from tp_controller.tools.demos.processes import NodeProcess, own_domain
 
 PARAMETERS = """\
 /**/tp_simulator:
@@ -47,10 +47,10 @@ PARAMETERS = """\
 """
 # A page that does all that it does for browsers, without one.
 WATCHED = """
-from tp_controller.nodes.client import Client
-from tp_controller.view.link import Link
-from tp_controller.view.page import Page
-from tp_controller.view.server import open_server
+from tp_controller.ros.client.client import Client
+from tp_controller.tools.view.link import Link
+from tp_controller.tools.view.page import Page
+from tp_controller.tools.view.server import open_server
 server = open_server()
 server.get_clients = lambda: {0: None}
 page = Page(server, Link(Client()))

@@ -33,7 +33,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 from solver import Case, load_case, time_cycles
-from tp_controller.plots import drawing
+from tp_controller.tools.plots import drawing
 
 JOINTS, LEVELS = 30, range(1, 13)
 FEW_LEVELS, MORE_JOINTS = 3, range(6, 61, 6)

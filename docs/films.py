@@ -26,9 +26,9 @@ import shutil
 import sys
 from tempfile import TemporaryDirectory
 
-from tp_controller.cli.main import main as command
-from tp_controller.view.browser import find_chromium
-from tp_controller.view.looks import CHOICE, OWN
+from tp_controller.tools.cli.main import main as command
+from tp_controller.tools.view.browser import find_chromium
+from tp_controller.tools.view.visuals import CHOICE, OWN
 
 FOLDER = Path(__file__).resolve().parent / 'images'
 # {demo: films of it that the pages show}

@@ -35,10 +35,10 @@ import sys
 
 import tp_controller
 from tp_controller import Controller, errors, Robot, Settings, Stack
-from tp_controller.check.results import schema
-from tp_controller.cli.main import make_parser
 from tp_controller.tasks import task_types
 from tp_controller.tasks.keys import DEFAULT_TOLERANCE
+from tp_controller.tools.check.results import schema
+from tp_controller.tools.cli.main import make_parser
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))
@@ -305,7 +305,7 @@ def launch_arguments(name):
 
 def parameters(node):
     """Return the table of the parameters of a node."""
-    part = 'view' if node == 'viewer' else 'nodes'
+    part = 'tools.view' if node == 'viewer' else 'ros'
     module = importlib.import_module(f'tp_controller.{part}.{node}_node')
     rows = []
     for spec in module.PARAMETERS:
@@ -316,7 +316,7 @@ def parameters(node):
 
 def goals():
     """Return the table of goal messages."""
-    from tp_controller.nodes import goal_messages as messages
+    from tp_controller.ros.interface import goal_messages as messages
     rows = []
     for kind, entry in (*messages.GOALS.items(), *messages.FEED_FORWARD.items()):
         takers = [f'`{name}`' for name, task in types_in_order().items()
@@ -352,15 +352,15 @@ def interfaces(node):
     # On a base that moves, or its topics would be missing.
     robot = {'robot': str(PANDA), 'base': 'planar'}
     if node == 'controller':
-        from tp_controller.nodes.controller_node import ControllerNode as Node
+        from tp_controller.ros.controller_node import ControllerNode as Node
         stack = '\n'.join(f'- {name}: {{type: {name}{_example_keys(kind)}}}'
                           for name, kind in task_types().items() if name not in OTHER_ROBOTS)
         starts = ({**robot, 'stack': stack + '\n'}, {})
     elif node == 'watchdog':
-        from tp_controller.nodes.watchdog_node import WatchdogNode as Node
+        from tp_controller.ros.watchdog_node import WatchdogNode as Node
         starts = ({'base': 'planar'},)
     else:
-        from tp_controller.nodes.simulator_node import SimulatorNode as Node
+        from tp_controller.ros.simulator_node import SimulatorNode as Node
         starts = ({**robot, 'publish_clock': True},)
     found = []
     quiet = [f'--disable-{logs}-logs' for logs in ('external-lib', 'stdout', 'rosout')]
@@ -421,9 +421,9 @@ def message_name(kind):
 def status():
     """Return the table of the keys of a status message, read off a message."""
     from builtin_interfaces.msg import Time
-    from tp_controller.nodes.figures import Figures
-    from tp_controller.nodes.status import diagnostics
-    from tp_controller.nodes.task_topics import GoalRecord
+    from tp_controller.ros.interface.status import diagnostics
+    from tp_controller.ros.interface.task_topics import GoalRecord
+    from tp_controller.ros.loop.loop_statistics import Figures
     robot = Robot.from_file(PANDA)
     stack = Stack.from_yaml('[tool: {type: position, frame: panda_hand_tcp}]', robot)
     controller = Controller(robot, stack)

@@ -26,8 +26,9 @@ import re
 
 PACKAGE = Path(__file__).resolve().parents[1] / 'tp_controller'
 # Modules that draw: their texts are labels.
-DRAWING = ('bags/pictures.py', 'bags/report.py', 'check/page.py', 'demos/film.py',
-           'demos/outlines.py', 'plots/curves.py', 'plots/drawing.py')
+DRAWING = ('tools/recording/pictures.py', 'tools/recording/report.py', 'tools/check/page.py',
+           'tools/demos/film.py', 'tools/demos/outlines.py', 'tools/plots/curves.py',
+           'tools/plots/drawing.py')
 # Calls and arguments whose texts describe something, and names that do.
 DESCRIBING = {'Spec', '_number', '_choice', 'NewType', 'Demo', 'title', 'help', 'description',
               'epilog', 'keys', 'KEYS', 'EXAMPLES', 'COMMAND', '_said', 'STYLE', 'DEMOS',

@@ -36,11 +36,11 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from tp_controller import Controller, Robot, Settings, solve, Stack
-from tp_controller.demos.film_lines import links_of
 from tp_controller.model.shapes import Box, Cylinder, Sphere
-from tp_controller.plots import drawing
 from tp_controller.solver.damping import Damping
 from tp_controller.tasks.manipulability import Mobility
+from tp_controller.tools.demos.film_lines import links_of
+from tp_controller.tools.plots import drawing
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / 'docs' / 'images' / 'tasks'

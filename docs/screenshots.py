@@ -27,7 +27,7 @@ import sys
 from tempfile import TemporaryDirectory
 
 from PIL import Image
-from tp_controller.view.looks import CHOICE, OWN
+from tp_controller.tools.view.visuals import CHOICE, OWN
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / 'docs' / 'images'

@@ -36,7 +36,7 @@ from tp_controller import (
     SimulatorNoise,
     Stack,
 )
-from tp_controller.plots import drawing
+from tp_controller.tools.plots import drawing
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / 'docs' / 'images' / 'tuning'

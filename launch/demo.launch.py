@@ -34,9 +34,9 @@ from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage
-from tp_controller.demos.scenarios import DEMOS, Goal, robot_of
 from tp_controller.model.robot import Robot
 from tp_controller.resources import find_file
+from tp_controller.tools.demos.scenarios import DEMOS, Goal, robot_of
 
 # How long a goal may take to be reached before the next one follows [s].
 REACH_SECONDS = 20.0

@@ -22,10 +22,10 @@ import msgspec
 from rclpy.serialization import serialize_message
 from robots import planar
 from std_msgs.msg import String
-from tp_controller.nodes.client import Client, subscribe_status
-from tp_controller.view.incoming import checked, MESSAGES
-from tp_controller.view.link import Link
-from tp_controller.view.page import Page
+from tp_controller.ros.client.client import Client, subscribe_status
+from tp_controller.tools.view.incoming import checked, MESSAGES
+from tp_controller.tools.view.link import Link
+from tp_controller.tools.view.page import Page
 from viser import _messages
 
 CONTROLLER = 'tp_controller'

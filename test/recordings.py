@@ -20,7 +20,7 @@ import numpy as np
 from robots import PLANAR_DH
 from rosbags.typesys import get_typestore, Stores
 from tp_controller import Robot
-from tp_controller.bags.writer import BagWriter
+from tp_controller.tools.recording.writer import BagWriter
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 # When recordings begin [ns since 1970].

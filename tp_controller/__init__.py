@@ -67,7 +67,7 @@ _ORIGINS = {
     'tasks.stack': ('Stack',),
 }
 _MODULES = {name: module for module, names in _ORIGINS.items() for name in names}
-_SUBPACKAGES = ('check', 'control', 'errors', 'model', 'resources', 'solver', 'tasks')
+_SUBPACKAGES = ('control', 'errors', 'model', 'resources', 'solver', 'tasks')
 
 
 def __getattr__(name: str) -> Any:

@@ -16,6 +16,6 @@
 
 import sys
 
-from tp_controller.cli.main import main
+from tp_controller.tools.cli.main import main
 
 sys.exit(main())

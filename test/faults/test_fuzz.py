@@ -46,8 +46,8 @@ from tp_controller import (
 from tp_controller.model.collision import urdf_solids
 from tp_controller.model.simulator import initial_positions
 from tp_controller.model.srdf import srdf_pairs
-from tp_controller.nodes.joint_states import JointStateBuffer
 from tp_controller.resources import load_yaml
+from tp_controller.ros.loop.joint_state_buffer import JointStateBuffer
 from tp_controller.tasks import task_types
 import yaml
 

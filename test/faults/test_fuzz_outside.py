@@ -44,15 +44,15 @@ from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import ColorRGBA  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
-from tp_controller.bags.history import History  # noqa: E402
-from tp_controller.bags.reader import Bag  # noqa: E402
-from tp_controller.bags.report import summary, write_report  # noqa: E402
-from tp_controller.bags.robots import configurations, robot_of, tool_frames  # noqa: E402
-from tp_controller.cli.status import table  # noqa: E402
 from tp_controller.errors import TpControllerError  # noqa: E402
-from tp_controller.nodes.watch import Heard  # noqa: E402
-from tp_controller.view.incoming import checked, MESSAGES  # noqa: E402
-from tp_controller.view.server import LOCAL, open_server, unused_port  # noqa: E402
+from tp_controller.ros.client.status_monitor import Heard  # noqa: E402
+from tp_controller.tools.cli.status import table  # noqa: E402
+from tp_controller.tools.recording.history import History  # noqa: E402
+from tp_controller.tools.recording.reader import Bag  # noqa: E402
+from tp_controller.tools.recording.report import summary, write_report  # noqa: E402
+from tp_controller.tools.recording.robots import configurations, robot_of, tool_frames  # noqa: E402
+from tp_controller.tools.view.incoming import checked, MESSAGES  # noqa: E402
+from tp_controller.tools.view.server import LOCAL, open_server, unused_port  # noqa: E402
 from viser import _messages  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 

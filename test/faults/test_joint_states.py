@@ -31,7 +31,7 @@ import numpy as np
 import pytest
 from robots import PANDA_DH, PANDA_READY, PANDA_TOOL
 from tp_controller import Robot, Stack
-from tp_controller.nodes.log import Log
+from tp_controller.ros.log import Log
 from world import STATE_PERIOD, World
 
 SEEDS = range(20)
@@ -308,7 +308,7 @@ def test_a_fault_that_lasts_is_logged_once_a_second_however_old_it_gets(monkeypa
     world, lines = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2]), []
     logger = SimpleNamespace(warning=lines.append, info=lambda text: None)
     world.loop._log = log = Log(logger)
-    monkeypatch.setattr('tp_controller.nodes.log.time',
+    monkeypatch.setattr('tp_controller.ros.log.time',
                         SimpleNamespace(monotonic=lambda: world.now))
     world.report = fault(world, random)
     world.run(3.0, until=log.flush)

@@ -37,8 +37,8 @@ from robots import PLANAR_DH
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tp_controller import Robot
-from tp_controller.demos.processes import NodeProcess
-from tp_controller.nodes.watchdog_node import Guard
+from tp_controller.ros.watchdog_node import Guard
+from tp_controller.tools.demos.processes import NodeProcess
 from visualization_msgs.msg import MarkerArray
 
 SEEDS = range(int(os.environ.get('TP_CONTROLLER_SEEDS', '5')))
@@ -52,7 +52,7 @@ LIMITED = [each for name in JOINTS
 SCRIPT = """
 import sys, time
 from pathlib import Path
-from tp_controller.nodes.controller_node import main
+from tp_controller.ros.controller_node import main
 {imports}
 switch = Path({switch!r})
 {patch}
@@ -66,7 +66,7 @@ def at_fault(self, *arguments):
     return evaluate(self, *arguments)
 JointTask.evaluate = at_fault
 """)
-CYCLE = ('from tp_controller.nodes.loop import ControlLoop', """
+CYCLE = ('from tp_controller.ros.loop.control_loop import ControlLoop', """
 cycle = ControlLoop._cycle
 def at_fault(self):
     if switch.exists():
@@ -98,7 +98,7 @@ def at_fault(cls, source, robot):
     return read(cls, source, robot)
 Stack.from_yaml = classmethod(at_fault)
 """)
-PARAMETERS = ('from tp_controller.nodes.controller_node import ControllerNode', """
+PARAMETERS = ('from tp_controller.ros.controller_node import ControllerNode', """
 check = ControllerNode._check_parameters
 def at_fault(self, parameters):
     if switch.exists():
@@ -106,7 +106,7 @@ def at_fault(self, parameters):
     return check(self, parameters)
 ControllerNode._check_parameters = at_fault
 """)
-STATUS = ('from tp_controller.nodes.reporter import Reporter', """
+STATUS = ('from tp_controller.ros.interface.reporter import Reporter', """
 message = Reporter._message
 def at_fault(self):
     if switch.exists():
@@ -115,9 +115,9 @@ def at_fault(self):
 Reporter._message = at_fault
 """)
 # Of each node that moves nothing: what hangs in it.
-OTHERS = {'nodes.simulator_node': ('SimulatorNode', '_on_timer'),
-          'nodes.watchdog_node': ('WatchdogNode', '_on_timer'),
-          'view.viewer_node': ('Page', 'update')}
+OTHERS = {'ros.simulator_node': ('SimulatorNode', '_on_timer'),
+          'ros.watchdog_node': ('WatchdogNode', '_on_timer'),
+          'tools.view.viewer_node': ('Page', 'update')}
 
 
 class ScriptProcess(NodeProcess):
@@ -304,12 +304,12 @@ def test_a_signal_stops_the_robot_whatever_hangs(replaced, listener, heads, tmp_
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('module', OTHERS)
 def test_a_signal_ends_a_node_that_moves_nothing_and_hangs(domain, tmp_path, module, number):
-    if module.startswith('view'):
+    if module.startswith('tools'):
         pytest.importorskip('viser')
     kind, name = OTHERS[module]
     hang = (f'def hang(self):\n    Path({str(tmp_path / "hangs")!r}).touch()\n'
             f'    time.sleep(3600.0)\n{kind}.{name} = hang')
-    script = SCRIPT.replace('nodes.controller_node', module).format(
+    script = SCRIPT.replace('ros.controller_node', module).format(
         imports=f'from tp_controller.{module} import {kind}', switch=str(tmp_path / 'switch'),
         patch=hang)
     node = ScriptProcess(script, ['-p', f'robot:={PLANAR_DH}'], domain, tmp_path / 'log')

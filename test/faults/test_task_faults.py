@@ -25,7 +25,8 @@ import robots
 from tp_controller import Controller, EvaluationError, GoalError, Settings, Stack, StackError
 from tp_controller.control.sketcher import Sketcher
 from tp_controller.solver.level import Level
-from tp_controller.tasks import BoundedTask, Evaluation, guard, Keys, Posture, Task
+from tp_controller.tasks import BoundedTask, Evaluation, Keys, Posture, Task
+from tp_controller.tasks import task_errors as guard
 from tp_controller.tasks.sketch import Dot
 
 N = 3

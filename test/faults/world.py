@@ -29,12 +29,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tp_controller import Stack
 from tp_controller.control.settings import Settings
-from tp_controller.nodes import loop as loop_module
-from tp_controller.nodes.base_topics import fill_odometry, twist_of
-from tp_controller.nodes.controller_node import PARAMETERS
-from tp_controller.nodes.log import Log
-from tp_controller.nodes.loop import ControlLoop
-from tp_controller.nodes.shared_controller import SharedController
+from tp_controller.ros.controller_node import PARAMETERS
+from tp_controller.ros.log import Log
+from tp_controller.ros.loop import control_loop as loop_module
+from tp_controller.ros.loop.base_topics import fill_odometry, twist_of
+from tp_controller.ros.loop.control_loop import ControlLoop
+from tp_controller.ros.loop.shared_controller import SharedController
 
 # Step of the world, and between two joint states [s].
 STEP, STATE_PERIOD = 0.001, 0.005

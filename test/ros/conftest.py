@@ -29,9 +29,9 @@ else:
         import rosidl_generator_py  # noqa: F401
     from harness import Harness
     from rclpy.executors import SingleThreadedExecutor
-    from tp_controller.nodes import controller_node
-    from tp_controller.nodes.log import Log
-    from tp_controller.nodes.runner import make_executor
+    from tp_controller.ros import controller_node
+    from tp_controller.ros.log import Log
+    from tp_controller.ros.runner import make_executor
 
 
 @pytest.fixture(autouse=True)

@@ -32,8 +32,8 @@ from robots import PLANAR_DH
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
-from tp_controller.nodes.controller_node import ControllerNode
-from tp_controller.nodes.simulator_node import SimulatorNode
+from tp_controller.ros.controller_node import ControllerNode
+from tp_controller.ros.simulator_node import SimulatorNode
 
 # Only a test that fails takes as long: a busy machine may be twenty times as slow [s].
 DEADLINE = 60.0

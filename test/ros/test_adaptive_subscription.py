@@ -21,8 +21,8 @@ import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Int32
-from tp_controller.nodes.adaptive_subscription import AdaptiveSubscription
-from tp_controller.nodes.watchdog_node import WatchdogNode
+from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
+from tp_controller.ros.watchdog_node import WatchdogNode
 
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 

@@ -25,11 +25,11 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
-from tp_controller.bags.history import History
-from tp_controller.bags.reader import Bag
-from tp_controller.bags.robots import robot_of
-from tp_controller.bags.writer import BagWriter
-from tp_controller.nodes.bag_recorder import BagRecorder
+from tp_controller.tools.recording.bag_recorder import BagRecorder
+from tp_controller.tools.recording.history import History
+from tp_controller.tools.recording.reader import Bag
+from tp_controller.tools.recording.robots import robot_of
+from tp_controller.tools.recording.writer import BagWriter
 
 STACK = f'{MOVING_STACK}\n- tool: {{type: position, frame: link3}}'
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -45,7 +45,7 @@ def bag(tmp_path):
 def recorder(harness):
     """Return a recorder that looks for new topics all the time."""
     with pytest.MonkeyPatch.context() as patch, BagRecorder(context=harness.context) as found:
-        patch.setattr('tp_controller.nodes.bag_recorder.LOOK_SECONDS', 0.0)
+        patch.setattr('tp_controller.tools.recording.bag_recorder.LOOK_SECONDS', 0.0)
         yield found
 
 
@@ -196,7 +196,7 @@ def test_what_was_published_before_is_recorded_where_it_is_kept(harness, recorde
 
 def test_messages_that_did_not_arrive_are_counted(harness, recorder, bag, monkeypatch):
     # With a queue of two, the rest of what is sent between two looks is lost.
-    monkeypatch.setattr('tp_controller.nodes.bag_recorder.DEPTH', 2)
+    monkeypatch.setattr('tp_controller.tools.recording.bag_recorder.DEPTH', 2)
     harness.controller()
     publisher = harness.publisher(JointState, '/joint_states')
     listening(harness, recorder, bag, '/joint_states')

@@ -22,9 +22,9 @@ import numpy as np
 import pytest
 from robots import PLANAR_DH
 from tp_controller import Robot, Settings, Stack
-from tp_controller.nodes.figures import CYCLES, Figures
-from tp_controller.nodes.shared_controller import SharedController
-from tp_controller.nodes.watchdog import Watchdog
+from tp_controller.ros.loop.loop_statistics import CYCLES, Figures
+from tp_controller.ros.loop.shared_controller import SharedController
+from tp_controller.ros.loop.watchdog import Watchdog
 
 DEADLINE = 60.0
 

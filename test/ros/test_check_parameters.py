@@ -14,8 +14,8 @@
 
 """A check without ROS knows the parameters that the node has."""
 
-from tp_controller.check.parameter_file import OF_THE_NODE, RATE, READ, STATE_TIMEOUT
-from tp_controller.nodes.controller_node import PARAMETERS
+from tp_controller.ros.controller_node import PARAMETERS
+from tp_controller.tools.check.parameter_file import OF_THE_NODE, RATE, READ, STATE_TIMEOUT
 
 
 def test_a_check_knows_every_parameter_of_the_controller():

@@ -17,7 +17,7 @@
 from geometry_msgs.msg import PointStamped
 from harness import Arm, Status
 import pytest
-from tp_controller.nodes.client import Client, OTHERS_SECONDS
+from tp_controller.ros.client.client import Client, OTHERS_SECONDS
 
 STACK = '[{tip: {type: position, frame: link3, axes: xy}}]'
 TOPIC = '/tp_controller/tip/goal'

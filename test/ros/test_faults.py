@@ -29,10 +29,10 @@ from robots import PLANAR_DH
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from tp_controller.errors import SettingsError
-from tp_controller.nodes.competitors import LOOKING, NEW_SECONDS
-from tp_controller.nodes.controller_node import ControllerNode
-from tp_controller.nodes.state_checks import FollowCheck, Following
-from tp_controller.nodes.watchdog_node import WatchdogNode
+from tp_controller.ros.controller_node import ControllerNode
+from tp_controller.ros.loop.other_publishers import LOOKING, NEW_SECONDS
+from tp_controller.ros.loop.state_checks import FollowCheck, Following
+from tp_controller.ros.watchdog_node import WatchdogNode
 
 Q = (0.0, 0.6, 0.3)
 ZEROS = [0.0, 0.0, 0.0]

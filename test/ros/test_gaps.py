@@ -19,8 +19,8 @@ import threading
 
 from harness import Arm, Status
 import pytest
-from tp_controller.nodes import reporter
-from tp_controller.nodes.gaps import Gaps
+from tp_controller.ros.interface import reporter
+from tp_controller.ros.loop.cycle_scheduling import Gaps
 
 STACK = """
 - tip: {type: position, frame: link3, axes: xy}

@@ -25,9 +25,9 @@ import time
 from harness import DEADLINE
 import pytest
 from std_msgs.msg import String
-from tp_controller.nodes import interruption
-from tp_controller.nodes.client import Client
-from tp_controller.nodes.interruption import SignalWatch, uninterrupted
+from tp_controller.ros import signals as interruption
+from tp_controller.ros.client.client import Client
+from tp_controller.ros.signals import SignalWatch, uninterrupted
 
 
 @pytest.fixture(autouse=True)
@@ -60,16 +60,16 @@ def test_a_signal_during_an_import_that_takes_it_for_an_error_is_not_lost(monkey
         'import signal\ntry:\n    signal.raise_signal(signal.SIGINT)\n'
         'except BaseException:\n    pass\n')
     monkeypatch.syspath_prepend(tmp_path)
-    for name in ('trimesh', 'tp_controller.view.meshes'):
+    for name in ('trimesh', 'tp_controller.tools.view.meshes'):
         # Set first, so that what is imported here is forgotten where nothing was there before.
         monkeypatch.setitem(sys.modules, name, None)
         del sys.modules[name]
     with pytest.raises(KeyboardInterrupt):
-        importlib.import_module('tp_controller.view.meshes')
+        importlib.import_module('tp_controller.tools.view.meshes')
 
 
 def test_a_signal_while_a_mesh_is_loaded_is_not_lost(monkeypatch, tmp_path):
-    meshes = pytest.importorskip('tp_controller.view.meshes')
+    meshes = pytest.importorskip('tp_controller.tools.view.meshes')
 
     def load_scene(path):
         try:
@@ -137,7 +137,8 @@ STATUS = 7
 # Deadlocks in C code that no signal interrupts.
 HANGING_COMMAND = """
 import ctypes, sys
-from tp_controller.cli import main, status
+from tp_controller.tools.cli import main
+from tp_controller.tools.cli import status
 def hang(options):
     print('hangs', flush=True)
     lock, library = ctypes.create_string_buffer(64), ctypes.CDLL(None)

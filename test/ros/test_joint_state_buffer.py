@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tp_controller.nodes.joint_states import JointStateBuffer
+from tp_controller.ros.loop.joint_state_buffer import JointStateBuffer
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from robots import CONFIG, planar, PLANAR_DH
-from tp_controller.nodes.simulator_node import SimulatorNode
+from tp_controller.ros.simulator_node import SimulatorNode
 
 STACK = '- swing: {type: joint, joints: joint1, target: [3.0], gain: 5.0}'
 SPEED, ACCELERATION, PERIOD = 1.5, 2.0, 0.01

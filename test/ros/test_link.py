@@ -17,10 +17,10 @@
 from harness import parts
 import pytest
 from robots import moving_panda, PANDA_DH
-from tp_controller.nodes.client import Client
-from tp_controller.nodes.controller_node import ControllerNode
-from tp_controller.nodes.simulator_node import SimulatorNode
-from tp_controller.view.link import Link
+from tp_controller.ros.client.client import Client
+from tp_controller.ros.controller_node import ControllerNode
+from tp_controller.ros.simulator_node import SimulatorNode
+from tp_controller.tools.view.link import Link
 
 STACK = '- rest: {type: posture}'
 TOPICS = 'joint_states', 'robot_description', 'odom'

@@ -21,8 +21,8 @@ from types import SimpleNamespace
 
 from harness import DEADLINE
 import pytest
-from tp_controller.nodes import log as log_module
-from tp_controller.nodes.log import LARGEST_QUEUE, Log, MOST_CAUSES
+from tp_controller.ros import log as log_module
+from tp_controller.ros.log import LARGEST_QUEUE, Log, MOST_CAUSES
 
 
 @pytest.fixture

@@ -15,9 +15,9 @@
 """Markers in the scene of the page."""
 
 import pytest
-from tp_controller.view import markers
-from tp_controller.view.markers import MarkerScene
-from tp_controller.view.server import open_server
+from tp_controller.tools.view import markers
+from tp_controller.tools.view.markers import MarkerScene
+from tp_controller.tools.view.server import open_server
 from visualization_msgs.msg import Marker
 
 

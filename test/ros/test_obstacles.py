@@ -20,7 +20,7 @@ from harness import Arm, Status
 import pytest
 from robots import CONFIG, PANDA_DH, PANDA_READY
 from tp_controller.errors import GoalError
-from tp_controller.nodes.goal_messages import GOALS
+from tp_controller.ros.interface.goal_messages import GOALS
 from visualization_msgs.msg import Marker, MarkerArray
 
 CAPSULES = CONFIG / 'panda_capsules.yaml'

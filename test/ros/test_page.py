@@ -31,20 +31,20 @@ import pytest
 from robots import PLANAR_START
 from scipy.spatial.transform import Rotation
 from tp_controller.model.spatial import pose, rotation_from_rpy
-from tp_controller.nodes.client import Client
-from tp_controller.nodes.markers import Markers
-from tp_controller.nodes.status import diagnostics
+from tp_controller.ros.client.client import Client
+from tp_controller.ros.interface.markers import Markers
+from tp_controller.ros.interface.status import diagnostics
 from tp_controller.tasks.sketch import Cone, Gaps
-from tp_controller.view.camera import first_view
-from tp_controller.view.condition import BAD, GONE
-from tp_controller.view.gizmos import Gizmos, PATIENCE, PERIOD
-from tp_controller.view.joint_sliders import span
-from tp_controller.view.link import Link
-from tp_controller.view.markers import MarkerScene
-from tp_controller.view.page import Page, RATE
-from tp_controller.view.places import places_of
-from tp_controller.view.server import open_server
-from tp_controller.view.skeleton import JOINT_COLOUR
+from tp_controller.tools.view.camera import first_view
+from tp_controller.tools.view.condition import BAD, GONE
+from tp_controller.tools.view.draggables import places_of
+from tp_controller.tools.view.gizmos import Gizmos, PATIENCE, PERIOD
+from tp_controller.tools.view.joint_sliders import span
+from tp_controller.tools.view.link import Link
+from tp_controller.tools.view.markers import MarkerScene
+from tp_controller.tools.view.page import Page, RATE
+from tp_controller.tools.view.server import open_server
+from tp_controller.tools.view.skeleton import JOINT_COLOUR
 import viser
 from visualization_msgs.msg import Marker, MarkerArray
 import yaml

@@ -27,10 +27,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
 
 from pages import MadeUpController  # noqa: E402, I100
-from tp_controller.nodes.received_status import MOST_TASKS  # noqa: E402
-from tp_controller.view.markers import MOST_MARKERS, MOST_POINTS  # noqa: E402
-from tp_controller.view.page import MOST_WAITING  # noqa: E402
-from tp_controller.view.server import LOCAL, open_server, unused_port  # noqa: E402
+from tp_controller.ros.client.received_status import MOST_TASKS  # noqa: E402
+from tp_controller.tools.view.markers import MOST_MARKERS, MOST_POINTS  # noqa: E402
+from tp_controller.tools.view.page import MOST_WAITING  # noqa: E402
+from tp_controller.tools.view.server import LOCAL, open_server, unused_port  # noqa: E402
 
 STATUS, MARKERS, JOINTS = '/tp_controller/status', '/tp_controller/markers', '/joint_states'
 TASK = {'type': 'position', 'level': '1', 'status': 'moving', 'error [m]': '0.1'}

@@ -24,10 +24,10 @@ from rclpy.parameter import (
 )
 from rclpy.parameter_client import AsyncParameterClient
 from robots import CONFIG, PLANAR_DH
-from tp_controller.nodes import controller_node, simulator_node, watchdog_node
-from tp_controller.nodes.controller_node import ControllerNode
-from tp_controller.nodes.simulator_node import SimulatorNode
-from tp_controller.nodes.watchdog_node import WatchdogNode
+from tp_controller.ros import controller_node, simulator_node, watchdog_node
+from tp_controller.ros.controller_node import ControllerNode
+from tp_controller.ros.simulator_node import SimulatorNode
+from tp_controller.ros.watchdog_node import WatchdogNode
 import yaml
 
 STACK = """

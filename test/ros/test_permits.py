@@ -28,7 +28,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool, Float64, Int32, String
 from std_srvs.srv import Trigger
 from tp_controller.errors import SettingsError
-from tp_controller.nodes.permits import Condition, Input
+from tp_controller.ros.loop.permits import Condition, Input
 
 ZEROS = [0.0, 0.0, 0.0]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -19,8 +19,8 @@ import os
 from threading import Thread
 
 import pytest
-from tp_controller.nodes import realtime
-from tp_controller.nodes.realtime import prepare
+from tp_controller.ros.loop import realtime
+from tp_controller.ros.loop.realtime import prepare
 
 NOTHING = {'priority': 0, 'processor': -1, 'lock_memory': False, 'freeze': False}
 

@@ -21,7 +21,7 @@ import pytest
 from robots import CONFIG, PLANAR_DH
 from sensor_msgs.msg import JointState
 from tp_controller import Robot
-from tp_controller.nodes.recorder import Recorder
+from tp_controller.tools.demos.motion_recorder import Recorder
 
 
 def recorder_of(harness, robot):

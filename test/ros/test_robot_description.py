@@ -20,8 +20,8 @@ from robots import PANDA_DH, PLANAR_DH
 from std_msgs.msg import String
 from tp_controller import Robot
 from tp_controller.errors import RobotError, SettingsError
-from tp_controller.nodes.controller_node import ControllerNode
-from tp_controller.nodes.simulator_node import SimulatorNode
+from tp_controller.ros.controller_node import ControllerNode
+from tp_controller.ros.simulator_node import SimulatorNode
 
 POSTURE = '- rest: {type: posture}'
 URDF = Robot.from_file(PLANAR_DH).urdf

@@ -23,8 +23,8 @@ import pytest
 from robots import CONFIG, REPOSITORY
 from std_msgs.msg import Float64MultiArray
 from tp_controller import Robot
-from tp_controller.nodes.controller_node import ControllerNode
-from tp_controller.nodes.simulator_node import SimulatorNode
+from tp_controller.ros.controller_node import ControllerNode
+from tp_controller.ros.simulator_node import SimulatorNode
 
 SHARE = '$(ros2 pkg prefix --share tp_controller)'
 # Robot: the topic that the driver takes commands on.

@@ -21,9 +21,9 @@ import threading
 from harness import DEADLINE
 import pytest
 from rclpy.exceptions import InvalidHandle
-from tp_controller.nodes import runner
-from tp_controller.nodes.middleware import VARIABLES
-from tp_controller.nodes.runner import _spin, ClosableNode, Ending, make_executor
+from tp_controller.ros import runner
+from tp_controller.ros.middleware import VARIABLES
+from tp_controller.ros.runner import _spin, ClosableNode, Ending, make_executor
 
 
 class Spun(ClosableNode):

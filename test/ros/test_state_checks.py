@@ -19,9 +19,9 @@ import re
 
 import numpy as np
 import pytest
-from tp_controller.nodes.joint_states import JointStateBuffer
-from tp_controller.nodes.state_checks import FollowCheck, Following, LimitCheck, StampAge
-from tp_controller.nodes.stops import Stops
+from tp_controller.ros.loop.joint_state_buffer import JointStateBuffer
+from tp_controller.ros.loop.state_checks import FollowCheck, Following, LimitCheck, StampAge
+from tp_controller.ros.loop.stop_reasons import Stops
 
 LIMIT = 0.1
 SEEDS = range(20)

@@ -22,7 +22,7 @@ import pytest
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
-from tp_controller.nodes.client import make_message
+from tp_controller.ros.client.client import make_message
 
 STACK = """
 - tip: {type: position, frame: link3, axes: xy, gain: 2.0}
@@ -291,7 +291,7 @@ def test_numbers_that_are_not_known_are_nan_in_the_same_layout(harness):
 
 
 def test_numbers_follow_the_stack_and_cost_nothing_where_nobody_listens(harness, monkeypatch):
-    monkeypatch.setattr('tp_controller.nodes.task_numbers.numbers',
+    monkeypatch.setattr('tp_controller.ros.interface.task_numbers.numbers',
                         lambda *_: pytest.fail('made without need'))
     rig = Rig(harness)
 

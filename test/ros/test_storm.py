@@ -23,8 +23,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
-from tp_controller.demos.processes import own_domain
-from tp_controller.nodes.runner import make_executor
+from tp_controller.ros.runner import make_executor
+from tp_controller.tools.demos.processes import own_domain
 
 NUMBERS = (0.0, 0.1, -0.7, 1.5, 100.0, -1e6, 1e7, 1e300, float('nan'), float('inf'))
 NAMES = (*JOINTS, 'wheel', '')

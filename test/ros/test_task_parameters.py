@@ -20,7 +20,7 @@ import pytest
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from robots import PLANAR_DH
-from tp_controller.nodes.controller_node import ControllerNode
+from tp_controller.ros.controller_node import ControllerNode
 
 Q = (0.0, 0.6, 0.3)
 STACK = """

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from tp_controller.nodes.wire import JointStateReader
+from tp_controller.ros.loop.joint_state_cdr import JointStateReader
 
 TEXTS = st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs']), max_size=9)
 NUMBERS = st.lists(st.floats(allow_infinity=True, allow_nan=True), max_size=5)
@@ -67,7 +67,7 @@ def test_names_that_are_known_are_not_read_again(monkeypatch):
     reader = JointStateReader()
     message = make('base', ['a', 'bcd'], [1.0, 2.0], [3.0], (4, 5))
     check(reader, message)
-    monkeypatch.setattr('tp_controller.nodes.wire.deserialize_message',
+    monkeypatch.setattr('tp_controller.ros.loop.joint_state_cdr.deserialize_message',
                         lambda *_: pytest.fail('read as objects'))
     for positions in ([0.5, 0.25], [], [1.0]):
         message.position = positions

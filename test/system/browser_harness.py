@@ -17,7 +17,7 @@
 from importlib.util import find_spec
 
 import pytest
-from tp_controller.view.browser import chromium_flags, find_chromium
+from tp_controller.tools.view.browser import chromium_flags, find_chromium
 
 # Without a graphics card, on a machine with much to do, the page takes most of a minute to open.
 SECONDS = 120.0
@@ -31,7 +31,7 @@ NEEDS_BROWSER = [
 @pytest.fixture(scope='module')
 def server():
     """Return the server of an empty page."""
-    from tp_controller.view.server import LOCAL, open_server, unused_port
+    from tp_controller.tools.view.server import LOCAL, open_server, unused_port
     found = open_server(LOCAL, unused_port())
     yield found
     found.stop()

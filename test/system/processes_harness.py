@@ -44,7 +44,7 @@ class Listener:
     ----------
     namespace : str
         Of the nodes.
-    client : tp_controller.nodes.client.Client, optional
+    client : tp_controller.ros.client.client.Client, optional
         What hears them; one of its own by default.
 
     Attributes
@@ -62,7 +62,7 @@ class Listener:
         from rclpy.qos import QoSProfile
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Float64MultiArray
-        from tp_controller.nodes.client import Client
+        from tp_controller.ros.client.client import Client
         self.client = client or Client()
         self.commands, self.states = [], []
         self.monitor, self._sent = Monitor(), 0
@@ -150,7 +150,7 @@ def domain(environment):
         # The generator of the messages' Python code has a dependency that is behind the times.
         warnings.filterwarnings('ignore', "module 'sre_", DeprecationWarning)
         import rosidl_generator_py  # noqa: F401
-    from tp_controller.demos.processes import own_domain
+    from tp_controller.tools.demos.processes import own_domain
     with own_domain() as given, pytest.MonkeyPatch.context() as patch:
         own = {name: given[name] for name in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')}
         # What hears the nodes here has the same settings as they.
@@ -172,7 +172,7 @@ def listener(domain):
 @pytest.fixture
 def start(domain, tmp_path):
     """Return what starts a node with the planar arm, or another; all are ended at last."""
-    from tp_controller.demos.processes import NodeProcess
+    from tp_controller.tools.demos.processes import NodeProcess
     nodes = []
 
     def start(executable, *arguments, robot=PLANAR_DH):
@@ -197,7 +197,7 @@ def cell(start, listener):
 
 # Commands ---------------------------------------------------------------------------------------
 
-def command_line(environment, *arguments, module='tp_controller.cli.main', seconds=DEADLINE):
+def command_line(environment, *arguments, module='tp_controller.tools.cli.main', seconds=DEADLINE):
     """Run a command to its end; return its exit status, its output and its complaints."""
     done = subprocess.run([sys.executable, '-m', module, *arguments], env=environment,
                           capture_output=True, text=True, timeout=2.0 * seconds, check=False)

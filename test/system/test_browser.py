@@ -32,9 +32,9 @@ from processes_harness import Listener
 import pytest
 from robots import CONFIG, panda
 from scipy.spatial.transform import Rotation
-from tp_controller.demos.processes import NodeProcess, own_domain
 from tp_controller.resources import load_yaml
-from tp_controller.view.browser import chromium_flags, find_chromium
+from tp_controller.tools.demos.processes import NodeProcess, own_domain
+from tp_controller.tools.view.browser import chromium_flags, find_chromium
 import yaml
 
 SIZE = {'width': 960, 'height': 680}
@@ -236,7 +236,7 @@ def watched():
 def view(tmp_path_factory):
     """Return the page of the controller, once the robot is seen on it."""
     from playwright.sync_api import sync_playwright
-    from tp_controller.nodes.client import Client
+    from tp_controller.ros.client.client import Client
     folder = tmp_path_factory.mktemp('view')
     with warnings.catch_warnings():
         # What it imports is deprecated in some versions of Python.

@@ -54,14 +54,14 @@ class Window:
     Attributes
     ----------
     link : FakeLink
-    page : tp_controller.view.page.Page
+    page : tp_controller.tools.view.page.Page
     tab : playwright.sync_api.Page
 
     """
 
     def __init__(self, server, chromium):
-        from tp_controller.view.page import Page
-        from tp_controller.view.server import address
+        from tp_controller.tools.view.page import Page
+        from tp_controller.tools.view.server import address
         server.scene.reset()
         server.gui.reset()
         self.link = FakeLink(panda())
@@ -113,9 +113,9 @@ def window(server, chromium):
 
 def first_view(window):
     """Return from where the robot is seen well where it is now."""
-    from tp_controller.view import camera
-    from tp_controller.view.gizmos import SIZES
-    from tp_controller.view.places import GOALS
+    from tp_controller.tools.view import camera
+    from tp_controller.tools.view.draggables import GOALS
+    from tp_controller.tools.view.gizmos import SIZES
     return camera.first_view(window.page._robot.points_in_view(SIZES[GOALS]))
 
 

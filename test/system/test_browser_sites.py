@@ -102,7 +102,7 @@ def test_a_page_of_another_site_neither_frames_nor_reaches_the_page(server, site
 
 
 def test_the_page_reaches_nobody_else(server, site, tab):
-    from tp_controller.view.server import address
+    from tp_controller.tools.view.server import address
     other, requests = site
     tab.goto(f'{address(server)}/?fixedDpr=0.5')
     tab.wait_for_selector('canvas')

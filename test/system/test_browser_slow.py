@@ -53,7 +53,7 @@ class SlowTab:
     """
 
     def __init__(self, server, browser):
-        from tp_controller.view.server import address
+        from tp_controller.tools.view.server import address
         server.scene.reset()
         server.gui.reset()
         self.faults, self._text = [], server.gui.add_html('')
@@ -117,13 +117,13 @@ def tab(server, chromium):
 
 def row(name):
     """Return what is shown of a task."""
-    from tp_controller.view.rows import Row
+    from tp_controller.tools.view.rows import Row
     return Row(name, 'position', '1', 'moving', (('m', 0.1),), 0.5, '', '', 0, 0, '', '')
 
 
 def change_robots(gui, heard):
     """Show sliders of one robot, and then of another with fewer joints."""
-    from tp_controller.view.joint_sliders import JointSliders
+    from tp_controller.tools.view.joint_sliders import JointSliders
     joints = JointSliders(gui, None)
     for robot in (panda(), planar()):
         joints.build(robot)
@@ -133,7 +133,7 @@ def change_robots(gui, heard):
 
 def change_tasks(gui, heard):
     """Show tasks, and then others."""
-    from tp_controller.view.stack_panel import StackPanel
+    from tp_controller.tools.view.stack_panel import StackPanel
     stack = StackPanel(gui, None, None, None)
     for names in (['tool', 'elbow', 'rest'], ['hand', 'rest']):
         stack.show([row(name) for name in names], dict.fromkeys(names, 1.0))
@@ -142,7 +142,7 @@ def change_tasks(gui, heard):
 
 def change_gains(gui, heard):
     """Show a gain for each row of a task, and then one for all."""
-    from tp_controller.view.stack_panel import StackPanel
+    from tp_controller.tools.view.stack_panel import StackPanel
     stack = StackPanel(gui, None, None, None)
     for gain in ([1.0, 2.0], [3.0, 4.0], 1.0, 2.0):
         stack.show([row('tool')], {'tool': gain})

@@ -38,8 +38,9 @@ from PIL import Image
 from processes_harness import command_line, DEADLINE, Listener
 import pytest
 from robots import CONFIG, panda, PANDA_TOOL
-from tp_controller.cli.goal import _reach
-from tp_controller.cli.main import (
+from tp_controller.solver.compiled import running
+from tp_controller.tools.cli.goal import _reach
+from tp_controller.tools.cli.main import (
     COMMANDS,
     controller_node,
     EXAMPLES,
@@ -48,8 +49,7 @@ from tp_controller.cli.main import (
     simulator_node,
     watchdog_node,
 )
-from tp_controller.cli.status import table
-from tp_controller.solver.compiled import running
+from tp_controller.tools.cli.status import table
 import yaml
 
 DOWN = ('--rpy', '3.1416', '0', '0')
@@ -61,7 +61,7 @@ STACK = (CONFIG / 'demo_stack.yaml').read_text().replace(
 @pytest.fixture(scope='module')
 def robot(domain, tmp_path_factory):
     """Return a listener to the robot of the demo, which runs for all tests of this file."""
-    from tp_controller.demos.processes import NodeProcess
+    from tp_controller.tools.demos.processes import NodeProcess
     folder = tmp_path_factory.mktemp('robot')
     (folder / 'stack.yaml').write_text(STACK)
     arguments = ['--params-file', str(CONFIG / 'demo.yaml')]
@@ -86,7 +86,7 @@ def goal(robot, domain):
 
 
 class Heard(NamedTuple):
-    """What `tp_controller.nodes.watch.Heard` is, where there is no ROS."""
+    """What `tp_controller.ros.client.status_monitor.Heard` is, where there is no ROS."""
 
     head: str
     tasks: dict
@@ -135,8 +135,9 @@ def test_a_goal_out_of_reach_returns_1_and_says_why(goal):
     status, said, _ = goal('elbow', '--xyz', '0', '2', '0', '--reach', '1.5')
     assert status == 1
     # At whatever joint and task it comes to rest.
-    assert re.search(r'^not reached: error [\d.]+ m \(the goal is 2 m from panda_link0, and out of '
-                     r'reach: .+\)\nwhat would help: the goal is out of reach', said, re.MULTILINE)
+    assert re.search(r'^not reached: error [\d.]+ m \(the goal is 2 m from panda_link0, and out '
+                     r'of reach: .+\)\nwhat would help: the goal is out of reach', said,
+                     re.MULTILINE)
     assert goal('elbow', '--xyz', '0', '0', '0')[0] == 0
 
 
@@ -379,7 +380,7 @@ def test_negative_numbers_are_numbers_however_they_are_written(monkeypatch, numb
 
 @pytest.mark.parametrize('node', [controller_node, simulator_node, watchdog_node])
 def test_the_help_of_a_node_lists_its_parameters_and_starts_nothing(monkeypatch, capsys, node):
-    module = importlib.import_module(f'tp_controller.nodes.{node.__name__}')
+    module = importlib.import_module(f'tp_controller.ros.{node.__name__}')
     monkeypatch.setattr(sys, 'argv', [node.__name__, '--help'])
     assert node() == 0
     said = capsys.readouterr().out
@@ -389,8 +390,8 @@ def test_the_help_of_a_node_lists_its_parameters_and_starts_nothing(monkeypatch,
     assert max(map(len, said.splitlines())) < 100
 
 
-@pytest.mark.parametrize('module', ['nodes.controller_node', 'nodes.simulator_node',
-                                    'nodes.watchdog_node'])
+@pytest.mark.parametrize('module', ['ros.controller_node', 'ros.simulator_node',
+                                    'ros.watchdog_node'])
 def test_the_help_of_a_module_starts_nothing_either(domain, module):
     status, said, _ = command_line(domain, '--help', module=f'tp_controller.{module}')
     name = module.rpartition('.')[2]
@@ -411,7 +412,7 @@ def test_a_shell_completes_commands(tmp_path, line, completed):
     answer = tmp_path / 'completions'
     environment = {**os.environ, '_ARGCOMPLETE': '1', '_ARGCOMPLETE_STDOUT_FILENAME': str(answer),
                    '_ARGCOMPLETE_IFS': ':', 'COMP_LINE': line, 'COMP_POINT': str(len(line))}
-    subprocess.run([sys.executable, '-c', 'from tp_controller.cli.main import main; main()'],
+    subprocess.run([sys.executable, '-c', 'from tp_controller.tools.cli.main import main; main()'],
                    env=environment, timeout=DEADLINE)
     assert {text.strip() for text in answer.read_text().split(':')} == completed
 
@@ -493,7 +494,7 @@ def test_the_demo_of_a_robot_reaches_its_goals_within_limits(environment, tmp_pa
 
 
 def test_a_demo_that_is_ended_takes_its_nodes_with_it(domain, tmp_path):
-    demo = subprocess.Popen([sys.executable, '-m', 'tp_controller.cli.main', 'demo', '--output',
+    demo = subprocess.Popen([sys.executable, '-m', 'tp_controller', 'demo', '--output',
                              str(tmp_path)], env=domain, stdout=subprocess.DEVNULL,
                             stderr=subprocess.PIPE)
     listed = Path(f'/proc/{demo.pid}/task/{demo.pid}/children')

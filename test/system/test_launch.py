@@ -32,7 +32,7 @@ from monitor import promise_of
 from processes_harness import DEADLINE
 import pytest
 from robots import REPOSITORY
-from tp_controller.demos.scenarios import DEMOS
+from tp_controller.tools.demos.scenarios import DEMOS
 import yaml
 
 LAUNCH = REPOSITORY / 'launch'
@@ -137,8 +137,8 @@ def test_every_program_exists_in_its_package(path):
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
 def test_every_parameter_that_is_set_exists(path):
-    controller = pytest.importorskip('tp_controller.nodes.controller_node').PARAMETERS
-    simulator = pytest.importorskip('tp_controller.nodes.simulator_node').PARAMETERS
+    controller = pytest.importorskip('tp_controller.ros.controller_node').PARAMETERS
+    simulator = pytest.importorskip('tp_controller.ros.simulator_node').PARAMETERS
     known = {spec.name for spec in (*controller, *simulator)} | {'use_sim_time'}
     keys = {key.value for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
             if isinstance(node, ast.Dict) for key in node.keys if isinstance(key, ast.Constant)}
@@ -158,7 +158,7 @@ def test_rviz_shows_what_the_nodes_publish():
     assert topics == {'/robot_description', '/tp_controller/markers'}
     assert all(f"('{topic}', '{topic[1:]}')" in source for topic in topics)
     dragged = displays['InteractiveMarkers']['Interactive Markers Namespace']
-    interactive = pytest.importorskip('tp_controller.nodes.interactive_goals')
+    interactive = pytest.importorskip('tp_controller.ros.interface.interactive_goals')
     assert dragged == f'/tp_controller{interactive.TOPIC[1:]}'
     assert all(f"'{interactive.TOPIC[2:]}/{name}'" in source
                for name in ('update', 'feedback', 'get_interactive_markers'))
@@ -177,7 +177,7 @@ def workspace(tmp_path_factory):
     programs = {(name, name): TELL.format(python=sys.executable)
                 for name in ('rviz2', 'robot_state_publisher')}
     for name in EXECUTABLES:
-        module = 'tp_controller' if name == 'tp_controller' else f'tp_controller.nodes.{name}'
+        module = 'tp_controller' if name == 'tp_controller' else f'tp_controller.ros.{name}'
         programs['tp_controller', name] = f'#!/bin/sh\nexec {sys.executable} -m {module} "$@"\n'
     for (package, name), code in programs.items():
         program = prefix / 'lib' / package / name
@@ -259,7 +259,7 @@ def test_the_demo_reaches_its_goals_and_ends_with_ctrl_c(start, listener):
 
 def test_a_demo_in_a_namespace_has_its_parameters_and_shows_itself_in_rviz(start, domain):
     from processes_harness import Listener
-    from tp_controller.nodes.client import Client
+    from tp_controller.ros.client.client import Client
     launched = start('demo.launch.py', 'demo:=two_arms', 'namespace:=left', 'goals:=false')
     waiting = Listener()
     with Client('left/tp_controller') as client:

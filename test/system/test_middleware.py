@@ -22,8 +22,8 @@ from xml.etree import ElementTree
 
 from processes_harness import DEADLINE
 import pytest
-from tp_controller.demos.processes import own_domain
-from tp_controller.nodes.middleware import FILES, set_up_fast_dds, VARIABLES
+from tp_controller.ros.middleware import FILES, set_up_fast_dds, VARIABLES
+from tp_controller.tools.demos.processes import own_domain
 
 # Nodes of two processes, one of which hears what the other one sends.
 COMMON = """
@@ -31,7 +31,7 @@ import time
 from geometry_msgs.msg import PointStamped
 from rclpy.duration import Duration
 from rclpy.node import Node
-from tp_controller.nodes.client import new_context
+from tp_controller.ros.client.client import new_context
 node = Node('node', context=new_context())
 """
 HEARING = """

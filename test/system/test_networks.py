@@ -28,7 +28,7 @@ import numpy as np
 from processes_harness import DEADLINE, LATE, Listener
 import pytest
 from robots import planar, PLANAR_DH
-from tp_controller.demos.processes import NodeProcess
+from tp_controller.tools.demos.processes import NodeProcess
 
 ROBOTS, RATE, TIMEOUT = 10, 20.0, 2.0
 # All nodes of the robots in one process each: ten interpreters would only measure the machine.
@@ -37,8 +37,8 @@ import sys
 from rclpy import init
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from tp_controller.nodes.controller_node import ControllerNode
-from tp_controller.nodes.simulator_node import SimulatorNode
+from tp_controller.ros.controller_node import ControllerNode
+from tp_controller.ros.simulator_node import SimulatorNode
 init(args=[])
 kind, robot, count = sys.argv[1], sys.argv[2], int(sys.argv[3])
 rate, timeout = map(float, sys.argv[4:])
@@ -234,12 +234,12 @@ def test_a_cable_that_is_pulled_stops_the_robot_and_put_back_lets_it_go_on(domai
     with Cable() as cable, ExitStack() as stack:
         left, right = cable.names
         ros = ('--ros-args', '-p', f'robot:={PLANAR_DH}')
-        module = ('-m', 'tp_controller.nodes.controller_node')
+        module = ('-m', 'tp_controller.ros.controller_node')
         controller = stack.enter_context(Remote(
             left, module, (*ros, '-p', f"stack:='{STACK}'", '-p', 'status_rate:=50.0'), domain,
             tmp_path / 'controller.log'))
         simulator = stack.enter_context(Remote(
-            right, ('-m', 'tp_controller.nodes.simulator_node'), ros, domain,
+            right, ('-m', 'tp_controller.ros.simulator_node'), ros, domain,
             tmp_path / 'simulator.log'))
         witness = stack.enter_context(Remote(
             right, ('-c', WITNESS), (), domain, tmp_path / 'witness.log'))

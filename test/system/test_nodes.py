@@ -25,7 +25,7 @@ from processes_harness import DEADLINE
 import pytest
 import rclpy
 from robots import panda, PANDA_DH, PLANAR_DH, REPOSITORY
-from tp_controller.demos.processes import NodeProcess
+from tp_controller.tools.demos.processes import NodeProcess
 
 ALL_MISSING = 'no joint states of joint1, joint2, joint3'
 
@@ -178,7 +178,7 @@ def test_the_description_can_come_from_the_simulator(start, listener):
 
 
 def test_a_node_that_outlives_its_owner_keeps_its_domain(environment, tmp_path):
-    from tp_controller.demos.processes import NodeProcess, own_domain
+    from tp_controller.tools.demos.processes import NodeProcess, own_domain
     with own_domain() as first:
         node = NodeProcess('controller_node', [], {**environment, **first},
                            tmp_path / 'node.log')
@@ -191,7 +191,7 @@ def test_a_node_that_outlives_its_owner_keeps_its_domain(environment, tmp_path):
 
 
 def test_two_domains_of_their_own_are_never_the_same(domain):
-    from tp_controller.demos.processes import own_domain
+    from tp_controller.tools.demos.processes import own_domain
     with own_domain() as first, own_domain() as second:
         assert len({environment['ROS_DOMAIN_ID'] for environment in (domain, first, second)}) == 3
         assert first['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'

@@ -91,10 +91,8 @@ THIRD_PARTY = {
     'yaml': ('PyYAML', 'python3-yaml'),
     'zstandard': ('viser', None),
 }
-# What a check needs for more than one process only.
-SPREADING = {'dask', 'distributed', 'joblib', 'ray'}
 # Folders with libraries of their own.
-BESIDE = ('plots', 'bags', 'nodes', 'view', 'demos', 'cli')
+BESIDE = ('ros', 'tools')
 ROS_PACKAGE_OF_MODULE = {'tf2_ros': 'tf2_ros_py'}
 
 
@@ -193,7 +191,7 @@ def test_every_import_is_a_dependency(folder, metadata, package_xml):
 
 def test_library_needs_no_extra(metadata):
     needed = {THIRD_PARTY[module][0] for path in (ROOT / PACKAGE).glob('[a-z]*')
-              for module in imported_modules(path.relative_to(ROOT)) - SPREADING
+              for module in imported_modules(path.relative_to(ROOT))
               if path.is_dir() and path.name not in BESIDE}
     assert needed <= {re.split('[<>=]', entry)[0] for entry in metadata['install_requires']}
 

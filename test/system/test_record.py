@@ -23,9 +23,9 @@ from types import SimpleNamespace
 from processes_harness import command_line, DEADLINE
 import pytest
 from rosbags.rosbag2 import Reader
-from tp_controller.bags.history import History
-from tp_controller.bags.reader import Bag
-from tp_controller.cli.record import _write
+from tp_controller.tools.cli.record import _write
+from tp_controller.tools.recording.history import History
+from tp_controller.tools.recording.reader import Bag
 
 
 @pytest.fixture

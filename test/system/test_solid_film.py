@@ -21,10 +21,10 @@ from PIL import Image
 import pytest
 from robots import CONFIG, panda
 from tp_controller import Robot, Stack, TpControllerError
-from tp_controller.demos import film
-from tp_controller.demos.motion import FixedObject, Motion
 from tp_controller.model.shapes import Box
-from tp_controller.view.browser import chromium_flags, find_chromium, open_page, UNLIMITED
+from tp_controller.tools.demos import film
+from tp_controller.tools.demos.motion import FixedObject, Motion
+from tp_controller.tools.view.browser import chromium_flags, find_chromium, open_page, UNLIMITED
 
 STACK = """\
 - clear: {type: keep_out, frame: panda_hand_tcp, shape: {cylinder: [0.1, 0.8]},
@@ -87,8 +87,8 @@ def test_film_shows_a_solid_robot_that_moves_its_goal_and_an_obstacle(
 
 
 def test_a_browser_that_still_shows_the_page_of_a_demo_does_not_get_into_its_film():
-    from tp_controller.demos import film_solid
-    from tp_controller.view.server import PORTS
+    from tp_controller.tools.demos import film_solid
+    from tp_controller.tools.view.server import PORTS
     # It connects again to whatever is at the address of the page.
     with film_solid._server() as server:
         assert server.get_port() not in PORTS
@@ -103,7 +103,7 @@ def test_every_part_is_where_it_belongs(tmp_path, monkeypatch, capsys):
         goals=[(0.0, 'tool', [0.5, -1.8, 0.6, 0.0, 0.0, 0.0, 1.0])],
         objects=(FixedObject('base_link', Box(0.3, 0.3, 0.3), (0.0, 0.8, 0.15)),),
         carried=(('laser', 'tool'),), view=(0.0, 30.0))
-    from tp_controller.demos import film_solid
+    from tp_controller.tools.demos import film_solid
     camera = film_solid._camera(motion, [0, 1], 4.0 / 3.0)
     before, after = pictures_of(motion, tmp_path, monkeypatch, capsys)
     state = robot.state(q[1])
@@ -152,8 +152,8 @@ def test_every_part_is_where_it_belongs(tmp_path, monkeypatch, capsys):
 
 def test_nothing_is_drawn_but_the_pictures():
     playwright = pytest.importorskip('playwright.sync_api')
-    from tp_controller.demos import film_solid
-    from tp_controller.view.server import address
+    from tp_controller.tools.demos import film_solid
+    from tp_controller.tools.view.server import address
     camera = film_solid.Camera(np.array([0.0, 0.0, 3.0]), np.diag([1.0, -1.0, -1.0]), 3.0)
     with film_solid._server() as server, playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=find_chromium(),

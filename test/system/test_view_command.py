@@ -29,10 +29,10 @@ from urllib.request import urlopen
 from processes_harness import command_line, DEADLINE
 import pytest
 from robots import CONFIG
-from tp_controller.demos import live_page
-from tp_controller.demos.processes import own_domain
 from tp_controller.errors import TpControllerError
-from tp_controller.extras import install_command
+from tp_controller.tools.demos import live_page
+from tp_controller.tools.demos.processes import own_domain
+from tp_controller.tools.extras import install_command
 
 pytest.importorskip('viser', reason="needs pip install '.[view]'")
 pytest.importorskip('rclpy', reason='needs ROS 2')
@@ -114,7 +114,7 @@ def test_demo_has_a_page_that_answers(tmp_path):
 
 
 def test_results_of_a_demo_go_to_its_page(domain, tmp_path):
-    from tp_controller.nodes.client import Client
+    from tp_controller.ros.client.client import Client
     with ExitStack() as stack:
         live = live_page.start_page(stack, domain, tmp_path)
         assert wait_for_page(live).startswith('page: ')
@@ -131,7 +131,7 @@ def test_demo_without_viser_goes_on_and_says_so(tmp_path, monkeypatch):
 
 
 def test_demo_without_a_free_port_goes_on_and_says_so(tmp_path, monkeypatch, taken):
-    from tp_controller.view import server
+    from tp_controller.tools.view import server
     monkeypatch.setattr(server, 'PORTS', range(taken, taken + 1))
     with pytest.raises(TpControllerError, match=f'{live_page.WITHOUT}no free port from {taken}'):
         live_page.start_page(ExitStack(), {}, tmp_path)
@@ -139,7 +139,7 @@ def test_demo_without_a_free_port_goes_on_and_says_so(tmp_path, monkeypatch, tak
 
 def test_demo_whose_page_cannot_start_goes_on_and_says_why(tmp_path, monkeypatch, taken):
     # Somebody took it meanwhile.
-    from tp_controller.view import server
+    from tp_controller.tools.view import server
     monkeypatch.setattr(server, 'free_port', lambda host: taken)
     monkeypatch.setattr(live_page, '_answers', lambda address: False)
     with ExitStack() as stack:
@@ -157,7 +157,8 @@ def test_view_names_the_log_of_a_node_that_cannot_start(environment, tmp_path):
     patched = f"""
 import sys
 from pathlib import Path
-from tp_controller.cli import main, view
+from tp_controller.tools.cli import main
+from tp_controller.tools.cli import view
 view._file = lambda demo, ending: Path({str(folder)!r}) / f'demo{{ending}}.yaml'
 sys.exit(main.main(['view']))
 """

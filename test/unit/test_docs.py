@@ -43,9 +43,9 @@ import pytest
 import setuptools
 import tp_controller
 from tp_controller import Robot, Stack
-from tp_controller.cli.main import make_parser
 from tp_controller.resources import find_file
 from tp_controller.tasks import Task
+from tp_controller.tools.cli.main import make_parser
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -339,7 +339,7 @@ def test_parameter_files_set_what_the_nodes_have(block):
 
 def check_parameter(module, name, value):
     """Check that a node has a parameter, and that its type suits a value."""
-    part = 'view' if module == 'viewer_node' else 'nodes'
+    part = 'tools.view' if module == 'viewer_node' else 'ros'
     specs = importlib.import_module(f'tp_controller.{part}.{module}').PARAMETERS
     defaults = {**EVERY_NODE, **{spec.name: spec.default for spec in specs}}
     if name.startswith(('limits', 'tasks')):
@@ -483,7 +483,7 @@ def documented_tasks(panda):
 @pytest.mark.parametrize('words', commands_of('ros2', 'topic', 'pub'))
 def test_ros2_topic_pub_sends_goals_that_tasks_take(words, panda):
     pytest.importorskip('rclpy')
-    messages_of = importlib.import_module('tp_controller.nodes.goal_messages').messages_of
+    messages_of = importlib.import_module('tp_controller.ros.interface.goal_messages').messages_of
     rest = [word for index, word in enumerate(words[3:], 3)
             if not word.startswith('-') and words[index - 1] not in ('--rate', '-r', '--times')]
     topic, kind, values = rest

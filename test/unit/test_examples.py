@@ -54,7 +54,7 @@ def test_there_are_six():
 def test_an_example_is_short_and_needs_no_ros(path):
     text = path.read_text(encoding='utf-8').removeprefix(HEADER).strip()
     assert text.count('\n') + 1 <= 40
-    assert 'rclpy' not in text and '_msgs' not in text and 'tp_controller.nodes' not in text
+    assert 'rclpy' not in text and '_msgs' not in text and 'tp_controller.ros' not in text
 
 
 def test_page_about_the_library_lists_them_all_and_shows_what_they_print():

@@ -18,7 +18,7 @@ from importlib import metadata
 import shlex
 import sys
 
-from tp_controller import extras
+from tp_controller.tools import extras
 
 
 def test_command_names_this_python_and_the_packages_of_the_extra(monkeypatch):

@@ -21,11 +21,11 @@ import tempfile
 import numpy as np
 from PIL import Image
 import pytest
-from tp_controller.demos.film import save_animation
-from tp_controller.demos.processes import NodeProcess, own_domain
 from tp_controller.errors import TpControllerError
-from tp_controller.files import new_file, open_lock, private_folder
-from tp_controller.plots.curves import plot_positions
+from tp_controller.tools.demos.film import save_animation
+from tp_controller.tools.demos.processes import NodeProcess, own_domain
+from tp_controller.tools.files import new_file, open_lock, private_folder
+from tp_controller.tools.plots.curves import plot_positions
 
 TREASURE = 'not to be lost'
 

@@ -27,18 +27,30 @@ import robots
 import tp_controller
 
 PACKAGE = robots.REPOSITORY / 'tp_controller'
-# The layers, lowest first: each imports only itself and those before it.
-LAYERS = ['solver', 'foreign', 'untrusted', 'errors', 'extras', 'units', 'resources', 'files',
-          'progress', 'model', 'tasks', 'control', 'check', '', 'plots', 'bags', 'nodes', 'view',
-          'demos', 'cli', '__main__']
-# What is no part of the method, and has libraries of its own.
-BESIDE = ('plots', 'bags', 'nodes', 'view', 'demos', 'cli', '__main__')
-SPEAK_ROS = ('nodes', 'view')
-# What the method may use: the standard library and these. ROS only says where packages are,
-# others spread work over processes.
+# Parts of the library, lowest first: each imports only itself and those before it. `root` are the
+# modules beside the parts, `package` is what `import tp_controller` gives.
+LIBRARY = ('solver', 'root', 'model', 'tasks', 'control', 'package')
+# Parts of the wings, and what each imports besides itself and the library.
+WINGS = {
+    'ros': (),
+    'ros.loop': ('ros',),
+    'ros.interface': ('ros', 'ros.loop'),
+    'ros.client': ('ros', 'ros.loop'),
+    'ros.nodes': ('ros', 'ros.loop', 'ros.interface'),
+    'tools': (),
+    'tools.plots': ('tools',),
+    'tools.check': ('tools',),
+    'tools.recording': ('tools', 'tools.plots', 'ros', 'ros.client'),
+    'tools.view': ('tools', 'tools.recording', 'ros', 'ros.client'),
+    'tools.demos': ('tools', 'tools.plots', 'tools.check', 'tools.view', 'ros', 'ros.client'),
+    'tools.cli': ('tools', 'tools.plots', 'tools.check', 'tools.recording', 'tools.view',
+                  'tools.demos', 'ros', 'ros.client'),
+    'start': ('tools.cli',),
+}
+SPEAK_ROS = ('ros', 'tools.view', 'tools.recording', 'tools.demos')
+# What the library may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'tp_controller'}
-OPTIONAL = {('resources', 'ament_index_python'),
-            *(('check.spread', name) for name in ('joblib', 'dask', 'distributed', 'ray'))}
+OPTIONAL = {('resources', 'ament_index_python')}
 
 
 def module_name(path):
@@ -50,12 +62,23 @@ def module_name(path):
 MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob('*.py'))}
 
 
-def layer(module):
-    """Return the layer of a module: the first part of its name below the package."""
-    return module.partition('.')[0]
+def part(module):
+    """Return the part of a module, by its name below the package; fail if it has none."""
+    first, *rest = module.split('.')
+    if module in ('', '__main__'):
+        return 'start' if module else 'package'
+    if first == 'ros' and len(rest) == 1 and rest[0].endswith('_node'):
+        return 'ros.nodes'
+    found = f'{first}.{rest[0]}' if rest and f'{first}.{rest[0]}' in WINGS else first
+    if found in WINGS or found in LIBRARY:
+        # Parts have no folders, and a wing has those above only.
+        assert len(rest) <= found.count('.') + 1, f'{module} is in a folder that is no part'
+        return found
+    assert not rest, f'{module} is in a folder that is no part'
+    return 'root'
 
 
-METHOD = [name for name in MODULES if layer(name) not in BESIDE]
+METHOD = [name for name in MODULES if part(name) in LIBRARY]
 
 
 def imported(path):
@@ -87,20 +110,28 @@ def named(name):
     return name or 'tp_controller'
 
 
-def test_every_module_belongs_to_a_layer():
-    assert {layer(name) for name in MODULES} == set(LAYERS)
+def test_every_part_has_modules_and_every_module_a_part():
+    assert {part(name) for name in MODULES} == {*LIBRARY, *WINGS}
 
 
 @pytest.mark.parametrize('name', MODULES, ids=named)
-def test_module_imports_only_from_its_layer_and_those_below(name):
-    allowed = LAYERS[:LAYERS.index(layer(name)) + 1]
-    assert {layer(module) for module in own_imports(name)} <= set(allowed)
+def test_module_imports_only_from_its_part_and_those_below(name):
+    own = part(name)
+    allowed = LIBRARY[:LIBRARY.index(own) + 1] if own in LIBRARY \
+        else (*LIBRARY, own, *WINGS[own])
+    assert {part(module) for module in own_imports(name)} <= set(allowed)
 
 
-def test_solver_imports_nothing_of_the_rest():
-    for name in MODULES:
-        if layer(name) == 'solver':
-            assert {layer(module) for module in own_imports(name)} <= {'solver'}, name
+@pytest.mark.parametrize('name', ['ros.loop.loops.fast', 'tools.games.chess', 'extra.module'])
+def test_a_module_in_no_part_is_noticed(name):
+    with pytest.raises(AssertionError, match='is in a folder that is no part'):
+        part(name)
+
+
+@pytest.mark.parametrize('folder', sorted({path.parent for path in MODULES.values()}),
+                         ids=lambda folder: folder.name)
+def test_every_folder_says_what_is_in_it(folder):
+    assert ast.get_docstring(ast.parse((folder / '__init__.py').read_text(encoding='utf-8')))
 
 
 def test_no_module_needs_itself_to_be_imported():
@@ -120,9 +151,9 @@ def test_method_uses_its_libraries_and_nothing_of_ros(name):
         assert top in sys.stdlib_module_names | LIBRARIES or (name, top) in OPTIONAL, module
 
 
-def test_only_the_nodes_and_the_page_speak_ros():
+def test_only_the_nodes_and_tools_beside_them_speak_ros():
     for name, path in MODULES.items():
-        for module in imported(path) if layer(name) not in SPEAK_ROS else ():
+        for module in () if part(name).startswith(SPEAK_ROS) else imported(path):
             top = module.split('.')[0]
             assert top != 'rclpy' and not top.endswith(('_msgs', '_srvs', '_interfaces')), path
 
@@ -207,7 +238,7 @@ def test_tests_here_need_no_ros():
         for module in imported(path):
             top = module.split('.')[0]
             assert top != 'rclpy' and not top.endswith('_msgs'), path
-            assert not module.startswith('tp_controller.nodes'), path
+            assert not module.startswith('tp_controller.ros'), path
 
 
 def test_only_one_module_knows_the_collision_library():

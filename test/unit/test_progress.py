@@ -15,8 +15,8 @@
 import io
 
 import pytest
-import tp_controller.progress as module
-from tp_controller.progress import Progress, progress
+import tp_controller.tools.progress as module
+from tp_controller.tools.progress import Progress, progress
 
 
 class Terminal(io.StringIO):

@@ -122,7 +122,7 @@ def test_parameters_and_table_agree(name):
 def test_nodes_have_every_parameter_of_the_files(name):
     pytest.importorskip('rclpy')
     for node, module in (('tp_simulator', 'simulator_node'), ('tp_controller', 'controller_node')):
-        specs = import_module(f'tp_controller.nodes.{module}').PARAMETERS
+        specs = import_module(f'tp_controller.ros.{module}').PARAMETERS
         defaults = {spec.name: spec.default for spec in specs}
         for key, value in parameters(name, node).items():
             assert key == 'limits' or isinstance(value, type(defaults[key])), (node, key)

@@ -42,11 +42,11 @@ from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.model.state import RobotState
 from tp_controller.solver.damping import Memory
 from tp_controller.solver.level import Level
-from tp_controller.tasks.guard import accept
 from tp_controller.tasks.keys import Gain, Tolerance
 from tp_controller.tasks.pose import parse_pose
 from tp_controller.tasks.stack import check_type, Groups, levels_of, shared_levels, Stack
 from tp_controller.tasks.task import Evaluation, Goal, Task
+from tp_controller.tasks.task_errors import accept
 
 # A command is in force for at most this multiple of the mean time between two, or a period.
 LATE = 2.0

@@ -19,11 +19,11 @@ import math
 
 import numpy as np
 from tp_controller.control.settings import Settings
+from tp_controller.control.units import with_unit
 from tp_controller.errors import GoalError
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.task import Goal, norm, Task
-from tp_controller.units import with_unit
 
 # Kinds of goals that a value moves towards; others are velocities and obstacles.
 TARGETS = {'point', 'direction', 'quaternion', 'pose', 'joints'}

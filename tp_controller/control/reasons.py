@@ -29,10 +29,10 @@ from tp_controller.control.causes import (
     TRANSITION,
 )
 from tp_controller.control.gains import gain_remark
+from tp_controller.control.units import with_unit
 from tp_controller.control.velocity_limits import ACCELERATION, LOWER, UPPER, VELOCITY
 from tp_controller.tasks.bounded import out_of_reach, STILL
 from tp_controller.tasks.task import Evaluation
-from tp_controller.units import with_unit
 
 # How many causes a sentence names.
 NAMED = 3

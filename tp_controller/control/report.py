@@ -33,9 +33,9 @@ from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.solver.solution import Solution
-from tp_controller.tasks.guard import raised
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Evaluation, norm, Task
+from tp_controller.tasks.task_errors import raised
 
 
 class Measures(NamedTuple):

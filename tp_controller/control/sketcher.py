@@ -24,9 +24,9 @@ from numpy.typing import ArrayLike
 from tp_controller.control.controller import Controller
 from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
-from tp_controller.tasks.guard import PATIENCE, raised
 from tp_controller.tasks.sketch import Sketch
 from tp_controller.tasks.task import Task
+from tp_controller.tasks.task_errors import PATIENCE, raised
 
 Place: TypeAlias = tuple[ArrayLike, ArrayLike | None]
 # How many parts of a task are drawn.

@@ -33,6 +33,8 @@ AXES_LENGTH, RAY_LENGTH = 0.08, 0.3
 SHORTEST, LEAST_TURN = 1e-3, 5e-3
 # How many straight pieces an arc has.
 PIECES = 12
+# Slope from which on the label of a line is below it, as the arrow that drags it points up there.
+STEEP_SLOPE = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,8 +37,8 @@ from tp_controller.model.state import RobotState
 from tp_controller.resources import read_source, YamlLoader
 from tp_controller.solver.level import Level
 from tp_controller.tasks import task_types
-from tp_controller.tasks.guard import attempt, check, Guard, is_foreign
 from tp_controller.tasks.task import Evaluation, Task
+from tp_controller.tasks.task_errors import attempt, check, Guard, is_foreign
 import yaml
 
 # Names become parts of topic names.

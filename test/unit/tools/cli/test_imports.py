@@ -1,0 +1,89 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the command line imports before it knows which command is meant."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from robots import REPOSITORY
+
+# Each takes a fifth of a second and more.
+SLOW = ('numpy', 'scipy', 'pinocchio', 'rclpy', 'matplotlib', 'viser')
+
+
+def test_what_takes_long_to_import_is_left_to_the_commands_that_need_it():
+    """As `tp_controller goal`, which answers in less than a second, and completion in a shell."""
+    program = ('import sys, tp_controller.tools.cli.main\n'
+               f'print(*sorted({set(SLOW)} & set(sys.modules)))')
+    done = subprocess.run([sys.executable, '-c', program], cwd=REPOSITORY, capture_output=True,
+                          text=True, timeout=60, check=True)
+    assert done.stdout.split() == []
+
+
+GOAL_AND_STATUS = """
+import argparse, sys
+from tp_controller.tools.cli import goal
+from tp_controller.tools.cli import status
+from tp_controller.ros.client import client
+from tp_controller.ros.client import status_monitor as watch
+
+class Client:
+    def wait(self, done, seconds):
+        return done()
+
+    def task_status(self, task):
+        return {'status': 'moving', 'error [m]': '0.25', 'reason': 'far', 'hint': 'wait'}
+
+    def stop_reason(self):
+        return ''
+
+goal._reach(Client(), argparse.Namespace(task='tool', reach=1.0))
+print(*sorted({'pinocchio', 'tp_controller.tasks', 'scipy'} & set(sys.modules)))
+"""
+
+
+def test_a_goal_is_sent_and_waited_for_without_the_kinematics():
+    """To import Pinocchio takes longer than to send a goal."""
+    pytest.importorskip('rclpy')
+    done = subprocess.run([sys.executable, '-c', GOAL_AND_STATUS], cwd=REPOSITORY,
+                          capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.splitlines() == [
+        'not reached: error 0.25 m (far)', 'what would help: wait', '']
+
+
+# What there is without a compiler.
+WITHOUT_CORE = """
+import sys
+sys.modules['tp_controller.solver.core'] = None
+from tp_controller.tools.cli import main
+sys.exit(eval(sys.argv[1]))
+"""
+
+
+@pytest.mark.parametrize('call', [
+    "main.main(['--version'])", "main.main(['demo', 'lab1', '--out', '/nowhere'])",
+    "main.main(['check', '- tip: {type: posture}', '--robot', 'config/robots/planar_3r.yaml'])",
+    'main.controller_node()', 'main.simulator_node()'])
+def test_core_that_is_wanted_and_missing_ends_a_command_in_one_line(call):
+    if 'node' in call:
+        pytest.importorskip('rclpy')
+    done = subprocess.run(
+        [sys.executable, '-c', WITHOUT_CORE, call], cwd=REPOSITORY, capture_output=True, text=True,
+        timeout=60, env={**os.environ, 'TP_CONTROLLER_SOLVER': 'compiled'})
+    line, = done.stderr.splitlines()
+    assert line.startswith('tp_controller: TP_CONTROLLER_SOLVER is compiled, but the core was not')
+    assert done.returncode == 2 and done.stdout == ''

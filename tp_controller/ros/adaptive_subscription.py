@@ -1,0 +1,76 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Subscription to reliable and best-effort publishers."""
+
+from collections.abc import Callable
+from functools import partial
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from tp_controller.ros import Message
+
+DEPTH = 10
+
+
+class AdaptiveSubscription:
+    """
+    Hears every publisher of a topic.
+
+    A reliable subscription does not hear best-effort publishers, and a best-effort one may lose
+    messages of any publisher. The topic is therefore heard best-effort from the first publisher
+    on that needs it, and reliably before.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Node that the topic belongs to.
+    kind : type
+        Message type.
+    topic : str
+    take : callable
+        Called with each message.
+
+    """
+
+    def __init__(self, node: Node, kind: type, topic: str,
+                 take: Callable[[Message], object]) -> None:
+        self._node, self._kind, self._topic, self._take = node, kind, topic, take
+        # The last one counts. It cannot be closed by its own event, which it would take along.
+        self._open: list[Subscription] = []
+        self._subscribe(ReliabilityPolicy.RELIABLE)
+
+    def close(self) -> None:
+        """Close the topic."""
+        while self._open:
+            self._node.destroy_subscription(self._open.pop())
+
+    def _subscribe(self, reliability: ReliabilityPolicy) -> None:
+        """Open one more subscription."""
+        self._open.append(self._node.create_subscription(
+            self._kind, self._topic, partial(self._on_message, len(self._open)),
+            QoSProfile(depth=DEPTH, reliability=reliability),
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._on_incompatible)))
+
+    def _on_incompatible(self, _: object) -> None:
+        """Hear a publisher that has been found, too."""
+        if len(self._open) == 1:
+            self._subscribe(ReliabilityPolicy.BEST_EFFORT)
+
+    def _on_message(self, index: int, message: Message) -> None:
+        """Take a message of the subscription that counts."""
+        if index == len(self._open) - 1:
+            self._take(message)

@@ -1,0 +1,120 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Listens to the status of several controllers, or of all that there are."""
+
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
+import time
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray
+from tp_controller.ros.client.client import Client, subscribe_status
+
+STATUS = '/status'
+STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
+
+
+class Heard(NamedTuple):
+    """
+    What was heard of a controller.
+
+    Attributes
+    ----------
+    head : str
+        ``running``, or why it commands zeros.
+    tasks : dict
+        {task: {key: value}}, by priority.
+    age : float
+        Since when there was no message [s].
+
+    """
+
+    head: str
+    tasks: Mapping[str, Mapping[str, str]]
+    age: float
+
+
+class Watch:
+    """
+    A node that listens to controllers.
+
+    Parameters
+    ----------
+    names : collection of str
+        Names of controller nodes, with their namespaces; all that are found if there are none.
+    clock : callable
+        Returns a time [s].
+
+    """
+
+    def __init__(self, names: Collection[str] = (),
+                 clock: Callable[[], float] = time.monotonic) -> None:
+        self._names = [name.strip('/') for name in names]
+        self._clock = clock
+        self._client = Client(self._names[0]) if self._names else Client()
+        self._heard: dict[str, tuple[DiagnosticArray, float]] = {}
+        self._followed: set[str] = set()
+        for name in self._names:
+            self._follow(name)
+
+    def __enter__(self) -> 'Watch':
+        """Return the watch."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave."""
+        self._client.close()
+
+    def wait(self, seconds: float) -> bool:
+        """Listen until all controllers that were named, or any one, are heard; return whether."""
+        return self._client.wait(self._complete, seconds)
+
+    def listen(self, seconds: float) -> None:
+        """Listen for so long."""
+        self._client.wait(lambda: self._complete() and False, seconds)
+
+    def missing(self) -> list[str]:
+        """Return the controllers that were named and not heard."""
+        return [name for name in self._names if name not in self._heard]
+
+    def heard(self) -> dict[str, Heard]:
+        """Return {controller: Heard}."""
+        now = self._clock()
+        found = {}
+        for name, (message, arrived) in sorted(self._heard.items()):
+            head, *tasks = message.status
+            found[name] = Heard(head.message, {
+                status.name.partition(': ')[2]: {value.key: value.value
+                                                 for value in status.values}
+                for status in tasks}, now - arrived)
+        return found
+
+    def _complete(self) -> bool:
+        """Look for controllers where none are named; return whether those wanted are heard."""
+        if not self._names:
+            for topic, types in self._client.node.get_topic_names_and_types():
+                if topic.endswith(STATUS) and types == [STATUS_TYPE]:
+                    self._follow(topic.removesuffix(STATUS).strip('/'))
+        return bool(self._heard) and not self.missing()
+
+    def _follow(self, name: str) -> None:
+        """Listen to a controller."""
+        if name not in self._followed:
+            self._followed.add(name)
+            subscribe_status(self._client.node, name, partial(self._on_status, name))
+
+    def _on_status(self, name: str, message: DiagnosticArray) -> None:
+        """Keep the latest status."""
+        self._heard[name] = message, self._clock()

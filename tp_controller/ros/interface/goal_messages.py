@@ -1,0 +1,217 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Goal messages become arrays, one entry for each kind of goal."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import (
+    PointStamped,
+    PoseStamped,
+    QuaternionStamped,
+    TwistStamped,
+    Vector3Stamped,
+)
+from sensor_msgs.msg import JointState
+from tp_controller.errors import GoalError
+from tp_controller.ros import Message
+from tp_controller.tasks.collision import ALL
+from tp_controller.tasks.task import Task
+from visualization_msgs.msg import Marker, MarkerArray
+
+# A goal for obstacles, by their names, and the frame that it is in.
+Parts = list[tuple[str, dict[str, Any]]]
+Xyz = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Pose = tuple[float, float, float, float, float, float, float]
+Twist = tuple[float, float, float, float, float, float]
+Named = dict[str, float] | list[float] | None
+
+
+@dataclass(frozen=True)
+class GoalMessage:
+    """
+    How a kind of goal comes in.
+
+    Attributes
+    ----------
+    kind : type
+        Message type.
+    topic : str
+        Last part of the topic, after the name of the task.
+    goal, feed_forward : callable
+        Return the goal, the feed-forward velocity, of a message; None where it has none.
+    framed : bool
+        The header's frame says what the goal is expressed in.
+    parts : callable
+        Returns (frame, goal) for each part of a message whose parts are in frames of their own;
+        None where there is one goal.
+
+    """
+
+    kind: type
+    topic: str
+    goal: Callable[[Message], Any]
+    feed_forward: Callable[[Message], Any]
+    framed: bool
+    parts: Callable[[Message], Parts] | None = None
+
+
+def _nothing(message: Message) -> None:
+    """Return None: the message says nothing of the kind."""
+    return None
+
+
+def _point(message: PointStamped) -> Xyz:
+    """Return x, y, z [m]."""
+    point = message.point
+    return point.x, point.y, point.z
+
+
+def _direction(message: Vector3Stamped) -> Xyz:
+    """Return the x, y, z of a direction."""
+    vector = message.vector
+    return vector.x, vector.y, vector.z
+
+
+def _quaternion(message: QuaternionStamped) -> Quaternion:
+    """Return a quaternion xyzw."""
+    turn = message.quaternion
+    return turn.x, turn.y, turn.z, turn.w
+
+
+def _pose(message: PoseStamped | Marker) -> Pose:
+    """Return x, y, z [m] and a quaternion xyzw."""
+    point, turn = message.pose.position, message.pose.orientation
+    return point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w
+
+
+def _twist(message: TwistStamped) -> Twist:
+    """Return linear [m/s] and angular [rad/s] velocity."""
+    linear, angular = message.twist.linear, message.twist.angular
+    return linear.x, linear.y, linear.z, angular.x, angular.y, angular.z
+
+
+def _named(names: Sequence[str], values: Sequence[float], what: str) -> Named:
+    """Return {joint: value}, the plain values where there are no names, None without values."""
+    if not len(values):
+        return None
+    if not names:
+        return list(values)
+    if len(names) != len(values):
+        raise GoalError(f'{len(names)} joints with {len(values)} {what}')
+    given = dict(zip(names, values))
+    if len(given) < len(names):
+        raise GoalError(f'a joint is named twice: {", ".join(names)}')
+    return given
+
+
+def _joint_positions(message: JointState) -> Named:
+    """Return positions by joint [rad or m]."""
+    return _named(message.name, message.position, 'positions')
+
+
+def _joint_velocities(message: JointState) -> Named:
+    """Return velocities by joint [rad/s or m/s]."""
+    return _named(message.name, message.velocity, 'velocities')
+
+
+def _obstacles(message: MarkerArray) -> Parts:
+    """
+    Return (frame, {name: obstacle}) for each frame of a `MarkerArray`.
+
+    An obstacle goes by its namespace, or namespace/id where the id is not 0.
+
+    Raises
+    ------
+    GoalError
+        A marker that is no obstacle; nothing of the message is taken then.
+
+    """
+    placed: dict[str, tuple[str, dict[str, Any] | None]] = {}
+    cleared = False
+    for marker in message.markers:
+        name = marker.ns if marker.ns and not marker.id else '/'.join(
+            filter(None, (marker.ns, str(marker.id))))
+        if marker.action == Marker.DELETEALL:
+            placed, cleared = {}, True
+        elif marker.action == Marker.DELETE:
+            placed[name] = '', None
+        elif marker.action == Marker.ADD:
+            placed[name] = marker.header.frame_id, _obstacle(name, marker)
+        else:
+            raise GoalError(f'obstacle {name}: unknown action {marker.action}; valid: 0 (add or '
+                            'modify), 2 (delete), 3 (delete all)')
+    parts: dict[str, dict[str, Any]] = {}
+    for name, (frame, obstacle) in placed.items():
+        parts.setdefault(frame, {})[name] = obstacle
+    return [*([('', {ALL: None})] if cleared else []), *parts.items()]
+
+
+def _obstacle(name: str, marker: Marker) -> dict[str, Any]:
+    """Return a marker as a goal for one obstacle."""
+    size = marker.scale.x, marker.scale.y, marker.scale.z
+    shape: dict[str, Any]
+    if marker.type == Marker.CUBE:
+        shape = {'box': list(size)}
+    elif marker.type == Marker.SPHERE and size[0] == size[1] == size[2]:
+        shape = {'sphere': 0.5 * size[0]}
+    elif marker.type == Marker.CYLINDER and size[0] == size[1]:
+        shape = {'cylinder': [0.5 * size[0], size[2]]}
+    elif marker.type in (Marker.SPHERE, Marker.CYLINDER):
+        raise GoalError(f'obstacle {name}: a sphere or cylinder must be round, got the scale '
+                        f'{", ".join(f"{each:g}" for each in size)}')
+    else:
+        raise GoalError(f'obstacle {name}: unknown type {marker.type}; valid: 1 (cube), '
+                        '2 (sphere), 3 (cylinder)')
+    obstacle = {'shape': shape, 'at': _pose(marker)}
+    lifetime = marker.lifetime.sec + 1e-9 * marker.lifetime.nanosec
+    # A marker without a lifetime is there until it is deleted.
+    return {**obstacle, 'lifetime': lifetime} if lifetime else obstacle
+
+
+GOALS = {
+    'point': GoalMessage(PointStamped, 'goal', _point, _nothing, True),
+    'direction': GoalMessage(Vector3Stamped, 'goal', _direction, _nothing, True),
+    'quaternion': GoalMessage(QuaternionStamped, 'goal', _quaternion, _nothing, True),
+    'pose': GoalMessage(PoseStamped, 'goal', _pose, _nothing, True),
+    'joints': GoalMessage(JointState, 'goal', _joint_positions, _joint_velocities, False),
+    'joint_velocities': GoalMessage(JointState, 'goal', _joint_velocities, _nothing, False),
+    'obstacles': GoalMessage(MarkerArray, 'obstacles', _nothing, _nothing, True, _obstacles),
+}
+FEED_FORWARD = {
+    'twist': GoalMessage(TwistStamped, 'twist', _nothing, _twist, True),
+}
+
+
+def messages_of(task: Task | type[Task]) -> list[GoalMessage]:
+    """
+    Return how a task is told what to do.
+
+    Parameters
+    ----------
+    task : Task or type
+        A task, or a type of tasks: one whose keys decide about its goals has those of its
+        defaults.
+
+    Returns
+    -------
+    list of GoalMessage
+        One for each topic of the task.
+
+    """
+    entries = (GOALS.get(task.goal_type or ''), FEED_FORWARD.get(task.feed_forward_type or ''))
+    return [entry for entry in entries if entry is not None]

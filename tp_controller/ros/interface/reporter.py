@@ -1,0 +1,217 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Tells how the tasks and the loop do: status, diagnostics and markers."""
+
+from collections.abc import Mapping, Sequence
+import math
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from tp_controller.control.report import Report, TaskReport
+from tp_controller.control.sketcher import Sketcher
+from tp_controller.errors import RobotError
+from tp_controller.ros.interface.interactive_goals import InteractiveGoals
+from tp_controller.ros.interface.markers import Markers
+from tp_controller.ros.interface.status import diagnostics, task_reports
+from tp_controller.ros.interface.task_numbers import TaskNumbers
+from tp_controller.ros.interface.task_topics import GoalRecord, TaskTopics
+from tp_controller.ros.log import Log
+from tp_controller.ros.loop.control_loop import boot_time, ControlLoop
+from tp_controller.ros.loop.loop_statistics import Figures
+from tp_controller.ros.loop.shared_controller import SharedController
+from tp_controller.tasks.sketch import Sketch
+from visualization_msgs.msg import MarkerArray
+
+# How long a sentence waits at most until it is written [s].
+FLUSH_SECONDS = 0.05
+# How long a status waits at most for a cycle that knows of all goals: they may come all the time.
+LONGEST_WAIT = 0.2
+DIAGNOSTICS_SECONDS = 1.0
+
+
+class Reporter:
+    """
+    Publishes what is going on, beside the loop.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Node that the topics belong to.
+    rate : float
+        Status and marker messages per second.
+    log : Log
+        Written by this.
+
+    Attributes
+    ----------
+    reason : str
+        Why zeros are commanded while there is no loop.
+
+    """
+
+    def __init__(self, node: Node, rate: float, log: Log) -> None:
+        self._node, self._log = node, log
+        self._name = node.get_fully_qualified_name().strip('/')
+        self._controller: SharedController | None = None
+        self._loop: ControlLoop | None = None
+        self._topics: TaskTopics | None = None
+        self.reason = ''
+        self._waits_since = math.inf
+        self._status = node.create_publisher(DiagnosticArray, '~/status', 10)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._numbers = TaskNumbers(node)
+        self._drawn = node.create_publisher(MarkerArray, '~/markers', 10)
+        self._markers = Markers(1.0 / rate, self._undrawn)
+        self._sketcher: Sketcher | None = None
+        # {task: why it cannot be drawn}, of those that were named.
+        self._faults: dict[str, str] = {}
+        self._goals = InteractiveGoals(node, log.warning)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        for period, callback in ((1.0 / rate, self._on_status), (FLUSH_SECONDS, self._on_flush),
+                                 (DIAGNOSTICS_SECONDS, self._on_diagnostics)):
+            node.create_timer(period, callback, clock=steady)
+
+    def follow(self, controller: SharedController, loop: ControlLoop,
+               topics: TaskTopics) -> None:
+        """Report about a loop from now on."""
+        self._controller, self._loop, self._topics = controller, loop, topics
+        # Made now: that may take as long as many cycles.
+        self._sketcher = Sketcher(controller.robot, self._undrawn)
+        self._goals.follow(topics.take)
+
+    def follow_stack(self) -> None:
+        """Report about the tasks of another stack from now on."""
+        self._faults = {}
+        if self._controller is not None:
+            self._numbers.follow(self._controller.stack.tasks)
+
+    def leave(self, reason: str) -> None:
+        """Report that there is no loop."""
+        self._numbers.follow(())
+        self._controller = self._loop = self._topics = self._sketcher = None
+        self._goals.follow(None)
+        self.reason = reason
+
+    def publish(self) -> None:
+        """Publish status, numbers and markers, each where somebody listens."""
+        self._waits_since = math.inf
+        self._tell(self._status)
+        self._numbers.publish(self._reports)
+        self._draw()
+
+    def say(self, reason: str) -> None:
+        """Publish why zeros are commanded, and nothing about the tasks, which may hang."""
+        self._status.publish(self._of(reason, None, None, {}))
+
+    def close(self) -> None:
+        """Remove what others still show."""
+        self._goals.close()
+
+    def _draw(self) -> None:
+        """Show what there is to those who look, and not any more what there was."""
+        watched, dragged = self._drawn.get_subscription_count() > 0, self._goals.watched
+        if not (watched or dragged):
+            return
+        controller, sketcher = self._controller, self._sketcher
+        root, tasks = (controller.robot.root, controller.stack.tasks) if controller else ('', {})
+        sketches = self._sketches(sketcher, controller) if sketcher and controller else {}
+        if watched:
+            self._drawn.publish(self._markers.message(self._node.get_clock().now().to_msg(), root,
+                                                      sketches))
+        if dragged:
+            self._goals.show(root, tasks, sketches)
+
+    def _sketches(self, sketcher: Sketcher, controller: SharedController
+                  ) -> Mapping[str, list[Sketch]]:
+        """Return what can be drawn; while the robot is stopped somebody else may move it."""
+        loop = self._loop
+        try:
+            return sketcher.sketch(controller, loop.place() if loop and loop.stop_reason else None)
+        except RobotError:
+            # As of joint states that no cycle would accept either; the status has the reason.
+            return {}
+
+    def _undrawn(self, task: str, reason: str) -> None:
+        """Say why a task cannot be drawn, once."""
+        if self._faults.get(task) != reason:
+            self._faults[task] = reason
+            self._log.warning(f'task {task} is not drawn: {reason}')
+
+    def _tell(self, publisher: Publisher) -> None:
+        """Publish the status, which takes as long as some cycles, where somebody listens."""
+        if publisher.get_subscription_count():
+            message = self._message()
+            self._wait()
+            publisher.publish(message)
+
+    def _wait(self) -> None:
+        """Wait until nothing that comes next holds up a cycle."""
+        if self._loop is not None:
+            self._loop.gaps.wait()
+
+    def _message(self) -> DiagnosticArray:
+        """Return the status, made in parts between the cycles."""
+        self._wait()
+        loop, records = self._loop, self._records()
+        self._wait()
+        return self._of(loop.stop_reason if loop else self.reason, loop.report if loop else None,
+                        self._controller, records)
+
+    def _of(self, reason: str, report: Report | None, controller: SharedController | None,
+            records: Mapping[str, GoalRecord]) -> DiagnosticArray:
+        """Return the status with a reason for zeros, and what is known about the tasks."""
+        loop = self._loop
+        figures = (loop.figures if loop else Figures(math.inf)).told()
+        self._wait()
+        return diagnostics(self._node.get_clock().now().to_msg(), self._name, reason, report,
+                           controller, records, figures, self._wait)
+
+    def _reports(self) -> Sequence[TaskReport]:
+        """Return what is known about every task."""
+        loop = self._loop
+        return task_reports(loop.stop_reason if loop else self.reason,
+                            loop.report if loop else None, self._controller)
+
+    def _records(self) -> Mapping[str, GoalRecord]:
+        """Return what came in for each task, and who listens to it."""
+        if self._topics is None:
+            return {}
+        self._topics.count_listeners()
+        return self._topics.records
+
+    def _on_status(self) -> None:
+        """Publish the status; with a new goal after the next cycle, which reports about it."""
+        now = boot_time()
+        self._waits_since = min(self._waits_since, now)
+        if self._is_current() or now - self._waits_since > LONGEST_WAIT:
+            self.publish()
+
+    def _is_current(self) -> bool:
+        """Return whether the last report knows of everything that came in."""
+        loop, topics = self._loop, self._topics
+        return loop is None or topics is None or bool(loop.stop_reason) \
+            or loop.reported > topics.changed
+
+    def _on_flush(self) -> None:
+        """Write the log, and a status that has waited for a cycle."""
+        self._log.flush()
+        if math.isfinite(self._waits_since):
+            self._on_status()
+
+    def _on_diagnostics(self) -> None:
+        """Publish the status for those who look at all nodes."""
+        self._tell(self._diagnostics)

@@ -1,0 +1,126 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The report of a cycle as messages."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from tp_controller.control.controller import Controller
+from tp_controller.control.report import Report, stopped_reports, TaskReport
+from tp_controller.errors import GoalError
+from tp_controller.ros.interface.task_topics import GoalRecord
+
+LEVELS = {**dict.fromkeys(('reached', 'satisfied', 'moving', 'disabled'), DiagnosticStatus.OK),
+          'limited': DiagnosticStatus.WARN, 'stopped': DiagnosticStatus.WARN,
+          'failed': DiagnosticStatus.ERROR}
+
+
+def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | None,
+                controller: Controller | None, records: Mapping[str, GoalRecord],
+                figures: Mapping[str, str], wait: Callable[[], None]) -> DiagnosticArray:
+    """
+    Return the status of the node and of every task, with the same keys at all times.
+
+    Parameters
+    ----------
+    stamp : builtin_interfaces.msg.Time
+        Time of the message.
+    node_name : str
+        Start of the name of each entry.
+    stop_reason : str
+        Why zeros are commanded; empty while the tasks are carried out.
+    report : Report or None
+        Of the last cycle.
+    controller : Controller or None
+        Whose tasks are told where no report is about them.
+    records : dict
+        {task: GoalRecord}
+    figures : dict
+        {key: value} of the loop.
+    wait : callable
+        Called between the parts: what limits a task is one, its texts another.
+
+    Returns
+    -------
+    diagnostic_msgs.msg.DiagnosticArray
+
+    """
+    running = report is not None and not stop_reason
+    head = DiagnosticStatus(
+        name=node_name, hardware_id=node_name,
+        level=DiagnosticStatus.WARN if stop_reason else DiagnosticStatus.OK,
+        message=stop_reason or 'running',
+        values=[_value('scale', f'{report.scale:.4f}' if report and running else 'nan'),
+                _value('limiting', report.limiting if report and running else ''),
+                *(_value(key, value) for key, value in figures.items())])
+    array = DiagnosticArray(status=[head])
+    array.header.stamp = stamp
+    for task in task_reports(stop_reason, report, controller):
+        if task.name in records:
+            wait()
+            status = _task_status(node_name, task, records[task.name], wait)
+            status.values.append(_value('gain warning', _gain_warning(controller, task.name)))
+            array.status.append(status)
+    return array
+
+
+def task_reports(stop_reason: str, report: Report | None,
+                 controller: Controller | None) -> Sequence[TaskReport]:
+    """Return what is known about every task; see `diagnostics`."""
+    if report is not None and not stop_reason:
+        return report.tasks
+    return stopped_reports(controller.stack) if controller else ()
+
+
+def _gain_warning(controller: Controller | None, task: str) -> str:
+    """Return what is doubtful about the gain of a task, which may be of an earlier stack."""
+    try:
+        return controller.gain_warning(task) if controller else ''
+    except GoalError:
+        return ''
+
+
+def _goal_values(record: GoalRecord) -> list[KeyValue]:
+    """Return what came in for a task."""
+    return [_value('goals accepted', record.accepted), _value('goals refused', record.refused),
+            _value('last refusal', record.refusal), _value('goal warning', record.warning),
+            *(_value(f'{topic} listeners', count) for topic, count in record.listeners.items())]
+
+
+def _task_status(node_name: str, task: TaskReport, record: GoalRecord,
+                 wait: Callable[[], None]) -> DiagnosticStatus:
+    """Return the status of one task."""
+    # This finds what limits the task.
+    status = task.status
+    wait()
+    values = [_value('type', task.type_name), _value('level', task.level or 'disabled'),
+              _value('status', status)]
+    for error, unit, tolerance in task.errors:
+        values.append(_value(f'error [{unit}]', f'{error:.6g}'))
+        values.append(_value(f'tolerance [{unit}]', f'{tolerance:.6g}'))
+    values.append(_value('wanted speed', f'{task.wanted_speed:.6g}'))
+    values.append(_value('achieved speed', f'{task.achieved_speed:.6g}'))
+    values.append(_value('reason', task.reason))
+    values.append(_value('hint', task.hint))
+    values.extend(_goal_values(record))
+    message = status if not task.reason else f'{status}: {task.reason}'
+    return DiagnosticStatus(name=f'{node_name}: {task.name}', hardware_id=node_name,
+                            level=LEVELS[status], message=message, values=values)
+
+
+def _value(key: str, value: object) -> KeyValue:
+    """Return one entry of a diagnostic status."""
+    return KeyValue(key=key, value=str(value))

@@ -1,0 +1,255 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The topics and the service that each task of a stack has."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+from functools import partial
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from std_srvs.srv import SetBool
+from tp_controller.control.controller import Controller
+from tp_controller.errors import GoalError, in_words
+from tp_controller.ros import Message
+from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
+from tp_controller.ros.interface.goal_messages import GoalMessage, messages_of, Parts
+from tp_controller.ros.interface.tf_frames import TfFrames
+from tp_controller.ros.log import Log
+from tp_controller.tasks.collision import ALL
+from tp_controller.tasks.task_errors import accept
+
+# Time to the next try where a topic could not be opened [s], and how many tries are strange.
+REOPEN_PERIOD = 0.02
+WORRYING = 100
+
+
+@dataclass
+class GoalRecord:
+    """
+    What came in for a task.
+
+    Attributes
+    ----------
+    accepted, refused : int
+        How many goals were.
+    refusal : str
+        Why the last one was refused.
+    warning : str
+        What is probably a mistake in the last one that was accepted.
+    listeners : dict
+        {topic: how many subscriptions it has, this one and those of others}, as last counted.
+
+    """
+
+    accepted: int = 0
+    refused: int = 0
+    refusal: str = ''
+    warning: str = ''
+    listeners: dict[str, int] = field(default_factory=dict)
+
+
+class TaskTopics:
+    """
+    Takes goals and feed-forward velocities for the tasks of a controller.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Node that the topics belong to, below ``~/<task>/``.
+    controller : Controller
+        Gets the goals.
+    clock : callable
+        Returns the time of receipt [s].
+    log : Log
+
+    Attributes
+    ----------
+    records : dict
+        {task: GoalRecord}, in order of priority.
+    changed : float
+        When something came in last [s].
+
+    """
+
+    def __init__(self, node: Node, controller: Controller,
+                 clock: Callable[[], float], log: Log) -> None:
+        self._node, self._controller, self._clock = node, controller, clock
+        self._log = log
+        self._frames = TfFrames(node, controller.robot.root)
+        # By task and topic: the type, and what closes it.
+        self._open: dict[tuple[str, str], tuple[type, Callable[[], object]]] = {}
+        self._needed: dict[tuple[str, str], type] = {}
+        self._again = node.create_timer(REOPEN_PERIOD, self._open_missing,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._again.cancel()
+        self.records: dict[str, GoalRecord] = {}
+        self.changed = -math.inf
+
+    def follow_stack(self) -> None:
+        """Open what the tasks of the stack need, and close what no task needs any more."""
+        self.records = {name: self.records.get(name, GoalRecord())
+                        for name in self._controller.stack.tasks}
+        self._needed = {}
+        for name, task in self._controller.stack.tasks.items():
+            self._needed[name, 'enable'] = SetBool
+            for entry in messages_of(task):
+                self._needed[name, entry.topic] = entry.kind
+        closed = [key for key, (kind, _) in self._open.items()
+                  if self._needed.get(key) is not kind]
+        for key in closed:
+            _, close = self._open.pop(key)
+            close()
+        self._refusals = 0
+        # A topic cannot have another type before the executor has dropped what was closed.
+        self._open_missing(later=closed)
+
+    def take(self, name: str, topic: str, message: Message) -> None:
+        """
+        Take a goal or a feed-forward velocity, or say why not.
+
+        Parameters
+        ----------
+        name, topic : str
+            The task, and the last part of its topic that the message is of.
+        message : Message
+            As `messages_of` has it for that topic; others are left out.
+
+        """
+        kind, _ = self._open.get((name, topic), (None, None))
+        if kind is not type(message):
+            # It was sent before the stack changed.
+            return
+        task = self._controller.stack.tasks[name]
+        entry, = (entry for entry in messages_of(task) if entry.topic == topic)
+        record = self.records[name]
+        try:
+            self._warn(name, self._hand_on(name, entry, message))
+            record.accepted += 1
+            self.changed = self._clock()
+        except Exception as error:
+            record.refused += 1
+            record.refusal = in_words(error)
+            self._log.error(f'goal for task {name} refused: {record.refusal}', f'refused {name}')
+
+    def count_listeners(self) -> None:
+        """Count who listens to each topic of a task: whoever sends can wait for all of them."""
+        for record in self.records.values():
+            record.listeners = {}
+        for (name, topic), (kind, _) in self._open.items():
+            if kind is not SetBool and name in self.records:
+                self.records[name].listeners[topic] = self._node.count_subscribers(
+                    f'{self._node.get_fully_qualified_name()}/{name}/{topic}')
+
+    def close(self) -> None:
+        """Close everything."""
+        self._needed = {}
+        self._node.destroy_timer(self._again)
+        for _, close in self._open.values():
+            close()
+        self._open = {}
+
+    def _open_missing(self, later: Collection[tuple[str, str]] = ()) -> None:
+        """Open what is needed and not open yet; what cannot be opened is tried again soon."""
+        for key, kind in self._needed.items():
+            if key not in self._open and key not in later:
+                try:
+                    self._open[key] = kind, self._make(*key, kind)
+                except RCLError as error:
+                    self._refusals += 1
+                    if self._refusals == WORRYING:
+                        self._log.error(f'cannot open ~/{"/".join(key)}: {error}')
+        if len(self._open) < len(self._needed):
+            self._again.reset()
+        else:
+            self._again.cancel()
+
+    def _make(self, name: str, topic: str, kind: type) -> Callable[[], object]:
+        """Open one topic or service; return what closes it."""
+        if kind is SetBool:
+            service = self._node.create_service(kind, f'~/{name}/{topic}',
+                                                partial(self._on_enable, name))
+            return partial(self._node.destroy_service, service)
+        return AdaptiveSubscription(self._node, kind, f'~/{name}/{topic}',
+                                    partial(self.take, name, topic)).close
+
+    def _on_enable(self, name: str, request: SetBool.Request,
+                   response: SetBool.Response) -> SetBool.Response:
+        """Take a task into the stack or leave it out."""
+        try:
+            self._controller.enable(name, request.data)
+        except Exception as error:
+            response.success, response.message = False, in_words(error)
+            return response
+        self.changed = self._clock()
+        response.success = True
+        response.message = f'task {name} is {"enabled" if request.data else "disabled"}'
+        return response
+
+    def _warn(self, name: str, remarks: Collection[str]) -> None:
+        """Note what is probably a mistake in a goal; of a stream, say it once."""
+        record, warning = self.records[name], '; '.join(remarks)
+        if warning and warning != record.warning:
+            self._log.warning(f'goal for task {name}: {warning}', f'warned {name}')
+        record.warning = warning
+
+    def _hand_on(self, name: str, entry: GoalMessage, message: Message) -> Collection[str]:
+        """Hand the content of a message to the controller; return remarks about it."""
+        if entry.parts is not None:
+            self._take_parts(name, entry.parts(message))
+            return ()
+        goal, feed_forward = entry.goal(message), entry.feed_forward(message)
+        if goal is None and feed_forward is None:
+            raise GoalError('the message has no goal or velocity for this task')
+        frame = self._frame(message.header.frame_id) if entry.framed else None
+        now = self._clock()
+        if goal is not None and feed_forward is not None:
+            # A message is taken as a whole or not at all.
+            task = self._controller.stack.tasks[name]
+            accept(task, task.parse_feed_forward, feed_forward)
+        remarks: Collection[str] = ()
+        if goal is not None:
+            remarks = self._controller.set_goal(name, goal, now, frame)
+        if feed_forward is not None:
+            self._controller.set_feed_forward(name, feed_forward, now, frame)
+        return remarks
+
+    def _take_parts(self, name: str, parts: Parts) -> None:
+        """Hand parts (frame, goal) to the controller, all of them or none."""
+        if not parts:
+            raise GoalError('the message has no goal or velocity for this task')
+        task = self._controller.stack.tasks[name]
+        placed = [(None if frame == task.reference else self._frame(frame), goal)
+                  for frame, goal in parts]
+        accept(task, task.parse_goal,
+               {key: value for _, goal in placed for key, value in goal.items()})
+        now = self._clock()
+        # What is in other frames may still be refused where no joint positions are known.
+        placed.sort(key=lambda part: part[0] is None)
+        cleared = any(ALL in goal for _, goal in placed)
+        for place, goal in placed:
+            goal = {key: value for key, value in goal.items() if key != ALL}
+            self._controller.set_goal(name, {ALL: None, **goal} if cleared else goal, now, place)
+            cleared = False
+
+    def _frame(self, frame: str) -> str | NDArray[np.float64] | None:
+        """Return a frame as the controller takes it: None, a name or a pose in the root."""
+        if not frame or frame in self._controller.robot.frame_names:
+            return frame or None
+        return self._frames.pose(frame)

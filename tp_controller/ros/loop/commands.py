@@ -1,0 +1,125 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Velocities out: to the joints and to the base, from any thread."""
+
+from collections.abc import Callable
+from threading import Lock
+
+import numpy as np
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Float64MultiArray
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.ros.loop.base_topics import FixedBase, MovingBase
+from tp_controller.ros.loop.numbers_publisher import NumbersPublisher
+
+TOPIC = 'velocity_controller/commands'
+# How long the last zero may take to arrive when the node ends [s].
+LAST_ZERO_SECONDS = 0.5
+# A message may get lost.
+LAST_ZEROS = 3
+
+
+class Commands:
+    """
+    Publishes the velocities of a cycle, unless somebody has interrupted it.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Node that the publishers belong to.
+    topic : callable
+        Returns the full name of a topic.
+    robot : Robot
+    names : sequence of str
+        The driven joints in the order of the commands.
+    base : MovingBase or FixedBase
+    qos : rclpy.qos.QoSProfile
+        What is promised to receivers.
+
+    Attributes
+    ----------
+    joints : NumbersPublisher
+        Of the velocities of the joints.
+    interruptions : int
+        How often `interrupt` was called: what a cycle notes when it begins.
+    silent : bool
+        Nothing is published, not even zeros, because another node commands the robot.
+
+    """
+
+    def __init__(self, node: Node, topic: Callable[[str], str], robot: Robot,
+                 names: list[str], base: MovingBase | FixedBase, qos: QoSProfile) -> None:
+        self._base = base
+        self._order = np.array([robot.joint_index(name) for name in names], dtype=int)
+        self._zeros = np.zeros(robot.n)
+        self.joints = NumbersPublisher(node, Float64MultiArray(data=[0.0] * len(names)),
+                                       len(names), topic(TOPIC), qos)
+        self._gate = Lock()
+        self.interruptions = 0
+        self.silent = False
+
+    @property
+    def publishers(self) -> list[NumbersPublisher]:
+        """Return the publishers of joints and base."""
+        return [self.joints, *self._base.publishers]
+
+    def publish(self, velocity: Array, noted: int) -> bool:
+        """
+        Command velocities (n,) of a cycle that noted so many interruptions when it began.
+
+        Returns whether they were published: after an interruption they are not.
+        """
+        with self._gate:
+            if noted != self.interruptions:
+                return False
+            self._put(velocity)
+            return True
+
+    def zeros(self) -> None:
+        """Command no motion."""
+        with self._gate:
+            self._put(self._zeros)
+
+    def interrupt(self, times: int = 1) -> None:
+        """Command no motion, and let the cycle that is under way command nothing any more."""
+        with self._gate:
+            self.interruptions += 1
+            for _ in range(times):
+                self._put(self._zeros)
+
+    def withdraw(self) -> None:
+        """Command no motion for the last time, and leave the robot to another node."""
+        if not self.silent:
+            self.interrupt(LAST_ZEROS)
+            self.silent = True
+
+    def wait(self) -> None:
+        """Wait until the last command has arrived, for a while."""
+        for publisher in self.publishers:
+            publisher.wait_for_all_acked(Duration(seconds=LAST_ZERO_SECONDS))
+
+    def close(self) -> None:
+        """Give the topics up."""
+        self._base.close()
+        self.joints.close()
+
+    def _put(self, velocity: Array) -> None:
+        """Publish velocities (n,)."""
+        if not self.silent:
+            self.joints.publish(velocity[self._order])
+            self._base.publish(velocity)

@@ -1,0 +1,404 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Plausibility checks of joint states and odometry: age, jumps, limits, following.
+
+Everything here is numbers in and sentences out. An implausible message is dropped; the
+consequence for the robot is decided in `tp_controller.ros.loop.stop_reasons`.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from tp_controller.model.spatial import Array, wrap_angle
+
+# For how long the smallest delay of a publisher is remembered [s]: clocks that drift apart by
+# 1 % stay unnoticed, a queue that grows by 4 % does not.
+REMEMBERED = 5.0
+# After how long stamps that are off by a constant time are taken as another clock [s].
+RELEARNED = 2.0
+# Duration for which a contradiction, or a message that was dropped, counts as one that lasts [s].
+LASTING = 1.0
+# A longer step between two cycles, as a share of the window in which a robot has to follow, is a
+# leap of the clock. It is so short that a robot which did not move meanwhile follows all the same.
+LEAP = 0.5
+
+
+def motion(change: Array, endless: NDArray[np.bool_]) -> Array:
+    """Return changes of positions (…, n) as motion: joints that turn without end may wrap."""
+    return np.where(endless, wrap_angle(change), change)
+
+
+class StampAge:
+    """
+    How old messages of one publisher are by their stamps, although its clock may be any.
+
+    The clock's offset is the smallest difference between receipt and stamp of late. Stamps that
+    are off by a constant time for `RELEARNED` seconds come from a clock that was set, unless they
+    go on from where they were: then the messages are late, for however long they are.
+
+    Parameters
+    ----------
+    limit : float
+        Age from which a message is too old [s].
+
+    Attributes
+    ----------
+    limit : float
+        See above.
+    age : float
+        Of the last message that was not too old [s].
+    delay : float
+        Age of the last message, even if it was too old [s].
+    overtaken : bool
+        A newer one had come before that.
+
+    """
+
+    def __init__(self, limit: float) -> None:
+        self.limit, self.age, self.overtaken = limit, 0.0, False
+        self.delay = 0.0
+        self._newest = -math.inf
+        # The last stamp, of whatever message, and whether stamps have made a step since one that
+        # was believed, as those of messages that are late do not.
+        self._seen, self._stepped = -math.inf, False
+        # Smallest differences of two halves of the time that is remembered.
+        self._older = self._newer = math.inf
+        self._turned = -math.inf
+        # Where stamps are off: since when, and between which differences.
+        self._off: tuple[float, float, float] | None = None
+
+    def fault(self, stamp: float, received: float) -> str:
+        """
+        Return what is wrong with a stamp; empty where nothing is.
+
+        Parameters
+        ----------
+        stamp : float
+            Of the message [s]; 0 where it has none.
+        received : float
+            When it was received [s].
+
+        """
+        if stamp == 0.0 or math.isinf(self.limit):
+            self.age, self.delay, self.overtaken = 0.0, 0.0, False
+            return ''
+        difference = received - stamp
+        offset = min(self._older, self._newer)
+        age = difference - offset if math.isfinite(offset) else 0.0
+        self.delay = age
+        self._stepped |= stamp < self._seen - 0.5 * self.limit or age < -self.limit
+        self._seen = stamp
+        if abs(age) > self.limit and not self._is_another_clock(difference, received):
+            # Without the age, which every message has another one of: a status stays the same.
+            return f'older than {self.limit:g} s by its stamp' if age > 0.0 \
+                else f'stamped more than {self.limit:g} s ahead of the ones before'
+        if abs(age) > self.limit:
+            self._older = self._newer = difference
+            self._newest, age = -math.inf, 0.0
+        self._off, self._stepped, self.age = None, False, max(age, 0.0)
+        self.overtaken = stamp < self._newest
+        self._newest = max(self._newest, stamp)
+        self._remember(difference, received)
+        return ''
+
+    def _remember(self, difference: float, received: float) -> None:
+        """Keep the smallest differences."""
+        if received - self._turned > 0.5 * REMEMBERED:
+            self._older, self._newer, self._turned = self._newer, math.inf, received
+        self._newer = min(self._newer, difference)
+
+    def _is_another_clock(self, difference: float, received: float) -> bool:
+        """Say whether stamps have been off by the same time for long enough."""
+        since, least, most = self._off or (received, difference, difference)
+        least, most = min(least, difference), max(most, difference)
+        if most - least > self.limit:
+            since, least, most = received, difference, difference
+        self._off = since, least, most
+        return self._stepped and received - since >= RELEARNED
+
+
+class Dropped:
+    """Why the last message was dropped that was dropped."""
+
+    def __init__(self) -> None:
+        self._fault, self._at = '', -math.inf
+
+    def note(self, fault: str, now: float) -> None:
+        """Keep the fault of a message at a time [s]; an empty one is none."""
+        if fault:
+            self._fault, self._at = fault, now
+
+    def remark(self, now: float, timeout: float) -> str:
+        """
+        Return the fault in brackets, if it was within `timeout` seconds; else nothing.
+
+        Messages that come less often are remembered for `LASTING`: the remark would come and go.
+        """
+        return f' (ignored: {self._fault})' if now - self._at <= max(timeout, LASTING) else ''
+
+
+class Contradicting:
+    """
+    Base class of checks that notice positions which contradict each other.
+
+    Attributes
+    ----------
+    contradiction : str
+        The first that was noticed since `forget`; empty where there was none.
+
+    """
+
+    def __init__(self) -> None:
+        self.contradiction, self._contradicted = '', -math.inf
+
+    def forget(self) -> None:
+        """Forget the contradiction."""
+        self.contradiction = ''
+
+    def lasting(self, now: float) -> str:
+        """Return the contradiction that was noticed within the last second, if any."""
+        return self.contradiction if now - self._contradicted < LASTING else ''
+
+    def _contradict(self, what: str, now: float) -> None:
+        """Keep a contradiction; the first one is reported."""
+        self.contradiction, self._contradicted = self.contradiction or what, now
+
+
+class History:
+    """
+    Reference positions of some time ago, against which slow drift becomes visible.
+
+    Consecutive messages may each deviate by the whole allowance. Compared with a position that
+    is up to `age` seconds old, they may do so only once in that time.
+
+    Parameters
+    ----------
+    age : float
+        Age at which a reference is replaced [s].
+
+    Attributes
+    ----------
+    positions : ndarray or None
+        Of the reference; None before the first.
+    measured : ndarray or float
+        Times of the measurements [s].
+
+    """
+
+    def __init__(self, age: float) -> None:
+        self._age, self._since = age, -math.inf
+        self.positions: Array | None = None
+        self.measured: Array | float = -math.inf
+
+    def clear(self) -> None:
+        """Drop the reference."""
+        self.positions, self._since = None, -math.inf
+
+    def is_due(self, now: float) -> bool:
+        """Return whether the reference is to be replaced, because it is old or there is none."""
+        return not 0.0 <= now - self._since < self._age
+
+    def replace(self, positions: Array, measured: Array | float, now: float) -> None:
+        """Take a copy of positions as the reference from now on."""
+        self.positions, self.measured, self._since = positions.copy(), measured, now
+
+
+@dataclass(frozen=True)
+class Following:
+    """
+    Definition of a robot that does not follow its commands.
+
+    Attributes
+    ----------
+    window : float
+        Time over which motion is compared [s]; 0: never. Motion that is too slow for it is
+        compared over `SLOW` times this time.
+    lag : float
+        Largest delay of a robot that follows [s].
+    distance : float
+        Commanded motion in that time from which the measured one counts [rad or m].
+    share : float
+        Smallest share of the commanded motion that counts as following [1].
+    excess : float
+        Measured motion beyond twice the commanded one that is tolerated [rad or m].
+
+    """
+
+    window: float = 1.0
+    lag: float = 0.3
+    distance: float = 0.05
+    share: float = 0.2
+    excess: float = 0.1
+
+
+class LimitCheck:
+    """
+    Position limits that are passed in motion, or violated before it begins.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the driven joints.
+    lower, upper : ndarray (n,)
+        Their position limits [rad or m].
+    tolerance : float
+        Distance beyond a limit from which it counts [rad or m].
+
+    Attributes
+    ----------
+    tolerance : float
+        See above; it may be changed at any time.
+
+    """
+
+    def __init__(self, names: tuple[str, ...], lower: Array, upper: Array,
+                 tolerance: float) -> None:
+        self._names, self._lower, self._upper, self.tolerance = names, lower, upper, tolerance
+        self._ranges = list(zip(lower.tolist(), upper.tolist()))
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: the next positions need not follow from the ones before."""
+        # A joint that starts outside, within the tolerance, is led back.
+        self._inside = np.zeros(len(self._names), dtype=bool)
+        self._all_inside = False
+
+    def outside(self, q: Array) -> str:
+        """Return the joint that is outside of its limits by more than the tolerance, if any."""
+        beyond = np.maximum(q - self._upper, self._lower - q)
+        if not (beyond > self.tolerance).any():
+            return ''
+        joint = int(np.argmax(beyond))
+        return (f'{self._names[joint]} is at {q[joint]:.4g}, outside its position limits '
+                f'{self._lower[joint]:.4g} … {self._upper[joint]:.4g}: wrong unit or offset?')
+
+    def passed(self, q: Array) -> str:
+        """Return the joint that has passed a limit since it was inside, if any; q (n,)."""
+        if self._all_inside and self._is_inside(q.tolist()):
+            return ''
+        beyond = np.maximum(q - self._upper, self._lower - q)
+        gone = self._inside & (beyond > self.tolerance)
+        self._inside = (self._inside | (beyond <= 0.0)) & ~gone
+        self._all_inside = bool(self._inside.all())
+        if not gone.any():
+            return ''
+        joint = int(np.argmax(gone))
+        return f'{self._names[joint]} has passed its position limit, at {q[joint]:.4g}'
+
+    def _is_inside(self, positions: list[float]) -> bool:
+        """Return whether all joints are within their limits; quicker than numpy for a few."""
+        for position, (lower, upper) in zip(positions, self._ranges):
+            if not lower <= position <= upper:
+                return False
+        return True
+
+
+class FollowCheck:
+    """
+    Whether joints, or the axes of a base, move as they are commanded.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the joints or axes.
+    endless : ndarray (n,) of bool
+        Marks joints that turn without end.
+    following : Following
+
+    """
+
+    # Samples in a window, and windows in the one for slow motion.
+    SAMPLES, SLOW = 20, 5
+
+    def __init__(self, names: tuple[str, ...], endless: NDArray[np.bool_],
+                 following: Following) -> None:
+        self._names, self._endless, self._following = names, endless, following
+        self._late = 1 + math.ceil(self.SAMPLES * following.lag / (following.window or 1.0))
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: the next positions need not follow from the ones before."""
+        self._samples: deque[tuple[Array, Array, float]] = deque(
+            maxlen=1 + self.SLOW * self.SAMPLES + self._late)
+        self._commanded = np.zeros(len(self._names))
+        self._velocity = np.zeros(len(self._names))
+        self._sampled = self._last = -math.inf
+
+    def check(self, q: Array, velocity: Array, now: float) -> str:
+        """
+        Return the first joint that does not follow; empty where all do.
+
+        Parameters
+        ----------
+        q : ndarray (n,)
+            Measured positions [rad or m].
+        velocity : ndarray (n,)
+            Command in force from now on, not modified afterwards [rad/s or m/s].
+        now : float
+            [s]
+
+        """
+        window = self._following.window
+        if not window or not len(q):
+            return ''
+        if self._last > -math.inf and not 0.0 <= now - self._last <= LEAP * window:
+            # The clock was set: nobody knows for how long the last command was in force.
+            self.forget()
+        if self._last > -math.inf:
+            self._commanded = self._commanded + self._velocity * (now - self._last)
+        self._velocity, self._last = velocity, now
+        # A little early is better than a whole cycle late.
+        if now - self._sampled < 0.9 * window / self.SAMPLES:
+            return ''
+        self._sampled = now
+        self._samples.append((q.copy(), self._commanded, now))
+        return self._fault()
+
+    def _fault(self) -> str:
+        """Return the first joint that has not followed in one of the windows that end now."""
+        lengths = [length for length in (self.SAMPLES, self.SLOW * self.SAMPLES)
+                   if len(self._samples) >= 1 + length + self._late]
+        if not lengths:
+            return ''
+        positions, commanded, times = (np.array(rows) for rows in zip(*self._samples))
+        steps = motion(np.diff(positions, axis=0), self._endless)
+        for length in lengths:
+            moved = steps[-length:].sum(axis=0)
+            # Commanded in windows of the same length that end earlier: whatever the delay of the
+            # robot, one of them is the motion that it has to follow now.
+            last = 1 + self._late
+            asked = commanded[-last:] - commanded[-last - length:-length]
+            joint = self._astray(moved, asked)
+            if joint is not None:
+                return (f'{self._names[joint]} does not follow: commanded to move by '
+                        f'{asked[-1][joint]:.2g}, moved by {moved[joint]:.2g} '
+                        f'in {times[-1] - times[-1 - length]:.2g} s')
+        return ''
+
+    def _astray(self, moved: Array, asked: Array) -> int | None:
+        """Return a joint whose motion (n,) fits none of the commanded ones (k, n), if any."""
+        following = self._following
+        size = np.abs(asked)
+        least = np.where(np.abs(np.sign(asked).sum(axis=0)) == len(asked), size.min(axis=0), 0.0)
+        along = moved * np.sign(asked[-1])
+        still = (least > following.distance) & (along < following.share * least)
+        slack = following.excess + size.max(axis=0)
+        away = (moved > asked.max(axis=0) + slack) | (moved < asked.min(axis=0) - slack)
+        wrong = still | away
+        return int(np.argmax(wrong)) if wrong.any() else None

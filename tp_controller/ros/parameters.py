@@ -1,0 +1,274 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Parameters: declared with description, unit and range, refused with the reason."""
+
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterAlreadyDeclaredException,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from tp_controller.errors import SettingsError, suggestion
+from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
+from tp_controller.resources import load_yaml
+
+# What ROS tools show of a parameter that cannot change.
+FIXED = 'fixed while the node is configured'
+# Weights of robots with any number of joints.
+EQUAL = [1.0]
+# What stands for the empty list.
+EMPTY: Mapping[str, list[float] | list[str]] = {
+    'weights': EQUAL, 'joints': [''], 'command_joints': ['']}
+LISTS = (Parameter.Type.STRING, Parameter.Type.STRING_ARRAY, Parameter.Type.INTEGER_ARRAY)
+# Start of the names of the joints' limits.
+LIMITS = 'limits.'
+# Start of the names of the tasks' gains and tolerances.
+TASKS = 'tasks.'
+EXAMPLES = {
+    'DOUBLE': 'a number, such as 1.0', 'INTEGER': 'an integer, such as 1',
+    'STRING': 'a string', 'BOOL': 'true or false',
+    'STRING_ARRAY': 'a list of strings, such as [a, b]',
+    'DOUBLE_ARRAY': 'a list of numbers, such as [1.0, 2.0]'}
+
+
+@dataclass(frozen=True)
+class Spec:
+    """
+    One parameter.
+
+    Attributes
+    ----------
+    name : str
+    default : object
+    description : str
+    unit : str
+    lower, upper : float
+        Range of a number.
+    fixed : bool
+        Fixed while the node is configured.
+    why : str
+        What the range follows from; else empty.
+
+    """
+
+    name: str
+    default: object
+    description: str
+    unit: str = ''
+    lower: float = -math.inf
+    upper: float = math.inf
+    fixed: bool = False
+    why: str = ''
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return the descriptor that ROS tools show."""
+        unit = f' [{self.unit}]' if self.unit else ''
+        described = ParameterDescriptor(description=self.description + unit,
+                                        additional_constraints=FIXED if self.fixed else self.why)
+        if self.lower == -math.inf and self.upper == math.inf:
+            return described
+        if isinstance(self.default, int):
+            described.integer_range = [IntegerRange(from_value=int(self.lower),
+                                                    to_value=int(self.upper))]
+        else:
+            described.floating_point_range = [FloatingPointRange(from_value=self.lower,
+                                                                 to_value=self.upper)]
+        return described
+
+
+ROBOT = (
+    Spec('robot_description', '', 'URDF text; goes before the topic of the same name',
+         fixed=True),
+    Spec('robot', '', 'file of the robot: URDF, or DH table (.yaml); a path or '
+         'package://<package>/<path>; goes before robot_description', fixed=True),
+    Spec('base', 'fixed', f'how the base moves ({", ".join(BASES)})', fixed=True),
+    Spec('world_frame', DEFAULT_WORLD, 'name of the frame that a base moves in, the one of its '
+         'odometry', fixed=True),
+)
+
+
+def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
+    """
+    Declare parameters and return their values.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Node that gets them.
+    specs : sequence of Spec
+        What to declare; what is declared already is only read.
+
+    Returns
+    -------
+    dict
+        {name: value}
+
+    Raises
+    ------
+    SettingsError
+        All parameters that were given a value of the wrong type or out of range.
+
+    """
+    values: dict[str, Any] = {}
+    faults: list[str] = []
+    for spec in specs:
+        given = node._parameter_overrides.get(spec.name)
+        if given is not None:
+            kind = Parameter.Type.from_parameter_value(spec.default)
+            node._parameter_overrides[spec.name] = as_type(given, kind)
+        try:
+            values[spec.name] = node.declare_parameter(
+                spec.name, spec.default, spec.descriptor()).value
+        except ParameterAlreadyDeclaredException:
+            values[spec.name] = node.get_parameter_or(spec.name).value
+        except InvalidParameterTypeException:
+            faults.append(wrong_type(spec.name, Parameter.Type.from_parameter_value(spec.default),
+                                     node._parameter_overrides[spec.name].value))
+        except InvalidParameterValueException:
+            faults.append(_out_of_range(spec.name, spec.lower, spec.upper,
+                                        node._parameter_overrides[spec.name].value, spec.why))
+    if faults:
+        raise SettingsError(faults)
+    return values
+
+
+def wrong_type(name: str, kind: Parameter.Type, given: object) -> str:
+    """Return what is wrong with a value of another type."""
+    shown = given.tolist() if isinstance(given, array) else given
+    return f'parameter {name} must be {EXAMPLES.get(kind.name, kind.name)}, not {shown!r}'
+
+
+def _out_of_range(name: str, lower: float, upper: float, given: object, why: str) -> str:
+    """Return what is wrong with a number out of range, and why that is its range."""
+    return f'parameter {name} must be from {lower:g} to {upper:g}, not {given!r}' \
+           + (f' ({why})' if why else '')
+
+
+def take_numbers(node: Node) -> None:
+    """
+    Take whatever says a number for doubles of a node from now on; see `as_type`.
+
+    What ROS refuses, before any callback, is refused in words that say what is valid.
+    """
+    def as_declared(parameters: Sequence[Parameter]) -> list[Parameter]:
+        return [as_type(parameter, node.get_parameter_or(parameter.name).type_)
+                for parameter in parameters]
+
+    set_atomically = node.set_parameters_atomically
+
+    def explained(parameter_list: list[Parameter]) -> SetParametersResult:
+        strange = [f'there is no parameter {suggestion(parameter.name, node._parameters)}'
+                   for parameter in parameter_list if not node.has_parameter(parameter.name)]
+        if strange:
+            return SetParametersResult(successful=False, reason='; '.join(strange))
+        result = set_atomically(parameter_list)
+        if not result.successful:
+            faults = [fault for parameter in as_declared(parameter_list)
+                      for fault in _refusals(node, parameter)]
+            result.reason = '; '.join(faults) or result.reason
+        return result
+
+    node.add_pre_set_parameters_callback(as_declared)
+    node.set_parameters_atomically = explained  # type: ignore[method-assign]
+
+
+def _refusals(node: Node, parameter: Parameter) -> list[str]:
+    """Return why ROS refuses a value of a declared parameter, if it does."""
+    descriptor = node.describe_parameter(parameter.name)
+    kind = Parameter.Type(descriptor.type)
+    if parameter.type_ is not kind:
+        return [wrong_type(parameter.name, kind, parameter.value)]
+    for allowed in (*descriptor.floating_point_range, *descriptor.integer_range):
+        if isinstance(parameter.value, (int, float)) \
+                and not allowed.from_value <= parameter.value <= allowed.to_value:
+            return [_out_of_range(parameter.name, allowed.from_value, allowed.to_value,
+                                  parameter.value, descriptor.additional_constraints)]
+    return []
+
+
+def as_type(parameter: Parameter, kind: Parameter.Type) -> Parameter:
+    """
+    Return a parameter with the type that it is declared with, where that is possible.
+
+    Integers are numbers, too, and ``ros2 param load`` sends ``.inf`` and ``1.0e-05`` as text. The
+    empty list, which has no type there, stands for all joints, or equal weights, as the default
+    does.
+    """
+    name, value = parameter.name, parameter.value
+    try:
+        if name in EMPTY and isinstance(value, (list, array)) and not value:
+            return Parameter(name, kind, EMPTY[name])
+        if kind is Parameter.Type.DOUBLE and parameter.type_ in (
+                Parameter.Type.STRING, Parameter.Type.INTEGER):
+            return Parameter(name, kind, float(value))
+        if kind is Parameter.Type.DOUBLE_ARRAY and parameter.type_ in LISTS:
+            # Infinite ones make it a list of text, 1e-05 among others makes it a text.
+            numbers = load_yaml(value) if isinstance(value, str) else value
+            return Parameter(name, kind, list(map(float, numbers)))
+    except (ValueError, TypeError):
+        pass  # ROS refuses it for its type
+    return parameter
+
+
+def fixed_faults(node: Node, given: Mapping[str, object]) -> list[str]:
+    """Return what is wrong with values that are to be set: fixed ones have to stay."""
+    return [f'parameter {name} is {node.get_parameter(name).value!r}, {FIXED}'
+            for name, value in given.items()
+            if node.has_parameter(name) and not _equal(node.get_parameter(name).value, value)
+            and (node.describe_parameter(name).additional_constraints == FIXED
+                 or name == 'use_sim_time')]
+
+
+def _equal(one: object, other: object) -> bool:
+    """Say whether two values are equal; ``ros2 param load`` changes the white space of text."""
+    if isinstance(one, str) and isinstance(other, str):
+        return one.split() == other.split()
+    return one == other
+
+
+def keep_fixed(node: Node) -> None:
+    """Refuse other values of fixed parameters of a node from now on."""
+    def check(parameters: Sequence[Parameter]) -> SetParametersResult:
+        faults = fixed_faults(node, {parameter.name: parameter.value for parameter in parameters})
+        return SetParametersResult(successful=not faults, reason='; '.join(faults))
+
+    node.add_on_set_parameters_callback(check)
+
+
+def names_in(value: Sequence[str]) -> list[str] | None:
+    """Return the names in a parameter; None, where an empty one stands for all."""
+    return None if list(value) == [''] else list(value)
+
+
+def warn_unknown(node: Node) -> None:
+    """Say which parameters were given a value but do not exist: ROS ignores them silently."""
+    # Limits and parameters of tasks are looked at once the robot and its stack are there.
+    names = [name for name in node._parameter_overrides if not node.has_parameter(name)
+             and not name.startswith((LIMITS, TASKS, 'qos_overrides.'))]
+    if names:
+        node.get_logger().warning(f'unknown parameters, ignored: {", ".join(sorted(names))}')

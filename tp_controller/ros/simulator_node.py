@@ -1,0 +1,241 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The simulator node: a kinematic robot behind the topics of a real one."""
+
+from array import array
+from collections.abc import Sequence
+from functools import partial
+import math
+import sys
+import time
+from typing import Any
+
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+import numpy as np
+from rclpy.clock import Clock, ClockType
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from std_srvs.srv import Trigger
+from tp_controller.errors import RobotError
+from tp_controller.model.simulator import initial_positions, KinematicSimulator, SimulatorNoise
+from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
+from tp_controller.ros.interface.limit_parameters import LimitParameters, robot_from
+from tp_controller.ros.interface.tf_frames import TfBroadcast
+from tp_controller.ros.loop.base_topics import fill_odometry, twist_of
+from tp_controller.ros.loop.deadlines import promise
+from tp_controller.ros.loop.state_checks import LimitCheck
+from tp_controller.ros.parameters import (
+    declare,
+    keep_fixed,
+    names_in,
+    ROBOT,
+    Spec,
+    take_numbers,
+    warn_unknown,
+)
+from tp_controller.ros.runner import ClosableNode, run
+
+NAME = 'tp_simulator'
+PARAMETERS = (
+    *ROBOT,
+    Spec('command_joints', [''], 'joints in the order of the commands; all others stand '
+         'still (an empty name: all that can be driven)', fixed=True),
+    Spec('rate', 200.0, 'joint states, and odometry of a base, per simulated second', 'Hz',
+         1.0, 5000.0, True),
+    Spec('speed', 1.0, 'simulated seconds per second', '', 0.01, 1000.0, True),
+    Spec('publish_clock', False, 'publish simulated time on /clock', fixed=True),
+    Spec('publish_tf', False, 'publish the odometry of a base that moves as tf, too, for RViz; '
+         'needs tf2_ros', fixed=True),
+    Spec('command_timeout', 0.1, 'time without a command after which the joints, or the base, '
+         'stop, of the wall clock', 's', 1e-3, 10.0, True),
+    Spec('state_deadline', 0.0, 'longest time between two joint states that is promised to those '
+         'who request a deadline (QoS), of the wall clock (0: none is promised)', 's', 0.0, 60.0,
+         True),
+    Spec('initial_positions', '', 'positions at the start, as YAML {joint: position} or a file '
+         'of it, with base_x, base_y … base_yaw for a base that moves; a joint that is left out '
+         'starts at zero, or in the middle of its range where zero is outside or near a limit',
+         fixed=True),
+    Spec('noise', 0.0, 'standard deviation of measured positions', 'rad or m', 0.0, 1.0, True),
+    Spec('delay', 0.0, 'time from a command to its effect, simulated', 's', 0.0, 10.0, True),
+    Spec('lag', 0.0, 'time constant of the drives, first order', 's', 0.0, 10.0, True),
+    Spec('drop', 0.0, 'share of commands and of joint states that get lost', '', 0.0, 0.99,
+         True),
+    Spec('seed', 0, 'seed of noise and loss, not negative', fixed=True),
+)
+# How far the simulation may fall behind before it stops catching up [s].
+LARGEST_GAP = 0.2
+
+
+class SimulatorNode(ClosableNode):
+    """Integrates commands and publishes joint states, at its own pace."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(NAME, **options)
+        values = declare(self, PARAMETERS)
+        robot = robot_from(LimitParameters(self), values)
+        if robot is None:
+            raise RobotError('parameter robot (a file) or robot_description (URDF text) is needed')
+        self._robot = robot
+        self._speed, self._dt = values['speed'], 1.0 / values['rate']
+        self._simulator = KinematicSimulator(
+            self._robot,
+            initial_positions(values['initial_positions'] or '{}', self._robot),
+            # The timeout protects against a dead controller, so it runs on the wall clock,
+            # whatever the speed of the simulation.
+            values['command_timeout'] * self._speed,
+            SimulatorNoise(values['noise'], values['delay'], values['lag'], values['drop'],
+                           values['seed']))
+        names = self._check_names(names_in(values['command_joints']) or self._robot.joint_names)
+        self._warn_outside()
+        self._commanded = np.array([self._robot.joint_index(name) for name in names],
+                                   dtype=int)
+        self._velocity = np.zeros(self._robot.n)
+        self._publish_clock = values['publish_clock']
+        self._state_qos = promise(values['state_deadline'])
+        self._tf = TfBroadcast(self) if values['publish_tf'] and robot.moves else None
+        self._connect()
+        keep_fixed(self)
+        take_numbers(self)
+        warn_unknown(self)
+        self.get_logger().info(
+            f'simulating {self._robot.name} ({len(self._robot.joint_names)} joints, base '
+            f'{self._robot.base}) at {self._speed:g} × real '
+            f'time, commands for {", ".join(names)}')
+
+    def close(self, reason: str) -> None:
+        """Do nothing: the robot stops by itself."""
+
+    def _check_names(self, names: Sequence[str]) -> Sequence[str]:
+        """Return the names of the commanded joints if they are ones of the robot, each once."""
+        if not set(names) <= set(self._robot.joint_names) or len(set(names)) < len(names):
+            raise RobotError('parameter command_joints must be some of the joints, each once '
+                             f'({", ".join(self._robot.joint_names)}), not {", ".join(names)}')
+        return names
+
+    def _warn_outside(self) -> None:
+        """Warn of a start outside the position limits, from where no controller moves a robot."""
+        robot, rows = self._robot, self._robot.joint_columns
+        fault = LimitCheck(robot.joint_names, robot.lower[rows], robot.upper[rows], 0.0).outside(
+            self._simulator.q[robot.joint_rows])
+        if fault:
+            self.get_logger().warning(f'initial_positions: {fault}')
+
+    def _connect(self) -> None:
+        """Create publishers, the subscription, the service and the timer."""
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._description = self.create_publisher(String, 'robot_description', latched)
+        self._description.publish(String(data=self._robot.urdf))
+        self._states = self.create_publisher(JointState, 'joint_states', self._state_qos)
+        self._message = JointState(name=list(self._robot.joint_names))
+        self._message.position = array('d', bytes(8 * len(self._message.name)))
+        self._message.velocity = array('d', bytes(8 * len(self._message.name)))
+        self._position_view = np.frombuffer(self._message.position)
+        self._velocity_view = np.frombuffer(self._message.velocity)
+        self._clock_publisher = None
+        if self._publish_clock:
+            self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
+        AdaptiveSubscription(self, Float64MultiArray, 'velocity_controller/commands',
+                             self._on_command)
+        self._odometry_publisher = None
+        if self._robot.moves:
+            self._odometry = Odometry(child_frame_id=self._robot.base_frame)
+            self._odometry.header.frame_id = self._robot.root
+            self._odometry_publisher = self.create_publisher(Odometry, 'odom', 10)
+            AdaptiveSubscription(self, Twist, 'cmd_vel', self._on_base_command)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self._start_time = time.monotonic()
+        self._steps_since_start = 0
+        self.create_timer(self._dt / self._speed, self._on_timer,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        """Take a command."""
+        if len(message.data) != len(self._commanded):
+            self.get_logger().error(
+                f'command ignored: {len(message.data)} velocities for '
+                f'{len(self._commanded)} joints', throttle_duration_sec=1.0)
+            return
+        self._velocity[self._commanded] = message.data
+        self._take(self._robot.joint_columns, 'command')
+
+    def _on_base_command(self, message: Twist) -> None:
+        """Take a command for the base; what it cannot move is ignored."""
+        base = slice(0, self._robot.joint_columns.start)
+        self._velocity[base] = self._robot.base_velocities(twist_of(message))
+        self._take(base, 'cmd_vel')
+
+    def _take(self, columns: slice, what: str) -> None:
+        """Hand those of the velocities that came in to the simulator."""
+        if not np.isfinite(self._velocity[columns]).all():
+            self.get_logger().error(f'{what} ignored: a velocity is not a finite number',
+                                    throttle_duration_sec=1.0)
+            return
+        self._simulator.command(self._velocity, columns)
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Go back to the start."""
+        # Time goes on: it must not run backwards for those who read it.
+        self._simulator.reset(self._simulator.now)
+        response.success = True
+        return response
+
+    def _on_timer(self) -> None:
+        """Make all the steps that are due, and publish each."""
+        now = time.monotonic()
+        due = (now - self._start_time) * self._speed / self._dt
+        behind = due - self._steps_since_start
+        if behind * self._dt / self._speed > LARGEST_GAP:
+            self.get_logger().warning('the simulation cannot keep up with its speed',
+                                      throttle_duration_sec=5.0)
+            self._steps_since_start = math.floor(due) - 1
+        # Commands, services and signals wait meanwhile, so this must end.
+        while self._steps_since_start + 1 <= due and time.monotonic() - now < LARGEST_GAP:
+            self._steps_since_start += 1
+            self._simulator.step(self._dt)
+            self._publish()
+
+    def _publish(self) -> None:
+        """Publish time and joint states."""
+        now = self._simulator.now
+        if self._clock_publisher is not None:
+            stamp = Time(nanoseconds=round(now * 1e9)).to_msg()
+            self._clock_publisher.publish(ClockMessage(clock=stamp))
+        else:
+            stamp = self.get_clock().now().to_msg()
+        measured = self._simulator.measure()
+        if measured is None:
+            return
+        q, velocity = measured
+        self._position_view[:] = q[self._robot.joint_rows]
+        self._velocity_view[:] = velocity[self._robot.joint_columns]
+        self._message.header.stamp = stamp
+        self._states.publish(self._message)
+        if self._odometry_publisher is not None:
+            self._odometry.header.stamp = stamp
+            fill_odometry(self._odometry, self._robot.base_placement(q),
+                          self._robot.base_twist(velocity))
+            self._odometry_publisher.publish(self._odometry)
+            if self._tf is not None:
+                self._tf.send(self._odometry)
+
+
+main = partial(run, SimulatorNode, NAME)
+
+if __name__ == '__main__':
+    sys.exit(main())

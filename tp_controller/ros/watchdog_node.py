@@ -1,0 +1,142 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Commands zeros where commands that move the robot stop coming, whatever became of their node."""
+
+from array import array
+from functools import partial
+import math
+import sys
+import time
+from typing import Any
+
+from geometry_msgs.msg import Twist
+from rclpy.clock import Clock, ClockType
+from std_msgs.msg import Float64MultiArray, String
+from tp_controller.errors import SettingsError, unknown
+from tp_controller.model.mobile_base import BASES
+from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
+from tp_controller.ros.loop.base_topics import twist_of
+from tp_controller.ros.loop.commands import LAST_ZEROS, TOPIC
+from tp_controller.ros.loop.other_publishers import BEAT_SECONDS, BEATS, WATCHDOG
+from tp_controller.ros.parameters import (
+    declare,
+    keep_fixed,
+    Spec,
+    take_numbers,
+    warn_unknown,
+)
+from tp_controller.ros.runner import ClosableNode, run
+
+NAME = f'tp_{WATCHDOG}'
+PARAMETERS = (
+    Spec('timeout', 0.2, 'time without a command, after one that moves the robot, after which '
+         'zeros are commanded', 's', 0.01, 10.0, True),
+    Spec('base', 'fixed', f'how the base moves ({", ".join(BASES)}): unless it is fixed, '
+         'cmd_vel is watched over, too', fixed=True),
+)
+
+
+class Guard:
+    """
+    Knows whether commands that move a robot have stopped coming.
+
+    Parameters
+    ----------
+    timeout : float
+        [s]
+
+    """
+
+    def __init__(self, timeout: float) -> None:
+        self._timeout, self._heard, self._checked = timeout, math.inf, math.inf
+
+    def hear(self, moves: bool, now: float) -> None:
+        """Take a command, at a time [s]."""
+        self._heard = now if moves else math.inf
+
+    def is_due(self, now: float) -> bool:
+        """Return whether zeros have to be commanded, once for each time that motion stops."""
+        if now - self._checked > self._timeout:
+            # This node itself stood still: what came meanwhile waits to be heard.
+            self._heard = max(self._heard, now)
+        self._checked = now
+        due = now - self._heard > self._timeout
+        if due:
+            self._heard = math.inf
+        return due
+
+
+class WatchdogNode(ClosableNode):
+    """Listens to commands, and publishes zeros on the same topics where they stop coming."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(NAME, **options)
+        values = declare(self, PARAMETERS)
+        if values['base'] not in BASES:
+            raise SettingsError([unknown('base', values['base'], BASES)])
+        self._watched = {topic: Guard(values['timeout']) for topic in (TOPIC, 'cmd_vel')}
+        # As many as the last command had.
+        self._zeros: dict[str, Float64MultiArray | Twist] = {}
+        self._out = {}
+        for topic, kind, take in ((TOPIC, Float64MultiArray, self._on_command),
+                                  ('cmd_vel', Twist, self._on_base_command)):
+            if kind is Twist and values['base'] == 'fixed':
+                continue
+            self._out[topic] = self.create_publisher(kind, topic, 10)
+            AdaptiveSubscription(self, kind, topic, take)
+        # Of the topics as they are called after a remapping.
+        self._pulses = [self.create_publisher(String, publisher.topic_name + BEATS, 10)
+                        for publisher in self._out.values()]
+        self._name = String(data=self.get_fully_qualified_name())
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        for period, callback in ((values['timeout'] / 4.0, self._on_timer),
+                                 (BEAT_SECONDS, self._beat)):
+            self.create_timer(period, callback, clock=steady)
+        keep_fixed(self)
+        take_numbers(self)
+        warn_unknown(self)
+
+    def close(self, reason: str) -> None:
+        """Do nothing: whoever commands the robot goes on."""
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        """Take velocities of joints."""
+        self._zeros[TOPIC] = Float64MultiArray(data=array('d', bytes(8 * len(message.data))))
+        self._watched[TOPIC].hear(any(message.data), time.monotonic())
+
+    def _on_base_command(self, message: Twist) -> None:
+        """Take velocities of a base."""
+        self._zeros['cmd_vel'] = Twist()
+        self._watched['cmd_vel'].hear(bool(twist_of(message).any()), time.monotonic())
+
+    def _beat(self) -> None:
+        """Let controllers know that this node is there, and does not hang."""
+        for publisher in self._pulses:
+            publisher.publish(self._name)
+
+    def _on_timer(self) -> None:
+        """Publish zeros where they are due."""
+        for topic, publisher in self._out.items():
+            if self._watched[topic].is_due(time.monotonic()):
+                for _ in range(LAST_ZEROS):
+                    publisher.publish(self._zeros[topic])
+                self.get_logger().warning(f'no command on {publisher.topic_name} any more: zeros')
+
+
+main = partial(run, WatchdogNode, NAME)
+
+if __name__ == '__main__':
+    sys.exit(main())

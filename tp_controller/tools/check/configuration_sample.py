@@ -1,0 +1,178 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the levels of a stack can do at one random configuration, without moving."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+import math
+
+import numpy as np
+from tp_controller.control.report import active_bounds
+from tp_controller.control.velocity_limits import VelocityLimits
+from tp_controller.errors import EvaluationError
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
+from tp_controller.solver.level import Level, NEGLIGIBLE
+from tp_controller.solver.null_space import decompose, remaining
+from tp_controller.solver.solve import solve_cycle
+from tp_controller.tasks.stack import levels_of
+from tp_controller.tasks.task import Evaluation
+from tp_controller.tools.check.sampling import random_configuration
+from tp_controller.tools.check.setup import Setup
+
+# Two tasks share a direction where the angle between their rows is smaller than this [rad].
+SHARED = math.radians(5.0)
+
+
+@dataclass(frozen=True)
+class Glimpse:
+    """
+    A stack at one configuration; each mapping has the tasks or levels that it is about.
+
+    Attributes
+    ----------
+    fault : tuple of str
+        Task and reason, where one fails; then there is nothing else.
+    ranks : dict
+        {level: (rank that those above left it, rank alone)}, levels from 1 with a demand.
+    smallest : dict
+        {task: smallest singular value of its rows}.
+    pairs : dict
+        {(task, task): (smallest angle between their rows [rad], directions that they share)}.
+    bounds : dict
+        {inequality task: (value outside its bounds, bounds active, share of rows outside)}.
+    filling : frozenset of str
+        Tasks that demand a velocity of every joint.
+
+    """
+
+    fault: tuple[str, ...]
+    ranks: dict[int, tuple[int, int]]
+    smallest: dict[str, float]
+    pairs: dict[tuple[str, str], tuple[float, int]]
+    bounds: dict[str, tuple[bool, bool, float]]
+    filling: frozenset[str] = frozenset()
+
+
+def glimpse(setup: Setup, seed: np.random.SeedSequence) -> Glimpse:
+    """
+    Return what a stack can do at a random configuration, with goals from another one.
+
+    Parameters
+    ----------
+    setup : Setup
+        Robot and stack.
+    seed : numpy.random.SeedSequence
+        Of the two configurations.
+
+    Returns
+    -------
+    Glimpse
+
+    """
+    random = np.random.default_rng(seed)
+    here, there = (setup.robot.state(random_configuration(setup.robot, random, setup.around))
+                   for _ in range(2))
+    stack = setup.stack.copy()
+    try:
+        stack.start(there)
+        evaluations = stack.evaluate(here, 0.0)
+        stack.check(evaluations, setup.robot.n)
+    except EvaluationError as error:
+        return Glimpse((error.task, error.reason), {}, {}, {}, {})
+    levels = levels_of(evaluations)
+    # Who demands something of every joint, as a posture does, shares directions with everybody.
+    demanding = [evaluation for group in evaluations for evaluation in group
+                 if not evaluation.task.bounded]
+    filling = [each for each in demanding if _fills(each.level, setup.robot.joint_columns)]
+    demanding = [each for each in demanding if each not in filling]
+    return Glimpse((), _ranks(levels, setup.robot.n),
+                   {each.task.name: smallest_singular_value(each.level.J) for each in demanding},
+                   _pairs(demanding), _bounds(setup, here, evaluations, levels),
+                   frozenset(each.task.name for each in filling))
+
+
+def smallest_singular_value(J: Array) -> float:
+    """Return the m-th singular value of J (m, n); 0 where it has fewer."""
+    s = np.linalg.svd(J, compute_uv=False)
+    return float(s[-1]) if 0 < len(s) == len(J) else 0.0
+
+
+def angles_between(J: Array, other: Array) -> Array:
+    """Return the principal angles between the row spaces of two matrices, ascending [rad]."""
+    cosines = np.linalg.svd(_row_basis(J) @ _row_basis(other).T, compute_uv=False)
+    return np.arccos(np.clip(cosines, -1.0, 1.0))
+
+
+def _row_basis(J: Array) -> Array:
+    """Return orthonormal rows (k, n) that span those of J."""
+    _, s, V = np.linalg.svd(J, full_matrices=False)
+    return V[s > NEGLIGIBLE * max(float(np.linalg.norm(J)), NEGLIGIBLE)]
+
+
+def _fills(level: Level, joints: slice) -> bool:
+    """Say whether a level demands a velocity of every joint, in their order."""
+    rows = level.J[:, joints]
+    return level.is_identity or (rows.shape[0] == rows.shape[1]
+                                 and np.array_equal(rows, np.eye(len(rows))))
+
+
+def _ranks(levels: Sequence[Level], n: int) -> dict[int, tuple[int, int]]:
+    """Return the rank that each level with a demand is left with, and its own."""
+    ranks, Z = {}, np.eye(n)
+    for number, level in enumerate(levels, 1):
+        if level.v is None:
+            continue
+        directions = decompose(level, Z)
+        ranks[number] = directions.rank, decompose(level).rank
+        Z = remaining(directions)
+    return ranks
+
+
+def _pairs(evaluations: Sequence[Evaluation]) -> dict[tuple[str, str], tuple[float, int]]:
+    """Return the smallest angle of each pair of tasks, and how many directions they share."""
+    found = {}
+    for one, other in combinations(evaluations, 2):
+        angles = angles_between(one.level.J, other.level.J)
+        smallest = float(angles[0]) if len(angles) else 0.5 * math.pi
+        found[one.task.name, other.task.name] = smallest, int((angles < SHARED).sum())
+    return found
+
+
+def _bounds(setup: Setup, state: RobotState, evaluations: Sequence[Sequence[Evaluation]],
+            levels: list[Level]) -> dict[str, tuple[bool, bool, float]]:
+    """Return for each inequality task what `Glimpse.bounds` has."""
+    if not any(level.v is None for level in levels):
+        return {}
+    robot, settings = setup.robot, setup.settings
+    limits = VelocityLimits(robot, settings.period, settings.braking_gain)
+    lower, upper = limits.at(robot.positions(state.q), np.zeros(robot.n),
+                             settings.period).settled
+    solution = solve_cycle(levels, lower, upper, settings.solver_options(robot.n),
+                           setup.period)
+    active = active_bounds(evaluations, solution)
+    return {evaluation.task.name: (_is_outside(evaluation),
+                                   evaluation.task.name in active,
+                                   float(np.mean(evaluation.error != 0.0))
+                                   if len(evaluation.error) else 0.0)
+            for group in evaluations for evaluation in group if evaluation.task.bounded}
+
+
+def _is_outside(evaluation: Evaluation) -> bool:
+    """Say whether an inequality task is farther outside its bounds than its tolerance."""
+    error = evaluation.error
+    return any(value > tolerance for value, _, tolerance in
+               evaluation.task.reported_errors(error, np.zeros_like(error)))

@@ -1,0 +1,323 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The parameter files of a controller node, read without ROS."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+import math
+from pathlib import Path
+from typing import Any
+
+from tp_controller.control.gains import set_gain, set_tolerance
+from tp_controller.control.settings import Settings
+from tp_controller.errors import RobotError, SettingsError, StackError, TpControllerError
+from tp_controller.model.mobile_base import DEFAULT_WORLD
+from tp_controller.model.robot import Robot
+from tp_controller.model.simulator import initial_positions
+from tp_controller.model.spatial import Array
+from tp_controller.resources import is_number, load_yaml, read_source
+from tp_controller.tasks.stack import Stack
+
+CONTROLLER, SIMULATOR = 'tp_controller', 'tp_simulator'
+ENTRY = 'ros__parameters'
+WILDCARDS = ('*', '**')
+# Of a node that has none of these in its file.
+RATE, STATE_TIMEOUT = 100.0, 0.1
+# What a check needs to know of a node, and what only the node itself has.
+SETTINGS = tuple(item.name for item in fields(Settings) if item.name != 'period')
+READ = ('robot', 'robot_description', 'base', 'world_frame', 'joints', 'stack', 'rate',
+        'state_timeout', *SETTINGS)
+OF_THE_NODE = (
+    'command_joints', 'check_stamps', 'jump_tolerance', 'odometry_jump_tolerance',
+    'limit_tolerance', 'follow_window', 'settle_time', 'exclusive', 'require_listener',
+    'require_watchdog', 'stop_deceleration', 'keep_goals', 'enable_topic', 'enable_timeout',
+    'permit_topics', 'speed_scaling_topic', 'speed_scaling_full', 'watchdog_timeout',
+    'command_deadline', 'state_deadline', 'autostart', 'realtime_priority', 'processor',
+    'lock_memory', 'freeze_garbage', 'status_rate', 'use_sim_time')
+FAMILIES = ('limits.', 'tasks.', 'qos_overrides.')
+
+
+@dataclass(frozen=True)
+class Given:
+    """
+    What a node would control.
+
+    Attributes
+    ----------
+    robot, stack, settings
+        See `tp_controller.tools.check.check`.
+    period : float
+        Between two cycles [s].
+    around : ndarray (nq,) or None
+        Where the simulator starts, if the file says so.
+    ignored : tuple of str
+        Parameters that a node would not know.
+
+    """
+
+    robot: Robot
+    stack: Stack
+    settings: Settings
+    period: float
+    around: Array | None
+    ignored: tuple[str, ...]
+
+
+def node_parameters(file: str | Path, node: str) -> dict[str, Any]:
+    """
+    Return the parameters of a node in a parameter file.
+
+    Parameters
+    ----------
+    file : str or pathlib.Path
+        Its entries are names of nodes in whatever namespace, or wildcards.
+    node : str
+        Name of a node.
+
+    Returns
+    -------
+    dict
+        {name: value}, with a mapping for each group of parameters.
+
+    Raises
+    ------
+    SettingsError
+        It is no parameter file.
+
+    """
+    try:
+        content = load_yaml(read_source(file, lambda text: '\n' in text))
+    except (OSError, ValueError) as error:
+        raise SettingsError([f'parameter file: {error}']) from error
+    found: dict[str, Any] = {}
+    for name, parameters in _entries(content, ''):
+        if name.rpartition('/')[2] in (node, *WILDCARDS):
+            _merge(found, parameters)
+    return found
+
+
+def _merge(found: dict[str, Any], parameters: Mapping[str, Any]) -> None:
+    """Add parameters, as ROS does: each of a group counts by itself."""
+    for name, value in parameters.items():
+        if isinstance(value, dict) and isinstance(found.get(name), dict):
+            _merge(found[name], value)
+        else:
+            found[name] = value
+
+
+def _entries(content: object, prefix: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the names of nodes with their parameters; namespaces may be nested."""
+    if not isinstance(content, dict):
+        raise SettingsError([f'parameter file: {prefix or "it"} must be a mapping {{node: '
+                             f'{{{ENTRY}: {{name: value}}}}}}'])
+    for key, value in content.items():
+        if key != ENTRY:
+            yield from _entries(value, f'{prefix}/{key}')
+        elif isinstance(value, dict):
+            yield prefix, value
+        else:
+            raise SettingsError([f'parameter file: {ENTRY} of {prefix} must be a mapping'])
+
+
+def flat(parameters: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    """Return {name: value} with names such as ``limits.joint1.velocity``."""
+    found: dict[str, Any] = {}
+    for name, value in parameters.items():
+        if isinstance(value, dict):
+            found.update(flat(value, f'{prefix}{name}.'))
+        else:
+            found[f'{prefix}{name}'] = value
+    return found
+
+
+def read(files: Sequence[str | Path], stack: str, robot: str, base: str, rate: float | None
+         ) -> Given:
+    """
+    Return what a node would control with parameter files.
+
+    Parameters
+    ----------
+    files : sequence of str or pathlib.Path
+        Parameter files; the last one that gives a parameter counts.
+    stack, robot, base : str
+        Parameters of these names that go before those of the files; empty for those of the files.
+        Where they name no robot for the controller, that of the simulator is taken.
+    rate : float or None
+        The same; where it is 0 in the files, one cycle for each joint state, that of the simulator
+        [Hz].
+
+    Returns
+    -------
+    Given
+
+    Raises
+    ------
+    Refused
+        All that a node would refuse.
+
+    """
+    given, simulated = ({name: value for file in files
+                         for name, value in flat(node_parameters(file, node)).items()}
+                        for node in (CONTROLLER, SIMULATOR))
+    given.update({name: value for name, value in (
+        ('stack', stack), ('base', base), ('rate', rate)) if value})
+    if robot:
+        given.update(robot=robot, robot_description='')
+    faults: list[Exception] = []
+    settings = _try(faults, _settings, given)
+    made = _try(faults, _robot, given, simulated)
+    tasks = _try(faults, _stack, given, made) if made else None
+    period = settings and _try(faults, _period, given, simulated, settings)
+    if tasks and settings:
+        _try(faults, _set_task_parameters, given, tasks, settings)
+    if faults or not (settings and made and tasks and period):
+        raise Refused(faults)
+    return Given(made, tasks, settings, period, _around(made, simulated),
+                 tuple(_ignored(given, tasks)))
+
+
+class Refused(TpControllerError):
+    """A node would refuse its parameters; `errors` has one error for each part of them."""
+
+    def __init__(self, errors: list[Exception]) -> None:
+        self.errors = tuple(errors)
+        super().__init__('; '.join(map(str, errors)))
+
+    @property
+    def missing_file(self) -> str:
+        """Return which file is not there, in words; mostly empty."""
+        return next((str(error) for error in self.errors
+                     if isinstance(error.__cause__, OSError)), '')
+
+    def messages(self) -> Iterator[tuple[str, str]]:
+        """Yield (where, what is wrong)."""
+        for error in self.errors:
+            if isinstance(error, StackError):
+                for fault in error.faults:
+                    line = f'line {fault.line}' if fault.line else ''
+                    yield ', '.join(filter(None, (line, fault.where))), fault.message
+            elif isinstance(error, SettingsError):
+                for text in error.faults:
+                    yield '', text
+            else:
+                yield '', str(error)
+
+
+def _try(faults: list[Exception], method: Any, *arguments: Any) -> Any:
+    """Return what a method does; None where it raises one of our errors, which is noted."""
+    try:
+        return method(*arguments)
+    except TpControllerError as error:
+        faults.append(error)
+        return None
+
+
+def _number(given: Mapping[str, Any], name: str, default: float) -> float:
+    """Return a parameter that is a number, or raise `SettingsError`."""
+    value = given.get(name, default)
+    if not is_number(value) or not 0.0 <= value < math.inf:
+        raise SettingsError([f'parameter {name} must be a number, not {value!r}'])
+    return float(value)
+
+
+def _settings(given: Mapping[str, Any]) -> Settings:
+    """Return the settings, with the period of the rate."""
+    rate = _number(given, 'rate', RATE)
+    period = 1.0 / rate if rate > 0.0 else _number(given, 'state_timeout', STATE_TIMEOUT)
+    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
+                              for name, value in given.items() if name in SETTINGS}
+    if values.get('weights') in ((), (1.0,)):
+        # They stand for equal weights of any number of joints.
+        del values['weights']
+    return Settings(period=period, **values)
+
+
+def _period(given: Mapping[str, Any], simulated: Mapping[str, Any], settings: Settings) -> float:
+    """Return the time between two cycles [s]."""
+    rate = _number(given, 'rate', RATE) or _number(simulated, 'rate', RATE)
+    if rate == 0.0:
+        raise SettingsError(['rate is 0 for controller and simulator: give the rate of the joint '
+                             'states'])
+    return min(1.0 / rate, settings.period)
+
+
+def _robot(given: Mapping[str, Any], simulated: Mapping[str, Any]) -> Robot:
+    """Return the robot."""
+    joints = given.get('joints')
+    limits: dict[str, dict[str, float]] = {}
+    for name, value in given.items():
+        if name.startswith('limits.'):
+            joint, _, key = name.removeprefix('limits.').rpartition('.')
+            limits.setdefault(joint, {})[key] = value
+    options: dict[str, Any] = {
+        'joints': None if joints in (None, [], ['']) else joints, 'limits': limits or None,
+        'base': given.get('base', simulated.get('base', 'fixed')),
+        'world_frame': given.get('world_frame', DEFAULT_WORLD)}
+    for values in (given, simulated):
+        if values.get('robot'):
+            return Robot.from_file(values['robot'], **options)
+        if values.get('robot_description'):
+            return Robot.from_urdf(values['robot_description'], **options)
+    raise RobotError('no robot: give --robot a file (URDF, or DH table in YAML), or the parameter '
+                     'file a parameter robot')
+
+
+def _around(robot: Robot, simulated: Mapping[str, Any]) -> Array | None:
+    """Return where the base of the simulator starts, if that is known."""
+    if not robot.moves or 'initial_positions' not in simulated:
+        return None
+    try:
+        return initial_positions(simulated['initial_positions'], robot)
+    except RobotError:
+        # The simulator may move joints that the controller does not, and says what is wrong.
+        return None
+
+
+def _stack(given: Mapping[str, Any], robot: Robot) -> Stack:
+    """Return the stack."""
+    if not given.get('stack'):
+        raise SettingsError(['no stack: name a file, or give the parameter file a parameter '
+                             'stack'])
+    return Stack.from_yaml(given['stack'], robot)
+
+
+def _set_task_parameters(given: Mapping[str, Any], stack: Stack, settings: Settings) -> None:
+    """Give tasks the gains and tolerances of the file."""
+    faults: list[str] = []
+    for name, value in given.items():
+        task, _, key = name.removeprefix('tasks.').partition('.')
+        if not name.startswith('tasks.') or task not in stack.tasks:
+            continue
+        key, _, unit = key.partition('.')
+        try:
+            if key == 'gain':
+                set_gain(stack.tasks[task], value, settings.period)
+            elif key == 'tolerance':
+                set_tolerance(stack.tasks[task], {unit: value} if unit else value)
+        except SettingsError as error:
+            faults += [f'parameter {name}: {fault}' for fault in error.faults]
+    if faults:
+        raise SettingsError(faults)
+
+
+def _ignored(given: Mapping[str, Any], stack: Stack) -> Iterator[str]:
+    """Yield the parameters that a node would ignore."""
+    for name in given:
+        if name.startswith('tasks.'):
+            task, _, key = name.removeprefix('tasks.').partition('.')
+            if task not in stack.tasks or key.partition('.')[0] not in ('gain', 'tolerance'):
+                yield name
+        elif name not in READ + OF_THE_NODE and not name.startswith(FAMILIES):
+            yield name

@@ -1,0 +1,134 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A check as text for a terminal."""
+
+from collections.abc import Iterator, Sequence
+import math
+from textwrap import wrap
+
+from tp_controller.tools.check.results import CheckReport, SEVERITIES, TaskResult, WorstResult
+
+WIDTH = 99
+# In front of what can be changed.
+ARROW = '→ '
+# {kind of the worst: what a table calls it, and how it is shown}
+WORST = {'velocity': ('velocity / limit', '{:.1%}'), 'position': ('past a limit', '{:.2g}'),
+         'acceleration': ('acceleration / limit', '{:.1%}'),
+         'jump': ('jump / velocity limit', '{:.1%}')}
+NONE = '–'
+# Columns with names in them.
+NAMES = ('task', 'tasks', 'what', 'joint')
+
+# A title, its columns, its rows.
+Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
+
+
+def text_of(report: CheckReport) -> str:
+    """Return a report as text: what is wrong first, then what is doubtful, then numbers."""
+    lines = [headline(report), '']
+    for severity in SEVERITIES:
+        found = report.of(severity)
+        if not found:
+            continue
+        lines.append(f'{severity}:')
+        for finding in found:
+            where = f'{finding.where}: ' if finding.where else ''
+            lines += wrap(where + finding.message, WIDTH, initial_indent='  - ',
+                          subsequent_indent='    ')
+            if finding.change:
+                lines += wrap(ARROW + finding.change, WIDTH, initial_indent='    ',
+                              subsequent_indent='      ')
+        lines.append('')
+    for title, columns, rows in tables(report):
+        lines += [title, *_aligned(columns, rows), '']
+    return '\n'.join(lines).rstrip()
+
+
+def headline(report: CheckReport) -> str:
+    """Return what was checked, and what came of it."""
+    counts = ', '.join(f'{len(report.of(severity))} {severity}' for severity in SEVERITIES[:2])
+    if not report.samples:
+        return f'{counts}; nothing was tried, because it would be refused'
+    ended = ', '.join(f'{how}: {count}' for how, count in report.ended.items() if count)
+    return f'{report.robot}, {report.rate:g} Hz: {counts}; {report.samples} samples, ' \
+           f'{report.runs} closed loops{f" ({ended})" if ended else ""}, seed {report.seed}'
+
+
+def tables(report: CheckReport) -> Iterator[Table]:
+    """Yield the tables of a report, as texts."""
+    if report.levels:
+        yield ('what the levels above leave', (
+            'level', 'tasks', 'rank', 'least', 'median', 'most', 'nothing left'), [
+            (str(each.number), ', '.join(each.tasks), str(each.rank), str(each.least_left),
+             f'{each.median_left:g}', str(each.most_left), f'{each.never:.0%}')
+            for each in report.levels])
+    if report.pairs:
+        yield ('directions that tasks share', ('tasks', 'smallest angle', 'in samples', 'most'), [
+            (f'{each.first}, {each.second}', f'{math.degrees(each.median_angle):.0f}°',
+             f'{each.shared:.0%}', str(each.directions)) for each in report.pairs])
+    bounded = [task for task in report.tasks if task.outside is not None]
+    if bounded:
+        yield ('inequality tasks', (
+            'task', 'level', 'outside', 'active', 'active in loops', 'satisfied', 'possible'),
+            list(map(_bounded_row, bounded)))
+    others = [task for task in report.tasks if task.outside is None]
+    if others:
+        yield ('tasks', (
+            'task', 'level', 'gain × period', 'singular', 'reached', 'near goals', 'possible',
+            'median [s]', 'longest [s]'), list(map(_row, others)))
+    if report.worst:
+        yield ('the worst of all commands', ('what', 'value', 'joint', 'run'),
+               list(map(_worst_row, report.worst)))
+
+
+def _row(task: TaskResult) -> tuple[str, ...]:
+    """Return the row of a task."""
+    return (task.name, str(task.level or NONE), _shown(task.gain_period, '{:.3g}'),
+            _shown(task.singular, '{:.0%}'), _share(task.reached, task.possible),
+            _share(task.reached_near, task.possible_near), str(task.possible),
+            _shown(task.median_seconds, '{:.1f}'), _shown(task.longest_seconds, '{:.1f}'))
+
+
+def _bounded_row(task: TaskResult) -> tuple[str, ...]:
+    """Return the row of an inequality task."""
+    return (task.name, str(task.level or NONE), _shown(task.outside, '{:.0%}'),
+            _shown(task.active, '{:.0%}'), _shown(task.active_in_loops, '{:.0%}'),
+            _share(task.reached, task.possible), str(task.possible))
+
+
+def _worst_row(worst: WorstResult) -> tuple[str, ...]:
+    """Return the row of what commands did worst."""
+    title, form = WORST[worst.kind]
+    return (title, _shown(worst.value, form), worst.name or NONE,
+            str(worst.run) if worst.run >= 0 else NONE)
+
+
+def _shown(value: float | None, form: str) -> str:
+    """Return a number as text."""
+    return NONE if value is None else form.format(value)
+
+
+def _share(part: int, whole: int) -> str:
+    """Return a share as text."""
+    return f'{part / whole:.0%}' if whole else NONE
+
+
+def _aligned(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Yield the lines of a table."""
+    widths = [max(map(len, column)) for column in zip(columns, *rows)]
+    for row in (columns, *rows):
+        yield '  ' + '  '.join(
+            cell.ljust(width) if column in NAMES else cell.rjust(width)
+            for column, cell, width in zip(columns, row, widths)).rstrip()

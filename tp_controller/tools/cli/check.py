@@ -1,0 +1,172 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tp_controller check``: what is wrong or doubtful with a stack, before a robot moves."""
+
+import argparse
+from functools import partial
+from pathlib import Path
+import sys
+from typing import TYPE_CHECKING
+
+from tp_controller.errors import SettingsError, TpControllerError, unknown
+from tp_controller.tools.cli.command import Command
+from tp_controller.tools.cli.values import positive_number
+from tp_controller.tools.files import new_file
+from tp_controller.tools.progress import progress
+
+if TYPE_CHECKING:  # Imported with the first check: the help needs none of it.
+    from tp_controller.tools.check import CheckReport
+EXAMPLES = """\
+examples:
+  tp_controller check stack.yaml --robot robot.urdf --rate 200
+  tp_controller check --params-file package://tp_controller/config/demo.yaml
+  tp_controller check stack.yaml --robot robot.urdf --base differential --runs 100 --jobs -1
+  tp_controller check --params-file controller.yaml --params-file first.yaml
+  tp_controller check --params-file controller.yaml --strict --json check.json --html check.html
+
+Exit status: 0 nothing is wrong, 1 something is, 2 an argument is not valid.
+"""
+
+
+def add_check_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command to its parser."""
+    parser.add_argument('stack', nargs='?', default='',
+                        help='the stack, as the parameter of the controller: a path, '
+                        'package://<package>/<path> or YAML text (default: that of the parameter '
+                        'file)')
+    parser.add_argument('--robot', default='', metavar='FILE',
+                        help='the robot, as the parameter: URDF, or DH table (.yaml); a path or '
+                        'package://<package>/<path> (default: that of the parameter file)')
+    parser.add_argument('--base', default='', metavar='KIND',
+                        help='how the base moves (default: as in the parameter file, else fixed)')
+    parser.add_argument('--params-file', metavar='FILE', action='append', default=[],
+                        help='the parameter file of the node: stack, limits, settings, rate; of '
+                        'several, as of the node, the last one that gives a parameter counts')
+    parser.add_argument('--rate', type=positive_number, metavar='HZ',
+                        help='cycles per second (default: as in the parameter file, else 100)')
+    parser.add_argument('--samples', type=_count, default=300, metavar='N',
+                        help='random configurations to look at (default: 300)')
+    parser.add_argument('--runs', type=_number, default=20, metavar='N',
+                        help='closed loops with random starts and goals (default: 20; 0: none)')
+    parser.add_argument('--seconds', type=positive_number, default=15.0,
+                        help='longest simulated time of one (default: 15)')
+    parser.add_argument('--seed', type=_number, default=0,
+                        help='of the random numbers; the same one gives the same result '
+                        '(default: 0)')
+    parser.add_argument('--jobs', type=_jobs, default=1, metavar='N',
+                        help='processes; -1: as many as there are processors (default: 1; more '
+                        "need pip install '.[check]')")
+    parser.add_argument('--backend', default='loky', metavar='NAME',
+                        help='what joblib spreads the work over: processes of this machine '
+                        '(loky), or a cluster (dask, ray) (default: loky)')
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write the numbers')
+    parser.add_argument('--html', type=Path, metavar='FILE', help='write one page')
+    parser.add_argument('--strict', action='store_true',
+                        help='end with status 1 if something is doubtful, too')
+
+
+def run_check(options: argparse.Namespace) -> int:
+    """
+    Check a stack, and print what was found.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of the arguments that `add_check_arguments` adds.
+
+    Returns
+    -------
+    int
+        0 where nothing is wrong, 1 where something is (or doubtful, with ``--strict``), 2 where a
+        file is missing or cannot be written.
+
+    """
+    from tp_controller.tools.check.page import page_of
+    from tp_controller.tools.check.parameter_file import Refused
+    from tp_controller.tools.check.tables import text_of
+    outputs = [path for path in (options.json, options.html) if path]
+    for path in outputs:
+        if not path.absolute().parent.is_dir():
+            return _refuse(f'{path}: there is no folder {path.parent}')
+    try:
+        report = _report(options)
+    except Refused as error:
+        return _refuse(error.missing_file)
+    except SettingsError as error:
+        return _refuse(str(error))
+    print(text_of(report))
+    try:
+        for path, text in ((options.json, report.to_json),
+                           (options.html, partial(page_of, report))):
+            if path:
+                with new_file(path) as file:
+                    file.write(text().encode())
+    except (OSError, TpControllerError) as error:
+        return _refuse(str(error))
+    return 0 if report.passes(options.strict) else 1
+
+
+def _report(options: argparse.Namespace) -> 'CheckReport':
+    """Return the report; raise `Refused` where a file is missing, else `SettingsError`."""
+    from tp_controller.model.mobile_base import BASES
+    from tp_controller.tools.check.checker import check, refused
+    from tp_controller.tools.check.findings import about_parameters
+    from tp_controller.tools.check.parameter_file import read, Refused
+    if options.base and options.base not in BASES:
+        raise SettingsError([unknown('base', options.base, BASES)])
+    try:
+        given = read(options.params_file, options.stack, options.robot, options.base,
+                     options.rate)
+    except Refused as error:
+        if error.missing_file:
+            raise
+        return refused(error.messages(), options.rate or 0.0, options.seed)
+    report = check(given.robot, given.stack, given.settings, period=given.period,
+                   samples=options.samples, runs=options.runs, seconds=options.seconds,
+                   seed=options.seed, jobs=options.jobs, backend=options.backend,
+                   around=given.around, progress=progress)
+    return report.adding(about_parameters(given.ignored))
+
+
+def _refuse(message: str) -> int:
+    """Say what is wrong with an argument; return the exit status."""
+    print(f'tp_controller: {message}', file=sys.stderr)
+    return 2
+
+
+def _number(text: str) -> int:
+    """Return a whole number of the command line, from 0 on."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
+    return int(text)
+
+
+def _count(text: str) -> int:
+    """Return a whole number of the command line, from 1 on."""
+    if not _number(text):
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 on')
+    return int(text)
+
+
+def _jobs(text: str) -> int:
+    """Return a number of processes: from 1 on, or -1."""
+    return -1 if text.strip() == '-1' else _count(text)
+
+
+COMMAND = Command(
+    'say what is wrong or doubtful with a stack, before a robot moves',
+    'Say what is wrong or doubtful with a stack, before a robot moves: at random configurations, '
+    'then in closed loops with random starts and goals. No ROS is needed.',
+    EXAMPLES, add_check_arguments, run_check)

@@ -1,0 +1,113 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tp_controller demo``: a demonstration, with its table and figures."""
+
+import argparse
+import os
+from pathlib import Path
+import sys
+
+from tp_controller.ros.middleware import set_up_fast_dds
+from tp_controller.tools.cli.command import Command
+
+# As tp_controller.tools.demos.film has them, which takes a second to import.
+FILM, NO_FILM = 'TP_CONTROLLER_FILM', 'none'
+DEMOS = {
+    'panda': 'a 7-DoF arm over ROS 2 topics (default)',
+    'mobile': 'an arm on wheels carries a tray past obstacles',
+    'underwater': 'a vehicle with an arm works on a panel',
+    'two_arms': 'two hands carry one object',
+    'drill': 'drilling, five rows, above inequality tasks',
+    'lab1': 'null-space motion',
+    'lab2': 'two tasks in both orders',
+}
+# A demo of `tp_controller view` that ends only when somebody exchanges its tasks.
+TO_PLAY_WITH = 'conflict'
+EXAMPLES = """\
+examples:
+  tp_controller demo                         figures and film go to ./tp_demo/panda
+  tp_controller demo --output figures
+  tp_controller demo --no-film               no film: done as soon as the goals are
+  tp_controller demo underwater              a vehicle with an arm, beside a riser
+  tp_controller demo --view                  the same, live on a page in the browser, too
+  tp_controller demo lab2 --seed 3           exercise 2 of the lab with other random goals
+
+The demos panda, mobile, underwater and two_arms start a controller and a simulator of their own,
+which talk on this machine only, in a ROS domain of their own. drill, lab1 and lab2 need no ROS.
+"""
+
+
+def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command to its parser."""
+    parser.add_argument('name', nargs='?', default='panda', choices=tuple(DEMOS), type=_demo,
+                        help='; '.join(f'{name}: {what}' for name, what in DEMOS.items()))
+    parser.add_argument('--output', type=Path, default=Path('tp_demo'), metavar='FOLDER',
+                        help='where the folder with the figures goes, which has the name '
+                        'of the demo (default: ./tp_demo)')
+    parser.add_argument('--seed', type=_seed, default=1,
+                        help='seed of the random goals of lab2 (default: 1)')
+    parser.add_argument('--view', action='store_true',
+                        help='show it on a page in the browser while it runs, too (demos over '
+                        'ROS 2)')
+    parser.add_argument('--no-film', dest='film', action='store_false',
+                        help='draw no film: the figures are there at once')
+
+
+def run_demo(options: argparse.Namespace) -> int:
+    """Run the demonstration that was named."""
+    # Each in a folder of its own, or one would write over the pictures of another.
+    folder = options.output / options.name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        print(f'tp_controller: --output: {error}', file=sys.stderr)
+        return 2
+    if not options.film:
+        # Whatever a demo draws, it asks there.
+        os.environ[FILM] = NO_FILM
+    # Imported here: figures take a second to import, and goals do not need them.
+    if options.name == 'drill':
+        from tp_controller.tools.demos.drill import drill
+        passed = drill(folder)
+    elif options.name in ('lab1', 'lab2'):
+        from tp_controller.tools.demos.lab import lab1, lab2
+        passed = lab1(folder) if options.name == 'lab1' else lab2(folder, options.seed)
+    else:
+        from tp_controller.tools.demos.ros_demos import run_demo as run_over_ros
+        from tp_controller.tools.demos.scenarios import DEMOS as ROS_DEMOS
+        set_up_fast_dds()
+        passed = run_over_ros(ROS_DEMOS[options.name], folder, options.view)
+    return 0 if passed else 1
+
+
+def _demo(text: str) -> str:
+    """Return the name of a demo of the command line."""
+    if text == TO_PLAY_WITH:
+        raise argparse.ArgumentTypeError(f'{text} is to be played with: tp_controller view --demo '
+                                         f'{text}')
+    return text
+
+
+def _seed(text: str) -> int:
+    """Return a seed of the command line."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
+    return int(text)
+
+
+COMMAND = Command(
+    'run a demonstration and write its figures',
+    'Run a demonstration, print a table and write figures.',
+    EXAMPLES, add_demo_arguments, run_demo)

@@ -1,0 +1,203 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The command ``tp_controller``."""
+
+# argcomplete looks for this line: PYTHON_ARGCOMPLETE_OK
+import argparse
+from collections.abc import Sequence
+import importlib
+from importlib.metadata import PackageNotFoundError, version
+import signal
+import sys
+from typing import NoReturn
+
+import argcomplete
+from tp_controller.errors import SolverError, TpControllerError
+from tp_controller.ros.signals import ENDING, SignalWatch
+from tp_controller.tools.cli import check, demo, goal, plot, record, status, view
+from tp_controller.tools.extras import install_command
+from tp_controller.untrusted import plain
+
+EXAMPLES = """\
+examples:
+  tp_controller demo                     a 7-DoF arm carries out a stack of tasks, over ROS 2
+  tp_controller demo mobile              an arm on wheels carries a tray past obstacles
+  tp_controller demo drill               drilling, and what the other joints do besides
+  tp_controller demo lab1                motion in the null space of a planar arm, no ROS needed
+  tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 180 0 0 --deg
+  tp_controller goal --help              how to send goals of every kind
+  tp_controller status                   what the tasks of running controllers do
+  tp_controller check --help             what is wrong with a stack, before a robot moves
+  tp_controller view                     a robot in the browser, to pull about
+  tp_controller record run               what they do, to files
+  tp_controller plot run                 plots and a report of a recording
+"""
+COMMANDS = {
+    'demo': demo.COMMAND, 'goal': goal.COMMAND, 'status': status.COMMAND, 'check': check.COMMAND,
+    'view': view.COMMAND, 'record': record.COMMAND, 'plot': plot.COMMAND}
+# {optional packages: (what needs them, extra that brings them)}
+EXTRAS = {
+    ('matplotlib', 'mpl_toolkits', 'PIL'): ('the figures need it', 'plots'),
+    ('viser', 'trimesh', 'websockets'): ('the page needs it', 'view'),
+    ('rosbags', 'lz4', 'backports'): ('recordings need it', 'record'),
+    ('joblib',): ('more than one job needs it', 'check'),
+}
+# {optional packages of no extra: what needs them, and how to get them}
+CURES = {
+    ('dask', 'distributed'): "the backend dask needs it: pip install 'dask[distributed]'",
+    ('ray',): 'the backend ray needs it: pip install ray',
+}
+# Longest error that is printed [characters].
+LONGEST = 20_000
+INTERRUPTED = 128 + signal.SIGINT
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='tp_controller', epilog=EXAMPLES,
+        description='Prioritized velocity control of redundant robots.',
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--version', action=_Version)
+    commands = parser.add_subparsers(dest='command', required=True, metavar='command')
+    for name, command in COMMANDS.items():
+        command.add_to(commands, name)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """
+    Run the command line.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        Those of the process by default.
+
+    Returns
+    -------
+    int
+        0 for success, 1 for failure, 2 for arguments that are not valid.
+
+    """
+    parser = make_parser()
+    argcomplete.autocomplete(parser)
+    try:
+        options = parser.parse_args(
+            _mark_numbers(sys.argv[1:] if arguments is None else arguments))
+    except TpControllerError as error:
+        return _refuse(error)
+    # The first Ctrl-C is an exception, which waits for C code to return.
+    watch = SignalWatch(ENDING, INTERRUPTED)
+    watch.start()
+    try:
+        return options.run(options)
+    except TpControllerError as error:
+        return _refuse(error)
+    except ModuleNotFoundError as error:
+        return _lacks(error)
+    except KeyboardInterrupt:
+        print('tp_controller: interrupted', file=sys.stderr)
+        return INTERRUPTED
+    finally:
+        watch.close()
+
+
+def controller_node() -> int:
+    """Run the controller node; see `tp_controller.ros.controller_node`."""
+    return _node('controller_node')
+
+
+def simulator_node() -> int:
+    """Run the simulator node; see `tp_controller.ros.simulator_node`."""
+    return _node('simulator_node')
+
+
+def watchdog_node() -> int:
+    """Run the watchdog node; see `tp_controller.ros.watchdog_node`."""
+    return _node('watchdog_node')
+
+
+def viewer_node() -> int:
+    """Run the viewer node; see `tp_controller.tools.view.viewer_node`."""
+    return _node('viewer_node', 'tools.view')
+
+
+def _node(name: str, part: str = 'ros') -> int:
+    """Run a node, whose module needs ROS already to be imported."""
+    try:
+        module = importlib.import_module(f'tp_controller.{part}.{name}')
+    except TpControllerError as error:
+        return _refuse(error)
+    except ModuleNotFoundError as error:
+        return _lacks(error)
+    return module.main()
+
+
+def _refuse(error: TpControllerError) -> int:
+    """Say what is wrong; return the exit status, 2 for a solver that cannot be had."""
+    print(f'tp_controller: {plain(str(error), LONGEST, lines=True)}', file=sys.stderr)
+    return 2 if isinstance(error, SolverError) else 1
+
+
+def _lacks(error: ModuleNotFoundError) -> int:
+    """Say which optional package is missing and how to get it; return the exit status."""
+    package = (error.name or '').partition('.')[0]
+    if package in ('', 'tp_controller'):
+        raise error
+    cures = {**CURES, **{packages: f'{what}: {install_command(extra)}'
+                         for packages, (what, extra) in EXTRAS.items()}}
+    cure = next((cure for packages, cure in cures.items() if package in packages),
+                f'this needs ROS 2: source its setup file, or {install_command("ros")}')
+    print(f'tp_controller: {package} is missing; {cure}', file=sys.stderr)
+    return 1
+
+
+def _mark_numbers(arguments: Sequence[str]) -> list[str]:
+    """Return arguments, negative numbers with a space: argparse takes -1e-3 for an option."""
+    return [f' {text}' if text.startswith('-') and _is_number(text) else text
+            for text in arguments]
+
+
+def _is_number(text: str) -> bool:
+    """Say whether a text is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+class _Version(argparse.Action):
+    """Prints the version, which takes time to find out."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS,
+                         help="show program's version number and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """Print it, and which solver runs, and end."""
+        from tp_controller.solver.compiled import fallback_reason, running
+        try:
+            print(f'{version("tp_controller")}, solver: {running()}')
+        except PackageNotFoundError:
+            print('not installed')
+        if fallback_reason():
+            print(f'tp_controller: {fallback_reason()}', file=sys.stderr)
+        parser.exit()
+
+
+if __name__ == '__main__':
+    sys.exit(main())

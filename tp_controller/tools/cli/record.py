@@ -1,0 +1,197 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tp_controller record``: everything that running controllers do, to a file."""
+
+import argparse
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import signal
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from tp_controller.errors import TpControllerError
+from tp_controller.ros.middleware import set_up_fast_dds
+from tp_controller.tools.cli.command import Command
+from tp_controller.tools.cli.values import positive_number
+from tp_controller.untrusted import plain
+
+if TYPE_CHECKING:  # Imported when a recording starts: the help needs no ROS.
+    from tp_controller.tools.recording.bag_recorder import BagRecorder
+    from tp_controller.tools.recording.writer import BagWriter
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+# Between two looks at what has arrived, two writes to the disk, and two status lines [s].
+PAUSE, FLUSH, STATUS = 0.005, 1.0, 0.2
+# To the start of the line, and clear it.
+CLEAR = '\r\x1b[K'
+UNITS = ((1e9, 'GB'), (1e6, 'MB'), (1e3, 'kB'))
+EXAMPLES = """\
+examples:
+  tp_controller record                       until Ctrl-C, to a folder named after the time
+  tp_controller record run1 --for 30
+  tp_controller record run2 --node left/tp_controller
+  tp_controller plot run1                    plots and a report of it
+  ros2 bag info run1                         Foxglove and PlotJuggler read run1/run1.mcap
+"""
+
+
+def add_record_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command to its parser."""
+    parser.add_argument('out', nargs='?', type=Path, metavar='OUT',
+                        help='folder of the recording, which must not exist '
+                        '(default: ./tp_<date>_<time>)')
+    parser.add_argument('--node', action='append', default=[],
+                        help='name of a controller node, with its namespace; once for each '
+                        '(default: all that are found)')
+    parser.add_argument('--for', dest='seconds', type=positive_number, metavar='SECONDS',
+                        help='end after so long (default: at Ctrl-C)')
+    parser.add_argument('--wait', type=positive_number, default=10.0, metavar='SECONDS',
+                        help='how long to look for the controllers (default: 10)')
+
+
+def record(options: argparse.Namespace) -> int:
+    """
+    Record until Ctrl-C, or as long as was said.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of the arguments that `add_record_arguments` adds.
+
+    Returns
+    -------
+    int
+        0.
+
+    Raises
+    ------
+    TpControllerError
+        No controller is there, or not all of those that were named, or nothing can be written.
+
+    """
+    path = options.out or Path(time.strftime('tp_%Y-%m-%d_%H-%M-%S'))
+    if path.suffix == '.mcap':
+        # The file in the folder is called so.
+        path = path.with_suffix('')
+    set_up_fast_dds()
+    from tp_controller.ros.client.client import absence
+    from tp_controller.ros.runner import TRANSPORTS
+    from tp_controller.tools.recording.bag_recorder import BagRecorder
+    from tp_controller.tools.recording.writer import BagWriter
+    os.environ.setdefault(*TRANSPORTS)
+    if path.exists():
+        raise TpControllerError(f'{path} exists already, and stays as it is: name another, or '
+                                'move it away')
+    with _signals() as arrived, BagRecorder(options.node) as recorder:
+        end = time.monotonic() + options.wait
+        while not recorder.find() and not arrived:
+            if time.monotonic() > end:
+                raise TpControllerError(
+                    absence(', '.join(f'/{name}' for name in recorder.missing())))
+            time.sleep(PAUSE)
+        if arrived:
+            raise KeyboardInterrupt
+        bag = BagWriter(path)
+        seconds = _write(recorder, bag, options.seconds, arrived)
+        print(_summary(bag, recorder, seconds))
+        for topic, reason in recorder.skipped.items():
+            print(f'tp_controller: {plain(topic)} is not recorded: {plain(reason)}',
+                  file=sys.stderr)
+    return 0
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """Collect the signals that end the command; nothing that is written is to be cut off."""
+    arrived: list[int] = []
+    before = {number: signal.signal(number, lambda got, _: arrived.append(got))
+              for number in SIGNALS}
+    try:
+        yield arrived
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _write(recorder: 'BagRecorder', bag: 'BagWriter', seconds: float | None,
+           arrived: list[int]) -> float:
+    """Write what arrives until a signal does, or the time is over; return how long it was [s]."""
+    start = flushed = shown = time.monotonic()
+    try:
+        # It listens from the first time on: what is sent once this was said is in the bag.
+        recorder.take(bag)
+        print(f'recording {", ".join(f"/{name}" for name in recorder.controllers)} to {bag.path}; '
+              'Ctrl-C ends it', flush=True)
+        while not arrived and (seconds is None or time.monotonic() - start < seconds):
+            recorder.take(bag)
+            now = time.monotonic()
+            if now - flushed >= FLUSH:
+                flushed = now
+                bag.flush()
+            if now - shown >= STATUS:
+                shown = now
+                _show(f'{_amount(bag, now - start)}, {len(bag.counts)} topics')
+            time.sleep(PAUSE)
+        recorder.take(bag)
+        bag.close()
+    except OSError as error:
+        bag.abandon()
+        raise TpControllerError(
+            f'{bag.path}: {error.strerror}; what was written before can be plotted') from error
+    except BaseException:
+        bag.abandon()
+        raise
+    finally:
+        _show('')
+    return time.monotonic() - start
+
+
+def _show(line: str) -> None:
+    """Show a line in the place of the last one, on a terminal."""
+    if sys.stderr.isatty():
+        print(CLEAR + line, end='', file=sys.stderr, flush=True)
+
+
+def _amount(bag: 'BagWriter', seconds: float) -> str:
+    """Return how much was written."""
+    return (f'{seconds:.1f} s, {sum(bag.counts.values())} messages, '
+            f'{_size(bag.size())}')
+
+
+def _size(size: float) -> str:
+    """Return a size [bytes] in a unit that suits it."""
+    return next((f'{size / unit:.1f} {name}' for unit, name in UNITS if size >= unit),
+                f'{size:.0f} bytes')
+
+
+def _summary(bag: 'BagWriter', recorder: 'BagRecorder', seconds: float) -> str:
+    """Return what was written, in a line."""
+    return (f'{bag.path}: {_amount(bag, seconds)}, {recorder.lost()} lost: '
+            f'{_listed(bag.counts)}')
+
+
+def _listed(counts: Mapping[str, int]) -> str:
+    """Return how many messages of each topic were written."""
+    return ', '.join(f'{plain(topic)} {counts[topic]}' for topic in sorted(counts))
+
+
+COMMAND = Command(
+    'record what running controllers do',
+    'Record all topics of running controllers, until Ctrl-C, to a folder that ros2 bag, '
+    'PlotJuggler, Foxglove and tp_controller plot read.',
+    EXAMPLES, add_record_arguments, record)

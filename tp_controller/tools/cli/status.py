@@ -1,0 +1,168 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tp_controller status``: what the controllers that run are doing, as a table."""
+
+import argparse
+from collections.abc import Mapping
+import math
+import shutil
+import sys
+from typing import TYPE_CHECKING
+
+from tp_controller.errors import TpControllerError
+from tp_controller.ros.middleware import set_up_fast_dds
+from tp_controller.tools.cli.command import Command
+from tp_controller.tools.cli.values import positive_number
+from tp_controller.untrusted import errors_of, plain
+
+if TYPE_CHECKING:  # Imported with the first status: the help needs no ROS.
+    from tp_controller.ros.client.status_monitor import Heard, Watch
+
+# To the first line, and clear what is below it.
+HOME = '\x1b[H\x1b[J'
+CLEAR = '\x1b[2J'
+# Cursor off and on.
+HIDE, SHOW = '\x1b[?25l', '\x1b[?25h'
+# Columns: name, width, key of the status. The rest of the line says why.
+COLUMNS = (('task', 14), ('level', 8), ('error', 24), ('status', 10))
+# After which time without a message a controller is called silent [s].
+OLD = 2.0
+EXAMPLES = """\
+examples:
+  tp_controller status                       all controllers, until Ctrl-C
+  tp_controller status --once                one table
+  tp_controller status --node left/tp_controller --node right/tp_controller
+"""
+
+
+def add_status_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command to its parser."""
+    parser.add_argument('--node', action='append', default=[],
+                        help='name of a controller node, with its namespace; once for each '
+                        '(default: all that are found)')
+    parser.add_argument('--once', action='store_true', help='print one table and end')
+    parser.add_argument('--period', type=positive_number, metavar='SECONDS',
+                        help='time between two tables (default: 0.2 on a terminal, elsewhere 1)')
+    parser.add_argument('--wait', type=positive_number, default=10.0, metavar='SECONDS',
+                        help='how long to look for the controllers (default: 10)')
+
+
+def show_status(options: argparse.Namespace) -> int:
+    """
+    Show the status until Ctrl-C.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of the arguments that `add_status_arguments` adds.
+
+    Returns
+    -------
+    int
+        0.
+
+    Raises
+    ------
+    TpControllerError
+        No controller is there, or not all of those that were named.
+
+    """
+    set_up_fast_dds()
+    from tp_controller.ros.client.client import absence
+    from tp_controller.ros.client.status_monitor import Watch
+    with Watch(options.node) as watch:
+        if not watch.wait(options.wait):
+            raise TpControllerError(absence(', '.join(f'/{name}' for name in watch.missing())))
+        if options.once:
+            print(table(watch.heard()))
+        elif sys.stdout.isatty():
+            _show_live(watch, options.period or 0.2)
+        else:
+            _print_tables(watch, options.period or 1.0)
+    return 0
+
+
+def table(heard: Mapping[str, 'Heard'], width: int | None = None) -> str:
+    """
+    Return the status of controllers as text.
+
+    Parameters
+    ----------
+    heard : dict
+        {name of a controller: Heard}
+    width : int, optional
+        Of a terminal, whose lines are cut off there.
+
+    Returns
+    -------
+    str
+
+    """
+    lines = []
+    for name, controller in heard.items():
+        silent = f'no status for {controller.age:.0f} s' if controller.age > OLD else ''
+        lines += ['', f'/{name}: {silent or controller.head}',
+                  '  ' + ' '.join(f'{title:<{columns}}' for title, columns in COLUMNS) + ' reason']
+        lines += [_row(task, values) for task, values in controller.tasks.items()]
+    return '\n'.join(plain(line.rstrip())[:width] for line in lines[1:])
+
+
+def _row(task: str, values: Mapping[str, str]) -> str:
+    """Return the line of a task."""
+    errors = ', '.join(_error(unit, error) for unit, error in errors_of(values).items())
+    cells = (task, values.get('level', ''), errors, values.get('status', ''))
+    reason = values.get('reason', '')
+    for warning in (values.get('goal warning', ''), values.get('gain warning', '')):
+        if warning not in reason:
+            reason = f'{reason}; {warning}' if reason else warning
+    return '  ' + ' '.join(f'{cell:<{columns}}'
+                           for cell, (_, columns) in zip(cells, COLUMNS)) + f' {reason}'
+
+
+def _error(unit: str, error: float) -> str:
+    """Return an error with its unit; while the robot is stopped nobody knows it."""
+    if math.isnan(error):
+        return '-'
+    return f'{error:.4f}' + ('' if unit == '1' else f' {unit}')
+
+
+def _print_tables(watch: 'Watch', period: float) -> None:
+    """Print a table below the last one, again and again."""
+    while True:
+        print(table(watch.heard()), end='\n\n', flush=True)
+        watch.listen(period)
+
+
+def _show_live(watch: 'Watch', period: float) -> None:
+    """Draw a table in the place of the last one, again and again, until Ctrl-C."""
+    print(CLEAR + HIDE, end='')
+    try:
+        while True:
+            size = shutil.get_terminal_size()
+            lines = table(watch.heard(), size.columns).splitlines()
+            # One line more would move all of them up.
+            print(HOME + '\n'.join(lines[:size.lines - 1]), end='', flush=True)
+            watch.listen(period)
+    except KeyboardInterrupt:
+        print()
+    finally:
+        print(SHOW, end='', flush=True)
+
+
+COMMAND = Command(
+    'show what running controllers do, live',
+    'Show the tasks of running controllers, until Ctrl-C: how far each is from its goal, and '
+    'what limits it.',
+    EXAMPLES, add_status_arguments, show_status)

@@ -1,0 +1,259 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pictures of a moving robot that is solid, from a page in a headless Chromium."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+import io
+from itertools import product
+from threading import Event
+
+import numpy as np
+from PIL import Image
+from tp_controller.errors import TpControllerError
+from tp_controller.model.spatial import Array, pose
+from tp_controller.tasks.aim import pose_along
+from tp_controller.tasks.sketch import Sketch
+from tp_controller.tools.demos.motion import FixedObject, Motion, Playback
+from tp_controller.tools.demos.outlines import outline
+from tp_controller.tools.demos.processes import ended_by_sigterm
+from tp_controller.tools.view.browser import find_chromium, HeadlessPage, open_page
+from tp_controller.tools.view.camera import Camera, camera_for, FIELD
+from tp_controller.tools.view.parts import add_part, Colour, Part, place, wxyz
+from tp_controller.tools.view.scene import add_ground, RobotScene, Trail
+from tp_controller.tools.view.server import address, open_server, unused_port
+from tp_controller.tools.view.sketches import extent, shape_part, SketchScene
+from tp_controller.tools.view.visuals import looks_of
+import viser
+
+# Chromium starts within 2 s; a picture takes 0.2 s, on a machine that is busy ten times that [s].
+START_SECONDS, PICTURE_SECONDS, POLL = 60.0, 60.0, 0.1
+# Of the window: pictures have a size of their own [pixels].
+WINDOW = 160, 120
+# The window itself need not be drawn: viser draws what is in view, over and over for 0.25 s.
+OUT_OF_VIEW = '<style>#root { position: fixed; top: 300vh; }</style>'
+# Pictures of the start after which it is taken as it is.
+MOST_TRIES = 20
+CARRIED_COLOUR: Colour = (204, 121, 167)
+BAR_RADIUS = 0.018
+# Half the size of a mesh of which the corners are not known here, with colours of its own [m].
+MESH_HALF = 0.07
+# Light from everywhere, that of a lamp, and where it is above the camera, in distances.
+AMBIENT, BRIGHTNESS, LAMP = 1.25, 2.4, np.array([0.0, 0.0, 1.2])
+NO_CHROMIUM = ('there is no Chromium on the PATH (Debian: sudo apt install chromium; Ubuntu: '
+               'sudo snap install chromium)')
+
+
+def solid_pictures(motion: Motion, samples: Sequence[int],
+                   size: tuple[int, int]) -> Iterator[Image.Image]:
+    """
+    Yield pictures of a solid robot on the ground, with goals, regions, obstacles and paths.
+
+    Parameters
+    ----------
+    motion : Motion
+        What is drawn.
+    samples : sequence of int
+        Of which there is a picture each, in the order of time.
+    size : tuple of int
+        Width and height [pixels].
+
+    Yields
+    ------
+    PIL.Image.Image
+
+    Raises
+    ------
+    TpControllerError
+        There is no Chromium, or it does not do what it should.
+
+    """
+    program = find_chromium()
+    if program is None:
+        raise TpControllerError(NO_CHROMIUM)
+    with ended_by_sigterm() as all_started, _server() as server:
+        camera = _camera(motion, samples, size[0] / size[1])
+        stage = _Stage(server.scene, motion, motion.enlarged * camera.distance)
+        _add_lights(server.scene, camera)
+        with open_page(program, address(server), *WINDOW) as page:
+            all_started()
+            client = _client(server, page)
+            for sample in samples:
+                with server.atomic():
+                    stage.show(sample)
+                if sample == samples[0]:
+                    _wait_until_still(lambda: _picture(client, page, camera, size))
+                yield _picture(client, page, camera, size)
+
+
+class _Stage:
+    """The scene of a film."""
+
+    def __init__(self, scene: viser.SceneApi, motion: Motion, size: float) -> None:
+        self._motion, self._playback = motion, Playback(motion)
+        self._robot = RobotScene(scene, motion.robot)
+        self._robot.show(motion.q[0])
+        add_ground(scene, self._robot.ground() if motion.ground is None else motion.ground)
+        self._sketches = SketchScene(scene, size)
+        self._trails = [Trail(scene, f'/trail/{frame}') for frame in motion.frames]
+        self._objects = [(_add_object(scene, f'/objects/{number}', each), each.frame)
+                         for number, each in enumerate(motion.objects)]
+        self._bars = [add_part(scene, f'/bar/{number}', _bar(ends))
+                      for number, ends in enumerate(self._playback.bars())]
+        self._next = 0
+
+    def show(self, sample: int) -> None:
+        """Show a sample, and the path up to there."""
+        for each in range(self._next, sample + 1):
+            self._playback.seek(each)
+            for trail, frame in zip(self._trails, self._motion.frames):
+                trail.add(self._playback.state.position(frame))
+        self._next = sample + 1
+        state = self._playback.state
+        self._robot.show(self._motion.q[sample])
+        self._sketches.draw(self._playback.sketches())
+        for handle, frame in self._objects:
+            place(handle, state.pose(frame))
+        for bar, ends in zip(self._bars, self._playback.bars()):
+            place(bar, _bar(ends).T)
+
+
+def _add_object(scene: viser.SceneApi, name: str, each: FixedObject) -> viser.SceneNodeHandle:
+    """Add an object, and return the node that moves as its frame does."""
+    handle = scene.add_frame(name, show_axes=False)
+    part = shape_part(each.shape, pose(np.eye(3), each.at), CARRIED_COLOUR)
+    if part is not None:
+        add_part(scene, f'{name}/shape', part)
+    return handle
+
+
+def _add_lights(scene: viser.SceneApi, camera: Camera) -> None:
+    """Add light from everywhere, and from a lamp above the camera that casts shadows."""
+    # An environment map takes half of the time of a picture, and 5 s at the start.
+    scene.configure_environment_map(None)
+    scene.configure_default_lights(False)
+    scene.add_light_ambient('/lights/all', intensity=AMBIENT)
+    place_of_lamp = camera.position + camera.distance * (LAMP - 0.4 * camera.R[:, 0])
+    scene.add_light_directional('/lights/lamp', intensity=BRIGHTNESS, cast_shadow=True,
+                                position=tuple(place_of_lamp.tolist()))
+
+
+def _bar(ends: Array) -> Part:
+    """Return a bar between two points (2, 3)."""
+    way = ends[1] - ends[0]
+    length = float(np.linalg.norm(way))
+    return Part('cylinder', (BAR_RADIUS, length), pose_along(way / length, ends.mean(axis=0)),
+                CARRIED_COLOUR)
+
+
+def _camera(motion: Motion, samples: Sequence[int], aspect: float) -> Camera:
+    """Return a camera that has everything in its picture; from afar, goals are drawn larger."""
+    points, sketches = _seen(motion, samples)
+    camera = camera_for(points, motion.view, aspect)
+    for _ in range(2):
+        camera = camera_for(np.concatenate(
+            [points, *(extent(sketch, motion.enlarged * camera.distance) for sketch in sketches)]),
+            motion.view, aspect)
+    return camera
+
+
+def _seen(motion: Motion, samples: Sequence[int]) -> tuple[Array, list[Sketch]]:
+    """Return points (k, 3) [m] and sketches all of which are to be in the picture."""
+    playback, points = Playback(motion), []
+    sketches: list[Sketch] = []
+    corners = {link: np.concatenate([_corners(part) for part in parts])
+               for link, parts in looks_of(motion.robot).parts.items() if parts}
+    for sample in samples:
+        playback.seek(sample)
+        state = playback.state
+        for link, own in corners.items():
+            T = state.pose(link)
+            points.append(own @ T[:3, :3].T + T[:3, 3])
+        points += [state.position(frame)[np.newaxis] for frame in motion.frames]
+        points += [outline(each.shape, state.pose(each.frame) @ pose(np.eye(3), each.at))
+                   for each in motion.objects]
+        points += [outline(body.shape, body.T) for body in playback.bodies()]
+        sketches += [sketch for parts in playback.sketches().values() for sketch in parts]
+    seen = np.concatenate(points)
+    return seen[np.isfinite(seen).all(axis=1)], sketches
+
+
+def _corners(part: Part) -> Array:
+    """Return the corners (k, 3) of a box around a part, in the axes of its link [m]."""
+    half, middle = np.zeros(3), np.zeros(3)
+    if part.kind == 'box':
+        half = 0.5 * np.array(part.size)
+    elif part.kind == 'sphere':
+        half = np.ones(3) * part.size
+    elif part.kind == 'cylinder':
+        half = np.array([part.size[0], part.size[0], 0.5 * part.size[1]])
+    elif part.mesh is not None and part.mesh.vertices is not None:
+        low, high = part.mesh.vertices.min(axis=0), part.mesh.vertices.max(axis=0)
+        half, middle = 0.5 * (high - low) * part.size, 0.5 * (low + high) * part.size
+    else:
+        half += MESH_HALF
+    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+    return (middle + signs * half) @ part.T[:3, :3].T + part.T[:3, 3]
+
+
+@contextmanager
+def _server() -> Iterator[viser.ViserServer]:
+    """Run a server for this machine alone, on a port where no page is looked for."""
+    server = open_server(port=unused_port(), pictures=True)
+    server.gui.add_html(OUT_OF_VIEW)
+    try:
+        yield server
+    finally:
+        with redirect_stdout(io.StringIO()):
+            # It would say so.
+            server.stop()
+
+
+def _client(server: viser.ViserServer, page: HeadlessPage) -> viser.ClientHandle:
+    """Return the page, once it is connected."""
+    connected, clients = Event(), []
+
+    def welcome(client: viser.ClientHandle) -> None:
+        clients.append(client)
+        connected.set()
+
+    server.on_client_connect(welcome)
+    for _ in range(round(START_SECONDS / POLL)):
+        if connected.wait(POLL):
+            return clients[0]
+        page.check()
+    raise TpControllerError(f'Chromium did not open the page within {START_SECONDS:.0f} s')
+
+
+def _wait_until_still(take: Callable[[], Image.Image]) -> None:
+    """Take pictures until two are the same: meshes are read beside what is drawn."""
+    picture = take()
+    for _ in range(MOST_TRIES):
+        before, picture = picture, take()
+        if picture == before:
+            return
+
+
+def _picture(client: viser.ClientHandle, page: HeadlessPage, camera: Camera,
+             size: tuple[int, int]) -> Image.Image:
+    """Return what a camera sees."""
+    try:
+        pixels = client.get_render(
+            size[1], size[0], wxyz=wxyz(camera.R), position=camera.position, fov=FIELD,
+            timeout=PICTURE_SECONDS)
+    except (RuntimeError, TimeoutError) as error:
+        page.check()
+        raise TpControllerError(f'Chromium draws nothing: {error}') from error
+    return Image.fromarray(pixels[..., :3])

@@ -1,0 +1,318 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The two exercises of the lab: the planar arm with three joints, at 60 Hz in simulated time.
+
+The settings are those of the lab sheet: gain 1, start at q = [0, 0.6, 0.3]. Exercise 2 uses damped
+least squares with λ = 0.1 and joint speeds of at most 1 rad/s. Each measured value is printed
+beside the expected one.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
+from tp_controller.model.spatial import Array
+from tp_controller.resources import package_share
+from tp_controller.tools.demos.film import films
+from tp_controller.tools.demos.motion import Motion
+from tp_controller.tools.demos.outcome import Measurement, Outcome, tell
+from tp_controller.tools.plots.curves import plot_errors, plot_positions, plot_velocities
+
+Point = Sequence[float] | Array
+
+PERIOD = 1.0 / 60.0
+START = (0.0, 0.6, 0.3)
+TOOL = 'link3'
+# Of the film: nearly from above, below the links, which are round, and goals thicker than they
+# are [deg, m].
+VIEW, GROUND, ENLARGED = (-90.0, 55.0), -0.12, 2.3
+GOAL_TIME = 10.0
+GOALS = 6
+# End-effector goals [m]: the first cannot be reached with joint 1 at zero, the second can.
+CONFLICT, COMPATIBLE = (0.5, 1.2), (0.75, 0.9)
+ORDERS = {'end-effector first': 'lab2_end_effector_first', 'joint 1 first': 'lab2_joint_first'}
+# As in lecture 2.2 and 4: uniform scaling, no relaxed directions, no transition.
+UNDAMPED = Settings(period=PERIOD, damping=0.0, scaling='uniform', release_region=0.0, blend=0.0)
+LECTURE_DAMPING = replace(UNDAMPED, damping=0.1, singular_region=math.inf)
+# Of exercise 1 after 10 s at 60 Hz, from a program that was written apart from this one. The
+# motion is a property of the step length: at 1 kHz the end-effector error is 0.1 mm.
+REFERENCE_ERROR = 1.733e-3
+REFERENCE_Q = (0.74633, -0.21186, -0.71626)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """
+    A motion; one sample for each period, the start and the end included.
+
+    Attributes
+    ----------
+    robot : Robot
+    stack : Stack
+    times : ndarray (T,)
+        [s]
+    q, velocities : ndarray (T, n)
+        Positions [rad], and the commands given there [rad/s].
+    tool, goals : ndarray (T, 3)
+        The end-effector and its goal [m].
+    errors : dict
+        {task: ndarray (T,)}, the norms that the report states.
+
+    """
+
+    robot: Robot
+    stack: Stack
+    times: Array
+    q: Array
+    velocities: Array
+    tool: Array
+    goals: Array
+    errors: Mapping[str, Array]
+
+    @property
+    def top_speed(self) -> float:
+        """Return the largest absolute joint velocity [rad/s]."""
+        return float(np.abs(self.velocities).max())
+
+
+def lab1(folder: str | Path) -> bool:
+    """Run exercise 1, print its outcome, and return whether it came out as it should."""
+    return tell(run_lab1(folder))
+
+
+def lab2(folder: str | Path, seed: int = 1) -> bool:
+    """Run exercise 2, print its outcome, and return whether it came out as it should."""
+    return tell(run_lab2(folder, seed))
+
+
+def run_lab1(folder: str | Path) -> Outcome:
+    """
+    Run exercise 1: motion in the null space, while the end-effector stays where it is.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        Where the figures are written.
+
+    Returns
+    -------
+    Outcome
+
+    """
+    motion = null_space_motion()
+    limits = motion.robot.velocity
+    measurements = (
+        Measurement('end-effector error, largest', 'mm',
+                    1e3 * motion.errors['end_effector'].max(), 1e3 * REFERENCE_ERROR, 1e-3),
+        *(Measurement(f'{name} after {motion.times[-1]:.0f} s', 'rad', measured, reference, 2e-5)
+          for name, measured, reference in zip(motion.robot.joint_names, motion.q[-1],
+                                               REFERENCE_Q)),
+        Measurement('joint speed, largest', 'rad/s', motion.top_speed, limits.min(), 0.0,
+                    bound=True))
+    error = ('end-effector', 'mm', 1e3 * motion.errors['end_effector'])
+    folder = Path(folder)
+    paths = (
+        *_film(folder / 'lab1.webp', motion, 'The joints move, the end-effector stays'),
+        plot_positions(folder / 'lab1_positions.png', motion.times, motion.q,
+                       motion.robot.joint_names, title='Null-space motion: joint positions'),
+        plot_errors(folder / 'lab1_error.png', motion.times, [error],
+                    title='Null-space motion: how far the end-effector drifts'))
+    return Outcome('Exercise 1: end-effector stays, y(t) = [sin t, cos t, sin t] below it',
+                   measurements, (), paths)
+
+
+def run_lab2(folder: str | Path, seed: int = 1) -> Outcome:
+    """
+    Run exercise 2: end-effector and joint 1 position, in both orders of priority.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        Where the figures are written.
+    seed : int
+        Of the random end-effector goals.
+
+    Returns
+    -------
+    Outcome
+
+    """
+    measurements = [each for goal in (CONFLICT, COMPATIBLE) for each in _measure_two_tasks(goal)]
+    goals = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(GOALS, 2))
+    motions = {order: two_tasks(order, goals) for order in ORDERS}
+    for order, motion in motions.items():
+        measurements.append(Measurement(
+            f'random goals, {order}: joint speed', 'rad/s', motion.top_speed,
+            motion.robot.velocity.min(), 0.0, bound=True))
+    measurements.append(Measurement(
+        'random goals, joint 1 first: joint 1', 'rad',
+        motions['joint 1 first'].errors['joint1'].max(), 0.0, 1e-9))
+    title = 'Exercise 2: end-effector position and joint 1 position, in both orders'
+    return Outcome(title, tuple(measurements), tuple(_goal_lines(goals, motions)),
+                   tuple(_two_task_figures(Path(folder), motions)))
+
+
+def null_space_motion(duration: float = 10.0) -> Recording:
+    """Return the `Recording` of exercise 1."""
+    def set_goals(controller: Controller, now: float) -> None:
+        controller.set_goal('null_space_motion', [math.sin(now), math.cos(now), math.sin(now)],
+                            now)
+
+    return _record('lab1', UNDAMPED, duration, set_goals)
+
+
+def two_tasks(order: str, goals: ArrayLike, goal_time: float = GOAL_TIME) -> Recording:
+    """
+    Return the `Recording` of exercise 2.
+
+    Parameters
+    ----------
+    order : str
+        One of `ORDERS`.
+    goals : array_like (k, 2)
+        Goals of the end-effector, one after the other [m].
+    goal_time : float
+        How long each is in force [s].
+
+    Returns
+    -------
+    Recording
+
+    """
+    steps = round(goal_time / PERIOD)
+    points = np.asarray(goals, dtype=float)
+
+    def set_goals(controller: Controller, now: float) -> None:
+        step = round(now / PERIOD)
+        if step % steps == 0 and step < steps * len(points):
+            controller.set_goal('end_effector', [*points[step // steps], 0.0], now)
+
+    return _record(ORDERS[order], LECTURE_DAMPING, goal_time * len(points), set_goals)
+
+
+def best_joint1(goal: Point) -> float:
+    """
+    Return the least |q₁| with which the end-effector can be at a goal [rad].
+
+    Joints 2 and 3 carry it to any point within a disc around joint 2. Where the goal is not in
+    the disc for q₁ = 0, the least turn stretches the arm: cosine law with sides a₁, |goal| and
+    a₂ + a₃. The goal must be one that the robot can reach.
+    """
+    if best_error(goal) == 0.0:
+        return 0.0
+    upper_arm, reach, distance = 0.75, 1.0, math.hypot(*goal)
+    cosine = (upper_arm ** 2 + distance ** 2 - reach ** 2) / (2.0 * upper_arm * distance)
+    return abs(math.atan2(goal[1], goal[0])) - math.acos(cosine)
+
+
+def best_error(goal: Point) -> float:
+    """Return the least end-effector error with joint 1 at zero [m]."""
+    return max(math.hypot(goal[0] - 0.75, goal[1]) - 1.0, 0.0)
+
+
+def _record(stack: str, settings: Settings, duration: float,
+            set_goals: Callable[[Controller, float], None]) -> Recording:
+    """Run a stack on the simulated robot; `set_goals(controller, now)` is called every cycle."""
+    config = package_share() / 'config'
+    robot = Robot.from_file(config / 'robots' / 'planar_3r.yaml')
+    controller = Controller(robot, Stack.from_yaml(config / f'{stack}.yaml', robot), settings)
+    simulator = KinematicSimulator(robot, START)
+    state = robot.state(START)
+    rows = []
+    for step in range(round(duration / PERIOD) + 1):
+        now = step * PERIOD
+        set_goals(controller, now)
+        command = controller.update(simulator.q, now)
+        state.update(simulator.q)
+        goal = controller.stack.tasks['end_effector'].goal
+        rows.append((now, simulator.q, command.velocity, state.position(TOOL), goal,
+                     [task.errors[0][0] for task in command.report.tasks]))
+        simulator.command(command.velocity)
+        simulator.step(PERIOD)
+    times, q, velocities, tool, goals, errors = (np.array(column) for column in zip(*rows))
+    names = [task.name for task in command.report.tasks]
+    return Recording(robot, controller.stack, times, q, velocities, tool, goals,
+                     dict(zip(names, errors.T)))
+
+
+def _measure_two_tasks(goal: Point) -> Iterator[Measurement]:
+    """Yield the measurements of one goal, in force for 10 s, in both orders."""
+    where = f'goal ({goal[0]:g}, {goal[1]:g})'
+    best = {'end-effector first': (0.0, best_joint1(goal)),
+            'joint 1 first': (best_error(goal), 0.0)}
+    for order, (error, joint1) in best.items():
+        motion = two_tasks(order, np.atleast_2d(goal))
+        yield Measurement(f'{where}, {order}: end-effector', 'mm',
+                          1e3 * motion.errors['end_effector'][-1], 1e3 * error, 0.1)
+        yield Measurement(f'{where}, {order}: joint 1', 'rad', motion.errors['joint1'][-1],
+                          joint1, 2e-4)
+
+
+def _goal_lines(goals: Array, motions: Mapping[str, Recording]) -> Iterator[str]:
+    """Yield a table of the errors that were left when each random goal was replaced."""
+    first, second = motions.values()
+    yield ''
+    yield ('Random goals: errors after 10 s, and what is possible at best with '
+           'joint 1 at zero')
+    yield (f'{"goal [m]":<18} {"end-effector first":^24}   {"joint 1 first":^24}   '
+           f'{"possible":>8}')
+    yield f'{"":<18} {"mm":>11} {"joint 1 rad":>12}   {"mm":>11} {"joint 1 rad":>12}   {"mm":>8}'
+    steps = round(GOAL_TIME / PERIOD)
+    for index, goal in enumerate(goals):
+        # The sample at the change itself has the new goal already.
+        last = (index + 1) * steps - 1
+        cells = [f'{1e3 * motion.errors["end_effector"][last]:>11.2f} '
+                 f'{motion.errors["joint1"][last]:>12.5f}' for motion in (first, second)]
+        yield (f'({goal[0]:6.3f}, {goal[1]:6.3f})   {cells[0]}   {cells[1]}   '
+               f'{1e3 * best_error(goal):>8.2f}')
+    yield ''
+
+
+def _two_task_figures(folder: Path, motions: Mapping[str, Recording]) -> Iterator[Path]:
+    """Write the figures of exercise 2 and yield their paths."""
+    changes = GOAL_TIME * np.arange(1, GOALS)
+    for order, motion in motions.items():
+        name = ORDERS[order]
+        caption = order[0].upper() + order[1:]
+        names, times = motion.robot.joint_names, motion.times
+        yield from _film(folder / f'{name}.webp', motion, caption)
+        yield plot_positions(folder / f'{name}_positions.png', times, motion.q, names,
+                             title=f'{caption}: joint positions', changes=changes)
+        yield plot_velocities(folder / f'{name}_velocities.png', times, motion.velocities,
+                              motion.robot.velocity, names,
+                              title=f'{caption}: joint velocities', changes=changes)
+    yield plot_errors(
+        folder / 'lab2_errors.png', times,
+        [(order, unit, motion.errors[task]) for task, unit in (('end_effector', 'm'),
+                                                               ('joint1', 'rad'))
+         for order, motion in motions.items()],
+        title='Error of the end-effector (top) and of joint 1 (bottom)', changes=changes)
+
+
+def _film(path: Path, motion: Recording, title: str) -> tuple[Path, ...]:
+    """Return the path of a film, with numbers where there are several goals; see `films`."""
+    new = np.append(True, np.any(np.diff(motion.goals, axis=0), axis=1))
+    goals = [(now, 'end_effector', goal) for now, goal in zip(
+        motion.times[new].tolist(), motion.goals[new])]
+    captions = [(now, f'{title}: goal {number} of {len(goals)}' if len(goals) > 1 else title)
+                for number, (now, *_) in enumerate(goals, 1)]
+    return films(path, Motion(title, motion.robot, motion.times, motion.q, motion.stack,
+                              (TOOL,), goals, captions, view=VIEW, ground=GROUND,
+                              enlarged=ENLARGED))

@@ -1,0 +1,120 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The page in the browser beside a demo: it shows what happens, and the demo does without it."""
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.error import URLError
+from urllib.request import urlopen
+
+from tp_controller.errors import TpControllerError
+from tp_controller.tools.demos.processes import NodeProcess
+from tp_controller.tools.demos.startup import Startup
+from tp_controller.tools.extras import install_command
+
+if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
+    from tp_controller.ros.client.client import Client
+
+NODE = 'tp_viewer'
+# How long the page may take to answer [s].
+ANSWER_SECONDS = 30.0
+WITHOUT = 'no page in the browser, the demo goes on without it: '
+
+
+class LivePage:
+    """
+    The page of a demo, in a process of its own that has been started.
+
+    Parameters
+    ----------
+    process : NodeProcess
+    address : str
+        Where a browser finds it.
+
+    """
+
+    def __init__(self, process: NodeProcess, address: str) -> None:
+        self._process, self._address = process, address
+
+    def wait(self, turn: Callable[[float], None], report: Callable[[str], None]) -> str:
+        """
+        Wait until the page answers.
+
+        Parameters
+        ----------
+        turn, report : callable
+            See `Startup`.
+
+        Returns
+        -------
+        str
+            Where the page is, or why there is none.
+
+        """
+        try:
+            Startup([self._process], report).wait(
+                lambda: '' if _answers(self._address) else 'the page in the browser', turn)
+        except TpControllerError as error:
+            return f'{WITHOUT}{error}'
+        return f'page: {self._address}'
+
+    def conclude(self, client: 'Client', text: str) -> bool:
+        """Have the page show the results of the demo; return whether it does."""
+        return self._process.running() and client.set_parameter(
+            NODE, 'conclusion', text, ANSWER_SECONDS)
+
+
+def start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -> LivePage:
+    """
+    Start the page of a demo, until a stack ends.
+
+    Parameters
+    ----------
+    stack : contextlib.ExitStack
+        Ends the page.
+    environment : dict
+        Of the nodes of the demo.
+    folder : pathlib.Path
+        Where its log goes.
+
+    Raises
+    ------
+    TpControllerError
+        There cannot be one; `WITHOUT` begins the reason.
+
+    """
+    if find_spec('viser') is None:
+        raise TpControllerError(f'{WITHOUT}viser is missing; {install_command("view")}')
+    # Imported where it is there: it is an extra.
+    from tp_controller.tools.view.server import free_port, LOCAL, url
+    try:
+        port = free_port(LOCAL)
+    except TpControllerError as error:
+        raise TpControllerError(f'{WITHOUT}{error}') from error
+    process = NodeProcess('viewer_node', ['-p', f'port:={port}'], environment,
+                          folder / 'viewer_node.log')
+    return LivePage(stack.enter_context(process), url(LOCAL, port))
+
+
+def _answers(address: str) -> bool:
+    """Return whether there is a page at an address."""
+    try:
+        with urlopen(address, timeout=1.0):
+            return True
+    except (URLError, OSError):
+        return False

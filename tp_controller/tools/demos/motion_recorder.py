@@ -1,0 +1,140 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Records what a running controller does: configurations, commands, errors of the tasks."""
+
+import time
+from typing import TypeVar
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+import numpy as np
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.ros.client.client import Client, subscribe_status
+from tp_controller.ros.client.configuration import base_velocities, ConfigurationBuffer
+from tp_controller.untrusted import errors_of
+
+Value = TypeVar('Value')
+
+
+class Recorder:
+    """
+    Records configurations, commands and task errors of a running controller.
+
+    Parameters
+    ----------
+    client : Client
+        Node that listens.
+    robot : Robot
+        Its driven joints are in the order of the commands.
+
+    Attributes
+    ----------
+    states : list of (float, ndarray (nq,))
+        Time [s] and configuration.
+    commands : list of (float, ndarray (n,))
+        Time [s] and commanded velocities, those of the base included.
+    errors : list of (float, dict)
+        Time [s] and {(task, unit): error}.
+    reasons : list of (float, dict)
+        Time [s] and {task: what limits it}, at the same times.
+
+    """
+
+    def __init__(self, client: Client, robot: Robot) -> None:
+        self._robot = robot
+        self._configuration = ConfigurationBuffer(robot)
+        self._velocity = np.full(robot.n, np.nan)
+        self._start = time.monotonic()
+        self.states: list[tuple[float, Array]] = []
+        self.commands: list[tuple[float, Array]] = []
+        self.errors: list[tuple[float, dict[tuple[str, str], float]]] = []
+        self.reasons: list[tuple[float, dict[str, str]]] = []
+        node = client.node
+        node.create_subscription(JointState, '/joint_states', self._on_state, 50)
+        node.create_subscription(Float64MultiArray, '/velocity_controller/commands',
+                                 self._on_command, 50)
+        subscribe_status(node, client.controller, self._on_status, 50)
+        if robot.moves:
+            node.create_subscription(Odometry, '/odom', self._on_odometry,
+                                     ConfigurationBuffer.odometry_qos)
+            node.create_subscription(Twist, '/cmd_vel', self._on_base_command, 50)
+
+    def now(self) -> float:
+        """Return the time since the recording began [s]."""
+        return time.monotonic() - self._start
+
+    def hears(self) -> bool:
+        """Say whether something came in from everyone who is listened to."""
+        return bool(self.states and self.commands and self.errors)
+
+    def cut(self, first: float, zero: float) -> None:
+        """Forget what was before `first`, and count time from `zero` [s]."""
+        self.states = _shifted(self.states, first, zero)
+        self.commands = _shifted(self.commands, first, zero)
+        self.errors = _shifted(self.errors, first, zero)
+        self.reasons = _shifted(self.reasons, first, zero)
+
+    def _on_state(self, message: JointState) -> None:
+        """Record the configuration, once all of it is known."""
+        now = self.now()
+        if self._configuration.put_joint_state(message, now):
+            q = self._configuration.configuration(now)
+            if q is not None:
+                self.states.append((now, q))
+
+    def _on_odometry(self, message: Odometry) -> None:
+        """Take the pose of the base."""
+        self._configuration.put_odometry(message, self.now())
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        """Record a command of the joints; that of a base follows it."""
+        self._velocity[self._robot.joint_columns] = message.data
+        if not self._robot.moves:
+            self._record_command()
+
+    def _on_base_command(self, message: Twist) -> None:
+        """Record a command of the base."""
+        base = slice(0, self._robot.joint_columns.start)
+        self._velocity[base] = base_velocities(self._robot, message)
+        self._record_command()
+
+    def _record_command(self) -> None:
+        """Record the velocities, once all of them are known."""
+        if not np.isnan(self._velocity).any():
+            self.commands.append((self.now(), self._velocity.copy()))
+
+    def _on_status(self, message: DiagnosticArray) -> None:
+        """Record the error of every task, and what limits it."""
+        errors, reasons = {}, {}
+        for status in message.status[1:]:
+            task = status.name.partition(': ')[2]
+            found = errors_of({value.key: value.value for value in status.values})
+            errors.update({(task, unit): error for unit, error in found.items()})
+            for value in status.values:
+                if value.key == 'reason':
+                    reasons[task] = value.value
+        now = self.now()
+        self.errors.append((now, errors))
+        self.reasons.append((now, reasons))
+
+
+def _shifted(rows: list[tuple[float, Value]], first: float,
+             zero: float) -> list[tuple[float, Value]]:
+    """Return the rows from `first` on, with their time counted from `zero` [s]."""
+    return [(moment - zero, value) for moment, value in rows if moment >= first]

@@ -1,0 +1,187 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The nodes as processes of their own, in a ROS domain of their own."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, ExitStack
+import fcntl
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from typing import BinaryIO
+
+from tp_controller.errors import TpControllerError
+from tp_controller.tools.files import new_file, open_lock, private_folder
+
+# Ids that are safe on every platform (ROS 2 documentation, "The ROS_DOMAIN_ID"), from the last
+# one down: people number their robots from 0 up.
+DOMAINS = range(101, 49, -1)
+# {name of an executable: the part of this package that it is in}
+NODES = {'controller_node': 'ros', 'simulator_node': 'ros', 'watchdog_node': 'ros',
+         'viewer_node': 'tools.view'}
+# Descriptor of the lock of each domain that this process has reserved, by its id.
+_LOCKS: dict[str, int] = {}
+
+
+@contextmanager
+def own_domain() -> Iterator[dict[str, str]]:
+    """
+    Reserve a ROS domain on this machine that no other user of this function has.
+
+    Yields
+    ------
+    dict
+        Environment for nodes that shall hear each other and nobody else.
+
+    """
+    domain, lock = _free_domain()
+    with lock:
+        _LOCKS[domain] = lock.fileno()
+        try:
+            yield {**os.environ, 'ROS_DOMAIN_ID': domain,
+                   'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        finally:
+            del _LOCKS[domain]
+
+
+def _free_domain() -> tuple[str, BinaryIO]:
+    """Return the id of a domain that nobody has locked, and the file that is locked now."""
+    with private_folder(f'tp_controller_domains_{os.getuid()}') as folder:
+        for domain in map(str, DOMAINS):
+            lock = open_lock(domain, folder)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                lock.close()
+                continue
+            return domain, lock
+    raise TpControllerError('no free ROS domain: other demos or tests use all of '
+                            f'{DOMAINS[0]} to {DOMAINS[-1]}')
+
+
+@contextmanager
+def ended_by_sigterm() -> Iterator[Callable[[], None]]:
+    """
+    Let SIGTERM leave by an exception, so that processes started here are ended, too.
+
+    Yields
+    ------
+    callable
+        To be called once they are started: a signal that comes while one is being started waits
+        until then, or nobody would know of that one.
+
+    """
+    arrived = started = False
+
+    def leave_if_due() -> None:
+        if arrived and started:
+            sys.exit(128 + signal.SIGTERM)
+
+    def on_signal(*_: object) -> None:
+        nonlocal arrived
+        arrived = True
+        leave_if_due()
+
+    def all_started() -> None:
+        nonlocal started
+        started = True
+        leave_if_due()
+
+    before = signal.signal(signal.SIGTERM, on_signal)
+    try:
+        yield all_started
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+class NodeProcess:
+    """
+    One node as a process; what it prints goes to a file.
+
+    Parameters
+    ----------
+    executable : str
+        ``controller_node``, ``simulator_node``, ``watchdog_node`` or ``viewer_node``.
+    arguments : list of str
+        ROS arguments, after ``--ros-args``.
+    environment : dict
+        Environment of the process.
+    log : str or pathlib.Path
+        Where its output goes.
+
+    Attributes
+    ----------
+    name : str
+        Of the executable.
+
+    """
+
+    def __init__(self, executable: str, arguments: Sequence[str],
+                 environment: Mapping[str, str], log: str | Path) -> None:
+        if executable not in NODES:
+            raise ValueError(f'{executable!r} is none of {", ".join(sorted(NODES))}')
+        self.name, self.log = executable, Path(log)
+        # A node that outlives this process, which was killed perhaps, keeps its domain reserved.
+        lock = _LOCKS.get(environment.get('ROS_DOMAIN_ID', ''))
+        with new_file(self.log) as output:
+            self.process = subprocess.Popen(
+                [sys.executable, '-m', f'tp_controller.{NODES[executable]}.{executable}',
+                 '--ros-args',
+                 *arguments], env=environment, stdin=subprocess.DEVNULL, stdout=output,
+                stderr=subprocess.STDOUT, pass_fds=() if lock is None else (lock,))
+
+    def __enter__(self) -> 'NodeProcess':
+        """Return the running process."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the process."""
+        self.stop()
+
+    def running(self) -> bool:
+        """Return whether the process is alive."""
+        return self.process.poll() is None
+
+    def output(self) -> str:
+        """Return what the process has printed so far."""
+        return self.log.read_text()
+
+    def processor_seconds(self) -> float:
+        """Return the processor time of the process [s]; 0 where the system does not tell."""
+        try:
+            fields = Path(f'/proc/{self.process.pid}/stat').read_text().rpartition(')')[2].split()
+        except OSError:
+            return 0.0
+        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+    def stop(self, seconds: float = 10.0) -> int:
+        """End the process as a shell would, by force if it does not; return its exit status."""
+        if self.running():
+            self.process.terminate()
+        try:
+            return self.process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
+
+
+def start_nodes(stack: ExitStack, parameters: Path, environment: Mapping[str, str],
+                folder: Path) -> list[NodeProcess]:
+    """Start a simulator and a controller, whose output goes to a folder, until a stack ends."""
+    return [stack.enter_context(NodeProcess(name, ['--params-file', str(parameters)], environment,
+                                            folder / f'{name}.log'))
+            for name in ('simulator_node', 'controller_node')]

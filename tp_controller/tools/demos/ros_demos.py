@@ -1,0 +1,231 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tp_controller demo``: robots carry out stacks of tasks, through real topics."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+import os
+from pathlib import Path
+from typing import cast, TYPE_CHECKING
+
+import numpy as np
+from tp_controller.errors import TpControllerError
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.tasks.frame import FrameTask
+from tp_controller.tools.demos.film import films
+from tp_controller.tools.demos.live_page import LivePage, start_page
+from tp_controller.tools.demos.motion import Motion
+from tp_controller.tools.demos.processes import (
+    ended_by_sigterm,
+    NodeProcess,
+    own_domain,
+    start_nodes,
+)
+from tp_controller.tools.demos.scenarios import Demo, goal_fields
+from tp_controller.tools.demos.startup import check_alive, load, missing, Startup
+from tp_controller.tools.demos.steps import Steps, TaskOutcome
+from tp_controller.tools.plots.curves import plot_errors, plot_tool_path, plot_velocities
+
+if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
+    from tp_controller.ros.client.client import Client
+    from tp_controller.tools.demos.motion_recorder import Recorder
+
+GOAL_SECONDS = 20.0
+# What is recorded before the first goal, and shown [s].
+LINGER_SECONDS = 0.5
+
+
+def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
+    """
+    Run a demo, print its table and write its figures.
+
+    Parameters
+    ----------
+    demo : Demo
+        One of `DEMOS`.
+    folder : pathlib.Path
+        Where figures and logs go.
+    page : bool
+        Show it on a page in the browser while it runs, too.
+
+    Returns
+    -------
+    bool
+        Whether every goal was reached, within the limits.
+
+    """
+    with ExitStack() as stack:
+        all_started = stack.enter_context(ended_by_sigterm())
+        environment = stack.enter_context(own_domain())
+        # The client lives in this process, which has to be in the same domain.
+        os.environ.update(environment)
+        running = stack.enter_context(ExitStack())
+        # They are on their way while this process imports what it needs.
+        nodes = start_nodes(running, demo.file(''), environment, folder)
+        startup = Startup(nodes, _tell)
+        live = _start_page(stack, environment, folder) if page else None
+        all_started()
+        from tp_controller.ros.client.client import Client
+        from tp_controller.tools.demos.motion_recorder import Recorder
+        client = stack.enter_context(Client())
+        recorder = Recorder(client, demo.robot)
+        startup.wait(lambda: _not_recorded(client, recorder), client.spin)
+        if live is not None:
+            _tell(live.wait(client.spin, _tell))
+        print(demo.file('_stack').read_text())
+        outcomes, changes = _carry_out(demo, client, recorder, nodes)
+        within = _check_limits(demo.robot, recorder)
+        if live is not None:
+            live.conclude(client, _conclusion(outcomes))
+        # They take processor time that the figures need.
+        running.close()
+        print('\nWritten:')
+        for path in _figures(folder, demo, recorder, changes):
+            _tell(f'  {path}')
+    return within and all(outcome.reached for outcome in outcomes if outcome.asked)
+
+
+def _carry_out(demo: Demo, client: 'Client', recorder: 'Recorder', nodes: Sequence[NodeProcess]
+               ) -> tuple[list[TaskOutcome], list[float]]:
+    """Carry out the steps of a demo; print and return the outcomes, and return their times."""
+    client.wait(lambda: False, LINGER_SECONDS)
+    steps = Steps(client, lambda: check_alive(nodes), lambda: len(recorder.commands) / demo.rate)
+    outcomes: list[TaskOutcome] = []
+    changes: list[float] = []
+    for number, step in enumerate(demo.steps, 1):
+        changes.append(recorder.now())
+        outcomes.extend(steps.carry_out(step, number))
+    print(f'\n{"goal":<42} {"  task":<10} {"error":<24} outcome')
+    print('\n'.join(map(str, outcomes)))
+    print('\n> marks the task that the goal was for. The others keep their own goals, in the '
+          'null space of the tasks above.')
+    if steps.pauses:
+        print(f'\nThe controller paused {steps.pauses} times, which it does where joint states or '
+              f'its own cycles come late: this machine has much to do ({load()}).')
+    return outcomes, changes
+
+
+def _conclusion(outcomes: Sequence[TaskOutcome]) -> str:
+    """Return what the page shows once the goals are done: a title, and a line for each."""
+    asked = [outcome for outcome in outcomes if outcome.asked]
+    reached = sum(outcome.reached for outcome in asked)
+    lines = [f'{outcome.say}: {outcome.text} ({" ".join(outcome.error.split())})'
+             for outcome in asked]
+    return '\n'.join(('The demo has finished', f'{reached} of {len(asked)} goals reached', '',
+                      *lines, '', 'This page is no longer connected once the demo has ended. To '
+                      'play with a robot: tp_controller view'))
+
+
+def _start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -> LivePage | None:
+    """Start the page of a demo, or print why there is none."""
+    try:
+        return start_page(stack, environment, folder)
+    except TpControllerError as error:
+        _tell(str(error))
+        return None
+
+
+def _not_recorded(client: 'Client', recorder: 'Recorder') -> str:
+    """Return what has not come yet of everything that is recorded; empty once all has."""
+    if not recorder.states:
+        return 'the joint states of the simulator'
+    reason = missing(client)
+    return reason or ('' if recorder.commands else 'the commands of the controller')
+
+
+def _tell(line: str) -> None:
+    """Print a line at once."""
+    print(line, flush=True)
+
+
+def _check_limits(robot: Robot, recorder: 'Recorder') -> bool:
+    """Say how much of the limits was used; return whether none was exceeded."""
+    velocities = np.array([command for _, command in recorder.commands])
+    positions = np.array([robot.positions(q) for _, q in recorder.states])
+    shares = (np.abs(velocities) / robot.velocity).max(axis=0)
+    margins = np.minimum(positions - robot.lower, robot.upper - positions).min(axis=0)
+    nearest, base = margins.argmin(), shares[:robot.joint_columns.start]
+    of_base = f' ({100.0 * base.max():.0f} % of one of the base)' if robot.moves else ''
+    print(f'\n{len(velocities)} commands, {len(positions)} joint states: at most '
+          f'{100.0 * shares.max():.0f} % of a velocity limit{of_base}, never nearer than '
+          f'{margins[nearest]:.3f} {robot.velocity_units[nearest]} to a position limit')
+    return bool(shares.max() <= 1.0 and margins[nearest] >= 0.0)
+
+
+def _figures(folder: Path, demo: Demo, recorder: 'Recorder',
+             goal_times: Sequence[float]) -> Iterator[Path]:
+    """Write the figures and yield their paths."""
+    robot, leader = demo.robot, cast(FrameTask, demo.stack.tasks[demo.leader])
+    # Time zero is the first goal; a little of the rest before it is shown, too.
+    recorder.cut(goal_times[0] - LINGER_SECONDS, goal_times[0])
+    changes = np.array(goal_times) - goal_times[0]
+    times, q = (np.array(column) for column in zip(*recorder.states))
+    command_times, velocities = (np.array(column) for column in zip(*recorder.commands))
+    yield plot_errors(folder / 'errors.png', *_error_curves(recorder),
+                      reasons=_reasons(recorder), changes=changes, log=True)
+    yield plot_velocities(folder / 'velocities.png', command_times, velocities, robot.velocity,
+                          robot.velocity_names, units=robot.velocity_units, changes=changes,
+                          title='Velocities of base and joints' if robot.moves
+                          else 'Joint velocities')
+    state = robot.state(q[0])
+    path = []
+    for configuration in q:
+        state.update(configuration)
+        path.append(state.position(leader.frame))
+    goals = [(change, goal['xyz']) for step, change in zip(demo.steps, changes)
+             for goal in step if goal['task'] == demo.leader]
+    yield plot_tool_path(folder / 'tool_path.png', np.array(path),
+                         np.array([goal for _, goal in goals]), times=times)
+    yield from films(folder / 'film.webp', Motion(
+        demo.title, robot, times, q, demo.stack, (leader.frame, *demo.frames),
+        list(_film_goals(demo, changes)), _captions(demo, changes), demo.objects, demo.carried,
+        demo.view, demo.ground))
+
+
+def _film_goals(demo: Demo, changes: Array) -> Iterator[tuple[float, str, list[float]]]:
+    """Yield time, task and goal of the goals that are drawn."""
+    for step, change in zip(demo.steps, changes.tolist()):
+        for goal in step:
+            if goal['task'] == demo.leader:
+                fields = goal_fields(goal)
+                yield change, demo.leader, [*fields['xyz'], *fields.get('quat_xyzw', ())]
+
+
+def _captions(demo: Demo, changes: Array) -> list[tuple[float, str]]:
+    """Return when a step began, and what it is about."""
+    return [(change, f'{number}/{len(demo.steps)}  ' + '; '.join(goal['say'] for goal in step))
+            for number, (step, change) in enumerate(zip(demo.steps, changes.tolist()), 1)]
+
+
+def _error_curves(recorder: 'Recorder') -> tuple[Array, list[tuple[str, str, Array]]]:
+    """
+    Return times (T,) and (task, unit, errors (T,)) of all that are not zero throughout.
+
+    While the controller is stopped there are none: not a number, which interrupts the line.
+    """
+    times = np.array([moment for moment, _ in recorder.errors])
+    known = dict.fromkeys(key for _, errors in recorder.errors for key in errors)
+    curves = [(task, unit, np.array([errors.get((task, unit), np.nan)
+                                     for _, errors in recorder.errors]))
+              for task, unit in known if unit in ('m', 'rad')]
+    return times, [curve for curve in curves if np.nanmax(curve[2]) > 0.0]
+
+
+def _reasons(recorder: 'Recorder') -> dict[str, list[str]]:
+    """Return what limits each task, at the times of the errors, in whatever order of shares."""
+    rows = [reasons for _, reasons in recorder.reasons]
+    return {task: ['; '.join(sorted(reasons.get(task, '').split('; '))) for reasons in rows]
+            for task in dict.fromkeys(task for reasons in rows for task in reasons)}

@@ -1,0 +1,140 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the demos over ROS 2 are about: robots, stacks of tasks and goals, in files of config/."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from tp_controller.errors import RobotError
+from tp_controller.model.robot import Robot
+from tp_controller.model.rpy import quaternion_from_rpy
+from tp_controller.model.shapes import Box, Cylinder
+from tp_controller.resources import load_yaml, package_share
+from tp_controller.tasks.stack import Stack
+from tp_controller.tools.check.parameter_file import node_parameters
+from tp_controller.tools.demos.motion import FixedObject
+
+# A goal of a file: task, what it is called, and the fields of its message.
+Goal = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Demo:
+    """
+    A robot that carries out a stack of tasks, and what of it is drawn.
+
+    Attributes
+    ----------
+    files : str
+        Start of the names in config/: ``<files>.yaml`` holds the parameters of both nodes,
+        ``<files>_stack.yaml`` the tasks and ``<files>_goals.yaml`` their goals.
+    title : str
+        Of the film.
+    leader : str
+        Task whose goals and frame are drawn.
+    frames : tuple of str
+        Other frames whose path is drawn.
+    carried : tuple of (str, str)
+        Pairs of frames that hold one object.
+    objects : tuple of FixedObject
+        What moves with a frame.
+    view : tuple of float
+        Azimuth and elevation of the viewer [deg].
+    ground : float or None
+        Height of the ground [m]; None: the robot stands on it at the start.
+
+    """
+
+    files: str
+    title: str
+    leader: str
+    frames: tuple[str, ...] = ()
+    carried: tuple[tuple[str, str], ...] = ()
+    objects: tuple[FixedObject, ...] = ()
+    view: tuple[float, float] = (-45.0, 25.0)
+    ground: float | None = None
+
+    def file(self, ending: str) -> Path:
+        """Return the path of a file, by the ending of its name."""
+        return package_share() / 'config' / f'{self.files}{ending}.yaml'
+
+    @cached_property
+    def robot(self) -> Robot:
+        """Return the robot as the nodes are told to have it, limits included."""
+        return robot_of(self.file(''))
+
+    @property
+    def rate(self) -> float:
+        """Return how many joint states the simulator publishes, each with a command [Hz]."""
+        rate: float = node_parameters(self.file(''), 'tp_simulator')['rate']
+        return rate
+
+    @cached_property
+    def stack(self) -> Stack:
+        """Return the stack."""
+        return Stack.from_yaml(self.file('_stack'), self.robot)
+
+    @cached_property
+    def steps(self) -> list[tuple[Goal, ...]]:
+        """Return the goals, those that are sent at once in one tuple."""
+        return [tuple(step) if isinstance(step, list) else (step,)
+                for step in load_yaml(self.file('_goals').read_text())]
+
+
+DEMOS = {
+    'panda': Demo('demo', 'Panda: tool, elbow, posture', 'tool'),
+    # A tray with a glass on it.
+    'mobile': Demo('mobile', 'A tray, level, past obstacles', 'tray', ('base_link',),
+                   objects=(FixedObject('tool', Box(0.28, 0.36, 0.02)),
+                            FixedObject('tool', Cylinder(0.03, 0.12), (0.0, 0.08, 0.07))),
+                   view=(-70.0, 28.0)),
+    'underwater': Demo('underwater', 'Underwater: tool, view, vehicle', 'tool', ('vehicle',),
+                       view=(-50.0, 30.0), ground=-4.2),
+    'two_arms': Demo('two_arms', 'Two hands carry one object', 'carry', ('right_hand',),
+                     (('left_hand', 'right_hand'),), view=(-30.0, 20.0)),
+}
+
+
+def goal_fields(goal: Goal) -> dict[str, Any]:
+    """
+    Return what of a goal in a file goes into its message.
+
+    Parameters
+    ----------
+    goal : dict
+        With ``xyz`` [m], ``rpy`` [rad], ``linear`` [m/s] or ``angular`` [rad/s].
+
+    Returns
+    -------
+    dict
+        As `tp_controller.ros.client.client.Client.send` takes it.
+
+    """
+    fields = {key: goal[key] for key in ('xyz', 'linear', 'angular') if key in goal}
+    if 'rpy' in goal:
+        fields['quat_xyzw'] = quaternion_from_rpy(*goal['rpy'])
+    return fields
+
+
+def robot_of(file: Path) -> Robot:
+    """Return the robot of a parameter file, with the limits that the controller has for it."""
+    simulator = node_parameters(file, 'tp_simulator')
+    if 'robot' not in simulator:
+        raise RobotError(f'{file}: no parameter robot of tp_simulator')
+    return Robot.from_file(simulator['robot'], base=simulator.get('base', 'fixed'),
+                           limits=node_parameters(file, 'tp_controller').get('limits'))

@@ -1,0 +1,152 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What plots and films share: colours, axes on which space is drawn, and files."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+import numpy as np
+from numpy.typing import ArrayLike
+from tp_controller.model.spatial import Array
+from tp_controller.tools.files import new_file
+
+if TYPE_CHECKING:  # Not found where versions of matplotlib are mixed; what is flat needs no such.
+    from mpl_toolkits.mplot3d import Axes3D
+
+
+# Okabe and Ito's colours, which the colour-blind can tell apart; their yellow is too light for
+# lines.
+COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
+GOAL_COLOUR = '#D55E00'
+ARM_COLOUR = '#2F3B4A'
+PATH_COLOUR = '#0072B2'
+LIMIT_COLOUR = '#B00020'
+SHADOW_COLOUR = '#DDE1E6'
+FAINT = '#B8BEC6'
+DPI = 110
+# Spread [m] below which a motion counts as lying in a plane.
+FLAT = 1e-6
+# Of a scene in space: shortest side per longest, and how much of the picture it fills, a cube and
+# by how much more others.
+LEAST_SIDE = 0.5
+ZOOM, ENLARGED = 0.9, 0.1
+# Ticks of the longest side, and how far the names of sides are from them, beyond numbers [pt].
+TICKS, LABEL_PADS = 6, (9.0, 9.0, 10.0)
+# From where it is seen [deg].
+ELEVATION, AZIMUTH = 22.0, -55.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """
+    A figure with one axis on which space is drawn.
+
+    Attributes
+    ----------
+    figure : matplotlib.figure.Figure
+    axis : matplotlib.axes.Axes
+        Flat and seen from above, or with three dimensions.
+    floor : float or None
+        Lowest height [m] of three dimensions.
+
+    """
+
+    figure: Figure
+    axis: Axes
+    floor: float | None = None
+
+    @property
+    def dimensions(self) -> int:
+        """Return 2 or 3."""
+        return 2 if self.floor is None else 3
+
+    def columns(self, points: ArrayLike) -> tuple[Array, ...]:
+        """Return points (k, 3) as the arguments of a plot."""
+        return tuple(np.asarray(points, dtype=float).T[:self.dimensions])
+
+
+def make_scene(points: Array, title: str, size: tuple[float, float] = (6.4, 6.0),
+               dpi: float = DPI) -> Scene:
+    """Return a scene with equal scales around points (k, 3), flat where they are."""
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    flat = upper[2] - lower[2] < FLAT
+    figure = Figure(figsize=size, dpi=dpi, layout='constrained')
+    FigureCanvasAgg(figure)
+    axis: Axes = figure.add_subplot() if flat else figure.add_subplot(projection='3d')
+    axis.set_title(title)
+    axis.set(xlabel='x [m]', ylabel='y [m]')
+    longest = max((upper - lower).max(), FLAT)
+    # In space a side is as long as is needed: what moves far would be tiny in a cube.
+    sides = np.full(3, longest) if flat else np.maximum(upper - lower, LEAST_SIDE * longest)
+    half, middle = 0.55 * sides, (lower + upper) / 2.0
+    axis.set_xlim(middle[0] - half[0], middle[0] + half[0])
+    axis.set_ylim(middle[1] - half[1], middle[1] + half[1])
+    if flat:
+        axis.set_aspect('equal')
+        tidy(axis)
+        return Scene(figure, axis)
+    _add_height(axis, lower[2], half)
+    return Scene(figure, axis, lower[2])
+
+
+def _add_height(axis: 'Axes3D', bottom: float, half: Array) -> None:
+    """Give an axis its third dimension, and the shape of a box with half its sides (3,) [m]."""
+    axis.set_zlim(bottom, bottom + 2.0 * half[2])
+    axis.set_zlabel('z [m]')
+    # A cube has the longest diagonal: what is flatter, or thinner, may be drawn larger.
+    shape = half / half.max()
+    # What is tall is drawn smaller, or its lower corner would be on what is below.
+    zoom = ZOOM * min((np.sqrt(3.0) / np.linalg.norm(shape)) ** ENLARGED,
+                      _height_seen(np.ones(3)) / _height_seen(shape))
+    axis.set_box_aspect(shape, zoom=zoom)
+    for each, side, pad in zip((axis.xaxis, axis.yaxis, axis.zaxis), shape, LABEL_PADS):
+        each.set_major_locator(MaxNLocator(max(round(TICKS * side), 2)))
+        each.labelpad = pad
+    axis.view_init(elev=ELEVATION, azim=AZIMUTH)
+
+
+def _height_seen(shape: Array) -> float:
+    """Return how high a box with sides (3,) is in the picture, if its diagonal is 1."""
+    elevation, azimuth = np.radians((ELEVATION, AZIMUTH))
+    depth = np.abs((np.cos(azimuth), np.sin(azimuth))).dot(shape[:2])
+    seen = np.cos(elevation) * shape[2] + np.sin(elevation) * depth
+    return float(seen / np.linalg.norm(shape))
+
+
+def tidy(axis: Axes) -> None:
+    """Take away what distracts."""
+    axis.grid(color='#E6E8EB', linewidth=0.8)
+    axis.set_axisbelow(True)
+    for side in ('top', 'right'):
+        axis.spines[side].set_visible(False)
+
+
+def mark_bound(axis: Axes, bound: float, beyond: float, label: str | None = None) -> None:
+    """Mark a value that is not to be crossed, and shade what is beyond it."""
+    axis.axhline(bound, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1, label=label)
+    axis.axhspan(bound, bound + beyond, color=LIMIT_COLOUR, alpha=0.06, zorder=0, linewidth=0.0)
+
+
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write a figure and return its path."""
+    path = Path(path)
+    with new_file(path) as file:
+        figure.savefig(file, format=path.suffix[1:])
+    return path

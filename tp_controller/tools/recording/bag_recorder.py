@@ -1,0 +1,377 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Records all topics of running controllers to a bag."""
+
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+from importlib import import_module
+import operator
+import time
+from typing import Any
+
+import numpy as np
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy import try_shutdown
+from rclpy._rclpy_pybind11 import NodeNameNonExistentError, RCLError
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from tp_controller.errors import TpControllerError
+from tp_controller.model.robot import Robot
+from tp_controller.ros import Message
+from tp_controller.ros.client.client import new_context
+from tp_controller.tools.recording.writer import BagWriter
+
+STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
+EVENTS = '/parameter_events'
+EVENT_TYPE = 'rcl_interfaces/msg/ParameterEvent'
+TEXT_TYPE = 'std_msgs/msg/String'
+# Topics of all nodes that tell where a robot is.
+SHARED = {'/tf', '/tf_static', '/clock'}
+# Messages of a topic that wait while a file system is busy: some seconds at 1 kHz.
+DEPTH = 5000
+# Between two looks for new topics, and for parameters that were asked about [s].
+LOOK_SECONDS, ANSWER_SECONDS = 0.1, 5.0
+# Fields of a ParameterValue: single ones, and arrays with the type of their numbers.
+SINGLE = ('type', 'bool_value', 'integer_value', 'double_value', 'string_value')
+ARRAYS = {'bool_array_value': np.bool_, 'integer_array_value': np.int64,
+          'double_array_value': np.float64}
+
+
+@dataclass
+class _Topic:
+    """One topic that is listened to; of several publishers nobody can tell what was lost."""
+
+    kind: str
+    subscription: Subscription
+    strict: tuple[bool, bool]
+    offered: list[Qos]
+    publishers: int
+    sent: int = 0
+    lost: int = 0
+
+    def known_lost(self) -> int:
+        """Return how many messages were lost, as far as anybody can tell."""
+        return self.lost if self.publishers < 2 else 0
+
+
+class BagRecorder:
+    """
+    Listens to everything that controllers publish and hear, and writes it to a bag.
+
+    Nothing is decoded, and no executor calls anything: what has arrived is taken from the queues
+    of the subscriptions, with the times at which it did.
+
+    Parameters
+    ----------
+    names : collection of str
+        Names of controller nodes, with their namespaces; all that are found if there are none.
+    context : rclpy.context.Context, optional
+        Context that is initialised already; one of its own by default.
+
+    Attributes
+    ----------
+    controllers : list of str
+        Those that were found so far.
+    skipped : dict
+        {topic: why it is not recorded}
+
+    Raises
+    ------
+    TpControllerError
+        ROS cannot start here.
+
+    """
+
+    def __init__(self, names: Collection[str] = (), context: Context | None = None) -> None:
+        self._own = context is None
+        self._context = context or new_context()
+        self._names = [name.strip('/') for name in names]
+        # The subscriptions belong to a node that no executor knows: it would take messages.
+        self._node, self._caller = (
+            Node(name, context=self._context, use_global_arguments=False, enable_rosout=False,
+                 start_parameter_services=False) for name in ('tp_recorder', 'tp_recorder_client'))
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._caller)
+        self._topics: dict[str, _Topic] = {}
+        self._inquiries: dict[str, _Inquiry] = {}
+        self._looked = -LOOK_SECONDS
+        self._lost = 0
+        self.controllers: list[str] = []
+        self.skipped: dict[str, str] = {}
+
+    def __enter__(self) -> 'BagRecorder':
+        """Return the recorder."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave."""
+        self._executor.shutdown()
+        self._caller.destroy_node()
+        self._node.destroy_node()
+        if self._own:
+            try_shutdown(context=self._context)
+
+    def missing(self) -> list[str]:
+        """Return the controllers that were named and are not there."""
+        return [name for name in self._names if name not in self.controllers]
+
+    def find(self) -> bool:
+        """Look for controllers; return whether all that were named, or any one, are there."""
+        for name in self._names or self._candidates():
+            if name not in self.controllers and self._topics_of(name):
+                self.controllers.append(name)
+        return bool(self.controllers) and not self.missing()
+
+    def take(self, bag: BagWriter) -> int:
+        """Write what has arrived since the last time; return how many messages that is."""
+        if (now := time.monotonic()) - self._looked >= LOOK_SECONDS:
+            self._looked = now
+            self.find()
+            self._follow(bag)
+        self._inquire(bag)
+        arrived = [(info['received_timestamp'], name, topic, data)
+                   for name, topic in self._topics.items() for data, info in _waiting(topic)]
+        arrived.sort(key=operator.itemgetter(0))
+        for stamp, name, topic, data in arrived:
+            bag.write(name, topic.kind, stamp, data, topic.offered)
+        return len(arrived)
+
+    def lost(self) -> int:
+        """Return how many messages were sent and not received, of topics with one publisher."""
+        return self._lost + sum(topic.known_lost() for topic in self._topics.values())
+
+    def _candidates(self) -> Iterator[str]:
+        """Yield the names of nodes that publish what a controller does."""
+        topics = dict(self._node.get_topic_names_and_types())
+        for topic, kinds in topics.items():
+            name, _, last = topic.rpartition('/')
+            if last == 'status' and STATUS_TYPE in kinds and f'{name}/markers' in topics and any(
+                    _full_name(publisher) == name
+                    for publisher in self._node.get_publishers_info_by_topic(topic)):
+                yield name.strip('/')
+
+    def _topics_of(self, name: str) -> dict[str, str]:
+        """Return {topic: type} of what a controller and its loop publish and hear."""
+        namespace, _, base = f'/{name}'.rpartition('/')
+        found: dict[str, str] = {}
+        for node in (base, f'{base}_loop'):
+            for look in (self._node.get_publisher_names_and_types_by_node,
+                         self._node.get_subscriber_names_and_types_by_node):
+                try:
+                    found.update((topic, kinds[0])
+                                 for topic, kinds in look(node, namespace or '/'))
+                except NodeNameNonExistentError:
+                    continue
+        return found
+
+    def _wanted(self) -> dict[str, str]:
+        """Return {topic: type} of all that is to be recorded now."""
+        wanted: dict[str, str] = {}
+        shared = set(SHARED)
+        for name in self.controllers:
+            # One that has ended may be started again.
+            found = self._topics_of(name) or {
+                topic: known.kind for topic, known in self._topics.items()}
+            wanted.update(found)
+            namespace = f'/{name}'.rpartition('/')[0]
+            shared |= {'/robot_description', f'{namespace}/robot_description'}
+        wanted.update((topic, kinds[0])
+                      for topic, kinds in self._node.get_topic_names_and_types()
+                      if topic in shared)
+        return wanted
+
+    def _follow(self, bag: BagWriter) -> None:
+        """Listen to new topics, and to those whose type or publishers have changed."""
+        wanted = self._wanted()
+        for name in [name for name in self._topics if name not in wanted]:
+            # A task that was left out may come back as another one, with another type.
+            self._drop(name)
+        for name, kind in wanted.items():
+            publishers = self._node.get_publishers_info_by_topic(name)
+            strict = _strictness(publishers)
+            topic = self._topics.get(name)
+            if topic is not None and topic.kind == kind and topic.strict == strict:
+                # Publishers that have ended are told, too.
+                topic.offered = [_qos(each.qos_profile) for each in publishers] or topic.offered
+                topic.publishers = max(topic.publishers, len(publishers))
+                continue
+            if topic is not None:
+                self._drop(name)
+            self._listen(bag, name, kind, strict, publishers)
+
+    def _drop(self, name: str) -> None:
+        """Listen to a topic no more."""
+        topic = self._topics.pop(name)
+        self._lost += topic.known_lost()
+        self._node.destroy_subscription(topic.subscription)
+
+    def _listen(self, bag: BagWriter, name: str, kind: str, strict: tuple[bool, bool],
+                publishers: Collection[TopicEndpointInfo]) -> None:
+        """Listen to a topic; one that cannot be opened now is tried again."""
+        message_type = _message_type(kind) if bag.knows(kind) else None
+        if message_type is None:
+            self.skipped[name] = f'its type {kind} is not known here'
+            return
+        reliable, lasting = strict
+        qos = QoSProfile(
+            depth=DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if lasting else DurabilityPolicy.VOLATILE)
+        try:
+            subscription = self._node.create_subscription(message_type, name, _ignore, qos,
+                                                          raw=True)
+        except RCLError:
+            # One of another type was closed just now.
+            return
+        self._topics[name] = _Topic(kind, subscription, strict,
+                                    [_qos(each.qos_profile) for each in publishers],
+                                    len(publishers))
+
+    def _inquire(self, bag: BagWriter) -> None:
+        """Write the parameters of each controller once; events tell what changes."""
+        for name in self.controllers:
+            if name not in self._inquiries:
+                self._inquiries[name] = _Inquiry(self._caller, name)
+        if any(not inquiry.done for inquiry in self._inquiries.values()):
+            self._executor.spin_once(timeout_sec=0.0)
+        for inquiry in self._inquiries.values():
+            inquiry.proceed(bag)
+
+
+class _Inquiry:
+    """Reads the parameters of a controller, while its messages are recorded."""
+
+    def __init__(self, node: Node, name: str) -> None:
+        self._name = name
+        self._list = node.create_client(ListParameters, f'/{name}/list_parameters')
+        self._get = node.create_client(GetParameters, f'/{name}/get_parameters')
+        self._future: Any = None
+        self._names: list[str] = []
+        self._since = -ANSWER_SECONDS
+        self.done = False
+
+    def proceed(self, bag: BagWriter) -> None:
+        """Do what can be done now; a request without an answer is sent again."""
+        if self.done or not self._get.service_is_ready():
+            return
+        if self._future is None or time.monotonic() - self._since > ANSWER_SECONDS:
+            self._since = time.monotonic()
+            self._names = []
+            self._future = self._list.call_async(ListParameters.Request())
+        elif self._future.done():
+            answer = self._future.result()
+            if not self._names:
+                self._names = list(answer.result.names)
+                self._future = self._get.call_async(GetParameters.Request(names=self._names))
+            else:
+                self.done = True
+                self._write(bag, dict(zip(self._names, answer.values)))
+
+    def _write(self, bag: BagWriter, values: dict[str, Message]) -> None:
+        """Write all parameters as an event that sets them, and the robot where it is a file."""
+        now = time.time_ns()
+        stamp = bag.make('builtin_interfaces/msg/Time', dict(zip(('sec', 'nanosec'),
+                                                                 divmod(now, 10**9))))
+        parameters = [bag.make('rcl_interfaces/msg/Parameter', {
+            'name': name, 'value': _parameter_value(bag, value)})
+                      for name, value in values.items()]
+        bag.write_message(EVENTS, EVENT_TYPE, now, {
+            'stamp': stamp, 'node': f'/{self._name}', 'new_parameters': parameters,
+            'changed_parameters': [], 'deleted_parameters': []})
+        file = values['robot'].string_value if 'robot' in values else ''
+        if file:
+            try:
+                urdf = Robot.from_file(file).urdf
+            except TpControllerError:
+                # It is on another machine; whoever reads the bag has it perhaps.
+                return
+            bag.write_message(f'/{self._name}/robot_description', TEXT_TYPE, now, {'data': urdf})
+
+
+def _parameter_value(bag: BagWriter, value: Message) -> object:
+    """Return the value of a parameter as a part of a message to write."""
+    return bag.make('rcl_interfaces/msg/ParameterValue', {
+        **{name: getattr(value, name) for name in SINGLE},
+        **{name: np.array(getattr(value, name), kind) for name, kind in ARRAYS.items()},
+        'byte_array_value': np.frombuffer(b''.join(value.byte_array_value), np.uint8),
+        'string_array_value': list(value.string_array_value)})
+
+
+def _waiting(topic: _Topic) -> Iterator[tuple[bytes, dict[str, int]]]:
+    """Take what waits in the queue of a topic, and note what is missing in between."""
+    handle = topic.subscription.handle
+    with handle:
+        for _ in range(DEPTH):
+            taken = handle.take_message(topic.subscription.msg_type, True)
+            if taken is None:
+                return
+            number = taken[1]['publication_sequence_number']
+            if topic.sent and number > topic.sent:
+                topic.lost += number - topic.sent - 1
+            topic.sent = number
+            yield taken
+
+
+def _full_name(endpoint: TopicEndpointInfo) -> str:
+    """Return the name of the node of a publisher, with its namespace."""
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+
+
+def _strictness(publishers: Iterable[TopicEndpointInfo]) -> tuple[bool, bool]:
+    """Return whether all publishers are reliable, and whether all keep what they sent."""
+    profiles = [publisher.qos_profile for publisher in publishers]
+    return (all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles),
+            bool(profiles) and all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL
+                                   for each in profiles))
+
+
+def _qos(profile: QoSProfile) -> Qos:
+    """Return a QoS profile as a bag has it."""
+    return Qos(QosHistory[profile.history.name], profile.depth,
+               QosReliability[profile.reliability.name], QosDurability[profile.durability.name],
+               _time(profile.deadline), _time(profile.lifespan),
+               QosLiveliness[profile.liveliness.name],
+               _time(profile.liveliness_lease_duration), profile.avoid_ros_namespace_conventions)
+
+
+def _time(duration: Duration) -> QosTime:
+    """Return a duration as a bag has it."""
+    return QosTime(*divmod(duration.nanoseconds, 10**9))
+
+
+def _message_type(kind: str) -> type | None:
+    """Return the class of a message type, None if it is not installed."""
+    package, _, name = kind.partition('/msg/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError):
+        return None
+
+
+def _ignore(_: object) -> None:
+    """Take no message: they are taken from the queue."""

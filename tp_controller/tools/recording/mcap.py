@@ -1,0 +1,193 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Reads MCAP files from their start, one message after the other, as far as they go."""
+
+from collections.abc import Callable, Iterator
+import io
+from pathlib import Path
+import struct
+from typing import BinaryIO, NamedTuple
+
+from tp_controller.errors import TpControllerError
+from tp_controller.tools.recording.expansion import Budget, expanded, LONGEST, TooMuch
+
+MAGIC = b'\x89MCAP0\r\n'
+# Opcodes of records (mcap.dev/spec).
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 2, 3, 4, 5, 6, 15
+HEAD = struct.Struct('<BQ')
+# Of a message: channel, number, times of receipt and of publishing [ns].
+MESSAGE_HEAD = struct.Struct('<HIQQ')
+# Of a chunk: times, size and checksum of what is in it.
+CHUNK_HEAD = struct.Struct('<QQQI')
+# Longest record of each kind that is read [bytes]; others are passed over.
+READ = {FOOTER: LONGEST, SCHEMA: 1 << 20, CHANNEL: 1 << 20, MESSAGE: LONGEST, CHUNK: LONGEST,
+        DATA_END: LONGEST}
+# Longest name of a topic or type [bytes].
+LONGEST_NAME = 1000
+
+
+class Raw(NamedTuple):
+    """
+    One message of a bag, not decoded.
+
+    Attributes
+    ----------
+    topic, kind : str
+        Names of the topic and of its type.
+    stamp : int
+        When it was received [ns].
+    data : bytes
+        CDR.
+
+    """
+
+    topic: str
+    kind: str
+    stamp: int
+    data: bytes
+
+
+class CutOff(Exception):
+    """The file ends, or makes no sense any more, where something else has to be."""
+
+
+class McapFile:
+    """
+    An MCAP file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+
+    Attributes
+    ----------
+    fault : str
+        Where the file was cut off, once its messages were read; empty if it is complete.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.fault = ''
+        self._budget = Budget(0)
+        self._schemas: dict[int, str] = {}
+        # Of each channel the topic and its type; None where it is not in CDR.
+        self._channels: dict[int, tuple[str, str] | None] = {}
+
+    def messages(self, advance: Callable[[float], object]) -> Iterator[Raw]:
+        """
+        Yield all messages in the order of the file.
+
+        Parameters
+        ----------
+        advance : callable
+            Called with the number of bytes that were read since the last call.
+
+        Raises
+        ------
+        TpControllerError
+            It is no MCAP file.
+
+        """
+        with self.path.open('rb') as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise TpControllerError(f'{self.path} is no MCAP file')
+            place = file.tell()
+            self._budget = Budget(self.path.stat().st_size)
+            try:
+                for kind, record in _records(file, place):
+                    if kind in (DATA_END, FOOTER):
+                        # What is left is an index.
+                        advance(self.path.stat().st_size - place)
+                        return
+                    yield from self._take(kind, record)
+                    advance(file.tell() - place)
+                    place = file.tell()
+            except (CutOff, TooMuch, struct.error, ValueError):
+                # What came before was told.
+                pass
+            self.fault = f'{self.path.name} is cut off, or damaged, after {place} bytes'
+
+    def _take(self, kind: int, record: bytes) -> Iterator[Raw]:
+        """Take one record, and yield the messages in it."""
+        if kind == MESSAGE:
+            channel, _, stamp, _ = MESSAGE_HEAD.unpack_from(record)
+            known = self._channels.get(channel)
+            if known is not None:
+                yield Raw(*known, stamp, record[MESSAGE_HEAD.size:])
+        elif kind == CHUNK:
+            yield from self._take_chunk(record)
+        elif kind == SCHEMA:
+            number, = struct.unpack_from('<H', record)
+            self._schemas[number] = _text(record, 2)[0][:LONGEST_NAME + 1]
+        elif kind == CHANNEL:
+            number, schema = struct.unpack_from('<HH', record)
+            topic, end = _text(record, 4)
+            encoding, _ = _text(record, end)
+            kind_name = self._schemas.get(schema, '')
+            self._channels[number] = (topic, kind_name) \
+                if encoding == 'cdr' and max(len(topic), len(kind_name)) <= LONGEST_NAME else None
+
+    def _take_chunk(self, record: bytes) -> Iterator[Raw]:
+        """Yield the messages in a chunk, as far as it goes."""
+        _, _, size, _ = CHUNK_HEAD.unpack_from(record)
+        compression, end = _text(record, CHUNK_HEAD.size)
+        packed, = struct.unpack_from('<Q', record, end)
+        start = end + 8
+        inner = expanded(compression, memoryview(record)[start:start + packed], size)
+        self._budget.take(len(inner))
+        for kind, content in _records(io.BytesIO(inner)):
+            if kind == CHUNK:
+                raise CutOff
+            yield from self._take(kind, content)
+        if len(record) < start + packed:
+            raise CutOff
+
+
+def _records(file: BinaryIO, place: int = 0) -> Iterator[tuple[int, bytes]]:
+    """
+    Yield the kind and the content of each record that is of use, to the end.
+
+    Of a chunk that is cut off what there is comes last. Raises `CutOff` after what is complete.
+    """
+    end = file.seek(0, io.SEEK_END)
+    file.seek(place)
+    while head := file.read(HEAD.size):
+        if len(head) < HEAD.size:
+            raise CutOff
+        kind, length = HEAD.unpack(head)
+        if kind not in READ:
+            # There is no record of kind 0: a hole in the file.
+            if not kind or length > end - file.tell():
+                raise CutOff
+            file.seek(length, io.SEEK_CUR)
+            continue
+        if length > READ[kind]:
+            raise CutOff
+        content = file.read(length)
+        if len(content) == length or kind == CHUNK:
+            yield kind, content
+        if len(content) < length:
+            raise CutOff
+
+
+def _text(record: bytes, start: int) -> tuple[str, int]:
+    """Return a text in a record, and where it ends."""
+    length, = struct.unpack_from('<I', record, start)
+    end = start + 4 + length
+    if end > len(record):
+        raise CutOff
+    return record[start + 4:end].decode(), end

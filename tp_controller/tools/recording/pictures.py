@@ -1,0 +1,171 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The plots of a recording."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from tp_controller.errors import in_words, TpControllerError
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.tools.plots.curves import plot_errors, plot_tool_path, plot_velocities
+from tp_controller.tools.recording.goals import Goal
+from tp_controller.tools.recording.history import History, nearest
+from tp_controller.tools.recording.robots import (
+    command_names,
+    configurations,
+    path_of,
+    tool_frames,
+)
+from tp_controller.untrusted import LONGEST, plain
+
+# More goals than these would hide the curves, and more curves each other.
+MOST_CHANGES, MOST_CURVES = 40, 100
+# Longest name in a plot [characters].
+LONGEST_LABEL = 40
+
+
+def draw(history: History, robot: Robot | None, folder: Path,
+         remarks: list[str]) -> Iterator[tuple[str, Path]]:
+    """
+    Draw what is there to be drawn.
+
+    Parameters
+    ----------
+    history : History
+        What happened.
+    robot : Robot or None
+        Its limits are drawn, and the path of its tool.
+    folder : pathlib.Path
+        Where the plots go.
+    remarks : list of str
+        Gets what cannot be drawn.
+
+    Yields
+    ------
+    str, pathlib.Path
+        What it is, and the file.
+
+    """
+    changes = [goal.time for goal in history.goals.goals][:MOST_CHANGES]
+    for what, plots in (('errors', _draw_errors(history, folder, changes)),
+                        ('velocities', _draw_velocities(history, robot, folder, changes)),
+                        ('velocities of the base', _draw_base(history, robot, folder, changes)),
+                        ('path', _draw_path(history, robot, folder))):
+        try:
+            yield from plots
+        except (OSError, TpControllerError, ImportError):
+            raise
+        except Exception as error:
+            # Of what somebody recorded not all can be drawn.
+            remarks.append(f'no plot of {what}: {in_words(error)}')
+
+
+def _draw_errors(history: History, folder: Path,
+                 changes: list[float]) -> Iterator[tuple[str, Path]]:
+    """Draw the errors of the tasks."""
+    curves = _error_curves(history)
+    if curves:
+        times, errors, reasons = curves
+        yield 'Task errors', plot_errors(folder / 'errors.png', times, errors, reasons=reasons,
+                                         changes=changes, log=True)
+
+
+def _draw_velocities(history: History, robot: Robot | None, folder: Path,
+                     changes: list[float]) -> Iterator[tuple[str, Path]]:
+    """Draw the velocities of the joints."""
+    topic = command_topic(history)
+    if topic:
+        times, velocities = history.commands[topic].rows()
+        names = command_names(history, robot, velocities.shape[1])
+        limits, units = _limits(robot, names)
+        yield 'Joint velocities', plot_velocities(
+            folder / 'velocities.png', times, velocities[:, :MOST_CURVES], limits[:MOST_CURVES],
+            [_label(name) for name in names[:MOST_CURVES]], units=units[:MOST_CURVES],
+            changes=changes)
+
+
+def command_topic(history: History) -> str:
+    """Return the topic of the joint velocities; empty if there is none."""
+    return nearest(list(history.commands), ['velocity_controller/commands'], history.namespace)
+
+
+def _error_curves(history: History) -> tuple[
+        Array, list[tuple[str, str, Array]], dict[str, list[str]]] | None:
+    """Return times (T,), (task, unit, errors (T,)) and {task: reasons (T,)}."""
+    times, values = history.errors.rows()
+    _, codes = history.reasons.rows()
+    curves = [(_label(task), _label(unit), values[:, column])
+              for (task, unit), column in history.columns.items()
+              if np.nan_to_num(values[:, column]).max(initial=0.0) > 0.0][:MOST_CURVES]
+    if not curves:
+        return None
+    texts = [_label(text, LONGEST) for text in history.texts]
+    # A task that was not in the stack had no reason.
+    reasons = {_label(task): [texts[code] for code in np.nan_to_num(
+        codes[:, column]).astype(int).tolist()]
+               for task, column in history.reason_columns.items()}
+    return times, curves, reasons
+
+
+def _limits(robot: Robot | None, names: list[str]) -> tuple[Array, list[str]]:
+    """Return the velocity limits and units of joints, none where nobody knows."""
+    known = {} if robot is None else dict(zip(robot.velocity_names, zip(
+        robot.velocity.tolist(), robot.velocity_units)))
+    rows = [known.get(name, (np.inf, 'rad')) for name in names]
+    return np.array([limit for limit, _ in rows]), [unit for _, unit in rows]
+
+
+def _draw_base(history: History, robot: Robot | None, folder: Path,
+               changes: list[float]) -> Iterator[tuple[str, Path]]:
+    """Draw the velocities of a base."""
+    topic = nearest(list(history.twists), ['cmd_vel'], history.namespace)
+    if not topic or robot is None or not robot.moves:
+        return
+    times, twists = history.twists[topic].rows()
+    count = robot.joint_columns.start
+    velocities = np.array([robot.base_velocities(twist) for twist in twists])
+    yield 'Velocities of the base', plot_velocities(
+        folder / 'base_velocities.png', times, velocities, robot.velocity[:count],
+        robot.velocity_names[:count], units=robot.velocity_units[:count],
+        title='Velocities of the base', changes=changes)
+
+
+def _draw_path(history: History, robot: Robot | None,
+               folder: Path) -> Iterator[tuple[str, Path]]:
+    """Draw the path of the frame that the uppermost task is about."""
+    if robot is None:
+        return
+    times, q, passive, _ = configurations(history, robot)
+    frames = tool_frames(history, robot)
+    if len(times) < 2 or not frames:
+        return
+    task, frame = next(iter(frames.items()))
+    yield f'Path of {frame}', plot_tool_path(
+        folder / 'tool_path.png', path_of(robot, frame, q, passive),
+        _points(history.goals.goals, task, robot), times=times, title=f'Path of {_label(frame)}')
+
+
+def _label(name: str, longest: int = LONGEST_LABEL) -> str:
+    """Return a name as it is drawn: what is between dollars would be a formula."""
+    return plain(name, longest).replace('$', r'\$')
+
+
+def _points(goals: list[Goal], task: str, robot: Robot) -> Array:
+    """Return where goals of a task were (k, 3) [m], as far as they were in the root frame."""
+    return np.array([goal.point for goal in goals
+                     if goal.task == task and goal.point is not None and goal.accepted
+                     and goal.frame in ('', robot.root)]).reshape(-1, 3)

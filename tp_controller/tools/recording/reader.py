@@ -1,0 +1,141 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Reads bags: folders or files of ROS 2, complete or cut off, without ROS."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+import re
+from typing import Any
+
+from rosbags.typesys import get_typestore, Stores
+from tp_controller.errors import TpControllerError
+from tp_controller.tools.recording.mcap import McapFile, Raw
+from tp_controller.tools.recording.sqlite import SqliteFile
+
+# Of a folder: its description.
+DESCRIPTION = 'metadata.yaml'
+SUFFIXES = ('.mcap', '.db3')
+COMPRESSED = ('.zstd', '.zst', '.lz4')
+# In the description: each message of an SQLite file is compressed by itself.
+BY_MESSAGE = re.compile(r'^\s*compression_mode:\s*["\']?message\b', re.IGNORECASE | re.MULTILINE)
+# Longest description that is read [characters].
+LONGEST_DESCRIPTION = 1 << 24
+# Longest message that is decoded; in memory it may take up to thirty times as much [bytes].
+LONGEST = 1 << 22
+
+
+class Unreadable(Exception):
+    """A message is not what its type says."""
+
+
+class Bag:
+    """
+    A recording.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Folder, or one file of it.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    size : int
+        Of its files [bytes].
+    remarks : list of str
+        What is wrong with it, as far as it was read.
+
+    Raises
+    ------
+    TpControllerError
+        There is no recording.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path.parent if path.name == DESCRIPTION else path
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self.remarks: list[str] = []
+        self._files = _files(self.path)
+        self.size = sum(file.stat().st_size for file in self._files)
+        if self.path.is_dir() and not (self.path / DESCRIPTION).is_file():
+            self.remarks.append(f'{self.path} has no {DESCRIPTION}: the recording was not ended')
+
+    def messages(self, advance: Callable[[float], object]) -> Iterator[Raw]:
+        """
+        Yield all messages, in the order of the files, as far as they can be read.
+
+        Parameters
+        ----------
+        advance : callable
+            Called with the number of bytes that were read since the last call.
+
+        """
+        for path in self._files:
+            file = McapFile(path) if path.suffix == '.mcap' else SqliteFile(
+                path, self._is_compressed)
+            yield from file.messages(advance)
+            if file.fault:
+                self.remarks.append(file.fault)
+
+    def decode(self, raw: Raw) -> Any:
+        """
+        Return a message with the fields of its type; sequences of numbers are arrays.
+
+        Raises
+        ------
+        Unreadable
+            It is damaged or too long, or its type is not known.
+
+        """
+        if len(raw.data) > LONGEST:
+            raise Unreadable(f'{raw.topic} ({raw.kind}), too long')
+        try:
+            return self._types.deserialize_cdr(raw.data, raw.kind)
+        except Exception as error:
+            # Whatever a decoder stumbles over in bytes of somebody else.
+            raise Unreadable(f'{raw.topic} ({raw.kind})') from error
+
+    @property
+    def _is_compressed(self) -> bool:
+        """Return whether each message of SQLite files is compressed."""
+        try:
+            with (self.path / DESCRIPTION).open(encoding='utf-8', errors='replace') as file:
+                return BY_MESSAGE.search(file.read(LONGEST_DESCRIPTION)) is not None
+        except OSError:
+            return False
+
+
+def _files(path: Path) -> list[Path]:
+    """Return the files of a bag, in their order."""
+    if not path.exists():
+        raise TpControllerError(f'there is no {path}')
+    if path.is_file():
+        if path.suffix not in SUFFIXES:
+            raise TpControllerError(f'{path} is no recording: neither a folder nor a file '
+                                    f'{" or ".join(SUFFIXES)}')
+        return [path]
+    found = [file for file in path.iterdir() if file.suffix in SUFFIXES]
+    if found:
+        return sorted(found, key=_number)
+    if any(file.suffix in COMPRESSED for file in path.iterdir()):
+        raise TpControllerError(f'the files in {path} are compressed as a whole: decompress them '
+                                'first, as with zstd -d')
+    raise TpControllerError(f'there is no recording in {path}: no file {" or ".join(SUFFIXES)}')
+
+
+def _number(path: Path) -> list[int | str]:
+    """Return what sorts run_2 before run_10: text and numbers take turns."""
+    return [int(part) if part.isdigit() else part for part in re.split(r'(\d+)', path.name)]

@@ -1,0 +1,119 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Reads the SQLite files of bags, without trusting what they claim."""
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+import sqlite3
+
+from tp_controller.tools.recording.expansion import Budget, expanded, LONGEST, TooMuch
+from tp_controller.tools.recording.mcap import LONGEST_NAME, Raw
+
+# Fewest bytes that a message takes in a file.
+LEAST = 8
+# Largest number of topics.
+MOST_TOPICS = 65_536
+TABLES = ('topics', 'messages')
+TOPICS = 'SELECT id, name, type, serialization_format FROM topics LIMIT ?'
+# In the order in which they were written: to sort them would take as much memory as they do.
+MESSAGES = 'SELECT topic_id, timestamp, data FROM messages WHERE length(data) <= ? ORDER BY rowid'
+
+
+class SqliteFile:
+    """
+    An SQLite file of a bag.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    compressed : bool
+        Whether each message is compressed by Zstandard.
+
+    Attributes
+    ----------
+    fault : str
+        What is wrong with it, once its messages were read; empty if nothing is.
+
+    """
+
+    def __init__(self, path: Path, compressed: bool) -> None:
+        self.path, self._compressed = path, compressed
+        self.fault = ''
+
+    def messages(self, advance: Callable[[float], object]) -> Iterator[Raw]:
+        """
+        Yield all messages in the order of the file.
+
+        Parameters
+        ----------
+        advance : callable
+            Called with the number of bytes that were read since the last call.
+
+        """
+        try:
+            with closing(_opened(self.path)) as database:
+                yield from self._rows(database, advance)
+        except (sqlite3.Error, TooMuch, ValueError, OverflowError) as error:
+            self.fault = f'{self.path.name} is cut off or damaged' + (f': {error}' if str(error)
+                                                                      else '')
+
+    def _rows(self, database: sqlite3.Connection,
+              advance: Callable[[float], object]) -> Iterator[Raw]:
+        """Yield the messages of a database."""
+        size = self.path.stat().st_size
+        _check_tables(database)
+        topics = {number: (str(topic), str(kind))
+                  for number, topic, kind, form in database.execute(TOPICS, (MOST_TOPICS,))
+                  if form == 'cdr' and max(len(str(topic)), len(str(kind))) <= LONGEST_NAME}
+        budget, left, read = Budget(size), size // LEAST, 0
+        for number, stamp, data in database.execute(MESSAGES, (LONGEST,)):
+            left -= 1
+            if left < 0:
+                # Pages of a damaged file may lead in circles.
+                raise TooMuch
+            if number not in topics or not isinstance(stamp, int) or not isinstance(data, bytes):
+                continue
+            step = min(len(data) + LEAST, size - read)
+            read += step
+            if self._compressed:
+                data = bytes(expanded('zstd', data, LONGEST))
+            budget.take(len(data))
+            yield Raw(*topics[number], stamp, data)
+            advance(step)
+        advance(size - read)
+
+
+def _opened(path: Path) -> sqlite3.Connection:
+    """Return a database that is only read, and runs nothing that is in it."""
+    database = sqlite3.connect(f'{path.resolve().as_uri()}?immutable=1', uri=True)
+    database.text_factory = lambda data: data.decode(errors='replace')
+    database.execute('PRAGMA trusted_schema = OFF')
+    if hasattr(database, 'setlimit'):
+        # From Python 3.11 on.
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST)
+    return database
+
+
+def _check_tables(database: sqlite3.Connection) -> None:
+    """Raise ValueError unless the messages are in tables, and not computed."""
+    for table in TABLES:
+        found = database.execute('SELECT type, sql FROM sqlite_master WHERE name = ?',
+                                 (table,)).fetchone()
+        if found is None or found[0] != 'table' or 'virtual' in str(found[1]).lower():
+            raise ValueError(f'no table {table}')
+        if any(hidden for *_, hidden in database.execute(f'PRAGMA table_xinfo({table})')):
+            raise ValueError(f'table {table} is computed')

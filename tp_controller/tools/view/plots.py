@@ -1,0 +1,239 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Running plots on the page: errors, joint velocities against their limits, manipulability."""
+
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
+import math
+from typing import Any
+
+import numpy as np
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
+from tp_controller.tools.view.rows import Row
+import viser
+
+# How far back plots go, and the time between two samples [s].
+SECONDS, SAMPLE_SECONDS = 20.0, 0.1
+COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000',
+           '#7F3C8D', '#80BA5A')
+LIMIT_COLOUR = '#B00020'
+HEIGHT = 190
+# Above, at the right, below and at the left: half of the uppermost label is above its line.
+PADDING = 8, 24, 0, 0
+# Smaller and larger errors are drawn as these: a logarithmic scale (`distr` 3) has no zero.
+LEAST_ERROR, MOST_ERROR = 1e-6, 1e9
+# How many powers of ten an axis has labels for at most.
+MOST_LABELS = 6
+# As uPlot has them without being told; viser makes them as dark as the labels.
+TICKS: viser.uplot.Axis_Ticks = {'stroke': '#00000012'}
+EXPONENTS = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
+# Entries of a Jacobian below this are zero at all configurations, if they are at some.
+NOTHING = 1e-9
+TRIED = 5
+
+
+class RunningPlot:
+    """
+    A plot of the last seconds.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+        The plot goes to its current container.
+    title : str
+    scale : dict, optional
+        Of the y axis, as uPlot has it; without one it is logarithmic.
+    limits : sequence of float
+        Drawn as lines.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the curves.
+
+    """
+
+    def __init__(self, gui: viser.GuiApi, title: str, scale: viser.uplot.Scale | None = None,
+                 limits: Sequence[float] = ()) -> None:
+        self._gui, self._title, self._scale, self._limits = gui, title, scale, limits
+        self._plot: viser.GuiUplotHandle | None = None
+        self.names: tuple[str, ...] = ()
+        self._times: list[float] = []
+        self._rows: list[list[float]] = []
+
+    def add(self, now: float, values: Mapping[str, float]) -> None:
+        """
+        Take a sample, in which every value is known.
+
+        With other names than before the plot begins anew.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        values : dict
+            {name of a curve: value}
+
+        """
+        if not np.isfinite(list(values.values())).all():
+            return
+        if values.keys() != set(self.names):
+            self.names, self._times, self._rows = tuple(sorted(values)), [], []
+        self._times.append(now)
+        self._rows.append([values[name] for name in self.names])
+        first = bisect_left(self._times, now - SECONDS)
+        del self._times[:first], self._rows[:first]
+
+    def show(self) -> None:
+        """Show what was taken."""
+        if not self.names or not self._times:
+            return
+        data, series = self._data(), self._series()
+        if self._plot is None:
+            self._plot = self._gui.add_uplot(data, series, title=self._title, height=HEIGHT,
+                                             padding=PADDING, **self._axes())
+        # Not another plot: a browser may still have updates of the one before.
+        for name, value in {'series': series, **self._axes()}.items():
+            if getattr(self._plot, name) != value:
+                setattr(self._plot, name, value)
+        self._plot.data = data
+
+    def _axes(self) -> dict[str, Any]:
+        """Return the axes, and how values go onto them, as uPlot has both."""
+        x: viser.uplot.Scale = {'time': False, 'range': (-SECONDS, 0.0)}
+        if self._scale is not None:
+            return {'scales': {'x': x, 'y': self._scale}}
+        powers = powers_of_ten(self._rows)
+        # Labels of its own are rounded to thousandths, and its grid has lines between powers.
+        return {'scales': {'x': x, 'y': {'distr': 3, 'log': 10, 'range': (powers[0], powers[-1])}},
+                'axes': ({'ticks': TICKS}, {'ticks': TICKS, 'splits': powers,
+                                            'values': labels(powers)})}
+
+    def _series(self) -> tuple[viser.uplot.Series, ...]:
+        """Return how the curves look."""
+        series: list[viser.uplot.Series] = [{'label': 's'}]
+        series += [{'label': name, 'stroke': COLOURS[number % len(COLOURS)], 'width': 1.5}
+                   for number, name in enumerate(self.names)]
+        series += [{'label': 'limit', 'stroke': LIMIT_COLOUR, 'width': 1, 'dash': (6, 4)}
+                   for _ in self._limits]
+        return tuple(series)
+
+    def _data(self) -> tuple[Array, ...]:
+        """Return times, counted from now, and values (k,)."""
+        times = np.array(self._times) - self._times[-1]
+        return (times, *np.array(self._rows).T,
+                *(np.full(len(times), limit) for limit in self._limits))
+
+
+class Plots:
+    """
+    All plots of the page.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+    tab : viser.GuiTabHandle
+        Where they are.
+
+    Attributes
+    ----------
+    errors, velocities, manipulability : RunningPlot
+
+    """
+
+    def __init__(self, gui: viser.GuiApi, tab: viser.GuiTabHandle) -> None:
+        self._tab = tab
+        self.errors = RunningPlot(gui, 'error')
+        self.velocities = RunningPlot(gui, 'velocity, % of limit', {
+            'auto': False, 'range': (-110.0, 110.0)}, (-100.0, 100.0))
+        self.manipulability = RunningPlot(gui, 'manipulability', {'auto': True})
+        self._due = -math.inf
+        self._rows: tuple[str, list[int]] = ('', [])
+
+    def add(self, now: float, rows: Sequence[Row], robot: Robot, state: RobotState,
+            velocity: Array, frame: str) -> None:
+        """
+        Take a sample if it is time for one, and show it.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        rows : list of Row
+            Tasks.
+        robot : Robot
+            Whose limits and Jacobian are shown.
+        state : RobotState
+            Where it is.
+        velocity : ndarray (n,)
+            Not a number where it is not known [rad/s or m/s].
+        frame : str
+            Whose manipulability is shown.
+
+        """
+        if now < self._due:
+            return
+        self._due = now + SAMPLE_SECONDS
+        self.errors.add(now, error_curves(rows))
+        limited = np.isfinite(robot.velocity) & (robot.velocity > 0.0)
+        shares = 100.0 * velocity[limited] / robot.velocity[limited]
+        names = [name for name, given in zip(robot.velocity_names, limited) if given]
+        self.velocities.add(now, dict(zip(names, np.nan_to_num(shares).tolist())))
+        if self._rows[0] != frame:
+            self._rows = frame, moving_rows(robot, frame)
+        self.manipulability.add(now, {frame: manipulability(state, frame, self._rows[1])})
+        for plot in (self.errors, self.velocities, self.manipulability):
+            with self._tab:
+                plot.show()
+
+
+def error_curves(rows: Sequence[Row]) -> dict[str, float]:
+    """Return {task and unit: error}, none of them zero; not a number where it is not known."""
+    return {f'{row.name} [{unit}]': error if math.isnan(error)
+            else min(max(error, LEAST_ERROR), MOST_ERROR)
+            for row in rows for unit, error in row.errors}
+
+
+def powers_of_ten(values: Sequence[Sequence[float]]) -> tuple[float, ...]:
+    """Return the powers of ten from the last below all values, which are positive, to the next."""
+    lower = math.floor(math.log10(min(map(min, values))))
+    upper = math.ceil(math.log10(max(map(max, values))))
+    return tuple(10.0**each for each in range(lower, max(upper, lower + 1) + 1))
+
+
+def labels(powers: Sequence[float]) -> tuple[str, ...]:
+    """Return a label for each power of ten; empty ones between where there are many."""
+    step = math.ceil(len(powers) / MOST_LABELS)
+    exponents = [round(math.log10(power)) for power in powers]
+    return tuple('' if each % step else f'10{str(each).translate(EXPONENTS)}'
+                 for each in exponents)
+
+
+def moving_rows(robot: Robot, frame: str) -> list[int]:
+    """Return the rows of the Jacobian of a frame in which it can move at all."""
+    random = np.random.default_rng(0)
+    state = robot.state(robot.neutral())
+    found = np.zeros(6)
+    for _ in range(TRIED):
+        state.update(robot.integrate(robot.neutral(), random.uniform(-1.0, 1.0, robot.n), 1.0))
+        found = np.maximum(found, np.abs(state.jacobian(frame)).max(axis=1))
+    return np.flatnonzero(found > NOTHING).tolist()
+
+
+def manipulability(state: RobotState, frame: str, rows: Sequence[int]) -> float:
+    """Return Yoshikawa's measure, the product of the singular values, of rows of a Jacobian."""
+    return float(np.prod(np.linalg.svd(state.jacobian(frame)[list(rows)], compute_uv=False)))

@@ -1,0 +1,116 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The motion of a recording, as a page that shows it in the browser, without a server."""
+
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+import io
+import math
+
+import numpy as np
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.tools.recording.history import History, Moment
+from tp_controller.tools.recording.robots import configurations, path_of, tool_frames
+from tp_controller.tools.view.camera import FIELD_OF_VIEW, first_view
+from tp_controller.tools.view.gate import Gate, LOCAL
+from tp_controller.tools.view.guard import Guard
+from tp_controller.tools.view.markers import drawable, MarkerScene
+from tp_controller.tools.view.scene import (
+    add_ground,
+    add_sky,
+    RobotScene,
+    TRAIL_COLOUR,
+    TRAIL_WIDTH,
+)
+import viser
+
+# Path of the tool, all of it.
+PATH = '/path'
+# Where the recording has no messages the replay goes on after this time [s].
+LONGEST_GAP = 2.0
+# Largest number of poses of links in a page; of a robot with many links fewer moments are shown.
+MOST_POSES = 1_000_000
+# From how many configurations the view is chosen.
+VIEWS = 20
+
+
+def replay_page(history: History, robot: Robot) -> str:
+    """
+    Return a page that shows what a robot did, with everything in it.
+
+    Parameters
+    ----------
+    history : History
+        What happened.
+    robot : Robot
+        Its meshes are shown where they are found.
+
+    Returns
+    -------
+    str
+        HTML; empty if nothing is known of where the robot was.
+
+    """
+    times, q, passive, moments = configurations(history, robot)
+    if not len(times):
+        return ''
+    step = math.ceil(len(times) * len(robot.frame_names) / MOST_POSES)
+    times, q, passive, moments = times[::step], q[::step], passive[::step], moments[::step]
+    # It tells of a server that nobody has use for.
+    with redirect_stdout(io.StringIO()), Guard(Gate(LOCAL), pictures=True).watching():
+        server = viser.ViserServer(LOCAL, 0, verbose=False)
+        try:
+            return _recorded(server, history, robot, times, q, passive, moments)
+        finally:
+            server.stop()
+
+
+def _recorded(server: viser.ViserServer, history: History, robot: Robot, times: Array, q: Array,
+              passive: Array, moments: Sequence[Moment]) -> str:
+    """Return the page; see `configurations`."""
+    shown = RobotScene(server.scene, robot)
+    shown.show(q[0], passive[0])
+    add_ground(server.scene, shown.ground())
+    add_sky(server.scene)
+    frames = tool_frames(history, robot)
+    _look(server, shown, q, passive)
+    if frames:
+        _add_path(server.scene, path_of(robot, next(iter(frames.values())), q, passive))
+    markers = MarkerScene(server.scene)
+    recorded = server.get_scene_serializer()
+    for row, (moment, wait) in enumerate(zip(moments, np.diff(times, append=times[-1]))):
+        shown.show(q[row], passive[row])
+        markers.draw(drawable(history.markers(moment)))
+        recorded.insert_sleep(float(min(wait, LONGEST_GAP)))
+    return recorded.as_html()
+
+
+def _look(server: viser.ViserServer, shown: RobotScene, q: Array, passive: Array) -> None:
+    """Look from where the robot is seen well all the time."""
+    points = []
+    for row in np.unique(np.linspace(0, len(q) - 1, VIEWS).astype(int)):
+        shown.state.update(q[row], passive[row])
+        points.append(shown.outer_points())
+    camera = server.initial_camera
+    camera.position, camera.look_at = first_view(np.concatenate(points))
+    camera.fov = FIELD_OF_VIEW
+
+
+def _add_path(scene: viser.SceneApi, points: Array) -> None:
+    """Add the path of a tool (T, 3)."""
+    if len(points) > 1:
+        scene.add_line_segments(PATH, np.stack((points[:-1], points[1:]), axis=1), TRAIL_COLOUR,
+                                thickness=TRAIL_WIDTH, thickness_units='screen')

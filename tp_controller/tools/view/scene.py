@@ -1,0 +1,219 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A robot in a scene of the browser: its links, the ground, and where its tool has been."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
+from tp_controller.tools.view.bounds import corners, lowest, outer_points
+from tp_controller.tools.view.parts import add_part, Colour, place
+from tp_controller.tools.view.visuals import Looks, looks_of
+import viser
+
+GROUND = '/ground'
+ROBOT = '/robot'
+# How far the grid of the ground goes, and what is between its lines [m].
+GROUND_SIZE, CELL, SECTION = 8.0, 0.25, 1.0
+GROUND_COLOUR, CELL_COLOUR, SECTION_COLOUR = (228, 232, 238), (206, 212, 221), (176, 184, 196)
+SHADOW = 0.3
+# Of the sky, at its top and where it meets the ground.
+SKY_COLOURS, SHADES = ((186, 203, 224), (240, 243, 247)), 64
+BRIGHTNESS = 0.25
+TRAIL_COLOUR: Colour = (0, 114, 178)
+# Points of a trail, and how far a frame moves between two of them [m].
+MOST_POINTS, STEP = 400, 0.004
+TRAIL_WIDTH = 3.0
+# A base whose lowest point is as near to the root as this stands there [m].
+STANDS = 0.02
+# A pose that differs by less is the same.
+SAME = 1e-7
+
+
+class RobotScene:
+    """
+    A robot in a scene.
+
+    The shapes of each link are sent once. `show` moves them, and nothing else.
+
+    Parameters
+    ----------
+    scene : viser.SceneApi
+        Of a server, whose browsers all see the same.
+    robot : Robot
+    name : str
+        Of the node that all links are below.
+    looks : Looks, optional
+        What the links look like; by default what the description of the robot says.
+
+    Attributes
+    ----------
+    state : RobotState
+        The robot where it is shown.
+    frames : dict
+        {link: handle} of the links that have a shape.
+    parts : dict
+        {link: list of Part}
+    remarks : tuple of str
+        What of the description is not shown, and why.
+
+    """
+
+    def __init__(self, scene: viser.SceneApi, robot: Robot, name: str = ROBOT,
+                 looks: Looks | None = None) -> None:
+        looks = looks_of(robot) if looks is None else looks
+        self.robot, self.parts, self.remarks = robot, looks.parts, looks.remarks
+        self._corners = corners(looks.parts)
+        self._root = scene.add_frame(name, show_axes=False)
+        self.frames: dict[str, viser.FrameHandle] = {}
+        self._shown: dict[str, Array] = {}
+        for number, (link, parts) in enumerate(looks.parts.items()):
+            if parts:
+                # A name could have a slash, which would make it a branch.
+                node = f'{name}/{number}_{link.replace("/", "_")}'
+                self.frames[link] = scene.add_frame(node, show_axes=False)
+                for index, part in enumerate(parts):
+                    add_part(scene, f'{node}/{index}', part)
+        self.state: RobotState = robot.state(robot.neutral())
+        self._place()
+
+    def show(self, q: ArrayLike, passive: ArrayLike | None = None) -> None:
+        """
+        Show another configuration.
+
+        Parameters
+        ----------
+        q : array_like (nq,)
+            Configuration [rad or m].
+        passive : array_like (p,), optional
+            Passive positions; unchanged where left out.
+
+        Raises
+        ------
+        RobotError
+            Wrong shape, or not finite.
+
+        """
+        self.state.update(q, passive)
+        self._place()
+
+    def ground(self) -> float:
+        """
+        Return the height at which the robot stands where it is shown [m].
+
+        That of the root, if what is fixed there stands on it: an arm may reach below its base.
+        Else of the lowest point of the robot, as the root may be the pelvis above two legs; but
+        never above the root.
+        """
+        model, ids = self.robot.kinematics.model, self.robot.kinematics.frame_ids
+        fixed = {link: parts for link, parts in self.parts.items()
+                 if model.frames[ids[link]].parentJoint == 0}
+        if abs(lowest(self.state, fixed)) < STANDS:
+            return 0.0
+        return min(lowest(self.state, self.parts), 0.0)
+
+    def outer_points(self) -> Array:
+        """Return points (k, 3) that the robot is between where it is shown [m]."""
+        if self._corners:
+            return outer_points(self.state, self._corners)
+        return np.array([self.state.position(frame) for frame in self.robot.frame_names])
+
+    def points_in_view(self, size: float) -> Array:
+        """Return points (k, 3) of the robot, and so far around its tip, where its goal is [m]."""
+        around = size * np.concatenate((np.eye(3), -np.eye(3)))
+        return np.concatenate((self.outer_points(),
+                               self.state.position(tip(self.robot)) + around))
+
+    def remove(self) -> None:
+        """Take the robot out of the scene."""
+        self._root.remove()
+
+    def _place(self) -> None:
+        """Move the links that are not where they were."""
+        for link, frame in self.frames.items():
+            T = self.state.pose(link)
+            if link not in self._shown or np.abs(T - self._shown[link]).max() > SAME:
+                self._shown[link] = T
+                place(frame, T)
+
+
+class Trail:
+    """
+    The path of a point, which fades away at its old end by being cut off.
+
+    Parameters
+    ----------
+    scene : viser.SceneApi
+    name : str
+    colour : tuple of int
+
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str,
+                 colour: Colour = TRAIL_COLOUR) -> None:
+        self._scene, self._name, self._colour = scene, name, colour
+        self._points: list[Array] = []
+        self._line: viser.LineSegmentsHandle | None = None
+
+    def add(self, point: Array) -> None:
+        """Add a point (3,) [m] if it is far enough from the last one."""
+        if self._points and np.linalg.norm(point - self._points[-1]) < STEP:
+            return
+        self._points = [*self._points[1 - MOST_POINTS:], np.array(point)]
+        if len(self._points) < 2:
+            return
+        segments = np.stack((self._points[:-1], self._points[1:]), axis=1)
+        if self._line is None:
+            self._line = self._scene.add_line_segments(
+                self._name, segments, self._colour, thickness=TRAIL_WIDTH,
+                thickness_units='screen')
+        else:
+            self._line.points = segments.astype(np.float32)
+
+    def clear(self) -> None:
+        """Forget where the point has been."""
+        self._points = []
+        if self._line is not None:
+            self._line.remove()
+            self._line = None
+
+
+def add_ground(scene: viser.SceneApi, height: float = 0.0) -> viser.GridHandle:
+    """Add the ground, at a height [m], and light; return the ground."""
+    scene.configure_environment_map('studio', environment_intensity=BRIGHTNESS)
+    return scene.add_grid(
+        GROUND, GROUND_SIZE, GROUND_SIZE, cell_size=CELL, section_size=SECTION,
+        cell_color=CELL_COLOUR, section_color=SECTION_COLOUR, shadow_opacity=SHADOW,
+        position=(0.0, 0.0, height), plane_color=GROUND_COLOUR, plane_opacity=1.0)
+
+
+def add_sky(scene: viser.SceneApi) -> None:
+    """
+    Add what is behind all.
+
+    It follows the camera of who looks at the page, not that of a picture that is taken of it.
+    """
+    shares = np.linspace(0.0, 1.0, SHADES)[:, np.newaxis, np.newaxis]
+    sky = (1.0 - shares) * np.array(SKY_COLOURS[0]) + shares * np.array(SKY_COLOURS[1])
+    scene.set_background_image(np.repeat(sky, 2, axis=1).astype(np.uint8), format='png')
+
+
+def tip(robot: Robot) -> str:
+    """Return the frame at the end of the longest chain of joints."""
+    model, ids = robot.kinematics.model, robot.kinematics.frame_ids
+    return max(robot.frame_names, key=lambda frame: (
+        len(model.supports[model.frames[ids[frame]].parentJoint]),
+        float(np.linalg.norm(model.frames[ids[frame]].placement.translation))))

@@ -1,0 +1,153 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The server of the page: where it is found, and who is let in."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+import io
+import socket
+
+from tp_controller.errors import TpControllerError
+from tp_controller.tools.view.buffers import use_loop_buffers
+from tp_controller.tools.view.gate import Gate, is_local, LOCAL
+from tp_controller.tools.view.guard import Guard
+from tp_controller.tools.view.trial import try_from_outside
+import viser
+
+# Where a free port is looked for, if none is named.
+PORTS = range(8080, 8180)
+TITLE = 'tp_controller'
+# Of the panel beside the scene [pixels].
+PANEL_WIDTH = 384
+
+
+class PageServer(viser.ViserServer):
+    """A server whose page is not handed to anybody outside by a button."""
+
+    def stop(self) -> None:
+        """Take the page away, and leave out that viser says so."""
+        with _quiet():
+            super().stop()
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Do nothing: viser would open a way in from the internet."""
+        return None
+
+
+def open_server(host: str = LOCAL, port: int = 0, *, pictures: bool = False) -> PageServer:
+    """
+    Return a server of an empty page, once it has refused what pages of other sites could do.
+
+    Parameters
+    ----------
+    host : str
+        Address that it listens on; that of this machine by default, which others cannot reach.
+    port : int
+        0: the first that is free from 8080 on.
+    pictures : bool
+        Take pictures of the scene from browsers, and nothing that somebody does in them.
+
+    Raises
+    ------
+    TpControllerError
+        The port is taken, or the address is none of this machine; or the server answers requests
+        that it must refuse, as with a version of viser that it is not made for.
+
+    """
+    port = port or free_port(host)
+    check_port(host, port)
+    use_loop_buffers()
+    guard = Guard(Gate(host), pictures)
+    with _quiet(), guard.watching():
+        server = PageServer(host, port, label=TITLE, verbose=False)
+    try:
+        try_from_outside(host, port, guard)
+        guard.attach(server.gui)
+    except TpControllerError:
+        server.stop()
+        raise
+    server.gui.configure_theme(show_logo=False, show_share_button=False,
+                               brand_color=(52, 74, 99))
+    # Said in pixels: a width of the theme is taken or not, as a browser has it before it docks.
+    server.gui.main_panel.set_width(PANEL_WIDTH)
+    server.gui.main_panel.dock_right()
+    return server
+
+
+def address(server: viser.ViserServer) -> str:
+    """Return where the page of a server is, as a browser takes it."""
+    return url(server.get_host(), server.get_port())
+
+
+def url(host: str, port: int) -> str:
+    """Return the address of a page; one that all of this machine's addresses lead to has one."""
+    shown = 'localhost' if host in ('0.0.0.0', '::', '') else host
+    return f'http://{f"[{shown}]" if ":" in shown else shown}:{port}'
+
+
+def exposure(host: str) -> str:
+    """Return a warning where others can reach an address; empty where they cannot."""
+    if is_local(host):
+        return ''
+    return (f'whoever can reach {host} can move the robot with this page: there is no password '
+            'and no encryption')
+
+
+def free_port(host: str) -> int:
+    """Return the first port that is free; `TpControllerError` if there is none."""
+    for port in PORTS:
+        if _fault(host, port) is None:
+            return port
+    raise TpControllerError(f'no free port from {PORTS[0]} to {PORTS[-1]} on {host}: '
+                            f'{_fault(host, PORTS[0])}')
+
+
+def unused_port() -> int:
+    """
+    Return a port that is free, and where no browser looks for a page.
+
+    One that showed a page before connects again to whatever is at its address.
+    """
+    with socket.socket() as tried:
+        tried.bind((LOCAL, 0))
+        port: int = tried.getsockname()[1]
+    return port if port not in PORTS else unused_port()
+
+
+def check_port(host: str, port: int) -> None:
+    """Raise `TpControllerError` where a port cannot be listened on."""
+    fault = _fault(host, port)
+    if fault is not None:
+        raise TpControllerError(f'the page cannot be shown at {url(host, port)}: {fault}')
+
+
+def _fault(host: str, port: int) -> OSError | OverflowError | None:
+    """Return why a port cannot be listened on, None if it can."""
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        with socket.socket(family, socket.SOCK_STREAM) as tried:
+            # As the server does: a port that was left a moment ago is free.
+            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            tried.bind((host, port))
+    except (OSError, OverflowError) as error:
+        return error
+    return None
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep a frame with the address, which viser prints, from the terminal."""
+    with redirect_stdout(io.StringIO()):
+        yield

@@ -1,0 +1,216 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Solid links for robots without shapes: tapered limbs, with drums and collars at the joints."""
+
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from tp_controller.model.spatial import Array, rotation_from_rpy
+from tp_controller.model.urdf import MOVING
+from tp_controller.tasks.aim import pose_along
+from tp_controller.tools.view.lathe import drum, foot, limb, pointer
+from tp_controller.tools.view.meshes import Mesh
+from tp_controller.tools.view.parts import Colour, LINK_COLOUR, Part
+
+JOINT_COLOUR: Colour = (52, 74, 99)
+# Radius of a link as a share of the length of the robot, and how large it may be [m].
+THICKNESS, THINNEST, THICKEST = 0.033, 0.008, 0.06
+# From the first link to the last, in that radius.
+TAPER = 1.3, 0.8
+# In radii of the link: radius and length of a drum about an axis across the link, of its caps, and
+# of a collar about an axis along it, which is so far from the joint.
+DRUM, CAP, COLLAR, COLLAR_AT = (1.2, 2.5), (0.92, 2.8), (1.1, 0.45), 1.9
+# Share of the edges that is round.
+EDGE = 0.3
+# Of the tip of a tool, in radii.
+TIP = 0.16
+# Length of a pointer at the end of a link, and from which length on a link is long, in radii.
+POINTER, LONG = 2.2, 5.0
+FOOT_HEIGHT, PLATE = 2.6, 0.5
+SHORT = 1e-6
+# Cosine of the angle up to which an axis is along a link.
+ALONG = 0.9
+# A slide without end is not drawn [m].
+LONGEST_SLIDE = 2.0
+
+
+def skeleton(tree: Element) -> dict[str, list[Part]]:
+    """
+    Return {link: parts} of solid links.
+
+    Parameters
+    ----------
+    tree : xml.etree.ElementTree.Element
+        Description of a robot.
+
+    Returns
+    -------
+    dict
+        {link: list of Part}: a limb to each of its joints, and what it turns or slides in.
+
+    """
+    return _Skeleton(tree).parts
+
+
+class _Skeleton:
+    """The parts of all links of a description, built one joint after the other."""
+
+    def __init__(self, tree: Element) -> None:
+        joints = tree.findall('joint')
+        self._offsets = {_child(joint): vector(joint.find('origin'), 'xyz') for joint in joints}
+        self._turns = {_child(joint): rotation_from_rpy(*vector(joint.find('origin'), 'rpy'))
+                       for joint in joints}
+        self._parents = {_child(joint): _parent(joint) for joint in joints}
+        self._moved = {_child(joint) for joint in joints if joint.get('type') in MOVING}
+        self._carrying = {link for each in self._moved for link in self._above(each)}
+        self._length = max(map(self._reach, ('', *self._offsets)))
+        self._radius = min(max(THICKNESS * self._length, THINNEST), THICKEST)
+        self.parts: dict[str, list[Part]] = {
+            link.attrib['name']: [] for link in tree.findall('link')}
+        for joint in joints:
+            self._add(joint)
+        for link in self.parts.keys() - self._parents.keys():
+            self._add_foot(link)
+
+    def _add(self, joint: Element) -> None:
+        """Add the limb that a joint is at the end of, and the joint."""
+        parent, child = _parent(joint), _child(joint)
+        start, end = self._thickness(parent), self._thickness(child)
+        if child in self._moved or child in self._carrying:
+            self.parts[parent] += _limb(self._offsets[child], start, end,
+                                        self._reach(parent) < SHORT)
+        elif parent in self._moved | self._carrying or self._is_tool(parent):
+            self.parts[parent] += self._tool(child, start)
+        if child in self._moved:
+            self.parts[child] += self._joint(joint, end)
+
+    def _tool(self, child: str, radius: float) -> list[Part]:
+        """Return what leads to a frame of a tool: a flange, at the end a pointer."""
+        way = self._offsets[child]
+        length = float(np.linalg.norm(way))
+        if length < SHORT:
+            return []
+        T = pose_along(way / length, np.zeros(3))
+        last = not any(np.linalg.norm(self._offsets[link]) > SHORT
+                       for link in self._parents if child in self._above(link))
+        if last:
+            # A link that is long has a pointer at its end only.
+            bare = length - POINTER * radius if length > LONG * radius else 0.0
+            return [*_limb((bare / length) * way, radius, 0.85 * radius), _solid(
+                pointer(0.85 * radius, TIP * radius, length - bare),
+                pose_along(way / length, (bare / length) * way), JOINT_COLOUR)]
+        return [_solid(limb(radius, 0.85 * radius, max(length - 0.5 * radius, SHORT), 1.0), T)]
+
+    def _joint(self, joint: Element, radius: float) -> list[Part]:
+        """Return a joint, on the link that it moves."""
+        child = _child(joint)
+        axis = vector(joint.find('axis'), 'xyz', '1 0 0')
+        axis = axis / np.linalg.norm(axis)
+        if joint.get('type') == 'prismatic':
+            return _slide(joint, axis, radius)
+        back = -self._turns[child].T @ self._offsets[child]
+        for way in (back, *self._ways(child)):
+            length = float(np.linalg.norm(way))
+            if length > SHORT and abs(axis @ way) > ALONG * length:
+                at = min(COLLAR_AT * radius, 0.5 * length) / length * way
+                return [_solid(drum(COLLAR[0] * radius, COLLAR[1] * radius, 0.1 * radius),
+                               pose_along(axis, at), JOINT_COLOUR)]
+        T = pose_along(axis, np.zeros(3))
+        return [_solid(drum(DRUM[0] * radius, DRUM[1] * radius, EDGE * radius), T),
+                _solid(drum(CAP[0] * radius, CAP[1] * radius, 0.1 * radius), T, JOINT_COLOUR)]
+
+    def _add_foot(self, link: str) -> None:
+        """Have a root stand on a foot if its first limb rises from it."""
+        radius = self._thickness(link)
+        if any(way[2] > max(FOOT_HEIGHT * radius, ALONG * np.linalg.norm(way))
+               for way in self._ways(link)):
+            self.parts[link].insert(0, _solid(
+                foot(1.02 * radius, FOOT_HEIGHT * radius, PLATE * radius), np.eye(4)))
+
+    def _ways(self, link: str) -> list[Array]:
+        """Return where the next joints are that are not at the origin of a link, seen from it."""
+        found = []
+        for child in (each for each, parent in self._parents.items() if parent == link):
+            offset = self._offsets[child]
+            found += [offset] if np.linalg.norm(offset) > SHORT else [
+                self._turns[child] @ way for way in self._ways(child)]
+        return found
+
+    def _thickness(self, link: str) -> float:
+        """Return the radius of a link, the smaller the farther it is from the root [m]."""
+        share = self._reach(link) / max(self._length, SHORT)
+        return self._radius * (TAPER[0] + (TAPER[1] - TAPER[0]) * share)
+
+    def _is_tool(self, link: str) -> bool:
+        """Return whether a link is fixed to one that moves."""
+        return any(above in self._moved for above in self._above(link))
+
+    def _above(self, link: str) -> list[str]:
+        """Return the links that a link hangs on."""
+        found = []
+        while link in self._parents:
+            link = self._parents[link]
+            found.append(link)
+        return found
+
+    def _reach(self, link: str) -> float:
+        """Return the length of the chain that ends in a link [m]."""
+        return sum(float(np.linalg.norm(self._offsets[each]))
+                   for each in (link, *self._above(link)) if each in self._offsets)
+
+
+def _solid(mesh: Mesh, T: Array, colour: Colour = LINK_COLOUR) -> Part:
+    """Return a surface as a part."""
+    return Part('mesh', (1.0, 1.0, 1.0), T, colour, mesh=mesh)
+
+
+def _limb(end: Array, first: float, last: float, flat: bool = False) -> list[Part]:
+    """Return a limb from the origin of a link, where it may be flat, to a point; radii at both."""
+    length = float(np.linalg.norm(end))
+    if length < SHORT:
+        return []
+    return [_solid(limb(first, last, length, flat=flat), pose_along(end / length, np.zeros(3)))]
+
+
+def _slide(joint: Element, axis: Array, radius: float) -> list[Part]:
+    """Return a joint that slides: a box, and what comes out of the link before."""
+    T, side = pose_along(axis, np.zeros(3)), 2.0 * DRUM[0] * radius
+    limit = joint.find('limit')
+    travel = 0.0 if limit is None else float(limit.get('upper', 0.0))
+    parts = [Part('box', (side, side, DRUM[1] * radius), T, JOINT_COLOUR)]
+    if SHORT < travel < LONGEST_SLIDE:
+        parts += _limb(-travel * T[:3, 2], 0.6 * radius, 0.6 * radius)
+    return parts
+
+
+def _parent(joint: Element) -> str:
+    """Return the link that a joint is on."""
+    return next(joint.iter('parent')).attrib['link']
+
+
+def _child(joint: Element) -> str:
+    """Return the link that a joint moves."""
+    return next(joint.iter('child')).attrib['link']
+
+
+def vector(element: Element | None, key: str, default: str = '0 0 0') -> Array:
+    """Return the three numbers of an attribute."""
+    found = numbers(default if element is None else element.get(key, default))
+    return np.array([*found, 0.0, 0.0, 0.0][:3])
+
+
+def numbers(text: str) -> list[float]:
+    """Return the numbers of a text."""
+    return [float(word) for word in text.split()]

@@ -1,0 +1,255 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The stack on the page: a row for each task, in order of priority, with what changes it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
+import math
+import time
+from typing import TypeVar
+
+from tp_controller.control.reason_text import causes_in
+from tp_controller.tools.view.condition import FAINT
+from tp_controller.tools.view.rows import Row, STOPPED
+import viser
+
+# By status: of the dot before the name of a task.
+COLOURS = {'reached': '#2e9e5b', 'satisfied': '#2e9e5b', 'moving': '#2f7fd1',
+           'limited': '#e08a00', 'failed': '#c62828', STOPPED: FAINT,
+           'disabled': '#b8bec6'}
+DONE = ('reached', 'satisfied')
+UP, DOWN = '▲ up', '▼ down'
+GAIN = 'gain'
+# As many digits of a gain are shown, and taken.
+DIGITS = 6
+# For how long what somebody has chosen is shown, whatever the status says [s].
+PATIENCE = 1.0
+
+Value = TypeVar('Value')
+Gain = float | list[float]
+
+
+class StackPanel:
+    """
+    The rows of the tasks.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+    enable : callable
+        Told the name of a task, and whether it is to be in the stack.
+    move : callable
+        Told the name of a task, and by how many places it is to move: -1 is up.
+    set_gain : callable
+        Told the name of a task, and its gain: one number, or a list with one for each row.
+
+    Attributes
+    ----------
+    rows : dict
+        {task: TaskRow}; those of tasks that are gone are hidden and used again, since a browser
+        that draws seldom may still have updates of them.
+
+    """
+
+    def __init__(self, gui: viser.GuiApi, enable: Callable[[str, bool], None],
+                 move: Callable[[str, int], None],
+                 set_gain: Callable[[str, Gain], None]) -> None:
+        self._gui, self._enable, self._move, self._set_gain = gui, enable, move, set_gain
+        self._folder = gui.add_folder(None)
+        self.rows: dict[str, TaskRow] = {}
+        self._unused: list[TaskRow] = []
+
+    def show(self, rows: Sequence[Row], gains: Mapping[str, Gain], present: bool = True) -> None:
+        """
+        Show the tasks; while the robot is stopped, in grey, what was known of them before.
+
+        Parameters
+        ----------
+        rows : list of Row
+            By priority.
+        gains : dict
+            {task: gain} of those that have one.
+        present : bool
+            Whether the controller is there: of one that is gone the last status is shown.
+
+        """
+        names = [row.name for row in rows]
+        for name in [name for name in self.rows if name not in names]:
+            self._unused.append(self.rows.pop(name))
+        for place, row in enumerate(rows):
+            if row.name not in self.rows:
+                self.rows[row.name] = self._unused.pop() if self._unused else TaskRow(
+                    self._gui, self._folder, self._enable, self._move, self._set_gain)
+            self.rows[row.name].show(row, place, gains.get(row.name), present)
+        for unused in self._unused:
+            unused.folder.visible = False
+
+
+class TaskRow:
+    """
+    The row of a task, of the one that was shown last.
+
+    Attributes
+    ----------
+    folder : viser.GuiFolderHandle
+        Its label begins with the place in the order.
+    text : viser.GuiHtmlHandle
+        Error, share achieved and cause.
+    enabled : viser.GuiCheckboxHandle
+    order : viser.GuiButtonGroupHandle
+        Two buttons.
+
+    """
+
+    def __init__(self, gui: viser.GuiApi, parent: viser.GuiFolderHandle,
+                 enable: Callable[[str, bool], None], move: Callable[[str, int], None],
+                 set_gain: Callable[[str, Gain], None]) -> None:
+        self._name, self._set_gain = '', set_gain
+        self._report: Row | None = None
+        self._chosen = {'enabled': -math.inf, 'gain': -math.inf}
+        with parent:
+            self.folder = gui.add_folder('')
+        with self.folder:
+            self.text = gui.add_html('', order=0.0)
+            self.enabled = gui.add_checkbox('enabled', True, order=2.0)
+            self.order = gui.add_button_group('priority', (UP, DOWN), order=1.0)
+        self._gain = GainInputs(gui, self.folder, None, self._on_gain)
+        self._gain_by_row = GainInputs(gui, self.folder, GAIN, self._on_gain)
+
+        @self.enabled.on_update
+        def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
+            if event.client_id is not None:
+                self._chosen['enabled'] = time.monotonic()
+                enable(self._name, event.target.value)
+
+        @self.order.on_click
+        def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
+            move(self._name, -1 if event.target.value == UP else 1)
+
+    @property
+    def gains(self) -> 'list[viser.GuiNumberHandle[float]]':
+        """Return the inputs of the gain: one, or one for each row of the task, as it has it."""
+        return self._gain.shown or self._gain_by_row.shown
+
+    def show(self, row: Row, place: int, gain: Gain | None, present: bool = True) -> None:
+        """Show what is known of the task."""
+        if row.name != self._name:
+            self._name, self._report = row.name, None
+            self._chosen = dict.fromkeys(self._chosen, -math.inf)
+        self.folder.label = f'{place + 1} · {row.name}  ({row.kind})'
+        self.folder.order = float(place)
+        self.folder.visible = True
+        if row.status != STOPPED:
+            self._report = row
+        stopped = row.status == STOPPED or not present
+        self.text.content = row_html(self._report if stopped and self._report else row, stopped)
+        if self._settled('enabled'):
+            assign(self.enabled, row.enabled)
+        if self._settled('gain'):
+            self._gain_by_row.show(gain if isinstance(gain, list) else [])
+            self._gain.show([gain] if isinstance(gain, float) else [])
+
+    def _settled(self, what: str) -> bool:
+        """Say whether nobody has chosen something a moment ago."""
+        return time.monotonic() - self._chosen[what] > PATIENCE
+
+    def _on_gain(self, event: viser.GuiEvent[viser.GuiNumberHandle[float]]) -> None:
+        """Take a gain that somebody has chosen."""
+        if event.client_id is not None:
+            self._chosen['gain'] = time.monotonic()
+            values = [float(handle.value) for handle in self.gains]
+            self._set_gain(self._name, values if self._gain_by_row.shown else values[0])
+
+
+class GainInputs:
+    """
+    Inputs of the numbers of a gain, as many as are shown.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+    parent : viser.GuiFolderHandle
+    label : str or None
+        Of a folder of inputs of rows, which is closed; None: there is one input, in no folder.
+    on_update : callable
+        Told what somebody does to an input.
+
+    Attributes
+    ----------
+    shown : list of viser.GuiNumberHandle
+
+    """
+
+    def __init__(self, gui: viser.GuiApi, parent: viser.GuiFolderHandle, label: str | None,
+                 on_update: Callable[[viser.GuiEvent[viser.GuiNumberHandle[float]]], None]
+                 ) -> None:
+        self._gui, self._label, self._on_update = gui, label, on_update
+        with parent:
+            self._folder = gui.add_folder(label, order=3.0, expand_by_default=False,
+                                          visible=False)
+        self._all: list[viser.GuiNumberHandle[float]] = []
+        self.shown: list[viser.GuiNumberHandle[float]] = []
+
+    def show(self, values: Sequence[float]) -> None:
+        """Show numbers."""
+        with self._folder:
+            while len(self._all) < len(values):
+                self._all.append(self._new_input(len(self._all) + 1))
+        for handle, value in zip(self._all, values):
+            assign(handle, value)
+        for number, handle in enumerate(self._all):
+            handle.visible = number < len(values)
+        self._folder.visible = bool(values)
+        self.shown = self._all[:len(values)]
+
+    def _new_input(self, number: int) -> 'viser.GuiNumberHandle[float]':
+        """Return one more input."""
+        handle = self._gui.add_number(f'row {number}' if self._label else GAIN, 0.0, min=0.0,
+                                      step=0.1, hint='1/s')
+        handle.precision = DIGITS
+        handle.on_update(self._on_update)
+        return handle
+
+
+def assign(handle: viser.GuiInputHandle[Value], value: Value) -> None:
+    """Give an input another value."""
+    # mypy sees no setter that does not stand right below its getter.
+    handle.value = value  # type: ignore[misc]
+
+
+def row_html(row: Row, stopped: bool = False) -> str:
+    """Return error, share achieved and cause of a task, with its status as a colour; or grey."""
+    colour = COLOURS.get(row.status, FAINT)
+    before = ' before' if stopped and row.status != STOPPED else ''
+    lines = [f'<div style="display:flex;justify-content:space-between">'
+             f'<span><span style="color:{colour}">●</span> {escape(row.status)}{before}</span>'
+             f'<b>{escape(row.error_text())}</b></div>']
+    if not math.isnan(row.share) and row.status not in DONE:
+        percent = round(100.0 * row.share)
+        lines.append(
+            '<div style="display:flex;align-items:center;gap:6px">'
+            '<div style="flex:1;height:6px;border-radius:3px;background:#dfe3e8">'
+            f'<div style="width:{percent}%;height:6px;border-radius:3px;background:{colour}">'
+            f'</div></div><span style="width:3em;text-align:right">{percent} %</span></div>')
+    lines += [f'<div style="color:#5b6470">{escape(text)}</div>'
+              for text in (*causes_in(row.reason), row.hint) if text]
+    if row.warning:
+        lines.append(f'<div style="color:#e08a00">goal: {escape(row.warning)}</div>')
+    if row.refusal:
+        lines.append(f'<div style="color:#c62828">last refusal: {escape(row.refusal)}</div>')
+    status, faint = (STOPPED, 'opacity:0.55;filter:grayscale(1);') if stopped else (row.status, '')
+    return (f'<div data-task="{escape(row.name)}" data-status="{escape(status)}" '
+            f'style="{faint}padding:2px 12px 4px;font-size:0.85em;line-height:1.35">'
+            f'{"".join(lines)}</div>')

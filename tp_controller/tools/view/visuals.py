@@ -1,0 +1,150 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the links of a robot look like: its meshes, else its collision shapes, else solid links."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+import os
+from xml.etree.ElementTree import Element
+
+from tp_controller.model.dh import LINK_RADIUS
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import pose, rotation_from_rpy
+from tp_controller.model.urdf import parse
+from tp_controller.tools.view.borrowed import carriers, lender
+from tp_controller.tools.view.meshes import load_mesh, mesh_path
+from tp_controller.tools.view.parts import Colour, LINK_COLOUR, Part
+from tp_controller.tools.view.skeleton import numbers, skeleton, vector
+
+# Environment variable that keeps robots from borrowing the meshes of others, and its value.
+CHOICE, OWN = 'TP_CONTROLLER_MESHES', 'own'
+# Attributes of primitives, in the order of `Part.size`.
+SIZES = {'box': ('size',), 'sphere': ('radius',), 'cylinder': ('radius', 'length')}
+
+
+@dataclass(frozen=True)
+class Looks:
+    """
+    What a robot looks like.
+
+    Attributes
+    ----------
+    parts : dict
+        {link: list of Part}
+    remarks : tuple of str
+        What of the description cannot be shown, and why.
+
+    """
+
+    parts: Mapping[str, list[Part]]
+    remarks: tuple[str, ...] = field(default=())
+
+
+def looks_of(robot: Robot) -> Looks:
+    """
+    Return what the links of a robot look like.
+
+    Of each link what its description says is seen if all of it can be read, else what collides.
+    Where nothing of this is there, the link is a rod to each of its joints. A description without
+    shapes, or one made of a DH table, gives the looks of the same robot of example-robot-data if
+    that is installed; else rods and joints throughout.
+    """
+    tree = parse(robot.urdf)
+    if not _is_bare(tree):
+        return _described(tree)
+    other = None if os.environ.get(CHOICE) == OWN else lender(robot)
+    if other is None:
+        return Looks(skeleton(tree))
+    lent = _described(parse(other.urdf))
+    parts: dict[str, list[Part]] = {}
+    for link, (frame, T) in carriers(robot, other, parse(other.urdf)).items():
+        parts.setdefault(frame, []).extend(
+            replace(part, T=T.dot(part.T)) for part in lent.parts.get(link, ()))
+    return Looks(parts, lent.remarks)
+
+
+def _described(tree: Element) -> Looks:
+    """Return what a description says that its links look like."""
+    reader, bones = _Reader(tree), skeleton(tree)
+    parts: dict[str, list[Part]] = {}
+    for link in tree.findall('link'):
+        name, shapes = link.attrib['name'], ('visual', 'collision')
+        if any(link.find(tag) is not None for tag in shapes):
+            parts[name] = next(filter(None, (reader.parts(link, tag) for tag in shapes)),
+                               bones.get(name, []))
+    return Looks(parts, tuple(reader.remarks))
+
+
+class _Reader:
+    """Reads shapes of links and notes what cannot be read."""
+
+    def __init__(self, tree: Element) -> None:
+        self._colours = {material.get('name'): colour for material in tree.findall('material')
+                         if (colour := material.find('color')) is not None}
+        self.remarks: list[str] = []
+
+    def parts(self, link: Element, tag: str) -> list[Part]:
+        """Return the visual or collision shapes of a link; none if one of them cannot be read."""
+        parts = []
+        for element in link.findall(tag):
+            try:
+                parts.append(self._part(element))
+            except (OSError, ValueError) as error:
+                self.remarks.append(f'{link.get("name")}, {tag}: {error}')
+                return []
+            except ModuleNotFoundError as error:
+                self.remarks.append(f'{link.get("name")}, {tag}: {error.name} is missing')
+                return []
+        return parts
+
+    def _part(self, element: Element) -> Part:
+        """Return one shape."""
+        shape, origin = element.find('geometry/*'), element.find('origin')
+        if shape is None:
+            raise ValueError('no shape')
+        roll, pitch, yaw = vector(origin, 'rpy')
+        T = pose(rotation_from_rpy(roll, pitch, yaw), vector(origin, 'xyz'))
+        colour, opacity = self._colour(element)
+        if shape.tag != 'mesh':
+            if shape.tag not in SIZES:
+                raise ValueError(f'unknown shape <{shape.tag}>')
+            size = tuple(number for key in SIZES[shape.tag]
+                         for number in numbers(shape.get(key, '')))
+            return Part(shape.tag, size, T, colour or LINK_COLOUR, opacity)
+        mesh = load_mesh(mesh_path(shape.get('filename', '')))
+        scale = mesh.unit * vector(shape, 'scale', '1 1 1')
+        return Part('mesh', tuple(scale.tolist()), T,
+                    None if mesh.glb else colour or LINK_COLOUR, opacity, mesh)
+
+    def _colour(self, element: Element) -> tuple[Colour | None, float]:
+        """Return the colour of a shape, None where nothing is said of it, and its opacity."""
+        material = element.find('material')
+        if material is None:
+            return None, 1.0
+        found = material.find('color')
+        if found is None:
+            found = self._colours.get(material.get('name'))
+        if found is None:
+            return None, 1.0
+        red, green, blue, opacity = (*numbers(found.get('rgba', '')), 1.0, 1.0, 1.0, 1.0)[:4]
+        return (round(255 * red), round(255 * green), round(255 * blue)), opacity
+
+
+def _is_bare(tree: Element) -> bool:
+    """Say whether a description has no shapes but, perhaps, the thin rods of a DH table."""
+    shapes = [shape for tag in ('visual', 'collision') for shape in tree.findall(
+        f'link/{tag}/geometry/*')]
+    return all(shape.tag == 'cylinder' and shape.get('radius') == str(LINK_RADIUS)
+               for shape in shapes)
