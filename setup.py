@@ -46,19 +46,16 @@ style = ['ruff<0.18', 'flake8<8', 'flake8-builtins<4', 'flake8-comprehensions<4'
 
 # One build for every Python from 3.11 on: before it the limited API has no buffer protocol.
 LIMITED = sys.version_info >= (3, 11) and not sysconfig.get_config_var('Py_GIL_DISABLED')
-# Modules with a source of their name, in C++. Each does no more than Python does in its place
-# where there is no compiler, but faster.
-compiled = ['solver.core', 'model.motion', 'tasks.rows']
+# It does no more than Python does in its place where there is no compiler, but faster.
 extensions = [
     Extension(
-        f'{package_name}.{name}', [f'{package_name}/{name.replace(".", "/")}.cpp'],
-        depends=[package_name + '/solver/border.h'],
+        package_name + '.core.extension', [package_name + '/core/extension.cpp'],
+        depends=sorted(glob(package_name + '/core/*.h')),
         # The same digits on every processor: no fused products.
         extra_compile_args=['-std=c++17', '-O3', '-ffp-contract=off', '-fno-math-errno',
                             '-fopenmp-simd', '-g0'],
         define_macros=[('Py_LIMITED_API', '0x030b0000')] if LIMITED else [],
-        py_limited_api=LIMITED, optional=True)
-    for name in compiled]
+        py_limited_api=LIMITED, optional=True)]
 
 
 # Sections of README.md whose commands need the files of the repository.

@@ -15,8 +15,8 @@
 """
 Load what is compiled, and solve one small problem with it and nothing but the standard library.
 
-Run as ``python .ci/try_core.py FOLDER tp_controller/solver/core ...``, with all that is compiled
-in an unpacked wheel. The problem has three joints, the first of two levels at the limit of a
+Run as ``python .ci/try_core.py FOLDER tp_controller/core/extension``, with what is compiled in an
+unpacked wheel. The problem has three joints, the first of two levels at the limit of a
 joint. Another joint has to do what that one cannot.
 """
 
@@ -52,7 +52,7 @@ def load(folder, name):
 def main(folder, *names):
     """Load all, and solve it."""
     modules = {name: load(folder, name) for name in names}
-    core = modules['tp_controller/solver/core']
+    core = modules['tp_controller/core/extension']
     solver = core.Solver(3, 0.0, math.inf, 0.0, 0.0, None, False, True)
     velocity = doubles(0.0, 0.0, 0.0)
     found = solver.solve(

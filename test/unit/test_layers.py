@@ -29,7 +29,7 @@ import tp_controller
 PACKAGE = robots.REPOSITORY / 'tp_controller'
 # Parts of the library, lowest first: each imports only itself and those before it. `root` are the
 # modules beside the parts, `package` is what `import tp_controller` gives.
-LIBRARY = ('solver', 'root', 'model', 'tasks', 'control', 'package')
+LIBRARY = ('core', 'solver', 'root', 'model', 'tasks', 'control', 'package')
 # Parts of the wings, and what each imports besides itself and the library.
 WINGS = {
     'ros': (),

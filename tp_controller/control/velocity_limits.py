@@ -19,11 +19,10 @@ from typing import Protocol
 
 import numpy as np
 from tp_controller.errors import SettingsError, unknown
-from tp_controller.model.compiled import MOTION
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.resources import is_number
-from tp_controller.solver.compiled import MOST
+from tp_controller.solver.compiled import core, MOST
 
 # A joint outside its range has to come back at this share of its speed limit, or at RETURN_SPEED
 # [rad/s or m/s] where that is less; tasks may have it come faster. To demand (q_min − q) / period
@@ -191,7 +190,7 @@ def lowered(robot: Robot, limits: Array, changes: Mapping[str, float]) -> Array:
 
 
 class Limits(Protocol):
-    """What motion.cpp does of `VelocityLimits`."""
+    """Compiled part of `VelocityLimits`."""
 
     def at(self, q: Array, previous: Array, elapsed: float, pending: Array, duration: float,
            rows: Array) -> None:
@@ -244,8 +243,8 @@ class VelocityLimits:
             self._acceleration = np.minimum(robot.acceleration, UNLIMITED)
         self._none = np.empty((0, robot.velocity.size))
         self._compiled: Limits | None = None
-        if MOTION is not None and len(self._lower) <= MOST:
-            self._compiled = MOTION.Limits(period, braking_gain, self._endless, self._lower,
+        if core is not None and len(self._lower) <= MOST:
+            self._compiled = core.Limits(period, braking_gain, self._endless, self._lower,
                                            self._upper, self._velocity, self._acceleration)
 
     def at(self, q: Array, previous: Array, elapsed: float, pending: Array | None = None,
@@ -282,7 +281,7 @@ class VelocityLimits:
 
     def _rows(self, q: Array, previous: Array, elapsed: float, pending: Array,
               duration: float) -> Array:
-        """Return what `bounded` does at `q`: the reference of `Limits` in motion.cpp."""
+        """Return what `bounded` does at `q`: the reference of `Limits` in velocity_limits.h."""
         distance = np.array((self._upper - q, q - self._lower))
         if self._endless:
             distance = np.minimum(distance, FAR)

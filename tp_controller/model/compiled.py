@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-What `motion.cpp` needs of a robot, read once from Pinocchio's model.
+Data of a robot for the compiled kinematics, read once from Pinocchio's model.
 
 It stands in for Pinocchio in the cycle: a call from Python costs Pinocchio several times as long
 as the numbers take. It knows joints that turn about or slide along an axis, and a base that moves.
@@ -26,10 +26,9 @@ from typing import Protocol, TypeAlias
 import numpy as np
 import pinocchio
 from tp_controller.model.spatial import Array
-from tp_controller.solver.compiled import MOST, part
+from tp_controller.solver.compiled import core, MOST
 
-MOTION = part('tp_controller.model.motion')
-# As motion.cpp numbers them; the first is the root.
+# As kinematics.h numbers them; the first is the root.
 STILL, FREE, TURNS, SLIDES = range(4)
 
 
@@ -105,9 +104,9 @@ def numbers_of(model: pinocchio.Model, n: int, first_row: int, base: tuple[int, 
 
 def make_motion(numbers: Numbers | None) -> Motion | None:
     """Return compiled kinematics, to be moved by a state; None where they are not to be had."""
-    if numbers is None or MOTION is None:
+    if numbers is None or core is None:
         return None
-    found: Motion = MOTION.Motion(*numbers)
+    found: Motion = core.Motion(*numbers)
     return found
 
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Which solver runs: the compiled core (`core.cpp`) where it was built, else the reference in Python.
+Choice of the solver: the compiled core where it was built, else the reference in Python.
 
 The core does what `tp_controller.solver.solve.solve_cycle` does, in one call. What it cannot solve
 it leaves to the reference, which is counted. The environment variable ``TP_CONTROLLER_SOLVER``
@@ -37,7 +37,7 @@ from tp_controller.solver.solution import Solution
 
 VARIABLE = 'TP_CONTROLLER_SOLVER'
 SOLVERS = ('compiled', 'python')
-# More joints, or rows of a level, are left to the reference; the same number as in border.h.
+# More joints, or rows of a level, are left to the reference; as in python_buffers.h.
 MOST = 1000
 # Numbers before the arrays of a step.
 HEAD = Struct('8d')
@@ -72,21 +72,11 @@ def load(wanted: str) -> ModuleType | None:
     if wanted == 'python':
         return None
     try:
-        return import_module('tp_controller.solver.core')
+        return import_module('tp_controller.core.extension')
     except ImportError as error:
         if wanted:
             raise SolverError(f'{VARIABLE} is {wanted}, but the core was not built: install the '
                               f'package again where there is a C++ compiler ({error})') from error
-        return None
-
-
-def part(name: str) -> ModuleType | None:
-    """Return another compiled module; None where the reference runs, or it was not built."""
-    if core is None:
-        return None
-    try:
-        return import_module(name)
-    except ImportError:
         return None
 
 
@@ -146,7 +136,7 @@ def solve_by_core(solver: Core, n: int, levels: list[Level], lower: Array | None
 
 class Record:
     """
-    How each level was carried out, as core.cpp wrote it down; see `Record` there.
+    How each level was carried out, as solver_object.h wrote it down; see `Record` there.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ from tp_controller.errors import GoalError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.solver.compiled import part
+from tp_controller.solver.compiled import core
 from tp_controller.solver.level import Level
 from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
 from tp_controller.tasks.task import DEFAULT_TIMEOUT, Evaluation, Goal, Task
@@ -43,7 +43,6 @@ RETURN_JOINT_SPEED = 0.5
 FAR, STILL, LOOSE, DRIFT = 1.0, 2e-2, 1e-3, 1e-2
 TINY = 1e-12
 # What is compiled of this file; None where the reference runs, or it was not built.
-ROWS = part('tp_controller.tasks.rows')
 
 
 @dataclass(slots=True, eq=False)
@@ -179,7 +178,7 @@ class BoundedTask(Task):
         given = (seen.value, seen.J, self._rows_before(seen), state.velocity, self.lower,
                  self.upper, self.gain, self.return_speed, self.own_motion(state, now), self.jump)
         error, least, most = (np.empty(len(seen.value)) for _ in range(3))
-        if ROWS is None or not ROWS.bound(*given, error, least, most):
+        if core is None or not core.bound(*given, error, least, most):
             error, least, most = bounds_of(*given)
         return Evaluation(self, Level(seen.J, lower=least, upper=most), error, seen.names)
 
@@ -242,7 +241,7 @@ def bounds_of(value: Array, J: Array, before: Array, velocity: Array, lower: flo
     """
     Return what a task with bounds demands of its rows; see `BoundedTask`.
 
-    rows.cpp does the same in one call.
+    bounded_rows.h does the same in one call.
 
     Parameters
     ----------

@@ -25,17 +25,16 @@ import pinocchio
 import pytest
 import robots
 from tp_controller import Controller, Robot, Settings, Stack
-from tp_controller.control import velocity_limits
 from tp_controller.control.velocity_limits import VelocityLimits
-from tp_controller.model import compiled, spatial, state
-from tp_controller.model.compiled import MOTION
+from tp_controller.model import compiled
 from tp_controller.model.spatial import pose, rotation_from_vector, shorter_rotation
 from tp_controller.solver import compiled as solver
+from tp_controller.solver.compiled import core
 from tp_controller.tasks import Task
 from tp_controller.tasks.pose import Pose
 from tp_controller.tasks.position import Position
 
-pytestmark = pytest.mark.skipif(MOTION is None, reason='the package was built without a compiler')
+pytestmark = pytest.mark.skipif(core is None, reason='the package was built without a compiler')
 
 # Joints of all kinds: turning and sliding, about axes that are none of the frame, and mimics.
 CHAIN = """
@@ -261,7 +260,7 @@ def test_robots_that_do_not_fit_together_are_refused():
     still = [0.0, 0.0, -1.0, *np.zeros(4), *hanging]
     turns = [2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, *hanging]
     fits = [2, 0, np.zeros(0), np.array([still, turns]), np.array([[1.0, *hanging]])]
-    MOTION.Motion(*fits)
+    core.Motion(*fits)
 
     def body(place, value):
         changed = fits[3].copy()
@@ -286,15 +285,15 @@ def test_robots_that_do_not_fit_together_are_refused():
         given_ = [*fits]
         given_[place] = wrong
         with pytest.raises(ValueError, match='base|bodies'):
-            MOTION.Motion(*given_)
+            core.Motion(*given_)
     root, frame = np.array([still]), np.array([[0.0, *hanging]])
-    MOTION.Motion(2, 0, np.zeros(2), root, frame)
+    core.Motion(2, 0, np.zeros(2), root, frame)
     # No bodies, a root that turns, more rows of a base than velocities.
     for given_ in ([2, 0, np.zeros(0), root[:0], frame[:0]],
                    [2, 0, np.zeros(0), np.array([turns]), frame],
                    [1, 0, np.zeros(2), root, frame]):
         with pytest.raises(ValueError, match='bodies'):
-            MOTION.Motion(*given_)
+            core.Motion(*given_)
 
 
 def test_robots_with_more_frames_than_fit_are_left_to_pinocchio():
@@ -313,17 +312,17 @@ def test_robots_with_more_frames_than_fit_are_left_to_pinocchio():
 def test_limits_that_do_not_fit_together_are_refused(place):
     ones = np.ones(2)
     fits = [0.01, 100.0, False, -ones, ones, ones, ones]
-    MOTION.Limits(*fits)
+    core.Limits(*fits)
     for wrong in (np.ones(3), np.ones((2, 1)), np.ones(2, int), [1.0, 1.0], *[None] * (place < 6)):
         given_ = [*fits]
         given_[place] = wrong
         with pytest.raises(ValueError, match='as many joints'):
-            MOTION.Limits(*given_)
+            core.Limits(*given_)
 
 
 def test_limits_are_for_arrays_of_one_number_for_each_joint():
     ones, rows = np.ones(2), np.empty((8, 2))
-    limits = MOTION.Limits(0.01, 100.0, False, -ones, ones, ones, ones)
+    limits = core.Limits(0.01, 100.0, False, -ones, ones, ones, ones)
     fits = [ones, ones, 0.01, np.ones((3, 2)), 0.01, rows]
     limits.at(*fits)
     for place, wrong in ((0, np.ones(3)), (0, ones.astype(int)), (0, None), (1, np.ones(1)),
@@ -359,19 +358,19 @@ def test_all_objects_that_are_lent_are_given_back():
     gain, v, pending = np.array(2.0), np.empty(6), np.ones((1, 2))
     elapsed, index = np.pi * 1.0, 10 ** 6
     objects = (base, bodies, frames, one, two, T, J, error, turn, rows, bounds, gain, v,
-               pending, elapsed, index, MOTION.Motion, MOTION.Limits)
+               pending, elapsed, index, core.Motion, core.Limits)
 
     def use():
-        motion = MOTION.Motion(1, 0, base, bodies, frames)
-        limits = MOTION.Limits(0.01, 100.0, False, two, two, two, two)
+        motion = core.Motion(1, 0, base, bodies, frames)
+        limits = core.Limits(0.01, 100.0, False, two, two, two, two)
         motion.move(one, one, None)
         motion.place(0, T)
         motion.jacobian(0, J)
         assert motion.observe(0, 0, rows, T, turn, turn, gain, error, J, v)
         limits.at(two, two, elapsed, pending, elapsed, bounds)
-        for call in (lambda: MOTION.Motion(1, 0, two, bodies, frames),
-                     lambda: MOTION.Motion(1, 0, base, frames, bodies),
-                     lambda: MOTION.Limits(0.01, 100.0, False, two, two, one, two),
+        for call in (lambda: core.Motion(1, 0, two, bodies, frames),
+                     lambda: core.Motion(1, 0, base, frames, bodies),
+                     lambda: core.Limits(0.01, 100.0, False, two, two, one, two),
                      lambda: motion.move(one, two, None), lambda: motion.move(one, one, T),
                      lambda: motion.place(index, T), lambda: motion.place(0, J),
                      lambda: motion.jacobian(0, T), lambda: limits.at(one, two, elapsed, bounds),
@@ -408,15 +407,6 @@ def test_limits_are_those_of_the_reference(seed, accelerated, endless, period, s
     late = rng.normal(size=(delay, n)), rng.uniform(0.0, period)
     assert np.array_equal(limits.at(q, previous, elapsed, *late)._rows,
                           limits._rows(q, previous, elapsed, *late))
-
-
-def test_constants_are_those_of_the_reference():
-    places = {'MOST': solver, 'LARGEST': state, 'HALF_TURN_BAND': spatial,
-              'RETURN_SHARE': velocity_limits, 'RETURN_SPEED': velocity_limits,
-              'FAR': velocity_limits}
-    assert set(MOTION.CONSTANTS) == set(places)
-    for name, value in MOTION.CONSTANTS.items():
-        assert getattr(places[name], name) == value, name
 
 
 @pytest.mark.parametrize('name, frames', [

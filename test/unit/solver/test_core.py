@@ -31,13 +31,7 @@ import pytest
 from reference import random_levels
 from tp_controller import Level, solve, SolverError
 from tp_controller.solver import (
-    active_set,
-    bounded_hierarchy,
     compiled,
-    damping,
-    level,
-    min_norm,
-    qp,
 )
 from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import check_levels
@@ -142,18 +136,6 @@ def test_core_does_not_overlook_the_bound_of_a_joint_that_hardly_moves(share):
     levels = [(np.array([[share, 1.0]]), [0.0]), (np.eye(2)[:1], [1e6])]
     velocity = redistribute(levels, [-1e7, -1e-4], [1e7, 1e-4]).velocity
     np.testing.assert_allclose(velocity, [1e-4 / share, -1e-4], rtol=1e-6)
-
-
-def test_core_has_the_constants_of_the_solver_in_python():
-    places = {'MOST': compiled, 'NEGLIGIBLE': level, 'ROUNDING': level, 'FEASIBLE': level,
-              'CURVATURE': damping, 'TURNING': damping, 'ROW_TURNING': damping, 'FIRST': damping,
-              'MEMORY': damping, 'WELL_CONDITIONED': min_norm, 'WELL_WEIGHTED': min_norm,
-              'ROW_DAMPING': bounded_hierarchy,
-              'SOFTEST': bounded_hierarchy, 'DEPENDENT': active_set, 'LAST_DIGIT': active_set,
-              'TOLERANCES': qp, 'EXACT': qp}
-    assert set(compiled.core.CONSTANTS) == set(places)
-    for name, value in compiled.core.CONSTANTS.items():
-        assert np.array_equal(getattr(places[name], name), value), name
 
 
 def raw(core, levels, lower=None, upper=None, memory=(), n=None):
@@ -528,7 +510,7 @@ def test_solver_is_chosen_by_name(monkeypatch):
     with pytest.raises(SolverError, match="unknown solver 'compield'.*mean 'compiled'"):
         compiled.load('compield')
     # As if it had not been built.
-    monkeypatch.setitem(sys.modules, 'tp_controller.solver.core', None)
+    monkeypatch.setitem(sys.modules, 'tp_controller.core.extension', None)
     assert compiled.load('') is None
     with pytest.raises(SolverError, match='TP_CONTROLLER_SOLVER is compiled, but'):
         compiled.load('compiled')

@@ -20,10 +20,11 @@ import numpy as np
 import pytest
 import robots
 from tp_controller import Controller, Settings, Stack
+from tp_controller.solver.compiled import core
 from tp_controller.tasks import bounded
-from tp_controller.tasks.bounded import bounds_of, ROWS
+from tp_controller.tasks.bounded import bounds_of
 
-pytestmark = pytest.mark.skipif(ROWS is None, reason='the package was built without a compiler')
+pytestmark = pytest.mark.skipif(core is None, reason='the package was built without a compiler')
 
 N = 4
 seeds = st.integers(0, 2 ** 32 - 1)
@@ -32,7 +33,7 @@ seeds = st.integers(0, 2 ** 32 - 1)
 def filled(arguments):
     """Return what the compiled function fills in; None where it leaves that to the reference."""
     found = [np.full(len(arguments[0]), 7.0) for _ in range(3)]
-    return found if ROWS.bound(*arguments, *found) else None
+    return found if core.bound(*arguments, *found) else None
 
 
 @settings(max_examples=500)
@@ -69,22 +70,16 @@ def test_what_does_not_fit_is_left_to_the_reference():
     J, two = np.ones((2, N)), np.ones(2)
     fits = [two, J, J, np.zeros(N), -two, 2.0, np.array(5.0), 0.2, 0.0, 0.5, two, two, two]
     fits[10:] = np.empty(2), np.empty(2), np.empty(2)
-    assert ROWS.bound(*fits) is True
+    assert core.bound(*fits) is True
     for place, wrong in ((0, np.ones(3)), (0, [1.0, 1.0]), (1, J[:, 1:]), (1, J.astype(np.single)),
                          (2, J[:1]), (2, None), (3, np.zeros(N + 1)), (4, np.ones(3)), (4, -1),
                          (5, None), (6, np.ones((2, 1))), (8, np.ones(1)), (10, np.empty(3)),
                          (11, np.empty(4)[::2]), (12, None), (12, np.empty((2, 1)))):
         given_ = [*fits]
         given_[place] = wrong
-        assert ROWS.bound(*given_) is False, (place, wrong)
+        assert core.bound(*given_) is False, (place, wrong)
     with pytest.raises(TypeError, match='bound'):
-        ROWS.bound(*fits[1:])
-
-
-def test_constants_are_those_of_the_reference():
-    assert set(ROWS.CONSTANTS) == {'RETURN_JOINT_SPEED', 'FAR', 'STILL', 'LOOSE', 'DRIFT', 'TINY'}
-    for name, value in ROWS.CONSTANTS.items():
-        assert getattr(bounded, name) == value, name
+        core.bound(*fits[1:])
 
 
 @pytest.mark.parametrize('guard', [
@@ -95,8 +90,8 @@ def test_constants_are_those_of_the_reference():
 def test_a_robot_keeps_its_distance_as_with_the_reference(guard, monkeypatch):
     its, ends = robots.panda(), []
     text = f'- guard: {{type: {guard}}}\n- tool: {{type: position, frame: panda_hand_tcp}}\n'
-    for rows in (ROWS, None):
-        monkeypatch.setattr(bounded, 'ROWS', rows)
+    for rows in (core, None):
+        monkeypatch.setattr(bounded, 'core', rows)
         controller = Controller(its, Stack.from_yaml(text, its), Settings(period=0.01))
         q = np.array(robots.PANDA_READY)
         controller.update(q, 0.0)

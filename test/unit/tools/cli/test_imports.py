@@ -68,7 +68,7 @@ def test_a_goal_is_sent_and_waited_for_without_the_kinematics():
 # What there is without a compiler.
 WITHOUT_CORE = """
 import sys
-sys.modules['tp_controller.solver.core'] = None
+sys.modules['tp_controller.core.extension'] = None
 from tp_controller.tools.cli import main
 sys.exit(eval(sys.argv[1]))
 """

@@ -12,17 +12,23 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-// The bounds of an inequality task in one cycle, compiled. `bounds_of` in bounded.py is the
-// reference, read it first. What does not fit here is left to it.
+// Bounds of the rows of an inequality task in one cycle. Another shape or type is answered with
+// False.
+// Reference: tp_controller/tasks/bounded.py
 
-#include "../solver/border.h"
+#pragma once
+
+#include "python_buffers.h"
 
 #include <algorithm>
 #include <cmath>
 
 namespace {
 
-// Constants of the reference; a test holds them equal (CONSTANTS below).
+// Names of the reference that others have, too.
+namespace bounded {
+
+// Constants of the reference.
 constexpr double RETURN_JOINT_SPEED = 0.5, FAR = 1.0, STILL = 2e-2, LOOSE = 1e-3, DRIFT = 1e-2,
     TINY = 1e-12;
 
@@ -98,16 +104,6 @@ PyObject *bound(PyObject *, PyObject *const *given, Py_ssize_t count) {
   return Py_NewRef(Py_True);
 }
 
-PyMethodDef METHODS[] = {
-    method("bound", bound, "Find the bounds of an inequality task."),
-    {nullptr, nullptr, 0, nullptr}};
-PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "rows", "The bounds of inequality tasks, compiled.",
-                      -1, METHODS, nullptr, nullptr, nullptr, nullptr};
+}  // namespace bounded
 
 }  // namespace
-
-PyMODINIT_FUNC PyInit_rows(void) {
-  return make_module(MODULE, {{"CONSTANTS", Py_BuildValue(
-      "{s:d,s:d,s:d,s:d,s:d,s:d}", "RETURN_JOINT_SPEED", RETURN_JOINT_SPEED, "FAR", FAR,
-      "STILL", STILL, "LOOSE", LOOSE, "DRIFT", DRIFT, "TINY", TINY)}});
-}

@@ -12,7 +12,8 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-// What the compiled parts share: arrays, references and types of Python, through its limited API.
+// Arrays, references and types of Python, through its limited API.
+// Reference: none
 
 #pragma once
 
@@ -27,7 +28,7 @@
 
 namespace {
 
-// Larger arrays are left to the reference (compiled.py).
+// Larger arrays are left to the reference (tp_controller/solver/compiled.py).
 constexpr Py_ssize_t MOST = 1000;
 
 // A reference that is given back.

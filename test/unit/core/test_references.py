@@ -1,0 +1,98 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The compiled core: each header has one reference in Python, and its constants."""
+
+import importlib
+import re
+
+import numpy as np
+import pytest
+from robots import REPOSITORY
+from tp_controller.solver.compiled import core
+
+FOLDER = REPOSITORY / 'tp_controller' / 'core'
+HEADERS = {path.name: path.read_text(encoding='utf-8') for path in sorted(FOLDER.glob('*.h'))}
+# {header: its reference below tp_controller}; empty for what only the core needs.
+REFERENCES = {
+    'active_set.h': 'solver/active_set.py', 'arena.h': '',
+    'bounded_hierarchy.h': 'solver/bounded_hierarchy.py', 'bounded_rows.h': 'tasks/bounded.py',
+    'damping.h': 'solver/damping.py', 'frame_task.h': 'tasks/frame.py',
+    'kinematics.h': 'model/state.py', 'level.h': 'solver/level.py',
+    'limits_object.h': 'control/velocity_limits.py', 'min_norm.h': 'solver/min_norm.py',
+    'motion_object.h': 'model/compiled.py', 'null_space.h': 'solver/null_space.py',
+    'polytope.h': 'solver/polytope.py', 'python_buffers.h': '', 'qp.h': 'solver/qp.py',
+    'scaling.h': 'solver/scaling.py', 'solve.h': 'solver/solve.py',
+    'solver_object.h': 'solver/compiled.py', 'spatial.h': 'model/spatial.py',
+    'velocity_limits.h': 'control/velocity_limits.py',
+}
+# Of a reference, the lowest first: a header includes none whose reference is above its own.
+LIBRARY = ('', 'solver', 'model', 'tasks', 'control')
+LONGEST = 450
+
+
+def included(text):
+    """Return the headers that a file includes."""
+    return re.findall(r'^#include "([^"]+)"', text, re.MULTILINE)
+
+
+def part(header):
+    """Return the place in the library of the reference of a header."""
+    return LIBRARY.index(REFERENCES[header].rpartition('/')[0])
+
+
+def test_everything_compiled_is_one_extension():
+    package = REPOSITORY / 'tp_controller'
+    sources = [path.relative_to(package).as_posix()
+               for ending in ('*.cpp', '*.h') for path in package.rglob(ending)]
+    assert {path.rpartition('/')[0] for path in sources} == {'core'}
+    assert [path for path in sources if path.endswith('.cpp')] == ['core/extension.cpp']
+
+
+def test_each_header_names_its_reference():
+    named = {name: re.search(r'^// Reference: (.+)$', text, re.MULTILINE).group(1)
+             for name, text in HEADERS.items()}
+    assert named == {name: f'tp_controller/{reference}' if reference else 'none'
+                     for name, reference in REFERENCES.items()}
+    for reference in filter(None, REFERENCES.values()):
+        assert (REPOSITORY / 'tp_controller' / reference).is_file()
+
+
+def test_a_header_includes_nothing_of_above_its_reference():
+    for name, text in HEADERS.items():
+        for other in included(text):
+            assert part(other) <= part(name) or other == 'python_buffers.h', (name, other)
+
+
+def test_every_header_is_used_and_none_is_long():
+    used = {other for text in (*HEADERS.values(), (FOLDER / 'extension.cpp').read_text())
+            for other in included(text)}
+    assert used == set(HEADERS)
+    assert max(len(text.splitlines()) for text in HEADERS.values()) <= LONGEST
+
+
+@pytest.mark.skipif(core is None, reason='the package was built without a compiler')
+def test_constants_are_those_of_the_references():
+    assert set(core.CONSTANTS) >= {'solver.level', 'model.state', 'tasks.bounded'}
+    for module, constants in core.CONSTANTS.items():
+        reference = importlib.import_module(f'tp_controller.{module}')
+        for name, value in constants.items():
+            assert np.array_equal(getattr(reference, name), value), (module, name)
+    # Every constant that a header writes down is among them, but for those without a reference.
+    for name, text in HEADERS.items():
+        module = REFERENCES[name].removesuffix('.py').replace('/', '.')
+        block = re.search(r'// Constants? of the reference\.\n(?:constexpr [^;]+;.*\n)+', text)
+        found = re.findall(r'\b([A-Z][A-Z_]+)(?:\[\])? = ', block.group()) if block else []
+        found = {each.replace('REMEMBERED', 'MEMORY') for each in found}
+        assert found <= set(core.CONSTANTS.get(module, ())), name

@@ -1,0 +1,159 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// Vectors of doubles, and memory that a cycle takes in pieces and returns at once.
+// Reference: none
+
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <memory>
+#include <new>
+#include <utility>
+#include <vector>
+
+namespace {
+
+constexpr double INF = HUGE_VAL;
+
+// Thrown where a problem is left to the reference.
+struct Unsolved {};
+
+inline double dot(const double *a, const double *b, int n) {
+  double sum = 0.0;
+#pragma omp simd reduction(+ : sum)
+  for (int i = 0; i < n; ++i) sum += a[i] * b[i];
+  return sum;
+}
+
+// b ← b + f a
+inline void add(double f, const double *a, double *b, int n) {
+#pragma omp simd
+  for (int i = 0; i < n; ++i) b[i] += f * a[i];
+}
+
+// a, b ← c a − s b, s a + c b
+inline void rotate(double c, double s, double *a, double *b, int n) {
+#pragma omp simd
+  for (int i = 0; i < n; ++i) {
+    const double x = a[i], y = b[i];
+    a[i] = c * x - s * y;
+    b[i] = s * x + c * y;
+  }
+}
+
+inline double norm(const double *a, int n) { return std::sqrt(dot(a, a, n)); }
+
+inline double clip(double x, double lower, double upper) {
+  return std::min(std::max(x, lower), upper);
+}
+
+inline bool within(double value, double lower, double upper, double tolerance) {
+  return !(value > upper + tolerance || value < lower - tolerance);
+}
+
+// Memory that is taken in pieces and given back at once: after the first cycles none is allocated.
+class Arena {
+ public:
+  double *take(size_t count) {
+#ifdef __SANITIZE_ADDRESS__
+    // Each piece for itself, so that its end is noticed; and no number that is not written first.
+    double *found = add_block(count);
+    std::fill(found, found + count, std::nan(""));
+    block_ = blocks_.size();
+    return found;
+#else
+    count = (count + 3) & ~size_t(3);
+    while (block_ < blocks_.size() && used_ + count > blocks_[block_].size) {
+      ++block_;
+      used_ = 0;
+    }
+    if (block_ == blocks_.size()) {
+      add_block(std::max(count, size_t(1) << 14));
+      used_ = 0;
+    }
+    double *found = blocks_[block_].numbers.get() + used_;
+    used_ += count;
+    return found;
+#endif
+  }
+
+  double *zeros(size_t count) {
+    double *found = take(count);
+    std::fill(found, found + count, 0.0);
+    return found;
+  }
+
+  double *copy(const double *from, size_t count) {
+    double *found = take(count);
+    std::copy(from, from + count, found);
+    return found;
+  }
+
+  int *integers(size_t count) { return reinterpret_cast<int *>(take((count + 1) / 2)); }
+
+  void reset() { give_back(0, 0); }
+
+  // Gives back, at its end, what was taken since it began.
+  class Frame {
+   public:
+    explicit Frame(Arena &arena) : arena_(arena), block_(arena.block_), used_(arena.used_) {}
+    Frame(const Frame &) = delete;
+    ~Frame() { arena_.give_back(block_, used_); }
+
+   private:
+    Arena &arena_;
+    size_t block_, used_;
+  };
+
+ private:
+  struct Block {
+    std::unique_ptr<double[]> numbers;
+    size_t size;
+  };
+
+  // Where there is no memory nothing has changed.
+  double *add_block(size_t size) {
+    blocks_.push_back({std::unique_ptr<double[]>(new double[size]), size});
+    return blocks_.back().numbers.get();
+  }
+
+  void give_back(size_t block, size_t used) {
+    block_ = block;
+    used_ = used;
+#ifdef __SANITIZE_ADDRESS__
+    blocks_.resize(block);
+#endif
+  }
+
+  std::vector<Block> blocks_;
+  size_t block_ = 0, used_ = 0;
+};
+
+// A matrix (n, k), column by column.
+struct Columns {
+  double *p = nullptr;
+  int n = 0, k = 0;
+
+  double *operator[](int j) const { return p + size_t(j) * n; }
+};
+
+// y ← y + Q a, for the first `count` columns.
+inline void add_columns(const Columns &Q, const double *a, int count, double *y) {
+  for (int j = 0; j < count; ++j) add(a[j], Q[j], y, Q.n);
+}
+
+}  // namespace

@@ -1,0 +1,407 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// Levels one after the other within bounds.
+// Reference: tp_controller/solver/bounded_hierarchy.py
+
+#pragma once
+
+#include "null_space.h"
+#include "polytope.h"
+#include "qp.h"
+
+namespace {
+
+// Constants of the reference.
+constexpr double ROW_DAMPING = 0.1;
+constexpr double SOFTEST = 1e-8;
+
+struct Step {
+  const Level *level = nullptr;
+  const double *velocity = nullptr, *followed = nullptr;
+  Directions directions;
+  Columns relaxed;
+  bool is_relaxed = false;
+  const double *multipliers = nullptr, *row_multipliers = nullptr;
+  int rows = 0;
+  double bend = 0.0;
+};
+
+// Levels with a demand, and what they could move.
+struct Above {
+  const Level *level;
+  Directions its;
+};
+
+class BoundedHierarchy {
+ public:
+  BoundedHierarchy(Arena &arena, Polytope &allowed, const Damping &damping,
+                   std::vector<Above> &above)
+      : arena_(arena), allowed_(allowed), n_(allowed.n), damping_(damping),
+        first_(damping.first()), rest_(arena.zeros(n_)), x_(arena.take(n_)), above_(above) {
+    above_.clear();
+    allowed.clip(rest_, x_);
+    Z_ = {arena.zeros(size_t(n_) * n_), n_, n_};
+    for (int j = 0; j < n_; ++j) Z_[j][j] = 1.0;
+    identity_ = Z_;
+  }
+
+  double *x() { return x_; }
+
+  Step carry_out(const Level &level, double c) {
+    const Directions its = Decomposition(arena_, level, Z_, above_.empty(), !relaxed_).found();
+    const int rank = its.rank;
+    double *gains = arena_.take(rank), *step = arena_.take(rank), *missing = arena_.take(level.m);
+    damping().gains(its.s, rank, c, gains);
+    const double *origin = rest_;
+    std::copy(level.v, level.v + level.m, missing);
+    if (!above_.empty()) {
+      origin = x_;
+      less(level, missing);
+    }
+    its.seen(missing, step);
+    for (int i = 0; i < rank; ++i) step[i] *= gains[i];
+    const double *multipliers = nullptr;
+    if (!take(origin, its.Q, step, rank))
+      multipliers = level.scale ? keep_direction(level, its, gains, c)
+                                : come_near(origin, its.Q, step, its.s, rank, c);
+    Step found;
+    double *followed = arena_.take(rank);
+    for (int i = 0; i < rank; ++i) followed[i] = its.s[i] * gains[i];
+    const bool met = !multipliers && rank == level.m
+        && (rank == 0 || followed[rank - 1] > 1.0 - ROUNDING);
+    found.level = &level;
+    found.directions = its;
+    found.followed = followed;
+    found.bend = met ? 0.0 : bend_of(level, its, multipliers);
+    apart(multipliers, found);
+    leave(its, found);
+    above_.push_back({&level, its});
+    found.velocity = arena_.copy(x_, n_);
+    return found;
+  }
+
+  Step satisfy(const Level &level, double c) {
+    const int m = level.m, n = n_, before = allowed_.count;
+    double *rows = allowed_.rows + size_t(before) * n, *lengths = allowed_.lengths + before;
+    double *lower = allowed_.row_lower + before, *upper = allowed_.row_upper + before;
+    double *value = arena_.take(m);
+    bool met = true;
+    for (int i = 0; i < m; ++i) {
+      double *row = rows + size_t(i) * n;
+      std::copy(level.row(i), level.row(i) + n, row);
+      const double length = norm(row, n);
+      lengths[i] = length == 0.0 ? 1.0 : length;
+      for (int j = 0; j < n; ++j) row[j] /= lengths[i];
+      lower[i] = level.lower[i] / lengths[i];
+      upper[i] = level.upper[i] / lengths[i];
+      value[i] = dot(row, x_, n);
+      met = met && within(value[i], lower[i], upper[i], 0.0);
+    }
+    Step found;
+    found.level = &level;
+    const double *multipliers = nullptr;
+    if (!met) {
+      multipliers = meet(m, value, c);
+      for (int i = 0; i < m; ++i) {
+        const double now = dot(rows + size_t(i) * n, x_, n);
+        lower[i] = std::min(lower[i], now);
+        upper[i] = std::max(upper[i], now);
+      }
+    }
+    allowed_.count += m;
+    if (multipliers) found.bend = bend_against(arena_.zeros(n), multipliers);
+    apart(multipliers, found);
+    found.velocity = arena_.copy(x_, n);
+    return found;
+  }
+
+  void finish(const double *weights) {
+    if (!above_.empty() && above_.back().level->is_identity) return;
+    Columns Z = relaxed_ ? null_space() : Z_;
+    if (Z.k == 0) return;
+    // One more level: √w_j x_j = 0.
+    double *cost = nullptr;
+    if (weights) {
+      cost = arena_.zeros(size_t(n_) * n_);
+      for (int j = 0; j < n_; ++j) cost[size_t(j) * n_ + j] = std::sqrt(weights[j]);
+    }
+    const Level level = {n_, n_, false, false, !weights, cost, rest_, nullptr, nullptr};
+    const Directions its = Decomposition(arena_, level, Z, false, true).found();
+    double *achieved = arena_.take(n_), *step = arena_.take(its.Q.k);
+    double *stiffness = arena_.take(its.Q.k);
+    level.times(x_, achieved);
+    its.seen(achieved, step);
+    for (int i = 0; i < its.rank; ++i) {
+      step[i] /= -its.s[i];
+      stiffness[i] = its.s[i] * its.s[i];
+    }
+    if (take(x_, its.Q, step, its.rank)) return;
+    move(x_, its.Q, nearest(arena_, stiffness, step, allowed_.along(arena_, x_, its.Q, 0, 0)));
+  }
+
+ private:
+  const Damping &damping() const { return above_.empty() ? first_ : damping_; }
+
+  // w ← w − J x
+  void less(const Level &level, double *w) const {
+    double *achieved = arena_.take(level.m);
+    level.times(x_, achieved);
+    add(-1.0, achieved, w, level.m);
+  }
+
+  // Move to origin + Q step if that is allowed; say whether it was.
+  bool take(const double *origin, const Columns &Q, const double *step, int rank) {
+    double *x = arena_.copy(origin, n_), *fitting = arena_.take(n_);
+    add_columns(Q, step, rank, x);
+    if (!allowed_.fitting(x, fitting)) return false;
+    std::copy(fitting, fitting + n_, x_);
+    return true;
+  }
+
+  const double *keep_direction(const Level &level, const Directions &its, const double *gains,
+                               double c) {
+    const int rank = its.rank;
+    const Columns &Q = its.Q;
+    double *image = arena_.take(level.m), *achieved = arena_.take(rank);
+    double *moved = arena_.take(rank), *step = arena_.take(rank);
+    level.times(x_, image);
+    its.seen(image, achieved);
+    if (std::any_of(achieved, achieved + rank, [](double each) { return each != 0.0; })) {
+      for (int i = 0; i < rank; ++i) step[i] = -gains[i] * achieved[i];
+      this->step(Q, step, rank, its.s, c);
+    }
+    level.times(x_, image);
+    its.seen(image, moved);
+    its.seen(level.v, step);
+    for (int i = 0; i < rank; ++i)
+      step[i] = gains[i] * (step[i] - achieved[i]) - (moved[i] - achieved[i]) / its.s[i];
+    const double length = norm(step, rank);
+    if (length == 0.0) return nullptr;
+    // One direction for the level, and all that do not move it.
+    const Columns D = {arena_.zeros(size_t(n_) * (Q.k - rank + 1)), n_, Q.k - rank + 1};
+    double along = 0.0;
+    for (int i = 0; i < rank; ++i) {
+      const double share = step[i] / length;
+      add(share, Q[i], D[0], n_);
+      along += its.s[i] * share * (its.s[i] * share);
+    }
+    std::copy(Q[rank], Q[Q.k], D[1]);
+    along = std::sqrt(along);
+    return this->step(D, &length, 1, &along, c);
+  }
+
+  const double *step(const Columns &Q, const double *step, int rank, const double *s, double c) {
+    return take(x_, Q, step, rank) ? nullptr : come_near(x_, Q, step, s, rank, c);
+  }
+
+  const double *come_near(const double *origin, const Columns &Q, const double *step,
+                          const double *s, int rank, double c) {
+    const int k = Q.k;
+    double *target = arena_.zeros(k), *stiffness = arena_.take(k), *start = arena_.take(k);
+    double *demanded = arena_.copy(origin, n_), *off = arena_.take(n_);
+    std::copy(step, step + rank, target);
+    for (int j = 0; j < k; ++j) stiffness[j] = j < rank ? std::max(s[j] * s[j], c) : c;
+    add_columns(Q, step, rank, demanded);
+    allowed_.clip(demanded, off);
+    add(-1.0, demanded, off, n_);
+    for (int j = 0; j < k; ++j) start[j] = target[j] + dot(Q[j], off, n_);
+    const double mu = damping().regularisation;
+    double least = mu * mu;
+    // It would cost the bounds their digits.
+    if (least < SOFTEST * *std::max_element(stiffness, stiffness + k)) least = 0.0;
+    return move(origin, Q, regularised(arena_, stiffness, target,
+                                       allowed_.along(arena_, origin, Q, 0, 0), least, start));
+  }
+
+  // Move x, exactly onto bounds that have a multiplier; return the multipliers.
+  const double *move(const double *origin, const Columns &Q, const Answer &found) {
+    double *x = arena_.copy(origin, n_);
+    add_columns(Q, found.a, Q.k, x);
+    add(1.0 / ROUNDING, found.multipliers, x, n_);
+    allowed_.clip(x, x_);
+    allowed_.widen(x_);
+    return found.multipliers;
+  }
+
+  void apart(const double *multipliers, Step &found) const {
+    found.rows = allowed_.count;
+    if (!multipliers) return;
+    found.multipliers = multipliers;
+    double *of_rows = arena_.take(allowed_.count);
+    for (int i = 0; i < allowed_.count; ++i)
+      of_rows[i] = multipliers[n_ + i] / allowed_.lengths[i];
+    found.row_multipliers = of_rows;
+  }
+
+  void leave(const Directions &its, Step &found) {
+    const double region = damping_.release_region;
+    Z_ = remaining(arena_, its, region, damping_.damping != 0.0 ? damping_.damping : region);
+    if (Z_.k == its.Q.k - its.rank) return;
+    relaxed_ = true;
+    found.is_relaxed = true;
+    found.relaxed = Z_;
+  }
+
+  double bend_of(const Level &level, const Directions &its, const double *multipliers) {
+    double *missed = arena_.copy(level.v, level.m), *force = arena_.zeros(n_);
+    less(level, missed);
+    const double push = norm(missed, level.m);
+    if (push <= NEGLIGIBLE * norm(level.v, level.m)) return 0.0;
+    double h = level.is_identity ? 0.0 : bend(its.size, push);
+    level.add_transposed(1.0, missed, force);
+    return h + bend_against(force, multipliers);
+  }
+
+  // The part of h from bounds and the levels above, against a force (n), which it overwrites.
+  double bend_against(double *force, const double *multipliers) {
+    double h = 0.0;
+    if (multipliers) {
+      add(-1.0, multipliers, force, n_);
+      const double *of_rows = multipliers + n_;
+      for (int i = 0; i < allowed_.count; ++i) add(-of_rows[i], allowed_.row(i), force, n_);
+      h = bend_of_rows(allowed_.lengths, of_rows, allowed_.count);
+    }
+    const double half = 0.5 * damping_.release_region, softest = half * half;
+    for (size_t index = above_.size(); index-- > 0;) {
+      const Directions &those = above_[index].its;
+      double *mu = arena_.take(those.rank), *pushed = arena_.zeros(those.m);
+      for (int i = 0; i < those.rank; ++i) {
+        mu[i] = dot(force, those.Q[i], n_) / (those.s[i] + softest / those.s[i]);
+        add(mu[i], those.task(i), pushed, those.m);
+      }
+      h += bend(those.size, norm(mu, those.rank));
+      if (index > 0) above_[index].level->add_transposed(-1.0, pushed, force);
+    }
+    return h;
+  }
+
+  // Move x to within bounds on what the next m rows gain; return multipliers where it cannot.
+  const double *meet(int m, const double *value, double c) {
+    const int before = allowed_.count, k = Z_.k;
+    const double *rows = allowed_.rows + size_t(before) * n_;
+    double *G = arena_.take(size_t(m) * k), *lower = arena_.take(m), *upper = arena_.take(m);
+    double *asked = arena_.take(m);
+    for (int i = 0; i < m; ++i) {
+      double square = 0.0;
+      for (int j = 0; j < k; ++j) {
+        const double each = dot(rows + size_t(i) * n_, Z_[j], n_);
+        G[size_t(i) * k + j] = each;
+        square += each * each;
+      }
+      lower[i] = allowed_.row_lower[before + i] - value[i];
+      upper[i] = allowed_.row_upper[before + i] - value[i];
+      asked[i] = std::max(std::max(lower[i], -upper[i]), 0.0);
+      if (!damping_.off()) reduce(lower[i], upper[i], square / (ROW_DAMPING * ROW_DAMPING));
+    }
+    if (nearest_step(m, G, lower, upper, asked)) return nullptr;
+    // One more variable for each row: what is missing to its bound.
+    const Program soft = with_rows(m, m, G, lower, upper);
+    double *stiffness = arena_.take(soft.k), *target = arena_.zeros(soft.k);
+    const double mu = damping_.regularisation;
+    for (int j = 0; j < k; ++j) {
+      stiffness[j] = std::max(c, mu * mu);
+      target[j] = -dot(Z_[j], x_, n_);
+    }
+    for (int i = 0; i < m; ++i) {
+      const double length = allowed_.lengths[before + i];
+      stiffness[k + i] = length * length;
+    }
+    const Answer least = regularised(arena_, stiffness, target, soft, 0.0, target);
+    return move(x_, Z_, least);
+  }
+
+  // Take the smallest step within bounds on what m rows gain; say whether there is one.
+  bool nearest_step(int m, const double *G, const double *lower, const double *upper,
+                    const double *asked) {
+    const Program program = with_rows(m, 0, G, lower, upper);
+    const Answer found = {arena_.take(program.k), arena_.take(program.rows)};
+    // No looser tolerance may find it.
+    if (!nearest_point(arena_, arena_.zeros(program.k), program, nullptr, 1.0, found, FEASIBLE))
+      return false;
+    // A row of which others, and joints at their limits, leave a length s: its multiplier is what
+    // it still lacks / s².
+    const double share = ROW_DAMPING * ROW_DAMPING;
+    bool dear = false;
+    for (int i = 0; i < m; ++i)
+      dear |= asked[i] > 0.0
+          && share * std::abs(found.multipliers[program.rows - m + i]) > asked[i];
+    if (dear && !damping_.off()) ease(m, G, lower, upper, asked);
+    else move(x_, Z_, found);
+    return true;
+  }
+
+  // Move x towards bounds on what m rows gain, at a multiplier of at most asked / ROW_DAMPING².
+  // Each may lack w, from 0 to what it asks for: least ‖a‖² + Σ (w + dearest)².
+  void ease(int m, const double *G, const double *lower, const double *upper,
+            const double *asked) {
+    const int k = Z_.k;
+    const Program program = allowed_.along(arena_, x_, Z_, 2 * m, m);
+    double *target = arena_.zeros(program.k);
+    for (int i = 0; i < m; ++i) {
+      const int at = program.rows - 2 * m + i;
+      double *row = program.A + size_t(at) * program.k;
+      std::copy(G + size_t(i) * k, G + size_t(i + 1) * k, row);
+      row[k + i] = lower[i] > 0.0 ? 1.0 : -1.0;
+      program.lower[at] = lower[i];
+      program.upper[at] = upper[i];
+      program.A[size_t(at + m) * program.k + k + i] = 1.0;
+      program.lower[at + m] = 0.0;
+      program.upper[at + m] = asked[i];
+      target[k + i] = -asked[i] / (ROW_DAMPING * ROW_DAMPING);
+    }
+    const Answer found = {arena_.take(program.k), arena_.take(program.rows)};
+    if (nearest_point(arena_, target, program, nullptr, 1.0, found, FEASIBLE))
+      move(x_, Z_, found);
+  }
+
+  // Demand a share, of at most 1, of what bounds demand.
+  static void reduce(double &lower, double &upper, double share) {
+    share = std::min(share, 1.0);
+    lower = share * std::max(lower, 0.0) + std::min(lower, 0.0);
+    upper = share * std::min(upper, 0.0) + std::max(upper, 0.0);
+  }
+
+  // All that is allowed, and m rows more; with one variable more for each of them, or none.
+  Program with_rows(int m, int more, const double *G, const double *lower, const double *upper) {
+    Program program = allowed_.along(arena_, x_, Z_, m, more);
+    for (int i = 0; i < m; ++i) {
+      const int at = n_ + allowed_.count + i;
+      double *row = program.A + size_t(at) * program.k;
+      std::copy(G + size_t(i) * Z_.k, G + size_t(i + 1) * Z_.k, row);
+      if (more) row[Z_.k + i] = 1.0;
+      program.lower[at] = lower[i];
+      program.upper[at] = upper[i];
+    }
+    return program;
+  }
+
+  Columns null_space() {
+    Columns Z = identity_;
+    for (const Above &each : above_)
+      Z = remaining(arena_, Decomposition(arena_, *each.level, Z, false, true).found(), 0.0, 0.0);
+    return Z;
+  }
+
+  Arena &arena_;
+  Polytope &allowed_;
+  int n_;
+  Damping damping_, first_;
+  double *rest_, *x_;
+  Columns Z_, identity_;
+  std::vector<Above> &above_;
+  bool relaxed_ = false;
+};
+
+}  // namespace

@@ -1,0 +1,68 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// The compiled core, one extension module. Each header names the Python file that is its reference:
+// read that first. Checks, and the objects that users see, stay in Python.
+
+#include "bounded_rows.h"
+#include "frame_task.h"
+#include "limits_object.h"
+#include "motion_object.h"
+#include "python_buffers.h"
+#include "solver_object.h"
+
+namespace {
+
+// {module of the reference: {name: value}}; a test holds them equal.
+PyObject *constants() {
+  return Py_BuildValue(
+      "{s:{s:n}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d}, s:{s:(dddd),s:(dd)},"
+      " s:{s:d,s:d}, s:{s:d,s:d}, s:{s:d}, s:{s:d}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d,s:d}}",
+      "solver.compiled", "MOST", MOST,
+      "solver.level", "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
+      "solver.damping", "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING,
+      "FIRST", FIRST, "MEMORY", REMEMBERED,
+      "solver.active_set", "DEPENDENT", DEPENDENT, "LAST_DIGIT", LAST_DIGIT,
+      "solver.qp", "TOLERANCES", TOLERANCES[0], TOLERANCES[1], TOLERANCES[2], TOLERANCES[3],
+      "EXACT", EXACT[0], EXACT[1],
+      "solver.bounded_hierarchy", "ROW_DAMPING", ROW_DAMPING, "SOFTEST", SOFTEST,
+      "solver.min_norm", "WELL_CONDITIONED", WELL_CONDITIONED, "WELL_WEIGHTED", WELL_WEIGHTED,
+      "model.state", "LARGEST", LARGEST,
+      "model.spatial", "HALF_TURN_BAND", HALF_TURN_BAND,
+      "control.velocity_limits", "RETURN_SHARE", RETURN_SHARE, "RETURN_SPEED", RETURN_SPEED,
+      "FAR", FAR,
+      "tasks.bounded", "RETURN_JOINT_SPEED", bounded::RETURN_JOINT_SPEED, "FAR", bounded::FAR,
+      "STILL", bounded::STILL, "LOOSE", bounded::LOOSE, "DRIFT", bounded::DRIFT,
+      "TINY", bounded::TINY);
+}
+
+PyMethodDef FUNCTIONS[] = {
+    method("bound", bounded::bound, "Find the bounds of an inequality task."),
+    {nullptr, nullptr, 0, nullptr}};
+PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "extension", "The compiled core.", -1, FUNCTIONS,
+                      nullptr, nullptr, nullptr, nullptr};
+
+}  // namespace
+
+PyMODINIT_FUNC PyInit_extension(void) {
+  if (!intern_names()) return nullptr;
+  return make_module(MODULE, {
+      {"Solver", make_type<Solver>("tp_controller.core.extension.Solver", make_solver,
+                                   SOLVER_METHODS)},
+      {"Motion", make_type<Motion>("tp_controller.core.extension.Motion", make_motion,
+                                   MOTION_METHODS)},
+      {"Limits", make_type<Limits>("tp_controller.core.extension.Limits", make_limits,
+                                   LIMITS_METHODS)},
+      {"CONSTANTS", constants()}});
+}

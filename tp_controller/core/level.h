@@ -1,0 +1,57 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// A level: the demand or the bounds of its rows.
+// Reference: tp_controller/solver/level.py
+
+#pragma once
+
+#include "arena.h"
+
+namespace {
+
+// Constants of the reference.
+constexpr double NEGLIGIBLE = 1e-9, ROUNDING = 1e-12, FEASIBLE = 1e-11;
+
+struct Level {
+  int m, n;
+  bool bounded, scale, is_identity;
+  const double *J, *v, *lower, *upper;   // J row by row; none where it is the identity
+
+  const double *row(int i) const { return J + size_t(i) * n; }
+
+  // y ← J x
+  void times(const double *x, double *y) const {
+    if (is_identity) std::copy(x, x + n, y);
+    else for (int i = 0; i < m; ++i) y[i] = dot(row(i), x, n);
+  }
+
+  // y ← y + f Jᵀ w
+  void add_transposed(double f, const double *w, double *y) const {
+    if (is_identity) add(f, w, y, n);
+    else for (int i = 0; i < m; ++i) add(f * w[i], row(i), y, n);
+  }
+
+  double size() const { return is_identity ? std::sqrt(double(n)) : norm(J, m * n); }
+
+  bool meets(const double *x) const {
+    for (int i = 0; i < m; ++i) {
+      const double value = is_identity ? x[i] : dot(row(i), x, n);
+      if (!within(value, lower[i], upper[i], FEASIBLE)) return false;
+    }
+    return true;
+  }
+};
+
+}  // namespace

@@ -1,0 +1,57 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// Uniform scaling of a velocity into its bounds.
+// Reference: tp_controller/solver/scaling.py
+
+#pragma once
+
+#include "arena.h"
+
+namespace {
+
+inline double slowest(double lower, double upper) { return std::min(std::max(lower, 0.0), upper); }
+
+struct Scaled {
+  double slowed = 1.0;
+  int limiting = -1;
+};
+
+// x ← what `scale_uniformly` returns.
+Scaled scale_uniformly(int n, const double *velocity, const double *lower, const double *upper,
+                       double *x) {
+  double fastest = 0.0;
+  for (int j = 0; j < n; ++j)
+    fastest = std::max(fastest, std::fabs(velocity[j] - slowest(lower[j], upper[j])));
+  Scaled found;
+  for (int j = 0; j < n; ++j) {
+    const double rest = slowest(lower[j], upper[j]), change = velocity[j] - rest;
+    const double allowed = (change > 0.0 ? upper[j] : lower[j]) - rest;
+    if (!(std::fabs(change) - std::fabs(allowed) > NEGLIGIBLE * fastest)) continue;
+    const double ratio = allowed / change;
+    if (found.limiting < 0 || ratio < found.slowed) {
+      found.slowed = ratio;
+      found.limiting = j;
+    }
+  }
+  for (int j = 0; j < n; ++j) {
+    const double rest = slowest(lower[j], upper[j]), change = velocity[j] - rest;
+    x[j] = clip(found.limiting < 0 ? velocity[j] : rest + found.slowed * change,
+                lower[j], upper[j]);
+    if (j == found.limiting) x[j] = change > 0.0 ? upper[j] : lower[j];
+  }
+  return found;
+}
+
+}  // namespace

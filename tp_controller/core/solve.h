@@ -1,0 +1,172 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// One cycle: the fast path, else the levels one after the other, with damping and scaling.
+// Reference: tp_controller/solver/solve.py
+
+#pragma once
+
+#include "bounded_hierarchy.h"
+#include "min_norm.h"
+#include "scaling.h"
+
+namespace {
+
+struct Options {
+  int n;
+  Damping damping;
+  std::vector<double> weights;           // none where empty
+  bool uniform, fast;
+};
+
+class Solver {
+ public:
+  explicit Solver(const Options &options) : options_(options) {}
+
+  Arena arena;
+  std::vector<Level> levels;
+  std::vector<double> memory;
+  std::vector<Step> steps;
+  double *x = nullptr, *whole = nullptr, slowed = 1.0;
+  bool looped = false, busy = false;     // not looped: the fast path did it
+
+  int n() const { return options_.n; }
+
+  void begin() {
+    arena.reset();
+    levels.clear();
+    memory.clear();
+    steps.clear();
+    slowed = 1.0;
+    looped = false;
+  }
+
+  // Solve the levels; no bounds and no cap where they are null.
+  void solve(const double *lower, const double *upper, double period, const double *cap) {
+    const int n = options_.n;
+    x = arena.take(n);
+    if (!lower || !upper) {
+      double *least = arena.take(n), *most = arena.take(n);
+      std::fill(least, least + n, -INF);
+      std::fill(most, most + n, INF);
+      lower = least;
+      upper = most;
+    }
+    curved_.clear();
+    for (double h : memory) curved_.push_back(options_.damping.curvature(h, period));
+    whole = x;
+    if (options_.fast && fast(lower, upper, period, cap)) {
+      for (double &h : memory) h = options_.damping.follow(h, 0.0, period);
+      return;
+    }
+    looped = true;
+    if (options_.uniform) {
+      solve_uniformly(lower, upper, period);
+      return;
+    }
+    loop(lower, upper, cap, false, x);
+    remember(period);
+  }
+
+ private:
+  bool fast(const double *lower, const double *upper, double period, const double *cap) {
+    const int n = options_.n;
+    demands_.clear();
+    demands_curved_.clear();
+    for (size_t l = 0; l < levels.size(); ++l) {
+      if (levels[l].bounded) continue;
+      demands_.push_back(&levels[l]);
+      demands_curved_.push_back(curved_[l]);
+    }
+    MinNorm method(arena, n, options_.damping, period);
+    double *free = arena.take(n);
+    if (!method.solve(demands_, demands_curved_, weights(), free)) return false;
+    if (!std::isfinite(dot(free, free, n))) return false;
+    Polytope allowed(arena, n, lower, upper, 0);
+    if (cap && demands_.size() > 1)
+      for (int j = 0; j < n; ++j) {
+        allowed.lower[j] = clip(-cap[j], lower[j], upper[j]);
+        allowed.upper[j] = clip(cap[j], lower[j], upper[j]);
+      }
+    if (!allowed.fitting(free, x)) return false;
+    for (const Level &level : levels)
+      if (level.bounded && !level.meets(x)) return false;
+    return true;
+  }
+
+  void loop(const double *lower, const double *upper, const double *cap, bool demands_only,
+            double *found) {
+    const int n = options_.n;
+    int rows = 0;
+    for (const Level &level : levels) rows += level.bounded ? level.m : 0;
+    Polytope allowed(arena, n, lower, upper, rows);
+    BoundedHierarchy hierarchy(arena, allowed, options_.damping, above_);
+    steps.clear();
+    for (size_t l = 0; l < levels.size(); ++l) {
+      if (levels[l].bounded) {
+        if (!demands_only) steps.push_back(hierarchy.satisfy(levels[l], curved_[l]));
+        continue;
+      }
+      steps.push_back(hierarchy.carry_out(levels[l], curved_[l]));
+      if (cap) allowed.narrow(cap, hierarchy.x());
+      cap = nullptr;
+    }
+    hierarchy.finish(weights());
+    std::copy(hierarchy.x(), hierarchy.x() + n, found);
+    if (!std::isfinite(dot(found, found, n))) throw Unsolved();
+  }
+
+  void solve_uniformly(const double *lower, const double *upper, double period) {
+    const int n = options_.n;
+    double *least = arena.take(n), *most = arena.take(n);
+    std::fill(least, least + n, -INF);
+    std::fill(most, most + n, INF);
+    whole = arena.take(n);
+    if (std::any_of(levels.begin(), levels.end(), [](const Level &l) { return l.bounded; })) {
+      // No bounds of levels are worth slowing the joints more than the demands need.
+      loop(least, most, nullptr, true, whole);
+      const double found = scale_uniformly(n, whole, lower, upper, x).slowed;
+      const double share = found != 0.0 ? found : 1.0;
+      for (int j = 0; j < n; ++j) {
+        const double rest = slowest(lower[j], upper[j]);
+        least[j] = rest + (lower[j] - rest) / share;
+        most[j] = rest + (upper[j] - rest) / share;
+      }
+    }
+    loop(least, most, nullptr, false, whole);
+    remember(period);
+    const Scaled found = scale_uniformly(n, whole, lower, upper, x);
+    slowed = found.slowed;
+    if (found.limiting < 0) return;
+    double *multipliers = arena.zeros(n);
+    multipliers[found.limiting] = x[found.limiting] == upper[found.limiting] ? 1.0 : -1.0;
+    for (Step &step : steps) step.multipliers = multipliers;
+  }
+
+  void remember(double period) {
+    for (size_t l = 0; l < levels.size(); ++l)
+      memory[l] = options_.damping.follow(memory[l], steps[l].bend, period);
+  }
+
+  const double *weights() const {
+    return options_.weights.empty() ? nullptr : options_.weights.data();
+  }
+
+  Options options_;
+  std::vector<double> curved_, demands_curved_;
+  std::vector<const Level *> demands_;
+  std::vector<Above> above_;
+};
+
+}  // namespace
