@@ -135,8 +135,9 @@ def test_a_goal_out_of_reach_returns_1_and_says_why(goal):
     status, said, _ = goal('elbow', '--xyz', '0', '2', '0', '--reach', '1.5')
     assert status == 1
     # At whatever joint and task it comes to rest.
-    assert re.search(r'^not reached: error [\d.]+ m \(the goal is 2 m from panda_link0, and out of '
-                     r'reach: .+\)\nwhat would help: the goal is out of reach', said, re.MULTILINE)
+    assert re.search(r'^not reached: error [\d.]+ m \(the goal is 2 m from panda_link0, and out '
+                     r'of reach: .+\)\nwhat would help: the goal is out of reach', said,
+                     re.MULTILINE)
     assert goal('elbow', '--xyz', '0', '0', '0')[0] == 0
 
 
