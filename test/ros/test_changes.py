@@ -189,6 +189,23 @@ def test_goals_of_tasks_that_stay_survive_a_reload(harness, tmp_path):
     rig.spin_until(lambda: rig.status.task('rest')['goals accepted'] == '2')
 
 
+def test_services_of_tasks_that_stay_are_kept(harness, tmp_path):
+    """A new one of the same name loses the requests that are under way."""
+    path = tmp_path / 'stack.yaml'
+    path.write_text(MOVING_STACK)
+    rig = Rig(harness, stack=str(path))
+    rig.spin_until_command(VELOCITY)
+    before = list(rig.controller.services)
+    assert '/tp_controller/swing/enable' in [service.service_name for service in before]
+    path.write_text(SLOW)
+    assert harness.trigger('reload').success
+    rig.spin_until_command(0.5 * np.array(VELOCITY))
+    assert rig.change(stack=f'{MOVING_STACK}\n- rest: {{type: posture}}') == ''
+    rig.spin_until_command(VELOCITY)
+    kept = list(rig.controller.services)
+    assert [service for service in before if service not in kept] == []
+
+
 def test_topics_and_services_follow_the_stack(any_harness):
     rig = Rig(any_harness)
     node = any_harness.node

@@ -50,6 +50,22 @@ def test_a_signal_ends_the_nodes_with_a_last_zero_and_status_0(cell, listener, n
     assert not lines_of(simulator, 'Traceback')
 
 
+@pytest.mark.parametrize('number', [
+    signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
+@pytest.mark.parametrize('executable, name', [
+    ('watchdog_node', 'tp_watchdog'), ('viewer_node', 'tp_viewer')])
+def test_a_signal_ends_watchdog_and_viewer_with_status_0(start, listener, executable, name,
+                                                         number):
+    if executable == 'viewer_node':
+        pytest.importorskip('viser')
+    node = start(executable, robot=None)
+    listener.wait(lambda: name in listener.client.node.get_node_names(), 'the node', [node])
+    node.process.send_signal(number)
+    assert node.process.wait(DEADLINE) == 0, node.output()
+    assert not lines_of(node, 'Traceback')
+    assert listener.commands == []
+
+
 def test_two_signals_at_once_end_the_controller_just_as_well(cell, listener):
     controller, _ = cell
     # A launch file's shell sends both.

@@ -44,9 +44,9 @@ from tp_controller.solver.level import (
 )
 from tp_controller.solver.null_space import decompose
 
-# Tolerance on bounds; the next one where rounding defeats this. Of 1.6 million programs
-# (`closed_loops.py`) six stay unsolved: their levels add nothing in that cycle. With 1e-5 for
-# the last one is solved, but levels above would be disturbed by 1e-5 of the others.
+# Tolerance on bounds; the next one where rounding defeats this. In a million cycles
+# (`closed_loops.py`) three programs stay unsolved: their levels add nothing in that cycle. A
+# larger last one lets levels disturb those above by as much.
 TOLERANCES = (FEASIBLE, 1e-9, 1e-7, 1e-6)
 # μ² for an exact answer, as shares of the largest stiffness, one after the other; `refined` does
 # the rest. Of 1,500 fast states (`loss.py`) two programs are unsolved where it begins with 1e-6.
