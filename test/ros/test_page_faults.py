@@ -60,7 +60,7 @@ def made_up(server):
 
 def marker(ns='tip/goal', number=0, **fields):
     """Return the marker of a goal."""
-    found = Marker(ns=ns, id=number, type=Marker.SPHERE, **fields)
+    found = Marker(ns=ns, id=number, **{'type': Marker.SPHERE, **fields})
     found.scale.x = found.scale.y = found.scale.z = 0.1
     found.color.a = 1.0
     return found
@@ -218,6 +218,19 @@ def test_a_marker_that_makes_no_sense_is_not_drawn_and_others_are(made_up, spoil
     assert set(made_up.page._markers._drawn) == {('good/goal', 0)} and not made_up.page._errors
 
 
+@pytest.mark.parametrize('kind', [Marker.LINE_STRIP, Marker.LINE_LIST, Marker.TRIANGLE_LIST,
+                                  Marker.ARROW])
+def test_markers_with_any_number_of_points_are_drawn(made_up, kind):
+    # A marker stays what it is while its number of points changes.
+    for count in (0, 1, 2, 0, 3, 4, 1, 0):
+        made_up.hear(MARKERS, MarkerArray(markers=[
+            marker(type=kind, points=[Point(x=0.1 * each) for each in range(count)]),
+            marker('good/goal')]))
+        made_up.update()
+        assert not made_up.page._errors
+        assert ('good/goal', 0) in made_up.page._markers._drawn
+
+
 def test_the_number_of_markers_is_bounded(made_up):
     made_up.hear(MARKERS, MarkerArray(markers=[
         marker(number=number) for number in range(MOST_MARKERS + 500)]))
@@ -266,3 +279,36 @@ def test_a_stop_drops_what_was_done_before_it_and_waits(made_up):
     made_up.client.calls.clear()
     made_up.update()
     assert made_up.client.calls == ['stop', 'tip/enable']
+
+
+def test_a_stop_in_the_middle_of_an_update_does_not_end_the_page(made_up):
+    page = made_up.page
+    # Stop comes on a thread of the server, also while an action before it is done.
+    page._later(page._stop)
+    for _ in range(3):
+        page._later(lambda: made_up.link.start(page._tell))
+    made_up.client.calls.clear()
+    made_up.update()
+    made_up.update()
+    assert made_up.client.calls == ['stop'] and not page._errors
+
+
+@pytest.mark.parametrize('error', [BrokenPipeError, ValueError])
+def test_an_internal_error_that_cannot_be_printed_does_not_end_the_page(
+        made_up, monkeypatch, error):
+    class Gone:
+
+        def write(self, *_):
+            raise error
+
+        flush = write
+
+    def fail():
+        raise RuntimeError('of the test')
+
+    made_up.page._later(fail)
+    with monkeypatch.context() as patch:
+        patch.setattr('sys.stderr', Gone())
+        made_up.update()
+    assert 'internal error' in made_up.page.notice.content
+    assert stop_works(made_up)

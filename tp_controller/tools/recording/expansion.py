@@ -14,6 +14,7 @@
 
 """Decompression into a bounded memory, whatever compressed data claim."""
 
+from pathlib import Path
 import sys
 from typing import Any
 
@@ -22,7 +23,9 @@ LONGEST = 1 << 26
 # Largest logarithm of the memory that Zstandard looks back into.
 WINDOW = 26
 # How much a file may become: so many times its size, and a constant [bytes].
-MOST_TIMES, FREE = 200, 1 << 30
+MOST_TIMES, FREE = 200, 1 << 28
+# Unit of the blocks of a file [bytes].
+BLOCK = 512
 
 
 class TooMuch(Exception):
@@ -31,17 +34,18 @@ class TooMuch(Exception):
 
 class Budget:
     """
-    How much may come out of a file.
+    How much may come out of a file, for what it takes on the disk: holes count nothing.
 
     Parameters
     ----------
-    size : int
-        Of the file [bytes].
+    path : pathlib.Path
+        The file.
 
     """
 
-    def __init__(self, size: int) -> None:
-        self._left = FREE + MOST_TIMES * size
+    def __init__(self, path: Path) -> None:
+        status = path.stat()
+        self._left = FREE + MOST_TIMES * min(status.st_size, BLOCK * status.st_blocks)
 
     def take(self, size: int) -> None:
         """Take so much of it [bytes]; `TooMuch` if there is no more."""

@@ -82,7 +82,6 @@ class McapFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.fault = ''
-        self._budget = Budget(0)
         self._schemas: dict[int, str] = {}
         # Of each channel the topic and its type; None where it is not in CDR.
         self._channels: dict[int, tuple[str, str] | None] = {}
@@ -106,14 +105,14 @@ class McapFile:
             if file.read(len(MAGIC)) != MAGIC:
                 raise TpControllerError(f'{self.path} is no MCAP file')
             place = file.tell()
-            self._budget = Budget(self.path.stat().st_size)
+            budget = Budget(self.path)
             try:
                 for kind, record in _records(file, place):
                     if kind in (DATA_END, FOOTER):
                         # What is left is an index.
                         advance(self.path.stat().st_size - place)
                         return
-                    yield from self._take(kind, record)
+                    yield from self._take(kind, record, budget)
                     advance(file.tell() - place)
                     place = file.tell()
             except (CutOff, TooMuch, struct.error, ValueError):
@@ -121,7 +120,7 @@ class McapFile:
                 pass
             self.fault = f'{self.path.name} is cut off, or damaged, after {place} bytes'
 
-    def _take(self, kind: int, record: bytes) -> Iterator[Raw]:
+    def _take(self, kind: int, record: bytes, budget: Budget) -> Iterator[Raw]:
         """Take one record, and yield the messages in it."""
         if kind == MESSAGE:
             channel, _, stamp, _ = MESSAGE_HEAD.unpack_from(record)
@@ -129,7 +128,7 @@ class McapFile:
             if known is not None:
                 yield Raw(*known, stamp, record[MESSAGE_HEAD.size:])
         elif kind == CHUNK:
-            yield from self._take_chunk(record)
+            yield from self._take_chunk(record, budget)
         elif kind == SCHEMA:
             number, = struct.unpack_from('<H', record)
             self._schemas[number] = _text(record, 2)[0][:LONGEST_NAME + 1]
@@ -141,18 +140,18 @@ class McapFile:
             self._channels[number] = (topic, kind_name) \
                 if encoding == 'cdr' and max(len(topic), len(kind_name)) <= LONGEST_NAME else None
 
-    def _take_chunk(self, record: bytes) -> Iterator[Raw]:
+    def _take_chunk(self, record: bytes, budget: Budget) -> Iterator[Raw]:
         """Yield the messages in a chunk, as far as it goes."""
         _, _, size, _ = CHUNK_HEAD.unpack_from(record)
         compression, end = _text(record, CHUNK_HEAD.size)
         packed, = struct.unpack_from('<Q', record, end)
         start = end + 8
         inner = expanded(compression, memoryview(record)[start:start + packed], size)
-        self._budget.take(len(inner))
+        budget.take(len(inner))
         for kind, content in _records(io.BytesIO(inner)):
             if kind == CHUNK:
                 raise CutOff
-            yield from self._take(kind, content)
+            yield from self._take(kind, content, budget)
         if len(record) < start + packed:
             raise CutOff
 

@@ -29,7 +29,8 @@ DESCRIPTION = 'metadata.yaml'
 SUFFIXES = ('.mcap', '.db3')
 COMPRESSED = ('.zstd', '.zst', '.lz4')
 # In the description: each message of an SQLite file is compressed by itself.
-BY_MESSAGE = re.compile(r'^\s*compression_mode:\s*["\']?message\b', re.IGNORECASE | re.MULTILINE)
+BY_MESSAGE = re.compile(r'^[^\S\n]*compression_mode:[^\S\n]*["\']?message\b',
+                        re.IGNORECASE | re.MULTILINE)
 # Longest description that is read [characters].
 LONGEST_DESCRIPTION = 1 << 24
 # Longest message that is decoded; in memory it may take up to thirty times as much [bytes].
@@ -111,8 +112,11 @@ class Bag:
     @property
     def _is_compressed(self) -> bool:
         """Return whether each message of SQLite files is compressed."""
+        description = self.path / DESCRIPTION
+        if not description.is_file():
+            return False
         try:
-            with (self.path / DESCRIPTION).open(encoding='utf-8', errors='replace') as file:
+            with description.open(encoding='utf-8', errors='replace') as file:
                 return BY_MESSAGE.search(file.read(LONGEST_DESCRIPTION)) is not None
         except OSError:
             return False
@@ -122,12 +126,15 @@ def _files(path: Path) -> list[Path]:
     """Return the files of a bag, in their order."""
     if not path.exists():
         raise TpControllerError(f'there is no {path}')
-    if path.is_file():
+    if not path.is_dir():
+        if not path.is_file():
+            raise TpControllerError(f'{path} is no recording: no regular file')
         if path.suffix not in SUFFIXES:
             raise TpControllerError(f'{path} is no recording: neither a folder nor a file '
                                     f'{" or ".join(SUFFIXES)}')
         return [path]
-    found = [file for file in path.iterdir() if file.suffix in SUFFIXES]
+    # A named pipe would be waited for.
+    found = [file for file in path.iterdir() if file.suffix in SUFFIXES and file.is_file()]
     if found:
         return sorted(found, key=_number)
     if any(file.suffix in COMPRESSED for file in path.iterdir()):
@@ -138,4 +145,5 @@ def _files(path: Path) -> list[Path]:
 
 def _number(path: Path) -> list[int | str]:
     """Return what sorts run_2 before run_10: text and numbers take turns."""
-    return [int(part) if part.isdigit() else part for part in re.split(r'(\d+)', path.name)]
+    return [int(part) if place % 2 else part
+            for place, part in enumerate(re.split(r'(\d+)', path.name))]

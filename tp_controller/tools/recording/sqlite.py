@@ -79,7 +79,7 @@ class SqliteFile:
         topics = {number: (str(topic), str(kind))
                   for number, topic, kind, form in database.execute(TOPICS, (MOST_TOPICS,))
                   if form == 'cdr' and max(len(str(topic)), len(str(kind))) <= LONGEST_NAME}
-        budget, left, read = Budget(size), size // LEAST, 0
+        budget, left, read = Budget(self.path), size // LEAST, 0
         for number, stamp, data in database.execute(MESSAGES, (LONGEST,)):
             left -= 1
             if left < 0:
@@ -91,7 +91,7 @@ class SqliteFile:
             read += step
             if self._compressed:
                 data = bytes(expanded('zstd', data, LONGEST))
-            budget.take(len(data))
+            budget.take(len(data) + LEAST)
             yield Raw(*topics[number], stamp, data)
             advance(step)
         advance(size - read)

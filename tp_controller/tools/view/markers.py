@@ -106,7 +106,7 @@ class MarkerScene:
     def _draw(self, key: Key, marker: 'Marker') -> None:
         """Show a marker."""
         before = self._drawn.get(key)
-        points = np.array([(point.x, point.y, point.z) for point in marker.points])
+        points = np.array([(point.x, point.y, point.z) for point in marker.points]).reshape(-1, 3)
         looks = _looks(marker)
         if before is not None and before.looks != looks:
             self._drawn.pop(key).handle.remove()
@@ -228,6 +228,7 @@ def _colours(marker: 'Marker', points: Array) -> NDArray[np.uint8]:
     """Return the colours (k, 2, 3) of the ends of lines; where there are none, that of all."""
     shades = np.array([(each.r, each.g, each.b) for each in (
         marker.colors if len(marker.colors) == len(points) else [marker.color] * len(points))])
+    shades = shades.reshape(-1, 3)
     return np.round(255 * _segments(marker, shades)).astype(np.uint8)
 
 

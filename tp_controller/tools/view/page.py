@@ -16,6 +16,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from html import escape
 import sys
@@ -132,7 +133,7 @@ class Page:
         An exception in one of these does not keep the others from being done.
         """
         for _ in range(len(self._waiting)):
-            self._attempt('act', self._waiting.popleft())
+            self._attempt('act', self._act)
         watched = bool(self.server.get_clients())
         now = time.monotonic()
         self._attempt('change the stack', self._changes.update)
@@ -171,6 +172,15 @@ class Page:
             '<div style="white-space:pre-wrap;font-size:0.85em;padding-top:4px">'
             f'{escape(results)}</div></div>')
 
+    def _act(self) -> None:
+        """Do what has waited longest, if a Stop has not dropped it meanwhile."""
+        # Stop comes on a thread of the server.
+        try:
+            action = self._waiting.popleft()
+        except IndexError:
+            return
+        action()
+
     def _later(self, action: Callable[[], None]) -> None:
         """Do something in the next `update`."""
         if len(self._waiting) < MOST_WAITING:
@@ -197,8 +207,10 @@ class Page:
         if kind in self._errors or len(self._errors) >= MOST_ERRORS:
             return
         self._errors.add(kind)
-        print(plain(''.join(format_exception(error)), LONGEST_ERROR, lines=True),
-              file=sys.stderr, flush=True)
+        # A terminal that is gone, or a full disk, must not end the page.
+        with suppress(OSError, ValueError):
+            print(plain(''.join(format_exception(error)), LONGEST_ERROR, lines=True),
+                  file=sys.stderr, flush=True)
         self._tell(False, f'internal error: cannot {what}: {in_words(error)}')
 
     def _tell(self, worked: bool, text: str) -> None:

@@ -90,10 +90,12 @@ def _recorded(server: viser.ViserServer, history: History, robot: Robot, times: 
     if frames:
         _add_path(server.scene, path_of(robot, next(iter(frames.values())), q, passive))
     markers = MarkerScene(server.scene)
-    recorded = server.get_scene_serializer()
+    recorded, drawn = server.get_scene_serializer(), None
     for row, (moment, wait) in enumerate(zip(moments, np.diff(times, append=times[-1]))):
         shown.show(q[row], passive[row])
-        markers.draw(drawable(history.markers(moment)))
+        if moment.markers is not drawn:
+            drawn = moment.markers
+            markers.draw(drawable(history.markers(moment)))
         recorded.insert_sleep(float(min(wait, LONGEST_GAP)))
     return recorded.as_html()
 

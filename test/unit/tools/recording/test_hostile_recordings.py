@@ -25,6 +25,7 @@ import numpy as np
 import pytest
 import recordings
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from tp_controller.errors import TpControllerError
 from tp_controller.tools.recording import expansion, history, mcap, reader, sqlite
 from tp_controller.tools.recording.history import History
 from tp_controller.tools.recording.reader import Bag, Unreadable
@@ -130,6 +131,22 @@ def test_many_chunks_become_no_more_than_a_multiple_of_the_file(write, monkeypat
     assert 0 < count < 10 and remarks
 
 
+def test_holes_do_not_add_to_what_chunks_may_become(write, monkeypatch):
+    monkeypatch.setattr(expansion, 'FREE', 10_000_000)
+    data = message(bytes(4_000_000))
+    path = write(channel(), chunk('zstd', packed('zstd', data), len(data)) * 100)
+    os.truncate(path, 60 << 30)
+    count, remarks = read(path)
+    assert 0 < count < 10 and remarks
+
+
+def test_a_small_file_becomes_no_more_than_is_decoded_within_a_minute(write):
+    data = message(bytes(4_000_000))
+    path = write(channel(), chunk('zstd', packed('zstd', data), len(data)) * 400)
+    count, remarks = read(path)
+    assert 0 < count * len(data) < 300_000_000 + 200 * path.stat().st_size and remarks
+
+
 def test_chunks_within_chunks_are_refused(write):
     nested = message()
     for _ in range(3000):
@@ -222,6 +239,31 @@ def test_an_sqlite_file_whose_messages_become_too_much_is_refused(tmp_path):
         writer.write(connection, 2, bytes(HUGE))
     count, remarks = read(with_bomb)
     assert count == 1 and remarks
+
+
+def test_a_description_of_blank_lines_is_read_soon(database):
+    path = database(TABLE, ROW).parent
+    (path / 'metadata.yaml').write_text('\n' * 300_000 + '  compression_mode: none')
+    assert read(path) == (1, [])
+
+
+def test_files_are_sorted_by_their_numbers_whatever_else_is_in_their_names(tmp_path):
+    names = ['²1.mcap', '²³.mcap', '٣.mcap', 'run_10.mcap', 'run_2.mcap', '1.mcap']
+    for name in names:
+        (tmp_path / name).write_bytes(MAGIC + END)
+    found = [file.name for file in reader._files(tmp_path)]
+    assert sorted(found) == sorted(names)
+    assert found.index('run_2.mcap') < found.index('run_10.mcap')
+
+
+def test_what_is_no_regular_file_is_not_waited_for(write):
+    path = write(channel(), message(), END)
+    os.mkfifo(path.with_name('run_1.mcap'))
+    assert read(path.parent)[0] == 1
+    os.mkfifo(path.with_name('metadata.yaml'))
+    assert not Bag(path.parent)._is_compressed
+    with pytest.raises(TpControllerError, match='no regular file'):
+        Bag(path.with_name('run_1.mcap'))
 
 
 def test_a_message_that_is_too_long_is_not_decoded(write):

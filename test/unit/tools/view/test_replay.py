@@ -78,6 +78,17 @@ def test_the_replay_lasts_as_long_as_the_run_and_moves_the_links(history, capsys
     assert goal and min(goal) == pytest.approx(1.0, abs=0.1)
 
 
+def test_markers_that_stay_are_decoded_once(history, monkeypatch):
+    from tp_controller.tools.view.replay import replay_page
+    decoded = []
+    before = History.markers
+    monkeypatch.setattr(History, 'markers', lambda self, moment: decoded.append(moment) or before(
+        self, moment))
+    assert replay_page(history, robot_of(history))
+    # A message may be of megabytes, and may be shown at thousands of moments.
+    assert len(decoded) == 1 and len(history.moments) > 50
+
+
 def test_the_robot_of_the_replay_stands_on_the_ground(history):
     from tp_controller.tools.view.replay import replay_page
     from tp_controller.tools.view.skeleton import JOINT_COLOUR
