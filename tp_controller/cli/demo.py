@@ -15,11 +15,13 @@
 """``tp_controller demo``: a demonstration, with its table and figures."""
 
 import argparse
+from functools import partial
 import os
 from pathlib import Path
 import sys
 
 from tp_controller.cli.command import Command
+from tp_controller.demos.startup import report_if_slow
 from tp_controller.nodes.middleware import set_up_fast_dds
 
 # As tp_controller.demos.film has them, which takes a second to import.
@@ -85,8 +87,9 @@ def run_demo(options: argparse.Namespace) -> int:
         from tp_controller.demos.lab import lab1, lab2
         passed = lab1(folder) if options.name == 'lab1' else lab2(folder, options.seed)
     else:
-        from tp_controller.demos.ros_demos import run_demo as run_over_ros
-        from tp_controller.demos.scenarios import DEMOS as ROS_DEMOS
+        with report_if_slow('importing the demo', partial(print, flush=True)):
+            from tp_controller.demos.ros_demos import run_demo as run_over_ros
+            from tp_controller.demos.scenarios import DEMOS as ROS_DEMOS
         set_up_fast_dds()
         passed = run_over_ros(ROS_DEMOS[options.name], folder, options.view)
     return 0 if passed else 1

@@ -31,7 +31,7 @@ from tp_controller.demos.processes import (
     start_nodes,
 )
 from tp_controller.demos.scenarios import Demo, goal_fields
-from tp_controller.demos.startup import check_alive, load, missing, Startup
+from tp_controller.demos.startup import check_alive, load, missing, report_if_slow, Startup
 from tp_controller.demos.steps import Steps, TaskOutcome
 from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
@@ -78,8 +78,9 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
         startup = Startup(nodes, _tell)
         live = _start_page(stack, environment, folder) if page else None
         all_started()
-        from tp_controller.nodes.client import Client
-        from tp_controller.nodes.recorder import Recorder
+        with report_if_slow('importing the client', _tell):
+            from tp_controller.nodes.client import Client
+            from tp_controller.nodes.recorder import Recorder
         client = stack.enter_context(Client())
         recorder = Recorder(client, demo.robot)
         startup.wait(lambda: _not_recorded(client, recorder), client.spin)
