@@ -14,6 +14,7 @@
 
 """The page shows what a controller does, and what is done on it arrives there."""
 
+from dataclasses import replace
 from html import unescape
 import math
 import time
@@ -314,6 +315,14 @@ def test_a_controller_that_has_been_started_anew_is_said_to_have_no_goals(rig):
     rig.spin_until(lambda: not rig.link.present, 'the end')
     rig.controller = rig.harness.controller(stack=STACK, state_timeout=5.0, check_stamps=False)
     rig.spin_until(lambda: 'has no goals' in rig.page.notice.content, 'the notice')
+
+
+def test_a_demo_that_has_finished_shows_its_last_report(rig):
+    rig.page.update()
+    # Newer than what the page shows, which has few texts a second.
+    rig.link.rows = [replace(row, reason='the very last one') for row in rig.link.rows]
+    rig.page.conclude('The demo has finished')
+    assert 'the very last one' in rig.page.stack.rows['tip'].text.content
 
 
 def test_results_of_a_demo_stay_when_its_controller_ends(rig):

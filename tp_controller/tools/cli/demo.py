@@ -15,12 +15,14 @@
 """``tp_controller demo``: a demonstration, with its table and figures."""
 
 import argparse
+from functools import partial
 import os
 from pathlib import Path
 import sys
 
 from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
+from tp_controller.tools.demos.startup import report_if_slow
 
 # As tp_controller.tools.demos.film has them, which takes a second to import.
 FILM, NO_FILM = 'TP_CONTROLLER_FILM', 'none'
@@ -85,8 +87,9 @@ def run_demo(options: argparse.Namespace) -> int:
         from tp_controller.tools.demos.lab import lab1, lab2
         passed = lab1(folder) if options.name == 'lab1' else lab2(folder, options.seed)
     else:
-        from tp_controller.tools.demos.ros_demos import run_demo as run_over_ros
-        from tp_controller.tools.demos.scenarios import DEMOS as ROS_DEMOS
+        with report_if_slow('importing the demo', partial(print, flush=True)):
+            from tp_controller.tools.demos.ros_demos import run_demo as run_over_ros
+            from tp_controller.tools.demos.scenarios import DEMOS as ROS_DEMOS
         set_up_fast_dds()
         passed = run_over_ros(ROS_DEMOS[options.name], folder, options.view)
     return 0 if passed else 1

@@ -17,7 +17,6 @@
 import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, ExitStack
-from functools import partial
 import os
 from pathlib import Path
 import shlex
@@ -36,7 +35,7 @@ from tp_controller.tools.demos.processes import (
     own_domain,
     start_nodes,
 )
-from tp_controller.tools.demos.startup import end_of, missing, Startup
+from tp_controller.tools.demos.startup import end_of, missing, report_if_slow, Startup
 
 if TYPE_CHECKING:  # Imported when there is a page: other commands need none of it, nor ROS.
     from tp_controller.tools.demos.scenarios import Goal
@@ -96,7 +95,8 @@ def show_view(options: argparse.Namespace) -> NoReturn:
 
     """
     set_up_fast_dds()
-    from tp_controller.tools.view.server import address, exposure, open_server
+    with report_if_slow('importing the page', _tell):
+        from tp_controller.tools.view.server import address, exposure, open_server
     with ExitStack() as stack:
         server = open_server(options.host, options.port)
         stack.callback(server.stop)
@@ -172,11 +172,12 @@ def _show(stack: ExitStack, server: 'viser.ViserServer', controller: str,
           nodes: Sequence[NodeProcess], goals: 'list[Goal]') -> NoReturn:
     """Show a controller on the page of a server, on the way to goals once its nodes run."""
     # Its time begins before this process imports what it needs.
-    startup = Startup(nodes, partial(print, flush=True))
-    from tp_controller.ros.client.client import Client
-    from tp_controller.tools.demos.scenarios import goal_fields
-    from tp_controller.tools.view.link import Link
-    from tp_controller.tools.view.page import Page
+    startup = Startup(nodes, _tell)
+    with report_if_slow('importing the client', _tell):
+        from tp_controller.ros.client.client import Client
+        from tp_controller.tools.demos.scenarios import goal_fields
+        from tp_controller.tools.view.link import Link
+        from tp_controller.tools.view.page import Page
     client = stack.enter_context(Client(controller))
     page = Page(server, Link(client))
     if nodes:
@@ -189,6 +190,11 @@ def _show(stack: ExitStack, server: 'viser.ViserServer', controller: str,
         for node in [node for node in alive if not node.running()]:
             alive.remove(node)
             print(end_of(node), file=sys.stderr, flush=True)
+
+
+def _tell(line: str) -> None:
+    """Print a line at once."""
+    print(line, flush=True)
 
 
 def _demo(text: str) -> str:

@@ -35,7 +35,7 @@ from tp_controller.tools.demos.processes import (
     start_nodes,
 )
 from tp_controller.tools.demos.scenarios import Demo, goal_fields
-from tp_controller.tools.demos.startup import check_alive, load, missing, Startup
+from tp_controller.tools.demos.startup import check_alive, load, missing, report_if_slow, Startup
 from tp_controller.tools.demos.steps import Steps, TaskOutcome
 from tp_controller.tools.plots.curves import plot_errors, plot_tool_path, plot_velocities
 
@@ -78,8 +78,9 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
         startup = Startup(nodes, _tell)
         live = _start_page(stack, environment, folder) if page else None
         all_started()
-        from tp_controller.ros.client.client import Client
-        from tp_controller.tools.demos.motion_recorder import Recorder
+        with report_if_slow('importing the client', _tell):
+            from tp_controller.ros.client.client import Client
+            from tp_controller.tools.demos.motion_recorder import Recorder
         client = stack.enter_context(Client())
         recorder = Recorder(client, demo.robot)
         startup.wait(lambda: _not_recorded(client, recorder), client.spin)

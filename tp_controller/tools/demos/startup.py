@@ -14,8 +14,10 @@
 
 """Waiting for processes that start: as long as they make progress, however slow the machine is."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 import os
+from threading import Timer
 import time
 from typing import TYPE_CHECKING
 
@@ -113,6 +115,31 @@ class Startup:
         while text := missing():
             self.check(text)
             turn(LOOK_SECONDS)
+
+
+@contextmanager
+def report_if_slow(step: str, report: Callable[[str], None],
+                   seconds: float = PATIENT_SECONDS) -> Iterator[None]:
+    """
+    Report a step that is still not done after a time, while it blocks this thread.
+
+    Parameters
+    ----------
+    step : str
+        Such as ``importing the page``.
+    report : callable
+        Takes a line for the user; called from another thread.
+    seconds : float
+        The time [s].
+
+    """
+    timer = Timer(seconds, lambda: report(f'still starting ({load()}): {step}'))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def missing(client: 'Client') -> str:

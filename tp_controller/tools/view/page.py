@@ -164,6 +164,8 @@ class Page:
 
         """
         title, _, results = text.partition('\n')
+        # The last report, which is shown less often than it comes.
+        self._attempt('show the tasks', partial(self._show_tasks, time.monotonic()))
         self._concluded = True
         self._clear_notice()
         self.stop_button.visible = self.start_button.visible = False

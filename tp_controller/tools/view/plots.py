@@ -38,6 +38,9 @@ PADDING = 8, 24, 0, 0
 LEAST_ERROR, MOST_ERROR = 1e-6, 1e9
 # How many powers of ten an axis has labels for at most.
 MOST_LABELS = 6
+# A plot whose tab was just opened has no width until the browser draws the next picture, and its
+# legend would be all that is seen of it.
+HIDE_NARROW = '<style>.uplot:has(canvas[width="0"]) {visibility: hidden}</style>'
 # As uPlot has them without being told; viser makes them as dark as the labels.
 TICKS: viser.uplot.Axis_Ticks = {'stroke': '#00000012'}
 EXPONENTS = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
@@ -157,6 +160,8 @@ class Plots:
 
     def __init__(self, gui: viser.GuiApi, tab: viser.GuiTabHandle) -> None:
         self._tab = tab
+        with tab:
+            gui.add_html(HIDE_NARROW)
         self.errors = RunningPlot(gui, 'error')
         self.velocities = RunningPlot(gui, 'velocity, % of limit', {
             'auto': False, 'range': (-110.0, 110.0)}, (-100.0, 100.0))

@@ -14,12 +14,13 @@
 
 """The start of a demo: processes are waited for as long as they make progress."""
 
+import threading
 from types import SimpleNamespace
 
 import pytest
 from tp_controller.errors import TpControllerError
 from tp_controller.tools.demos import startup as module
-from tp_controller.tools.demos.startup import missing, Startup
+from tp_controller.tools.demos.startup import missing, report_if_slow, Startup
 
 
 class Played:
@@ -69,6 +70,29 @@ def start(clock, nodes, until, missing='the status of the controller', said=None
 
 def test_nothing_is_said_of_a_start_that_is_quick(clock):
     assert start(clock, [Played(clock)], 4.9) == []
+
+
+def test_an_import_that_takes_long_is_reported_while_it_does():
+    reported = threading.Event()
+    lines = []
+
+    def report(line):
+        lines.append(line)
+        reported.set()
+
+    with report_if_slow('importing the page', report, 0.01):
+        assert reported.wait(60.0)
+    assert lines[0].startswith('still starting (load ')
+    assert lines[0].endswith(': importing the page')
+
+
+def test_an_import_that_is_quick_is_not_reported():
+    lines = []
+    with report_if_slow('importing the page', lines.append, 60.0):
+        pass
+    assert not lines
+    assert not any(isinstance(thread, threading.Timer) and not thread.finished.is_set()
+                   for thread in threading.enumerate())
 
 
 def test_what_is_waited_for_is_said_with_the_load_of_the_machine(clock, monkeypatch):

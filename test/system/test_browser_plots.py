@@ -1,0 +1,68 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The plots of the page while a browser is slow to draw them."""
+
+from browser_harness import NEEDS_BROWSER, SECONDS
+import pytest
+
+# Pictures are not drawn while it is set.
+HOLD = """
+    const draw = window.requestAnimationFrame.bind(window), waiting = [];
+    window.held = false;
+    window.requestAnimationFrame = callback => window.held ? waiting.push(callback) && 0
+                                                           : draw(callback);
+    window.release = () => { window.held = false; waiting.splice(0).forEach(each => draw(each)); };
+"""
+SEEN = """() => [...document.querySelectorAll('.uplot')].map(plot => [
+    plot.querySelector('canvas').width, getComputedStyle(plot).visibility])"""
+
+pytestmark = NEEDS_BROWSER
+
+
+@pytest.fixture
+def page(server, chromium):
+    """Return a page with a tab of plots, which is not open yet."""
+    from tp_controller.tools.view.plots import Plots
+    from tp_controller.tools.view.server import address
+    server.scene.reset()
+    server.gui.reset()
+    tabs = server.gui.add_tab_group()
+    with tabs.add_tab('Stack'):
+        server.gui.add_html('a stack')
+    tab = tabs.add_tab('Plots')
+    plots = Plots(server.gui, tab)
+    for time in range(3):
+        plots.errors.add(float(time), {'tool [m]': 0.1})
+    with tab:
+        plots.errors.show()
+    page = chromium.new_page(viewport={'width': 800, 'height': 600})
+    page.set_default_timeout(1e3 * SECONDS)
+    page.add_init_script(HOLD)
+    page.goto(address(server))
+    page.get_by_text('a stack').wait_for()
+    yield page
+    page.close()
+
+
+def test_a_plot_is_hidden_until_it_has_a_width(page):
+    box = page.get_by_role('tab', name='Plots').bounding_box()
+    page.evaluate('window.held = true')
+    # A click on a locator waits for two pictures, which do not come.
+    page.mouse.click(box['x'] + 0.5 * box['width'], box['y'] + 0.5 * box['height'])
+    page.wait_for_function('document.querySelector(".uplot canvas")', polling=100)
+    assert page.evaluate(SEEN) == [[0, 'hidden']]
+    page.evaluate('window.release()')
+    page.wait_for_function('document.querySelector(".uplot canvas").width > 100', polling=100)
+    assert [visibility for _, visibility in page.evaluate(SEEN)] == ['visible']
