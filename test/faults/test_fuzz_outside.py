@@ -47,10 +47,10 @@ from std_srvs.srv import Trigger  # noqa: E402
 from tp_controller.errors import TpControllerError  # noqa: E402
 from tp_controller.ros.client.status_monitor import Heard  # noqa: E402
 from tp_controller.tools.cli.status import table  # noqa: E402
+from tp_controller.tools.recording import robots as recorded_robots  # noqa: E402
 from tp_controller.tools.recording.history import History  # noqa: E402
 from tp_controller.tools.recording.reader import Bag  # noqa: E402
 from tp_controller.tools.recording.report import summary, write_report  # noqa: E402
-from tp_controller.tools.recording.robots import configurations, robot_of, tool_frames  # noqa: E402
 from tp_controller.tools.view.incoming import checked, MESSAGES  # noqa: E402
 from tp_controller.tools.view.server import LOCAL, open_server, unused_port  # noqa: E402
 from viser import _messages  # noqa: E402
@@ -347,10 +347,10 @@ def test_any_recording_is_reported_or_refused(recorded, given):
     try:
         bag = Bag(path)
         history = History(bag, '', lambda size: None)
-        robot = robot_of(history)
+        robot = recorded_robots.robot_of(history)
         if robot is not None:
-            configurations(history, robot)
-            tool_frames(history, robot)
+            recorded_robots.configurations(history, robot)
+            recorded_robots.tool_frames(history, robot)
     except TpControllerError as error:
         assert str(error)
     else:

@@ -245,7 +245,7 @@ class VelocityLimits:
         self._compiled: Limits | None = None
         if core is not None and len(self._lower) <= MOST:
             self._compiled = core.Limits(period, braking_gain, self._endless, self._lower,
-                                           self._upper, self._velocity, self._acceleration)
+                                         self._upper, self._velocity, self._acceleration)
 
     def at(self, q: Array, previous: Array, elapsed: float, pending: Array | None = None,
            duration: float = 0.0) -> VelocityBounds:
