@@ -69,7 +69,7 @@ class ConfigurationBuffer:
                                placement_of(message), now)
 
     def configuration(self, now: float) -> Array | None:
-        """Return the configuration (nq,), or None until every joint and the base are known."""
+        """Return q (nq,), or None until every joint and the base are known."""
         joints = self._joints.q
         if not np.isfinite(joints).all():
             return None
