@@ -20,7 +20,7 @@ import warnings
 import pytest
 
 if find_spec('rclpy') is None:
-    collect_ignore_glob = ['test_*.py']
+    collect_ignore_glob = ['*test_*.py']
 else:
     with warnings.catch_warnings():
         # The generator of the messages' Python code, loaded with the first of them, has a
