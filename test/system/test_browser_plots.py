@@ -18,12 +18,12 @@ from browser_harness import NEEDS_BROWSER, SECONDS
 import pytest
 
 # Pictures are not drawn while it is set.
-HOLD = """
+PAUSE = """
     const draw = window.requestAnimationFrame.bind(window), waiting = [];
-    window.held = false;
-    window.requestAnimationFrame = callback => window.held ? waiting.push(callback) && 0
+    window.paused = false;
+    window.requestAnimationFrame = callback => window.paused ? waiting.push(callback) && 0
                                                            : draw(callback);
-    window.release = () => { window.held = false; waiting.splice(0).forEach(each => draw(each)); };
+    window.resume = () => { window.paused = false; waiting.splice(0).forEach(each => draw(each)); };
 """
 SEEN = """() => [...document.querySelectorAll('.uplot')].map(plot => [
     plot.querySelector('canvas').width, getComputedStyle(plot).visibility])"""
@@ -49,7 +49,7 @@ def page(server, chromium):
         plots.errors.show()
     page = chromium.new_page(viewport={'width': 800, 'height': 600})
     page.set_default_timeout(1e3 * SECONDS)
-    page.add_init_script(HOLD)
+    page.add_init_script(PAUSE)
     page.goto(address(server))
     page.get_by_text('a stack').wait_for()
     yield page
@@ -58,11 +58,11 @@ def page(server, chromium):
 
 def test_a_plot_is_hidden_until_it_has_a_width(page):
     box = page.get_by_role('tab', name='Plots').bounding_box()
-    page.evaluate('window.held = true')
+    page.evaluate('window.paused = true')
     # A click on a locator waits for two pictures, which do not come.
     page.mouse.click(box['x'] + 0.5 * box['width'], box['y'] + 0.5 * box['height'])
     page.wait_for_function('document.querySelector(".uplot canvas")', polling=100)
     assert page.evaluate(SEEN) == [[0, 'hidden']]
-    page.evaluate('window.release()')
+    page.evaluate('window.resume()')
     page.wait_for_function('document.querySelector(".uplot canvas").width > 100', polling=100)
     assert [visibility for _, visibility in page.evaluate(SEEN)] == ['visible']
