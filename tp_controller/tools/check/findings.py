@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 import math
 
 import numpy as np
-from tp_controller.control.gains import gain_faults, gain_remark, OVERSHOOTS
+from tp_controller.control.gains import gain_faults, gain_remark, OVERSHOOT_STEP
 from tp_controller.control.reasons import SENTENCES
 from tp_controller.tools.check.results import (
     CauseCount,
@@ -132,7 +132,7 @@ def about_gains(setup: Setup) -> Iterator[Finding]:
     for task in setup.stack.tasks.values():
         found = gain_remark(task, task.gain, setup.period)
         if found and not gain_faults(task, task.gain, setup.settings.period):
-            yield Finding(WRONG if found.step >= OVERSHOOTS else DOUBTFUL, 'gain', task.name,
+            yield Finding(WRONG if found.step >= OVERSHOOT_STEP else DOUBTFUL, 'gain', task.name,
                           found.message, found.change)
 
 
