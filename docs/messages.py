@@ -31,7 +31,7 @@ DRAWING = ('tools/recording/pictures.py', 'tools/recording/report.py', 'tools/ch
            'tools/plots/drawing.py')
 # Calls and arguments whose texts describe something, and names that do.
 DESCRIBING = {'Spec', '_number', '_choice', 'NewType', 'Demo', 'title', 'help', 'description',
-              'epilog', 'keys', 'KEYS', 'EXAMPLES', 'COMMAND', '_said', 'STYLE', 'DEMOS',
+              'epilog', 'keys', 'KEYS', 'EXAMPLES', 'COMMAND', '_spec', 'STYLE', 'DEMOS',
               'metadata', 'NUMBER', 'CHANGING'}
 FILLED = re.compile(r'{[^}]*}')
 WORDS = re.compile(r'[A-Za-z]{2}.* .*\w|\w .*[A-Za-z]{2}')

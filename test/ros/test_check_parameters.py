@@ -15,13 +15,18 @@
 """A check without ROS knows the parameters that the node has."""
 
 from tp_controller.ros.controller_node import PARAMETERS
-from tp_controller.tools.check.parameter_file import OF_THE_NODE, RATE, READ, STATE_TIMEOUT
+from tp_controller.tools.check.parameter_file import (
+    CHECKED_PARAMETERS,
+    NODE_PARAMETERS,
+    RATE,
+    STATE_TIMEOUT,
+)
 
 
 def test_a_check_knows_every_parameter_of_the_controller():
     names = {spec.name for spec in PARAMETERS}
-    assert {*READ, *OF_THE_NODE} == names | {'use_sim_time'}
-    assert not set(READ) & set(OF_THE_NODE)
+    assert {*CHECKED_PARAMETERS, *NODE_PARAMETERS} == names | {'use_sim_time'}
+    assert not set(CHECKED_PARAMETERS) & set(NODE_PARAMETERS)
 
 
 def test_a_check_has_the_defaults_of_the_controller():

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One cycle: limits become bounds, tasks become levels, the solution a command and a report."""
+"""Control cycle: joint limits to bounds, tasks to levels, solution to command and report."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What limits a task: whatever brings back part of what is missing if it is taken away."""
+"""Causes of limited tasks, found by solving a cycle again without one candidate at a time."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from tp_controller.control.cycle import Cycle, Outcome
-from tp_controller.control.velocity_limits import SAME, VelocityBounds
+from tp_controller.control.velocity_limits import SAME_VELOCITY, VelocityBounds
 from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
@@ -34,16 +34,16 @@ from tp_controller.solver.solution import LevelSolution
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation, norm
 
-# A part of the demand below this is rounding, not something that is missing.
-UNNOTICED = 1e-6
-# A task is limited where it misses more than this share of its demand, and a cause is one
-# where it brings back more than this share of that.
-NOTABLE = 0.01
+# A residual below this, times the row scale of the task, is a rounding error [unit/s].
+DEMAND_ROUNDING = 1e-6
+# A task is limited if its residual exceeds this share of its demand. A candidate is a cause if
+# the residual shrinks by more than this share without it.
+SIGNIFICANT_SHARE = 0.01
 
-# Of differences between two states [rad or m].
-STEP = 1e-5
+# Step of finite differences between two states [rad or m].
+DIFFERENCE_STEP = 1e-5
 
-# Below this singular value a direction is singular, in the units of J.
+# Singular value below which a direction is singular, in the units of J.
 NEAR_SINGULAR = 0.1
 
 RESERVE, TASK, BOUNDS = 'reserve', 'task', 'bounds'
@@ -53,7 +53,7 @@ SINGULARITY, IMPOSSIBLE, DAMPING, TRANSITION = (
 
 class Place(NamedTuple):
     """
-    Where the robot was in a cycle.
+    Configuration of the robot in a cycle.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Place(NamedTuple):
     now : float
         [s]
     spare : RobotState
-        For states nearby; finding causes moves it.
+        Scratch state for nearby configurations; the search for causes changes it.
 
     """
 
@@ -74,14 +74,14 @@ class Place(NamedTuple):
     spare: RobotState
 
 
-class Pushed(NamedTuple):
-    """The limits of a joint that a level pushes against; they say the same."""
+class ActiveLimits(NamedTuple):
+    """Coinciding limits of a joint that are active in a level."""
 
     joint: int
     limits: tuple[str, ...]
 
 
-Removable: TypeAlias = Evaluation | Pushed
+Removable: TypeAlias = Evaluation | ActiveLimits
 
 
 @dataclass(frozen=True)
@@ -94,14 +94,13 @@ class Cause:
     kind : str
         ``velocity limit``, ``lower position limit``, ``upper position limit``,
         ``acceleration limit`` or ``reserve`` of a joint; ``task`` or ``bounds``: another task
-        that takes the directions, or whose bounds block it; ``singularity``: a direction that
-        the robot can hardly move in here; ``impossible``: one that it cannot; ``damping``;
-        ``transition``: a change that is still blended in.
+        that takes the directions, or whose bounds block it; ``singularity``: a direction in
+        which the robot can hardly move here; ``impossible``: one in which it cannot move;
+        ``damping``; ``transition``: a change that is still being blended in.
     name : str
-        The joint, or the task; else empty.
+        Joint or task; else empty.
     share : float
-        The part of what is missing that would come back if this cause alone were taken away, in
-        (0, 1].
+        Share of the residual that would disappear without this cause alone, in (0, 1].
 
     """
 
@@ -112,18 +111,18 @@ class Cause:
 
 class Causes:
     """
-    Solves a cycle again, each time with one cause taken away.
+    Search for causes: solves a cycle again, each time without one candidate.
 
     Parameters
     ----------
     robot : Robot
     evaluations : sequence of sequence of Evaluation
-        Of the tasks, level by level.
+        Evaluations of the tasks, level by level.
     cycle : Cycle
     outcome : Outcome
-        What it came to.
+        Outcome of the cycle.
     place : Place
-        Where the robot was.
+        Configuration of the robot in the cycle.
 
     """
 
@@ -131,12 +130,12 @@ class Causes:
                  outcome: Outcome, place: Place) -> None:
         self._robot, self._evaluations, self._place = robot, evaluations, place
         self._cycle, self._outcome = cycle, outcome
-        self._places = {id(evaluation): index for index, group in enumerate(evaluations)
-                        for evaluation in group}
-        # Another task may need the same.
+        self._level_indices = {id(evaluation): index for index, group in enumerate(evaluations)
+                               for evaluation in group}
+        # Cache of velocities: another task may need the same variant.
         self._solved: dict[tuple[object, ...], Array] = {}
         self._limits: dict[tuple[int, bool], list[str]] = {}
-        self._pushed_at: dict[int, list[Pushed]] = {}
+        self._limits_by_level: dict[int, list[ActiveLimits]] = {}
         self._out_of_reach: dict[str, bool] = {}
 
     @property
@@ -145,72 +144,72 @@ class Causes:
         return self._cycle.period
 
     @property
-    def instead(self) -> str:
-        """Return why something else than the stack is carried out; mostly empty."""
-        return self._outcome.instead
+    def override(self) -> str:
+        """Return the reason why another stack is commanded; empty if the own stack is."""
+        return self._outcome.override
 
     def is_limited(self, evaluation: Evaluation) -> bool:
-        """Say whether a task misses more than next to nothing of its demand."""
+        """Return whether the residual of a task is significant."""
         level = evaluation.level
         demand = 0.0 if level.v is None else norm(level.v)
-        return norm(missing_of(level, self._outcome.velocity)) > max(
-            UNNOTICED * evaluation.task.row_scale, NOTABLE * demand)
+        return norm(residual_of(level, self._outcome.velocity)) > max(
+            DEMAND_ROUNDING * evaluation.task.row_scale, SIGNIFICANT_SHARE * demand)
 
     def is_out_of_reach(self, evaluation: Evaluation) -> bool:
         """
-        Say whether no small motion of the robot makes the error of a task smaller.
+        Return whether no small motion of the robot reduces the error of a task.
 
-        Then the task does not move, and its error is at a minimum: nothing else is the reason.
+        This is the case if the task does not move and its error is at a minimum.
         """
         name = evaluation.task.name
         if name not in self._out_of_reach:
             level = evaluation.level
             self._out_of_reach[name] = (
-                level.v is not None and bool(evaluation.error.any()) and not self.instead
-                and norm(level.J.dot(self._outcome.velocity)) <= NOTABLE * norm(level.v)
+                level.v is not None and bool(evaluation.error.any()) and not self.override
+                and norm(level.J.dot(self._outcome.velocity)) <= SIGNIFICANT_SHARE * norm(level.v)
                 and self._at_minimum(evaluation))
         return self._out_of_reach[name]
 
-    def share_a_level(self, evaluation: Evaluation, name: str) -> bool:
-        """Say whether a task is on the same level as another one."""
-        group = self._evaluations[self._places[id(evaluation)]]
+    def shares_level(self, evaluation: Evaluation, name: str) -> bool:
+        """Return whether a task is on the same level as another one."""
+        group = self._evaluations[self._level_indices[id(evaluation)]]
         return any(other.task.name == name for other in group)
 
-    def together(self, evaluation: Evaluation) -> list[tuple[str, str]]:
+    def combined_causes(self, evaluation: Evaluation) -> list[tuple[str, str]]:
         """
-        Return (kind, name) of the tasks and limits that block a task together, where they do.
+        Return (kind, name) of the tasks and limits that block a task together; [] if none do.
 
-        None of them can be left in its place without some of what comes back being lost again. A
-        change that fades in is taken for complete.
+        The set is minimal: with any of them in place, part of the residual returns. A transition
+        counts as complete.
         """
-        index, level = self._places[id(evaluation)], evaluation.level
+        index, level = self._level_indices[id(evaluation)], evaluation.level
         removed: list[Removable] = [
             other for group in self._evaluations[:index + 1] for other in group
             if other is not evaluation]
-        removed += self._pushed(index)
-        missing = norm(missing_of(level, self._outcome.velocity))
-        # Without a task it may well be a limit that stops the joints next.
-        hidden: list[Pushed] | None = None
+        removed += self._active_limits(index)
+        residual = norm(residual_of(level, self._outcome.velocity))
+        # Without a task, a limit may become the next to stop the joints.
+        hidden: list[ActiveLimits] | None = None
         while hidden is None or hidden:
-            velocity = self._without(removed, complete=True)
-            least = norm(missing_of(level, velocity))
-            hidden = [] if least <= NOTABLE * missing else [
+            velocity = self._velocity_without(removed, complete=True)
+            least = norm(residual_of(level, velocity))
+            hidden = [] if least <= SIGNIFICANT_SHARE * residual else [
                 each for each in _at_bounds(self._cycle_without(removed).bounds, velocity)
                 if each not in removed]
             removed += hidden
-        if least > (1.0 - NOTABLE) * missing:
+        if least > (1.0 - SIGNIFICANT_SHARE) * residual:
             return []
         for candidate in tuple(removed):
             fewer = [each for each in removed if each is not candidate]
-            left = norm(missing_of(level, self._without(fewer, complete=True)))
-            if left <= least + NOTABLE * missing:
+            left = norm(residual_of(level, self._velocity_without(fewer, complete=True)))
+            if left <= least + SIGNIFICANT_SHARE * residual:
                 removed = fewer
-        return [self._named(each) for each in removed]
+        return [self._kind_and_name(each) for each in removed]
 
-    def rows_in_the_way(self, evaluation: Evaluation, name: str) -> list[str]:
-        """Return which rows of a task with bounds block another one, by name."""
+    def blocking_rows(self, evaluation: Evaluation, name: str) -> list[str]:
+        """Return the names of the rows of an inequality task that block another task."""
         found: dict[str, None] = {}
-        index = self._places[id(evaluation)]
+        index = self._level_indices[id(evaluation)]
         for level in self._outcome.commanded.levels[:index + 1]:
             for number, multipliers in level.row_multipliers.items():
                 first = 0
@@ -223,150 +222,155 @@ class Causes:
         return list(found)
 
     def of(self, evaluation: Evaluation) -> tuple[Cause, ...]:
-        """Return what limits a task, the largest share first."""
+        """Return the causes that limit a task, the largest share first."""
         if not self.is_limited(evaluation):
             return ()
-        index, found = self._places[id(evaluation)], []
-        missing = missing_of(evaluation.level, self._outcome.velocity)
-        size = norm(missing)
-        for kind, name, left in self._candidates(index, evaluation, missing):
+        index, found = self._level_indices[id(evaluation)], []
+        residual = residual_of(evaluation.level, self._outcome.velocity)
+        size = norm(residual)
+        for kind, name, left in self._candidates(index, evaluation, residual):
             share = 1.0 - norm(left) / size
-            if share > NOTABLE:
+            if share > SIGNIFICANT_SHARE:
                 found.append(Cause(kind, name, share))
         return tuple(sorted(found, key=lambda cause: -cause.share))
 
     def _candidates(self, index: int, evaluation: Evaluation,
-                    missing: Array) -> Iterator[tuple[str, str, Array]]:
-        """Yield (kind, name, what is still missing without it)."""
+                    residual: Array) -> Iterator[tuple[str, str, Array]]:
+        """Yield (kind, name, residual without it) of each candidate."""
         level = evaluation.level
-        for pushed in self._pushed(index):
-            yield (*self._named(pushed), missing_of(level, self._without([pushed])))
+        for active in self._active_limits(index):
+            left = residual_of(level, self._velocity_without([active]))
+            yield (*self._kind_and_name(active), left)
         for group in self._evaluations[:index + 1]:
             for other in group:
                 if other is not evaluation:
-                    yield (*self._named(other), missing_of(level, self._without([other])))
-        if self._outcome.instead == TRANSITION:
-            yield TRANSITION, '', missing_of(level, self._cycle.solve().velocity)
+                    left = residual_of(level, self._velocity_without([other]))
+                    yield (*self._kind_and_name(other), left)
+        if self._outcome.override == TRANSITION:
+            yield TRANSITION, '', residual_of(level, self._cycle.solve().velocity)
         if self._is_damped(index):
-            yield DAMPING, '', missing_of(level, self._undamped)
-        yield from self._singular(index, evaluation, missing)
+            yield DAMPING, '', residual_of(level, self._undamped)
+        yield from self._singular(index, evaluation, residual)
 
-    def _named(self, cause: Removable) -> tuple[str, str]:
+    def _kind_and_name(self, cause: Removable) -> tuple[str, str]:
         """Return the kind and name of a task or limit as a cause."""
-        if isinstance(cause, Pushed):
-            # Limits that say the same are one: the first gives it the name.
+        if isinstance(cause, ActiveLimits):
+            # Coinciding limits count as one, named after the first.
             return cause.limits[0], self._robot.velocity_names[cause.joint]
         return BOUNDS if cause.task.bounded else TASK, cause.task.name
 
     def limits_at(self, level: LevelSolution, joint: int) -> list[str]:
-        """Return the limits of a joint that a level pushes against; mostly one."""
+        """Return the limits of a joint that are active in a level; mostly one."""
         up = bool(level.multipliers[joint] > 0.0)
         bounds = self._cycle.bounds
         velocity = level.limited_velocity[joint]
         cap = self._cycle.speed_cap
-        before = velocity < bounds.upper[joint] - SAME if up \
-            else velocity > bounds.lower[joint] + SAME
-        # The reserve stops a joint before its own bound does.
+        before = velocity < bounds.upper[joint] - SAME_VELOCITY if up \
+            else velocity > bounds.lower[joint] + SAME_VELOCITY
+        # The reserve limits a joint before its own bound does.
         if before and cap is not None and math.isfinite(cap[joint]):
             return [RESERVE]
-        # Levels above and below push against the same ones.
+        # The same limits may be active in levels above and below.
         if (joint, up) not in self._limits:
             self._limits[joint, up] = bounds.limits(joint, up)
         return self._limits[joint, up]
 
-    def _pushed(self, index: int) -> list[Pushed]:
-        """Return all limits that a level, or one above it, pushes against."""
+    def _active_limits(self, index: int) -> list[ActiveLimits]:
+        """Return all limits that are active in a level or in one above it."""
         commanded, bounds = self._outcome.commanded, self._cycle.bounds
-        found = {each: True for number in self._down_to(index) for each in self._pushed_by(number)}
+        found = {each: True for number in self._levels_down_to(index)
+                 for each in self._limits_of_level(number)}
         if commanded.slowed < 1.0:
-            # Bounds of levels may have led more joints to their limits than the one that decides.
+            # Bounds of levels may bring more joints to their limits than the one that decides.
             found.update((each, True) for each in _at_bounds(bounds, commanded.velocity))
         return list(found)
 
-    def _down_to(self, index: int) -> range:
+    def _levels_down_to(self, index: int) -> range:
         """Return the indices of a level and those above it, as far as they are commanded."""
         return range(min(index + 1, len(self._outcome.commanded.hierarchy)))
 
-    def _pushed_by(self, index: int) -> list[Pushed]:
-        """Return the limits that a level pushes against."""
-        if index not in self._pushed_at:
+    def _limits_of_level(self, index: int) -> list[ActiveLimits]:
+        """Return the limits that are active in a level."""
+        if index not in self._limits_by_level:
             level = self._outcome.commanded.levels[index]
-            self._pushed_at[index] = [Pushed(joint, tuple(self.limits_at(level, joint)))
-                                      for joint in level.limited_by]
-        return self._pushed_at[index]
+            self._limits_by_level[index] = [
+                ActiveLimits(joint, tuple(self.limits_at(level, joint)))
+                for joint in level.limited_by]
+        return self._limits_by_level[index]
 
-    def _without(self, removed: Sequence[Removable], complete: bool = False) -> Array:
-        """Return the velocities (n,) without some tasks and limits, if `complete` unblended."""
+    def _velocity_without(self, removed: Sequence[Removable], complete: bool = False) -> Array:
+        """Return the velocities (n,) without some tasks and limits; unblended if `complete`."""
         tasks = [each for each in removed if isinstance(each, Evaluation)]
-        hierarchy = self._cycle.levels if complete and self.instead == TRANSITION \
+        hierarchy = self._cycle.levels if complete and self.override == TRANSITION \
             else self._outcome.commanded.hierarchy
         key = (hierarchy is self._cycle.levels, *(each.task.name for each in tasks),
-               *(each for each in removed if isinstance(each, Pushed)))
+               *(each for each in removed if isinstance(each, ActiveLimits)))
         if key not in self._solved:
             groups = {}
-            for number in {self._places[id(each)] for each in tasks}:
+            for number in {self._level_indices[id(each)] for each in tasks}:
                 left = [each for each in self._evaluations[number] if each not in tasks]
                 groups[number] = levels_of([left] if left else [])
-            self._solved[key] = self._with(self._cycle_without(removed), groups, hierarchy)
+            self._solved[key] = self._velocity_with(
+                self._cycle_without(removed), groups, hierarchy)
         return self._solved[key]
 
     def _cycle_without(self, removed: Sequence[Removable]) -> Cycle:
-        """Return the cycle without those of them that are limits of joints."""
+        """Return the cycle without the joint limits among the removed candidates."""
         cycle = self._cycle
         for each in removed:
-            if isinstance(each, Pushed):
+            if isinstance(each, ActiveLimits):
                 cycle = _without_limits(cycle, each)
         return cycle
 
-    def _with(self, cycle: Cycle, groups: Mapping[int, list[Level]],
-              hierarchy: Sequence[Level]) -> Array:
-        """Return the velocities (n,) with other levels, one or none, in place of some."""
+    def _velocity_with(self, cycle: Cycle, groups: Mapping[int, list[Level]],
+                       hierarchy: Sequence[Level]) -> Array:
+        """Return the velocities (n,) with some levels replaced, each by one level or none."""
         hierarchy, levels = list(hierarchy), list(cycle.levels)
         kept = list(range(len(levels)))
         for number in sorted(groups, reverse=True):
-            # Levels below a change that fades in are not in force yet.
+            # Levels below a transition are not in force yet.
             if number < len(hierarchy) and hierarchy[number] is levels[number]:
                 hierarchy[number:number + 1] = levels[number:number + 1] = groups[number]
                 kept[number:number + 1] *= len(groups[number])
         memory = tuple([cycle.memory[index] for index in kept]) if cycle.memory else ()
-        return self._again(cycle._replace(levels=levels, memory=memory), hierarchy, kept)
+        return self._velocity_after(cycle._replace(levels=levels, memory=memory), hierarchy, kept)
 
     @cached_property
-    def _pushes(self) -> list[float]:
-        """Return h of each level of the stack, from this cycle alone."""
-        return _pushes(self._cycle, self._outcome.commanded.hierarchy)
+    def _bends(self) -> list[float]:
+        """Return h of each level of the stack from this cycle alone."""
+        return _bends(self._cycle, self._outcome.commanded.hierarchy)
 
-    def _again(self, cycle: Cycle, levels: Sequence[Level], kept: Sequence[int]) -> Array:
+    def _velocity_after(self, cycle: Cycle, levels: Sequence[Level], kept: Sequence[int]) -> Array:
         """
-        Return the velocities (n,) of a cycle with a change that kept these levels, by index.
+        Return the velocities (n,) of a changed cycle that kept these levels, by index.
 
-        What it remembers follows from what pushed before (h of each level), and so is no cause
-        of its own: it falls as far as the pushes do.
+        The memory (h of each level) follows from earlier cycles and is not a cause of its own: it
+        is reduced in proportion to h of this cycle alone.
         """
         if any(cycle.memory):
-            before = [self._pushes[index] for index in kept]
-            after = _pushes(cycle, levels)
+            before = [self._bends[index] for index in kept]
+            after = _bends(cycle, levels)
             cycle = cycle._replace(memory=tuple([
                 h * new / old if new < old else h
                 for h, old, new in zip(cycle.memory, before, after)]))
         return cycle.solve(levels).velocity
 
     def _at_minimum(self, evaluation: Evaluation) -> bool:
-        """Say whether the error of a task is at a minimum; where that fails, it is not."""
+        """Return whether the error of a task is at a minimum; False if the task fails."""
         try:
             with foreign:
                 return self._is_minimum(evaluation)
         except Exception:
-            # A type of another package may fail anywhere.
+            # A task type of another package may raise any exception.
             return False
 
     def _is_minimum(self, evaluation: Evaluation) -> bool:
         """
-        Say whether the error of a task is at a minimum.
+        Return whether the error of a task is at a minimum.
 
-        Along all motions of the robot the gradient of ½ eᵀ K e has to vanish and its Jacobian H
-        must not fall. Were H not symmetric, as where a base has to turn before it drives on, two
-        motions in turns would lead to a third one along which the error falls.
+        Along all motions of the robot the gradient of ½ eᵀ K e has to vanish, and its Jacobian H
+        has to be positive semidefinite. H must be symmetric: otherwise, as for a base that has to
+        turn before it drives on, two alternating motions lead to a third that reduces the error.
         """
         task, (q, passive, now, state) = evaluation.task.probe(), self._place
         state.update(q, passive)
@@ -378,22 +382,23 @@ class Causes:
 
         here, H = gradient(), np.empty((n, n))
         for column, motion in enumerate(np.eye(n)):
-            state.update(self._robot.integrate(q, motion, STEP))
-            H[:, column] = (gradient() - here) / STEP
-        # As large as H is where the error is large.
-        least = NOTABLE * norm(evaluation.level.v)
+            state.update(self._robot.integrate(q, motion, DIFFERENCE_STEP))
+            H[:, column] = (gradient() - here) / DIFFERENCE_STEP
+        # Tolerance that scales with H, which grows with the error.
+        demand = norm(evaluation.level.v)
+        least = SIGNIFICANT_SHARE * demand
         values, motions = np.linalg.eigh(0.5 * (H + H.T))
         along = motions.T.dot(here)
         to_gain = (along * along / np.maximum(values, least)).sum()
         return bool(values[0] > -least and np.abs(H - H.T).max() < least
-                    and to_gain <= NOTABLE * norm(evaluation.level.v) * norm(evaluation.error))
+                    and to_gain <= SIGNIFICANT_SHARE * demand * norm(evaluation.error))
 
     def _is_damped(self, index: int) -> bool:
-        """Say whether a level, or one above it, is damped or relaxed."""
-        # Bounds of levels that cannot be met are damped, too.
+        """Return whether a level, or one above it, is damped or relaxed."""
+        # Bounds of levels that cannot be satisfied are damped, too.
         return any(step.relaxed is not None or step.directions is None and step.multipliers is
                    not None or min(step.followed.tolist(), default=1.0) < 1.0 - NEGLIGIBLE
-                   for step in map(self._outcome.commanded.step, self._down_to(index)))
+                   for step in map(self._outcome.commanded.step, self._levels_down_to(index)))
 
     @cached_property
     def _undamped(self) -> Array:
@@ -403,19 +408,19 @@ class Causes:
             self._outcome.commanded.hierarchy).velocity
 
     def _singular(self, index: int, evaluation: Evaluation,
-                  missing: Array) -> Iterator[tuple[str, str, Array]]:
-        """Yield what is missing because the robot can hardly move, or not at all, there."""
+                  residual: Array) -> Iterator[tuple[str, str, Array]]:
+        """Yield the candidates for directions in which the robot can hardly move or not at all."""
         level = evaluation.level
         its = self._directions(index, level)
         if its is None:
             return
         if its.rank < len(level.J):
-            yield IMPOSSIBLE, '', its.U.dot(its.U.T.dot(missing))
+            yield IMPOSSIBLE, '', its.U.dot(its.U.T.dot(residual))
         if its.rank and its.s[-1] < NEAR_SINGULAR:
             J = (its.U * np.maximum(its.s, NEAR_SINGULAR)).dot(its.moving.T)
             other = Evaluation(evaluation.task, replace(level, J=J), evaluation.error)
             group = [other if each is evaluation else each for each in self._evaluations[index]]
-            yield SINGULARITY, '', missing_of(other.level, self._with(
+            yield SINGULARITY, '', residual_of(other.level, self._velocity_with(
                 self._cycle, {index: levels_of([group])}, self._outcome.commanded.hierarchy))
 
     def _directions(self, index: int, level: Level) -> Directions | None:
@@ -431,16 +436,16 @@ class Causes:
         return None if moves_well(level.J, NEAR_SINGULAR) else decompose(level)
 
 
-def _at_bounds(bounds: VelocityBounds, x: Array) -> list[Pushed]:
-    """Return the limits that velocities x (n,) are at."""
-    return [Pushed(joint, tuple(bounds.limits(joint, up)))
+def _at_bounds(bounds: VelocityBounds, x: Array) -> list[ActiveLimits]:
+    """Return the limits that are active at velocities x (n,)."""
+    return [ActiveLimits(joint, tuple(bounds.limits(joint, up)))
             for up, bound in ((True, bounds.upper), (False, bounds.lower))
-            for joint in np.flatnonzero(np.abs(x - bound) <= SAME).tolist()]
+            for joint in np.flatnonzero(np.abs(x - bound) <= SAME_VELOCITY).tolist()]
 
 
-def _without_limits(cycle: Cycle, pushed: Pushed) -> Cycle:
+def _without_limits(cycle: Cycle, active: ActiveLimits) -> Cycle:
     """Return a cycle without some limits of a joint."""
-    joint, limits = pushed
+    joint, limits = active
     if RESERVE not in limits or cycle.speed_cap is None:
         return cycle._replace(bounds=cycle.bounds.without(joint, limits))
     cap = cycle.speed_cap.copy()
@@ -448,14 +453,14 @@ def _without_limits(cycle: Cycle, pushed: Pushed) -> Cycle:
     return cycle._replace(speed_cap=cap)
 
 
-def _pushes(cycle: Cycle, levels: Sequence[Level]) -> list[float]:
-    """Return h of each level of a stack, from one cycle alone, in which levels are carried out."""
+def _bends(cycle: Cycle, levels: Sequence[Level]) -> list[float]:
+    """Return h of each level of the stack, from one cycle alone that solves `levels`."""
     found = cycle._replace(memory=()).solve(levels)
-    pushes = {id(level): h for level, h in zip(levels, found.bends)}
-    return [pushes.get(id(level), 0.0) for level in cycle.levels]
+    bends = {id(level): h for level, h in zip(levels, found.bends)}
+    return [bends.get(id(level), 0.0) for level in cycle.levels]
 
 
-def missing_of(level: Level, x: Array) -> Array:
-    """Return what is missing of the demand of a level, or to its bounds, at velocities x (n,)."""
+def residual_of(level: Level, x: Array) -> Array:
+    """Return the residual (m,) of the demand or bounds of a level at velocities x (n,)."""
     achieved = level.J.dot(x)
     return (level.demanded(achieved) if level.v is None else level.v) - achieved

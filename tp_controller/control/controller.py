@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The controller: joint positions in, joint velocities and a report out."""
+"""Controller: joint positions in, joint velocities and a report out."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
@@ -48,13 +48,13 @@ from tp_controller.tasks.stack import check_type, Groups, levels_of, shared_leve
 from tp_controller.tasks.task import Evaluation, Goal, Task
 from tp_controller.tasks.task_errors import accept
 
-# A command is in force for at most this multiple of the mean time between two, or a period.
-LATE = 2.0
+# Longest time that a command is in force, relative to the mean time between two; at most a period.
+HOLD_RATIO = 2.0
 
 
 class Command(NamedTuple):
     """
-    What one cycle gives.
+    Command and report of one cycle.
 
     Attributes
     ----------
@@ -71,12 +71,13 @@ class Command(NamedTuple):
 
 class Controller:
     """
-    Carries out a stack of tasks on a robot, one `update` a cycle.
+    Velocity controller that executes a stack of tasks on a robot, one `update` per cycle.
 
-    Its tasks remember goals and cycles, so they belong to this controller from now on.
+    The tasks store goals and the state of cycles, so they belong to this controller from now on.
 
-    Time is whatever clock the caller has, in seconds; without it (`now`) calls are refused. It
-    should not stand still nor be set back, but nothing is lost if it does; see `update`.
+    Times (`now`) come from any clock of the caller, in seconds; calls without a time are refused.
+    The clock should not stand still or be set back, but the controller tolerates both; see
+    `update`.
 
     Parameters
     ----------
@@ -87,11 +88,11 @@ class Controller:
     Raises
     ------
     RobotError
-        `robot` is none.
+        `robot` is not a `Robot`.
     SettingsError
         The settings do not fit the robot or the stack; see `check_settings`.
     StackError
-        `stack` is none, or another controller has used tasks of it; see `Stack.copy`.
+        `stack` is not a `Stack`, or another controller has used tasks of it; see `Stack.copy`.
 
     """
 
@@ -102,18 +103,18 @@ class Controller:
         check_type(stack)
         self.robot = robot
         self.stack = stack
-        # Mark of the stack in force; another one with each stack.
+        # Owner mark of the stack in force; each stack gets a new one.
         self._owner = object()
         stack.check_owner(self._owner)
         # None before the first update.
         self._state: RobotState | None = None
-        # Of this cycle and of the one before, in turns, and one for reports. To make one takes
-        # Pinocchio 8 ms for TIAGo and 44 ms with two arms: too long for a cycle.
+        # States of this cycle and of the previous one, alternating, and one for reports. Pinocchio
+        # takes 8 ms to make one for TIAGo, 44 ms with two arms: too long for a cycle.
         *self._states, self._spare = [robot.state(robot.neutral()) for _ in range(3)]
         self._passive: ArrayLike | None = None
         self._started = False
-        # What was commanded last, and when; at rest before the first command. Of commands that
-        # are under way the last one comes first.
+        # Last command and its time, at rest before the first one; pending commands, the last one
+        # first.
         self._velocity = np.zeros(robot.n)
         self._velocity_limits = robot.velocity
         self._pending = np.zeros((0, robot.n))
@@ -124,33 +125,33 @@ class Controller:
         self._settings = settings = settings or Settings()
         self.check_settings(settings)
         self._time = CycleTime(settings.period)
-        self._use(settings)
+        self._apply(settings)
         stack.set_owner(self._owner)
 
     def replace_stack(self, stack: Stack, settings: Settings | None = None) -> None:
         """
-        Carry out another stack from the next cycle on.
+        Replace the stack from the next cycle on.
 
-        Tasks of the same name, type and frame or joints keep their goals, and the velocities in
-        force. The change does not disturb the upper levels whose tasks are the same in both
+        Tasks of the same name, type and frame or joints keep their goals and feed-forward
+        velocities. The change does not disturb the upper levels whose tasks are the same in both
         stacks, with the same keys and goals.
 
         Parameters
         ----------
         stack : Stack
-            To be carried out.
+            New stack.
         settings : Settings, optional
-            That go with it; those in force by default.
+            New settings; those in force by default.
 
         Raises
         ------
         SettingsError
-            The settings do not fit it; what was in force before stays in force.
+            The settings do not fit it; the previous stack and settings stay in force.
         StackError
             Tasks belong to another controller, or to a stack that was replaced before; see
-            `Stack.copy`. What was in force before stays in force.
+            `Stack.copy`. The previous stack stays in force.
         EvaluationError
-            A task fails when it gets its goal; what was in force before stays in force.
+            A task fails when it receives its goal; the previous stack stays in force.
 
         """
         settings = settings or self._settings
@@ -168,12 +169,12 @@ class Controller:
 
     def restart(self) -> None:
         """
-        Give tasks without a goal, in the next cycle, the value they have then as goal.
+        Reset the default goals: in the next cycle tasks without a goal take their present value.
 
         Raises
         ------
         EvaluationError
-            A task fails; the others forget their default goals all the same.
+            A task fails; the default goals of the others are reset.
 
         """
         changed = [any(task.has_default_goal for task in group) for group in self.stack.active]
@@ -184,12 +185,12 @@ class Controller:
 
     def forget_goals(self) -> None:
         """
-        Give all tasks, in the next cycle, the value they have then as goal; bounds stay.
+        Replace all goals, in the next cycle, by the present values of the tasks; bounds stay.
 
         Raises
         ------
         EvaluationError
-            A task fails; the others forget their goals all the same.
+            A task fails; the goals of the others are replaced.
 
         """
         self._transition.announce(0)
@@ -198,29 +199,29 @@ class Controller:
 
     def halt(self, now: float | None = None) -> None:
         """
-        Say that no motion is commanded now, whatever the last update returned.
+        Notify the controller that zero velocity is being commanded.
 
         Raises
         ------
         TimeError
-            `now` is not a finite number; then nothing is taken for halted.
+            `now` is not a finite number; the call then has no effect.
 
         """
-        self._rest(now, np.zeros(self.robot.n))
+        self._command(now, np.zeros(self.robot.n))
 
     @property
     def velocity(self) -> Array:
-        """Return what was commanded last (n,) [rad/s or m/s]; zeros before the first command."""
+        """Return the last command (n,) [rad/s or m/s]; zeros before the first one."""
         return self._velocity
 
     def slow_down(self, q: ArrayLike, now: float, deceleration: float,
                   elapsed: float | None = None) -> Array:
         """
-        Return the next velocity of a ramped stop, in place of `update`.
+        Return the next velocity of a ramped stop, as a replacement for `update`.
 
-        All joints slow down by the same factor, so that the robot stays on its path through the
-        configurations. The fastest one has the deceleration, or more where a position limit
-        demands it.
+        All joints slow down by the same factor, so that the robot stays on its path in
+        configuration space. The fastest joint has the given deceleration, or more if a position
+        limit demands it.
 
         Parameters
         ----------
@@ -232,7 +233,7 @@ class Controller:
         Returns
         -------
         ndarray (n,)
-            Zero at the end; call `halt` then.
+            Velocity; zero at the end, when `halt` is to be called.
 
         """
         before, last = self._velocity, self._last_update
@@ -248,7 +249,7 @@ class Controller:
             moving = before != 0.0
             shares = np.where(before > 0.0, upper, lower)[moving] / np.abs(before[moving])
             factor = min(left / fastest, float(shares.min()))
-        self._rest(now, factor * before)
+        self._command(now, factor * before)
         return self._velocity
 
     @property
@@ -260,11 +261,11 @@ class Controller:
     def settings(self, settings: Settings) -> None:
         self.check_settings(settings)
         if settings != self._settings:
-            self._use(settings)
+            self._apply(settings)
             self._transition.announce(0)
 
-    def _use(self, settings: Settings) -> None:
-        """Act by settings that were checked."""
+    def _apply(self, settings: Settings) -> None:
+        """Apply validated settings."""
         self._settings = settings
         self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain,
                                       self._velocity_limits)
@@ -284,8 +285,8 @@ class Controller:
         Raises
         ------
         SettingsError
-            There is not one weight for each joint, or a gain is too high for the period: a bound
-            would be crossed, or an error would grow.
+            The number of weights is not the number of joints, or a gain is too high for the
+            period: a bound would be crossed, or an error would grow.
 
         """
         stack = self.stack if stack is None else check_type(stack)
@@ -314,7 +315,7 @@ class Controller:
         """
         Lower velocity limits from the next cycle on, or raise them again.
 
-        A joint that is faster brakes with its acceleration limit, or at once where it has none.
+        A faster joint brakes with its acceleration limit, or at once without such a limit.
 
         Parameters
         ----------
@@ -324,33 +325,33 @@ class Controller:
         Raises
         ------
         SettingsError
-            All that are not above 0, or are beyond the limit of the robot; those before stay in
-            force.
+            Lists all limits that are not above 0, or are beyond the limit of the robot; the
+            previous limits stay in force.
 
         """
         found = lowered(self.robot, self._velocity_limits, limits)
         if not np.array_equal(found, self._velocity_limits):
             self._velocity_limits = found
-            self._use(self._settings)
+            self._apply(self._settings)
             self._transition.announce(0)
 
     def set_gain(self, name: str, gain: Gain) -> None:
         """
-        Give a task another gain from the next cycle on; it is blended in as a setting is.
+        Set the gain of a task from the next cycle on; it is blended in as a setting is.
 
         Parameters
         ----------
         name : str
             Task.
         gain : float or array_like (rows,)
-            One number, or one for each row [1/s].
+            Scalar, or one number for each row [1/s].
 
         Raises
         ------
         GoalError
             There is no such task.
         SettingsError
-            It has no gain, or not this one; the gain before stays in force.
+            It has no gain, or the value is not valid; the previous gain stays in force.
 
         """
         task = self._task(name)
@@ -364,9 +365,9 @@ class Controller:
 
     def gain_warning(self, name: str) -> str:
         """
-        Return what is doubtful about the gain of a task, and what can be changed; mostly empty.
+        Return a warning about a doubtful gain of a task, with a suggested change; mostly empty.
 
-        It is judged by the mean time between the last cycles, at first by the `period`.
+        The gain is compared with the mean time between the last cycles, at first the `period`.
 
         Raises
         ------
@@ -380,21 +381,21 @@ class Controller:
 
     def set_tolerance(self, name: str, tolerance: Tolerance) -> None:
         """
-        Give a task other tolerances, which changes its report only.
+        Set the tolerances of a task, which affect its report only.
 
         Parameters
         ----------
         name : str
             Task.
         tolerance : float or dict
-            Error below which the goal counts as reached, or one for each of some units.
+            Error below which the goal counts as reached, or {unit: error}.
 
         Raises
         ------
         GoalError
             There is no such task.
         SettingsError
-            It has no tolerance, or not this one; the tolerances before stay in force.
+            It has no tolerance, or the value is not valid; the previous tolerances stay in force.
 
         """
         set_tolerance(self._task(name), tolerance)
@@ -409,25 +410,25 @@ class Controller:
         name : str
             Task.
         goal : array_like or dict
-            What the type of the task takes; see `tp_controller.tasks`.
+            Goal of the type of the task; see `tp_controller.tasks`.
         now : float
             [s]
         frame : str or ndarray (4, 4), optional
-            Frame of the robot that the goal is expressed in, where it is now, or the pose
+            Frame of the robot, at its present pose, in which the goal is expressed, or the pose
             T_root_frame of a frame that is not on the robot; the task's reference frame by
             default.
 
         Returns
         -------
         tuple of str
-            What is probably a mistake in the goal: it is out of reach, or coordinates are given
+            Remarks about probable mistakes in the goal: it is out of reach, or it has coordinates
             that do not count.
 
         Raises
         ------
         GoalError
             The task or frame is unknown, the goal is not finite, has the wrong shape or is beyond
-            the limits of goals in the settings, or `now` is not a finite number. The goal before
+            the limits of goals in the settings, or `now` is not a finite number. The previous goal
             stays in force.
 
         """
@@ -474,7 +475,7 @@ class Controller:
         """
         Enable or disable a task of the stack.
 
-        A task that is enabled again without a goal keeps the value it has then.
+        A task that is enabled again without a goal takes its present value as the default goal.
 
         Raises
         ------
@@ -502,18 +503,18 @@ class Controller:
         Parameters
         ----------
         q : array_like (nq,)
-            Configuration: where the base is, if it moves, then positions of the driven joints
+            Configuration: pose of the base, if it moves, then positions of the driven joints
             [rad or m].
         now : float
             [s]
         passive : array_like (p,), optional
-            Positions of the passive joints [rad or m]; unchanged where left out.
+            Positions of the passive joints [rad or m]; unchanged if omitted.
         elapsed : float, optional
-            Time since the last command, which acceleration limits count with, where another
-            clock than that of `now` is the robot's, as in a simulation; by default by how much
-            `now` has advanced [s]. If that is not more than zero, because the clock stands still
-            or was set back, the time between commands is assumed to be what it was when the
-            clock advanced last, at first the `period`.
+            Time since the last command, used by acceleration limits, if the clock of the robot
+            is not that of `now`, as in a simulation; by default the advance of `now` [s]. If it
+            is not more than zero, because the clock stands still or was set back, the time
+            between commands is assumed to equal that at the last advance of the clock, at first
+            the `period`.
 
         Returns
         -------
@@ -522,24 +523,24 @@ class Controller:
         Raises
         ------
         RobotError
-            `q` or `passive` has the wrong shape, is not finite, or its quaternion is none.
+            `q` or `passive` has the wrong shape, is not finite, or its quaternion has zero norm.
         TimeError
             `now` or `elapsed` is not a finite number.
         EvaluationError
             A task fails, and the setting `task_faults` is ``stop``.
         SolverError
-            No finite velocity carries the stack out.
+            The stack has no finite solution.
 
         """
         now = check_time(now, 'now', TimeError)
         if elapsed is not None:
             elapsed = check_time(elapsed, 'elapsed', TimeError)
-        before = self._before_change()
+        before = self._state_before_change()
         state = self._states[0]
         if passive is None or not self.robot.passive_names:
             passive = self._passive
         state.update(q, passive)
-        # Whoever has given the positions may change them later.
+        # Copy: the caller may modify the array.
         self._passive = None if passive is None else np.array(passive)
         self._states.reverse()
         self._state = state
@@ -551,38 +552,38 @@ class Controller:
         elif elapsed is None:
             elapsed = now - self._last_update
         elapsed = self._time.advance(elapsed)
-        # Tasks see the states in the order of time.
-        changed = None if before is None else self._cycle(before, now, elapsed)[1]
-        evaluations, cycle = self._cycle(state, now, elapsed)
+        # Evaluate the states in the order of time.
+        changed = None if before is None else self._make_cycle(before, now, elapsed)[1]
+        evaluations, cycle = self._make_cycle(state, now, elapsed)
         try:
-            outcome = self._blend(cycle, changed or cycle, elapsed) or self._follow(cycle)
+            outcome = self._blend(cycle, changed or cycle, elapsed) or self._solve(cycle)
         except Exception:
-            # The levels were at fault: name the task, if it is a single one.
+            # Name the task with faulty levels, if it is a single one.
             self.stack.check(evaluations, self.robot.n)
             raise
-        self._send(outcome.velocity)
+        self._record(outcome.velocity)
         self._last_update = now
         self._memory = outcome.solution.memory
         return Command(outcome.velocity, Report(self.robot, evaluations, self.stack.inactive,
                                                 cycle, outcome, self.stack.faults,
                                                 Place(state.q, self._passive, now, self._spare)))
 
-    def _rest(self, now: float | None, velocity: Array) -> None:
-        """Command a velocity (n,) that no task demands; motion that follows is blended in."""
+    def _command(self, now: float | None, velocity: Array) -> None:
+        """Command a velocity (n,) without tasks; motion that follows is blended in."""
         self._last_update = check_time(now, 'now', TimeError)
-        self._send(velocity)
+        self._record(velocity)
         self._transition.end()
         self._transition.announce(0)
 
-    def _send(self, velocity: Array) -> None:
-        """Note what is commanded now (n,)."""
+    def _record(self, velocity: Array) -> None:
+        """Record the commanded velocity (n,)."""
         self._velocity = velocity
         if len(self._pending):
             self._pending[1:] = self._pending[:-1]
             self._pending[0] = velocity
 
     def _start(self, state: RobotState) -> None:
-        """Give tasks without a goal the value they have now, once."""
+        """Set the default goals of tasks without a goal to their present values, once."""
         while not self._started:
             try:
                 self.stack.start(state)
@@ -591,7 +592,7 @@ class Controller:
                 self._switch_off(error)
 
     def _evaluate(self, state: RobotState, now: float) -> list[list[Evaluation]]:
-        """Return what the tasks demand at a state."""
+        """Return the evaluations of the tasks at a state, level by level."""
         while True:
             try:
                 return self.stack.evaluate(state, now)
@@ -599,39 +600,39 @@ class Controller:
                 self._switch_off(error)
 
     def _switch_off(self, error: EvaluationError) -> None:
-        """Go on without a task that fails, or raise."""
+        """Switch off a task that fails, or raise, depending on the settings."""
         if self._settings.task_faults == STOP:
             raise error
         before = self.stack.active
         self.stack.switch_off(error.task, error.reason)
         self._announce_stack(before)
 
-    def _before_change(self) -> RobotState | None:
+    def _state_before_change(self) -> RobotState | None:
         """
-        Return where the robot was when it was told to move last, if something has changed since.
+        Return the state at the last command if it moved and a change is announced; else None.
 
-        What the new stack demands there, and not where the robot has come since, shows what the
-        change alone changes.
+        The demand of the new stack at that state, not at the present one, isolates the effect of
+        the change.
         """
         if not self._transition.announced or self._state is None or not self._velocity.any():
             return None
         return self._state
 
-    def _cycle(self, state: RobotState, now: float, elapsed: float
-               ) -> tuple[list[list[Evaluation]], Cycle]:
-        """Return what is to be solved at a state."""
+    def _make_cycle(self, state: RobotState, now: float, elapsed: float
+                    ) -> tuple[list[list[Evaluation]], Cycle]:
+        """Return the evaluations and the problem to solve at a state."""
         evaluations = self._evaluate(state, now)
         bounds = self._bounds(state.positions, elapsed)
         return evaluations, Cycle(levels_of(evaluations), bounds, self._options, self._time.mean,
                                   self._speed_cap, self._memory)
 
     def _bounds(self, positions: Array, elapsed: float) -> VelocityBounds:
-        """Return the velocities that the joints may have at positions (n,)."""
-        duration = min(self._settings.period, LATE * self._time.mean)
+        """Return the bounds on the velocities at positions (n,)."""
+        duration = min(self._settings.period, HOLD_RATIO * self._time.mean)
         return self._limits.at(positions, self._velocity, elapsed, self._pending, duration)
 
-    def _follow(self, cycle: Cycle) -> Outcome:
-        """Return what carries the stack out."""
+    def _solve(self, cycle: Cycle) -> Outcome:
+        """Return the outcome without a transition."""
         solution = cycle.solve()
         escape = self._escape.levels(solution, self._time.now, cycle.solve)
         if escape is None:
@@ -640,9 +641,9 @@ class Controller:
 
     def _blend(self, cycle: Cycle, changed: Cycle, elapsed: float) -> Outcome | None:
         """
-        Return the outcome that blends in a change; None where there is nothing to blend.
+        Return the outcome that blends in a change; None without a transition.
 
-        `changed` is what is to be solved where the robot was before the change.
+        `changed` is the problem at the state before the change.
         """
         if self._transition.idle:
             return None
@@ -652,11 +653,11 @@ class Controller:
             self._escape.reset()
         if self._last_update is None or not (shared is not None or self._transition.active(now)):
             return None
-        # The end of the transition: acceleration limits only say how fast to get there.
+        # The end of the transition; acceleration limits only determine how fast it is reached.
         aim = cycle.aim()
         if shared is not None:
             began = now - min(elapsed, self._settings.period)
-            # What is shared is not to fade, even if its goal moves on.
+            # Shared levels must not fade, even if their goals move on.
             velocity = changed.aim(kept_above(changed.levels, shared) + [
                 Level.of_joints(self._velocity - self._transition.offset(began, shared))]).velocity
             after = aim if changed is cycle else changed.aim()
@@ -667,7 +668,7 @@ class Controller:
         return Outcome(aim, cycle.solve(blended), TRANSITION)
 
     def _announce_stack(self, before: Groups) -> None:
-        """Tell the transition that the stack has changed, unless it is the same."""
+        """Announce a change of the stack to the transition, unless the tasks are the same."""
         after = self.stack.active
         shared = shared_levels(before, after)
         if shared < max(len(before), len(after)):
@@ -676,7 +677,7 @@ class Controller:
             self._memory = tuple([remembered.get(_names(group), 0.0) for group in after])
 
     def _announce_goal(self, task: Task, now: float) -> None:
-        """Tell the transition that a task gets a goal."""
+        """Announce a new goal of a task to the transition."""
         for index, group in enumerate(self.stack.active):
             if task in group:
                 self._transition.announce_goal(task.name, index, now)
@@ -689,20 +690,20 @@ class Controller:
 
     def configuration(self) -> tuple[Array, ArrayLike | None] | None:
         """
-        Return where the robot was in the last update; None before the first one.
+        Return the configuration of the robot in the last update; None before the first one.
 
         Returns
         -------
         q : ndarray (nq,)
             Configuration [rad or m].
         passive : ndarray (p,) or None
-            Positions of the passive joints; None where none were given [rad or m].
+            Positions of the passive joints [rad or m]; None if not given.
 
         """
         return None if self._state is None else (self._state.q, self._passive)
 
     def _pose_in(self, task: Task, frame: str | Array) -> Array:
-        """Return T_reference_frame (4, 4), as the robot stands now."""
+        """Return T_reference_frame (4, 4) at the present state of the robot."""
         if task.reference is None:
             raise GoalError(f'a goal of task {task.name!r} is not expressed in a frame: '
                             'leave it out')

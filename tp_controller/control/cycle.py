@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What one cycle solves, stored so that it can be solved again with one change."""
+"""Problem of one control cycle, kept so that variants of it can be solved."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -27,20 +27,20 @@ from tp_controller.solver.solve import Options, solve_cycle
 
 class Cycle(NamedTuple):
     """
-    What one cycle solves.
+    Problem of one control cycle.
 
     Attributes
     ----------
     levels : list of Level
-        Of the stack.
+        Levels of the stack.
     bounds : VelocityBounds
     options : Options
     period : float
-        How long the velocity will be in force: zero-order hold [s].
+        Duration of the zero-order hold of the velocity [s].
     speed_cap : ndarray (n,) or None
         See `tp_controller.solver.solve`.
     memory : tuple of float
-        What the cycle before left to the levels.
+        h of each level from the previous cycle; see `tp_controller.solver.damping`.
 
     """
 
@@ -52,17 +52,17 @@ class Cycle(NamedTuple):
     memory: Memory
 
     def solve(self, levels: Sequence[Level] | None = None) -> Solution:
-        """Return what carries levels out; those of the stack by default."""
+        """Return the solution of levels, by default those of the stack."""
         return self._solve(self.levels if levels is None else levels,
                            self.bounds.lower, self.bounds.upper)
 
     def aim(self, levels: Sequence[Level] | None = None) -> Solution:
-        """Return what carries levels out without acceleration limits."""
+        """Return the solution of levels without acceleration limits."""
         return self._solve(self.levels if levels is None else levels, *self.bounds.settled)
 
     def _solve(self, levels: Sequence[Level], lower: Array, upper: Array) -> Solution:
-        """Return what carries levels out within bounds on the velocities (n,)."""
-        # Levels that are not of the stack have nothing to remember.
+        """Return the solution of levels within bounds on the velocities (n,)."""
+        # Levels that are not in the stack have no memory.
         memory = self.memory
         if levels is not self.levels and any(memory):
             remembered = {id(level): h for level, h in zip(self.levels, memory)}
@@ -73,22 +73,22 @@ class Cycle(NamedTuple):
 
 class Outcome(NamedTuple):
     """
-    What a cycle came to.
+    Outcome of a cycle.
 
     Attributes
     ----------
     solution : Solution
-        Of the stack.
+        Solution of the stack.
     commanded : Solution
-        What is commanded: the same, unless another stack takes its place for a while.
-    instead : str
-        Why; empty where they are the same.
+        Commanded solution: the same, unless another stack temporarily replaces the own one.
+    override : str
+        Reason for the replacement; empty if both solutions are the same.
 
     """
 
     solution: Solution
     commanded: Solution
-    instead: str = ''
+    override: str = ''
 
     @property
     def velocity(self) -> Array:

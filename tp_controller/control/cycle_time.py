@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The time between two commands, as far as the clock of the caller tells."""
+"""Time between two commands, measured with the clock of the caller."""
 
 import math
 
@@ -24,12 +24,12 @@ SMOOTHING = 0.05
 
 class CycleTime:
     """
-    The time between commands, by a clock that may stand still or be set back.
+    Time between commands, measured with a clock that may stand still or be set back.
 
-    A clock that does not advance from one command to the next says nothing about the time that
-    has passed. The time between commands is then assumed to be what it was when the clock
-    advanced last, at first a period. A clock may also tick less often than commands are computed.
-    When it advances again, the time that has passed is divided among the commands since.
+    If the clock does not advance from one command to the next, the time between them is unknown.
+    It is then assumed to equal the time at the last advance of the clock, at first a period. A
+    clock may also tick less often than commands are computed. When it advances again, the elapsed
+    time is divided among the commands since.
 
     Parameters
     ----------
@@ -39,10 +39,10 @@ class CycleTime:
     Attributes
     ----------
     now : float
-        Sum of these times, which never falls [s].
+        Sum of these times, never decreasing [s].
     mean : float
-        Mean time between two commands [s]. At most a period: a pause does not count, and
-        commands may come faster than they need to.
+        Mean time between two commands [s], at most a period: a pause does not count, and
+        commands may be computed faster than required.
 
     """
 
@@ -51,19 +51,19 @@ class CycleTime:
         self.expect(period)
 
     def expect(self, period: float) -> None:
-        """Take a period, and nothing else, for known from now on."""
+        """Reset the estimates to a period."""
         self._period = self._usual = self.mean = period
-        # Commands since the clock has advanced.
+        # Commands since the last advance of the clock.
         self._commands = 1
 
     def advance(self, measured: float) -> float:
         """
-        Return how long the last command was in force [s], more than zero.
+        Return the duration for which the last command was in force [s], more than zero.
 
         Parameters
         ----------
         measured : float
-            By how much the clock has advanced since then [s].
+            Advance of the clock since then [s].
 
         """
         if measured > 0.0:
@@ -84,7 +84,7 @@ def check_time(value: float | None, name: str, refusal: type[TpControllerError])
         if value is not None and math.isfinite(value):
             return float(value)
     except (TypeError, ValueError, OverflowError):
-        # What follows says what is wrong with it.
+        # Reported below.
         pass
     raise refusal(f'{name} must be a finite number, the time of any clock [s], got {value!r}'
                   if name == 'now' else f'{name} must be a finite number [s], got {value!r}')

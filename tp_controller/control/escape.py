@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Leaving a singularity that the robot is exactly at."""
+"""Escape from singularities at which the robot rests exactly."""
 
 from collections.abc import Callable
 
@@ -22,28 +22,29 @@ from tp_controller.solver.level import Level
 from tp_controller.solver.solution import Solution
 from tp_controller.tasks.task import norm
 
-# A joint slower than this stands still, and a task velocity below it is not worth a motion.
-STILL = 1e-3
-WANTED = 1e-2
-# A singular value below this, relative to the largest one, is one that the robot stands on.
-SINGULAR = 1e-6
-# Speed and duration of a nudge [rad/s, s], and how often it is tried.
-SPEED = 0.02
-DURATION = 1.0
-TRIES = 3
-# How long the robot has to have stood still before [s].
-PATIENCE = 0.2
+# Joint speed below which the robot counts as stuck [rad/s or m/s].
+STUCK_SPEED = 1e-3
+# Task velocity above which an unmet demand justifies a nudge, in the units of the task.
+LEAST_DEMAND = 1e-2
+# Singular value, relative to the largest one, below which the robot is exactly at a singularity.
+SINGULAR_RATIO = 1e-6
+# Speed [rad/s or m/s], duration [s] and largest number of nudges.
+NUDGE_SPEED = 0.02
+NUDGE_SECONDS = 1.0
+MOST_NUDGES = 3
+# Time at rest before a nudge [s].
+STUCK_SECONDS = 0.2
 
 
 class Escape:
     """
-    Moves a robot a little that rests exactly at a singularity, although a task is not reached.
+    Nudge of a robot that rests exactly at a singularity although a task is not reached.
 
     Example: a straight arm that is to retract. To first order no joint velocity moves the tool
-    along the arm, so the damped solution is to rest. The least deviation changes that. Here a
-    nudge does: a few milliradians of motion in the null space of the level and those above.
-    If it does not help, because the goal is out of reach, say, it is tried twice more. Then it is
-    not tried again until something changes.
+    along the arm, so the damped solution is to rest. The least deviation from the singularity
+    changes that. A nudge provides it: a few milliradians of motion in the null space of the level
+    and those above. If it does not help, for example because the goal is out of reach, it is tried
+    twice more, and then not again until something changes.
 
     Parameters
     ----------
@@ -53,60 +54,61 @@ class Escape:
     """
 
     def __init__(self, n: int) -> None:
-        self._nudge = Transition(DURATION)
+        self._nudge = Transition(NUDGE_SECONDS)
         self._random = np.random.default_rng(0)
         self._n = n
         self._tries = self._upper = 0
         self._still_since: float | None = None
 
     def reset(self) -> None:
-        """Say that something has changed, so that it is worth trying again."""
+        """Allow new nudges, after a change of the stack, a goal or a setting."""
         self._tries = self._upper = 0
 
     def levels(self, solution: Solution, now: float,
                solve: Callable[[list[Level]], Solution]) -> list[Level] | None:
         """
-        Return levels that leave the singularity, in place of those solved; None if not needed.
+        Return levels that leave the singularity and replace those solved; None if not needed.
 
         Parameters
         ----------
         solution : Solution
-            Of this cycle.
+            Solution of this cycle.
         now : float
-            On a clock that is never set back [s].
+            Time of a clock that is never set back [s].
         solve : callable (list of Level) -> Solution
-            Carries levels out.
+            Solver of levels.
 
         """
         if self._upper:
-            # Without the levels below, which may demand to stay where they are.
+            # Without the levels below: they may demand to stay at the singularity.
             upper = kept_above(solution.hierarchy, self._upper)
             levels = self._nudge.levels(upper, solve(upper).velocity, now)
             if levels is not None:
                 return levels
             self._upper = 0
-        if self._tries >= TRIES:
+        if self._tries >= MOST_NUDGES:
             return None
         velocity = solution.velocity
-        if velocity.dot(velocity) > STILL * STILL:
+        if velocity.dot(velocity) > STUCK_SPEED * STUCK_SPEED:
             self._still_since = None
             return None
         if self._still_since is None:
             self._still_since = now
-        if now - self._still_since < PATIENCE:
+        if now - self._still_since < STUCK_SECONDS:
             return None
         for index, level in enumerate(solution.hierarchy):
-            if level.v is not None and norm(level.v) > WANTED and self._stuck(solution, index):
+            if level.v is not None and norm(level.v) > LEAST_DEMAND \
+                    and self._is_singular(solution, index):
                 direction = self._random.standard_normal(self._n)
                 self._upper = index + 1
-                self._nudge.begin(SPEED * direction / norm(direction), now, self._upper)
+                self._nudge.begin(NUDGE_SPEED * direction / norm(direction), now, self._upper)
                 self._tries += 1
                 self._still_since = None
                 return self.levels(solution, now, solve)
         return None
 
-    def _stuck(self, solution: Solution, index: int) -> bool:
-        """Say whether a level stands on a singularity of its own."""
+    def _is_singular(self, solution: Solution, index: int) -> bool:
+        """Return whether a level is at a singularity of its own, with an unreachable demand."""
         alone = solution.singular_values_alone(index)
-        return bool(alone[-1] <= SINGULAR * alone[0]) \
-            and norm(solution.levels[index].unreachable) > WANTED
+        return bool(alone[-1] <= SINGULAR_RATIO * alone[0]) \
+            and norm(solution.levels[index].unreachable) > LEAST_DEMAND

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Gains and tolerances of tasks: which ones a task can have, and which gains are doubtful."""
+"""Gains and tolerances of tasks: valid values, and remarks about doubtful gains."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,27 +26,28 @@ from tp_controller.tasks.gradient import GradientTask
 from tp_controller.tasks.keys import Gain, LARGEST, parse_gain, Tolerance
 from tp_controller.tasks.task import Task
 
-ROUNDING = 1e-12
-# Gain times period; docs/method.md, time steps and gains. Of inequality tasks and of others the
-# largest one: beyond it bounds are crossed, and errors grow.
-BOUNDED, STABLE = 1.0, 2.0
-# From these on a step overshoots the goal, and the steps of a robot that obeys a cycle late do by
-# more than half.
-OVERSHOOTS, DOUBTFUL = 1.0, 0.5
-# Up to this one they do not overshoot.
-LATE = 0.25
+# Relative rounding error of a gain at its limit [1].
+RELATIVE_ROUNDING = 1e-12
+# Largest gain times period [1] of inequality tasks and of other tasks (docs/method.md, time steps
+# and gains). Above it bounds are crossed, and errors grow.
+BOUNDED_STEP, STABLE_STEP = 1.0, 2.0
+# Gain times period [1] from which a step overshoots the goal, and from which the steps of a robot
+# with one cycle of delay overshoot by more than half.
+OVERSHOOT_STEP, DOUBTFUL_STEP = 1.0, 0.5
+# Largest gain times period [1] without overshoot at one cycle of delay.
+DELAY_SAFE_STEP = 0.25
 
 
 class GainRemark(NamedTuple):
     """
-    What is doubtful about a gain.
+    Remark about a doubtful gain.
 
     Attributes
     ----------
     step : float
         Gain times period.
     message, change : str
-        What is the case, and what can be changed.
+        Observation, and suggested change.
 
     """
 
@@ -56,26 +57,27 @@ class GainRemark(NamedTuple):
 
 
 def decay_step(task: Task, gain: Gain, period: float) -> float | None:
-    """Return gain times period of a task whose gain says how fast an error decays, else None."""
+    """Return gain times period; None for a task whose gain is not the decay rate of an error."""
     if task.bounded or isinstance(task, GradientTask) or 'gain' not in task.accepted_keys():
         return None
     return float(np.max(gain)) * period if np.size(gain) else math.nan
 
 
 def gain_limit(task: Task, period: float) -> tuple[float, str]:
-    """Return the largest gain of a task in cycles of a period [s], and why as text."""
+    """Return the largest gain of a task for a control period [s], and the reason as text."""
     if task.bounded:
-        return BOUNDED / period, '1/period, or its bounds would be crossed'
+        return BOUNDED_STEP / period, '1/period, or its bounds would be crossed'
     if decay_step(task, 0.0, period) is not None:
-        return STABLE / period, '2/period, or its error would grow from cycle to cycle; ' \
-                                f'{LATE:g}/period does not overshoot, a cycle late either'
+        return (STABLE_STEP / period,
+                '2/period, or its error would grow from cycle to cycle; '
+                f'{DELAY_SAFE_STEP:g}/period does not overshoot, a cycle late either')
     return LARGEST, ''
 
 
 def gain_faults(task: Task, gain: Gain, period: float) -> list[str]:
-    """Return what is wrong with a gain of a task in cycles of a period [s]."""
+    """Return the faults of a gain of a task for a control period [s]."""
     largest, why = gain_limit(task, period)
-    if not why or np.max(gain, initial=0.0) <= largest * (1.0 + ROUNDING):
+    if not why or np.max(gain, initial=0.0) <= largest * (1.0 + RELATIVE_ROUNDING):
         return []
     rule, _, reason = why.partition(', ')
     return [f'gain {np.max(gain):g} of task {task.name} must be at most {rule} = {largest:g}, '
@@ -83,13 +85,13 @@ def gain_faults(task: Task, gain: Gain, period: float) -> list[str]:
 
 
 def gain_remark(task: Task, gain: Gain, period: float) -> GainRemark | None:
-    """Return what is doubtful about a gain of a task in cycles of a period [s]; mostly None."""
+    """Return the remark about a gain of a task for a control period [s]; mostly None."""
     step = decay_step(task, gain, period)
-    if step is None or not step >= DOUBTFUL:
+    if step is None or not step >= DOUBTFUL_STEP:
         return None
-    if step > OVERSHOOTS:
+    if step > OVERSHOOT_STEP:
         effect = 'every cycle overshoots the goal'
-    elif step == OVERSHOOTS:
+    elif step == OVERSHOOT_STEP:
         effect = 'any delay makes it overshoot'
     else:
         effect = 'a robot that obeys a cycle late overshoots'
@@ -97,12 +99,12 @@ def gain_remark(task: Task, gain: Gain, period: float) -> GainRemark | None:
     return GainRemark(
         step, f'gain {step * rate:g}/s at {rate:g} Hz: after one cycle {1.0 - step:.2g} of the '
         f'error is left; {effect}',
-        f'a gain of at most {LATE * rate:.3g}/s does not overshoot, a cycle late either '
-        '(docs/method.md, time steps and gains); or raise the rate')
+        f'a gain of at most {DELAY_SAFE_STEP * rate:.3g}/s does not overshoot, a cycle late '
+        'either (docs/method.md, time steps and gains); or raise the rate')
 
 
 def check_gain(task: Task, gain: Gain, period: float) -> None:
-    """Raise `SettingsError` if a task cannot have a gain in cycles of a period [s]."""
+    """Raise `SettingsError` if a gain of a task is not valid for a control period [s]."""
     with _as_setting(task, 'gain'):
         parsed = parse_gain(gain, task.rows)
     faults = gain_faults(task, parsed, period)
@@ -111,21 +113,21 @@ def check_gain(task: Task, gain: Gain, period: float) -> None:
 
 
 def set_gain(task: Task, gain: Gain, period: float) -> None:
-    """Give a task another gain, or raise `SettingsError` as `check_gain` does."""
+    """Set the gain of a task, or raise `SettingsError` as `check_gain` does."""
     check_gain(task, gain, period)
     with foreign:
         task.set_gain(gain)
 
 
 def check_tolerance(task: Task, tolerance: Tolerance) -> None:
-    """Raise `SettingsError` if a task cannot have such tolerances."""
+    """Raise `SettingsError` if a tolerance of a task is not valid."""
     with _as_setting(task, 'tolerance'):
         with foreign:
             task.parse_tolerance(tolerance)
 
 
 def set_tolerance(task: Task, tolerance: Tolerance) -> None:
-    """Give a task other tolerances, or raise `SettingsError` as `check_tolerance` does."""
+    """Set the tolerance of a task, or raise `SettingsError` as `check_tolerance` does."""
     check_tolerance(task, tolerance)
     with foreign:
         task.set_tolerance(tolerance)
@@ -133,7 +135,7 @@ def set_tolerance(task: Task, tolerance: Tolerance) -> None:
 
 @contextmanager
 def _as_setting(task: Task, key: str) -> Iterator[None]:
-    """Raise a `SettingsError` for a value that a key of a task cannot have."""
+    """Raise a `SettingsError` if a value of a key of a task is not valid."""
     if key not in task.accepted_keys():
         raise SettingsError([f'task {task.name} of the type {task.type_name} has no {key}'])
     try:

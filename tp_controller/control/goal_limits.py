@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Limits of goals: a box that they have to lie in, and how far away they may be."""
+"""Limits of goals: a workspace box, and largest distances."""
 
 from collections.abc import Sequence
 import math
@@ -25,7 +25,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.task import Goal, norm, Task
 
-# Kinds of goals that a value moves towards; others are velocities and obstacles.
+# Goal types with a target value; others are velocities and obstacles.
 TARGETS = {'point', 'direction', 'quaternion', 'pose', 'joints'}
 
 
@@ -36,18 +36,18 @@ def check_goal(task: Task, goal: Goal, state: RobotState | None, settings: Setti
     Parameters
     ----------
     task : Task
-        That gets the goal; one with bounds has no limits.
+        Task that receives the goal; inequality tasks have no limits of goals.
     goal : object
-        In the form used inside, in the reference frame of the task.
+        Goal as parsed by the task, in its reference frame.
     state : RobotState or None
-        Where the robot is.
+        State of the robot.
     settings : Settings
-        Its `workspace`, `largest_jump` and `largest_turn`.
+        `workspace`, `largest_jump` and `largest_turn` apply.
 
     Raises
     ------
     GoalError
-        The goal is beyond one of them, or nobody knows because there is no state yet.
+        The goal is beyond one of them, or there is no state yet to check it with.
 
     """
     if task.bounded or task.goal_type not in TARGETS or not settings.limits_goals:
@@ -55,22 +55,22 @@ def check_goal(task: Task, goal: Goal, state: RobotState | None, settings: Setti
     if state is None:
         raise GoalError('the limits of goals need joint positions, and none have arrived yet')
     if task.reference is not None:
-        _check_place(task, task.goal_place(goal, state), state, settings.workspace)
+        _check_position(task, task.goal_place(goal, state), state, settings.workspace)
     largest_of = {'m': ('largest_jump', settings.largest_jump),
                   'rad': ('largest_turn', settings.largest_turn)}
     error = task.with_goal(goal).error(state)
     for rows, unit, _ in task.groups:
         name, largest = largest_of.get(unit, ('', math.inf))
-        # A joint that has no goal yet has no distance to it either.
+        # A joint without a goal has no distance to it (NaN).
         distance = norm(np.nan_to_num(error[rows]))
         if distance > largest:
             raise GoalError(f'the goal is {distance:.3g} {unit} away, more than {name} '
                             f'({with_unit(f"{largest:g}", unit)}) allows')
 
 
-def _check_place(task: Task, place: Array | None, state: RobotState,
-                 workspace: Sequence[float]) -> None:
-    """Refuse a place, in the reference of a task, outside of the workspace."""
+def _check_position(task: Task, place: Array | None, state: RobotState,
+                    workspace: Sequence[float]) -> None:
+    """Refuse a position, in the reference of a task, outside of the workspace."""
     if place is None or task.reference is None:
         return
     T = state.pose(task.reference)
@@ -83,5 +83,5 @@ def _check_place(task: Task, place: Array | None, state: RobotState,
 
 
 def _bound(value: float) -> str:
-    """Return an end of the workspace as text."""
+    """Return a bound of the workspace as text."""
     return f'{value:g} m' if math.isfinite(value) else 'anywhere'

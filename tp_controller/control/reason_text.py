@@ -12,29 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reasons of limited tasks, taken apart and shortened for tables and panels."""
+"""Reasons of limited tasks, parsed and shortened for tables and panels."""
 
 import re
 
 # End of a reason whose causes limit a task only together.
 TOGETHER = ' together'
-# How many of them are named.
+# Largest number of these causes that are named.
 MOST_NAMED = 3
 
 
 def causes_in(reason: str) -> list[str]:
     """
-    Return the causes that a reason names, the most important ones only where there are many.
+    Return the causes that a reason names, at most the most important `MOST_NAMED` of many.
 
     Parameters
     ----------
     reason : str
-        As a report has it.
+        `TaskReport.reason`.
 
     Returns
     -------
     list of str
-        Those that limit a task only together begin with ``+`` from the second one on.
+        Causes that limit a task only together begin with ``+`` from the second one on.
 
     """
     together = reason.removesuffix(TOGETHER)
@@ -47,6 +47,6 @@ def causes_in(reason: str) -> list[str]:
 
 
 def brief_reason(reason: str) -> str:
-    """Return a reason in one line that names no more causes than can be read."""
+    """Return a reason in one line, with its most important causes only."""
     causes = causes_in(reason)
     return ' '.join(causes) if reason.endswith(TOGETHER) else '; '.join(causes)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Causes in words: the sentences that the report has for a task."""
+"""Texts of causes: the sentences of a report about a task."""
 
 from collections.abc import Sequence
 
@@ -34,9 +34,9 @@ from tp_controller.control.velocity_limits import ACCELERATION, LOWER, UPPER, VE
 from tp_controller.tasks.bounded import out_of_reach, STILL
 from tp_controller.tasks.task import Evaluation
 
-# How many causes a sentence names.
-NAMED = 3
-# {kind: what it says, with the name of the joint or task}
+# Largest number of causes or rows that a reason names.
+NAMES_PER_REASON = 3
+# {kind: sentence, with a placeholder for the joint or task}
 SENTENCES = {
     VELOCITY: '{} at its velocity limit',
     LOWER: '{} at its lower position limit',
@@ -50,7 +50,7 @@ SENTENCES = {
     DAMPING: 'slowed by damping',
     TRANSITION: 'a change is still being blended in',
 }
-# {kind: what helps}; {own} is the task that is limited.
+# {kind: suggested change}; {own} is the limited task.
 HINTS = {
     VELOCITY: 'raise the velocity limit of {name}, or give {own} a smaller gain',
     LOWER: 'choose a goal, or an arm posture, farther from the lower position limit of {name}',
@@ -66,86 +66,89 @@ HINTS = {
 }
 OUT_OF_REACH = 'out of reach'
 CHOOSE_ANOTHER = 'the goal is out of reach: choose another one'
-# What a gain that is too high for the period runs into.
-OVERSHOT = frozenset((VELOCITY, ACCELERATION, RESERVE))
-ELSEWHERE = frozenset((SINGULARITY, IMPOSSIBLE, DAMPING))
+# Kinds of causes that a gain too high for the period leads to.
+OVERSHOOT_KINDS = frozenset((VELOCITY, ACCELERATION, RESERVE))
+# Kinds of causes that a goal out of reach leads to.
+UNREACHABLE_KINDS = frozenset((SINGULARITY, IMPOSSIBLE, DAMPING))
 
 
 def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]],
               found: Sequence[Cause], causes: Causes) -> str:
     """
-    Return what limits a task, in a sentence; empty where nothing does.
+    Return the reason why a task is limited, as a sentence; empty if it is not.
 
     Parameters
     ----------
     evaluation : Evaluation
-        Of the task.
+        Evaluation of the task.
     errors : sequence of (float, str, float)
         Norm of the error, its unit and the tolerance, for each unit.
     found : sequence of Cause
-        The largest share first.
+        Causes, the largest share first.
     causes : Causes
-        What found them.
+        The search that found them.
 
     """
-    sentences = [_stuck(evaluation)]
+    sentences = [_immovable_rows(evaluation)]
     if causes.is_limited(evaluation):
         if is_out_of_reach(evaluation, found, causes):
             distance = ', '.join(with_unit(f'{value:.2g}', unit)
                                  for value, unit, tolerance in errors if value > tolerance)
             sentences.append(f'{OUT_OF_REACH} by {distance}')
         else:
-            sentences.extend(_sentence(cause, evaluation, causes) for cause in found[:NAMED])
+            sentences.extend(_sentence(cause, evaluation, causes)
+                             for cause in found[:NAMES_PER_REASON])
             if not found:
-                names = causes.together(evaluation)
-                sentences.append(_together(names) if names or causes.instead != TRANSITION
+                names = causes.combined_causes(evaluation)
+                sentences.append(_combined(names) if names or causes.override != TRANSITION
                                  else SENTENCES[TRANSITION])
-        if causes.instead != TRANSITION:
-            sentences.append(causes.instead)
+        if causes.override != TRANSITION:
+            sentences.append(causes.override)
     return '; '.join(filter(None, sentences))
 
 
 def hint_of(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> str:
-    """Return what would help a task that is limited; see `reason_of`."""
+    """Return the suggested change for a limited task; see `reason_of`."""
     if is_out_of_reach(evaluation, found, causes):
         return CHOOSE_ANOTHER
     task = evaluation.task
-    if not found or found[0].kind in OVERSHOT:
-        # Higher limits would only make it worse.
+    if not found or found[0].kind in OVERSHOOT_KINDS:
+        # Higher limits would only increase the overshoot.
         doubt = gain_remark(task, task.gain, causes.period)
         if doubt:
             return doubt.change
     if not found:
         return ''
     first = found[0]
-    if first.kind == TASK and causes.share_a_level(evaluation, first.name):
+    if first.kind == TASK and causes.shares_level(evaluation, first.name):
         return f'give {first.name} and {task.name} levels of their own'
     return HINTS[first.kind].format(name=first.name, own=task.name)
 
 
 def limit_text(kind: str, joint: str) -> str:
-    """Return which limit a joint is at."""
+    """Return the sentence for the active limit of a joint."""
     return SENTENCES[kind].format(joint)
 
 
 def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> bool:
     """
-    Say whether nothing but the goal itself limits a task.
+    Return whether only the goal itself limits a task.
 
-    Then its error does not shrink any more, and no limit, task or transition is the reason.
+    In this case its error has stopped decreasing, and no limit, task or transition is a cause.
     """
-    return all(cause.kind in ELSEWHERE for cause in found) and causes.is_out_of_reach(evaluation)
+    return all(cause.kind in UNREACHABLE_KINDS for cause in found) \
+        and causes.is_out_of_reach(evaluation)
 
 
 def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
-    """Return one cause in words, with the rows of a task that has several."""
-    rows = causes.rows_in_the_way(evaluation, cause.name) if cause.kind == BOUNDS else []
-    return SENTENCES[cause.kind].format(cause.name) + (f' ({", ".join(rows[:NAMED])})' if rows
-                                                       else '')
+    """Return the sentence for a cause, with the blocking rows of a task that has several."""
+    rows = causes.blocking_rows(evaluation, cause.name) if cause.kind == BOUNDS else []
+    named = f' ({", ".join(rows[:NAMES_PER_REASON])})' if rows else ''
+    return SENTENCES[cause.kind].format(cause.name) + named
 
 
-def _together(causes: Sequence[tuple[str, str]]) -> str:
-    """Return the sentence for causes that each suffice, so that none of them is one alone."""
+def _combined(causes: Sequence[tuple[str, str]]) -> str:
+    """Return the sentence for causes that each suffice to block a task."""
     names = [name if kind in (TASK, BOUNDS) else f'the {kind} of {name}' for kind, name in causes]
     if not names:
         return 'blocked by several causes together'
@@ -154,8 +157,8 @@ def _together(causes: Sequence[tuple[str, str]]) -> str:
     return f'blocked by {", ".join(names[:-1])} and {names[-1]} together'
 
 
-def _stuck(evaluation: Evaluation) -> str:
-    """Return what no joint can bring back to within its bounds, as text; mostly nothing."""
+def _immovable_rows(evaluation: Evaluation) -> str:
+    """Return a text about violated rows that no joint can move back; mostly empty."""
     error, J, names = evaluation.error, evaluation.level.J, evaluation.row_names
     if not evaluation.task.bounded or not error.any():
         return ''
@@ -163,5 +166,5 @@ def _stuck(evaluation: Evaluation) -> str:
     still = np.flatnonzero((moved < STILL) & (out_of_reach(error, moved) > 0.0)).tolist()
     if not still:
         return ''
-    which = list(dict.fromkeys(names[row] for row in still))[:NAMED] if names else ['it']
-    return f'no joint can move {", ".join(which)} back within bounds'
+    rows = list(dict.fromkeys(names[row] for row in still)) if names else ['it']
+    return f'no joint can move {", ".join(rows[:NAMES_PER_REASON])} back within bounds'

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The report of a cycle: for every task its error, and what limits it."""
+"""Report of a cycle: the error of every task, and the causes that limit it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
@@ -20,7 +20,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from tp_controller.control.causes import Cause, Causes, missing_of, Place
+from tp_controller.control.causes import Cause, Causes, Place, residual_of
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.reasons import (
     CHOOSE_ANOTHER,
@@ -39,7 +39,7 @@ from tp_controller.tasks.task_errors import raised
 
 
 class Measures(NamedTuple):
-    """What a task has come to in a cycle; see `TaskReport`."""
+    """Measures of a task in a cycle; see `TaskReport`."""
 
     errors: tuple[tuple[float, str, float], ...]
     reached: bool = False
@@ -50,7 +50,7 @@ class Measures(NamedTuple):
 
 class TaskReport:
     """
-    One task in one cycle; computed when it is read.
+    Report of one task in one cycle; computed on access.
 
     Attributes
     ----------
@@ -58,17 +58,17 @@ class TaskReport:
     level : int or None
         From 1, the highest priority; None while the task is disabled.
     bounded : bool
-        It is an inequality task: it has bounds instead of a demand.
+        The task is an inequality task: it has bounds instead of a demand.
     errors : tuple of (float, str, float)
         Norm of the error, its unit and the tolerance, for each unit; NaN while it is disabled or
         stopped.
     reached : bool
         Every error is within its tolerance.
     wanted_speed, achieved_speed : float
-        Norm of the demanded task velocity, and of its part that is carried out (over all rows;
+        Norm of the demanded task velocity, and of its achieved part (over all rows;
         m/s and rad/s are added up as they are).
     fault : str
-        Why the task failed, in a sentence; empty where it did not.
+        Reason why the task failed, as a sentence; else empty.
 
     """
 
@@ -81,34 +81,34 @@ class TaskReport:
 
     @cached_property
     def _measures(self) -> Measures:
-        """Return what the task has come to."""
+        """Return the measures of the task."""
         task = self._task
         try:
             with foreign:
                 return self._measure(task)
         except Exception as error:
-            # Of a type of another package; it is carried out all the same.
+            # A task type of another package failed in its report; the task still runs.
             return Measures(
                 tuple((math.nan, unit, tolerance) for _, unit, tolerance in task.groups),
                 fault=self._known_fault or raised(task.reported_errors, error))
 
     def _measure(self, task: Task) -> Measures:
-        """Return what the task has come to; its type may fail."""
+        """Return the measures of the task; its type may raise any exception."""
         evaluation, velocity = self._evaluation, self._velocity
         if evaluation is None or velocity is None:
-            # Nothing is known about a task that is not carried out.
+            # A task that does not run has no measures.
             unknown = np.full(task.rows, np.nan)
-            return Measures(_checked(task.reported_errors(unknown, unknown)),
+            return Measures(_as_numbers(task.reported_errors(unknown, unknown)),
                             fault=self._known_fault)
-        missing = missing_of(evaluation.level, velocity) / task.row_scale
+        residual = residual_of(evaluation.level, velocity) / task.row_scale
         achieved = evaluation.level.J.dot(velocity) / task.row_scale
-        errors = _checked(task.reported_errors(evaluation.error, missing))
+        errors = _as_numbers(task.reported_errors(evaluation.error, residual))
         return Measures(errors, all(value <= tolerance for value, _, tolerance in errors),
-                        norm(achieved + missing), norm(achieved), self._known_fault)
+                        norm(achieved + residual), norm(achieved), self._known_fault)
 
     @property
     def errors(self) -> tuple[tuple[float, str, float], ...]:
-        """Return norm of the error, its unit and the tolerance, for each unit."""
+        """Return the norm of the error, its unit and the tolerance, for each unit."""
         return self._measures.errors
 
     @property
@@ -123,29 +123,29 @@ class TaskReport:
 
     @property
     def achieved_speed(self) -> float:
-        """Return the norm of the part of it that is carried out."""
+        """Return the norm of the achieved part of the demanded task velocity."""
         return self._measures.achieved_speed
 
     @property
     def fault(self) -> str:
-        """Return why the task failed, in a sentence; empty where it did not."""
+        """Return the reason why the task failed, as a sentence; else empty."""
         return self._measures.fault
 
     @property
     def carried_out(self) -> bool:
-        """Return whether it is about a cycle, with the task enabled and the robot not stopped."""
+        """Return whether the report is from a cycle with the task enabled, not from a stop."""
         return self._evaluation is not None
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
-        """Return what limits the task, the largest share first; () where it is reached."""
+        """Return the causes that limit the task, the largest share first; () if it is reached."""
         if self._causes is None or self._evaluation is None or self.level is None or self.reached:
             return ()
         return self._causes.of(self._evaluation)
 
     @cached_property
     def reason(self) -> str:
-        """Return what limits the task, in a sentence; empty where its demand is met."""
+        """Return the reason why the task is limited, as a sentence; empty if its demand is met."""
         if self.fault:
             return self.fault
         if self._causes is None or self._evaluation is None or self.level is None or self.reached:
@@ -156,18 +156,18 @@ class TaskReport:
 
     @cached_property
     def _unreachable(self) -> str:
-        """Return why no motion can bring the task to its goal, which may be far away still."""
+        """Return the reason why no motion can reach the goal, even a distant one; else empty."""
         task = self._task
         try:
             with foreign:
                 return '' if task.goal is None else str(task.out_of_reach(task.goal))
         except Exception:
-            # Of a type of another package: a remark is not worth a fault.
+            # A failing remark of another package's task type is not a fault.
             return ''
 
     @cached_property
     def hint(self) -> str:
-        """Return what would help, in a sentence; empty where nothing has to."""
+        """Return the suggested change, as a sentence; empty if none is needed."""
         if self.fault:
             return 'correct its code, then enable the task again'
         if self._causes is None or self._evaluation is None or not self.reason:
@@ -178,7 +178,7 @@ class TaskReport:
     @property
     def status(self) -> str:
         """
-        Return the state of the task in a word.
+        Return the state of the task as one word.
 
         ``failed``, ``disabled``, ``reached``, ``satisfied`` (bounds), ``moving`` or ``limited``;
         ``stopped`` without a cycle.
@@ -217,31 +217,32 @@ def stopped_reports(stack: Stack) -> tuple[TaskReport, ...]:
 
 
 def _disabled_reports(tasks: Sequence[Task], faults: Mapping[str, str]) -> list[TaskReport]:
-    """Return a `TaskReport` for tasks that are disabled, some of them because they failed."""
+    """Return a `TaskReport` for each disabled task; some of them may have failed."""
     return [TaskReport(task, fault=faults.get(task.name, '')) for task in tasks]
 
 
-def _checked(errors: Iterable[tuple[float, str, float]]) -> tuple[tuple[float, str, float], ...]:
-    """Return errors as numbers; raise where they are none."""
+def _as_numbers(errors: Iterable[tuple[float, str, float]]
+                ) -> tuple[tuple[float, str, float], ...]:
+    """Return errors as numbers; raise if they are not."""
     return tuple([(float(value), unit, float(tolerance)) for value, unit, tolerance in errors])
 
 
 class Report:
     """
-    What the solver made of the stack in one cycle; computed when it is read.
+    Report of one cycle: tasks, scale and limits; computed on access.
 
     Parameters
     ----------
     robot : Robot
     evaluations : sequence of sequence of Evaluation
-        Of the enabled tasks, level by level.
+        Evaluations of the enabled tasks, level by level.
     disabled : sequence of Task
     cycle, outcome : Cycle, Outcome
-        What was solved, and what it came to.
+        Problem and outcome of the cycle.
     faults : mapping
         {name: reason} of the disabled tasks that failed.
     place : Place
-        Where the robot was.
+        Configuration of the robot in the cycle.
 
     """
 
@@ -254,12 +255,12 @@ class Report:
 
     @cached_property
     def _solution(self) -> Solution:
-        """Return how the stack was carried out, with the velocity that is commanded."""
+        """Return the solution of the stack at the commanded velocity."""
         return self._outcome.solution.moved_to(self._outcome.velocity)
 
     @cached_property
     def _causes(self) -> Causes:
-        """Return what finds the causes that limit tasks."""
+        """Return the search for causes that limit tasks."""
         return Causes(self._robot, self._evaluations, self._cycle, self._outcome, self._place)
 
     @cached_property
@@ -272,7 +273,7 @@ class Report:
 
     @property
     def scale(self) -> float:
-        """Return the smallest factor that the limits put on a level."""
+        """Return the smallest factor by which the limits scale a level."""
         return self._solution.scale
 
     @property
@@ -287,7 +288,7 @@ class Report:
 
     @property
     def limiting(self) -> str:
-        """Return what slows the command, as text; empty where nothing does."""
+        """Return the limit that scales the command, as text; empty if none does."""
         joint = self._solution.limiting
         if joint is None:
             return ''

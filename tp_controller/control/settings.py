@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Settings of the controller, with defaults that are safe for a real arm."""
+"""Settings of the controller; the defaults are safe for a real arm."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, Field, field, fields
@@ -27,14 +27,14 @@ from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import Array, WEIGHT_RATIO
 from tp_controller.solver.solve import Options, SCALINGS
 
-# What is done when a task fails.
+# Reactions to a task that fails.
 STOP, SWITCH_OFF = 'stop', 'switch off'
-# A box without ends.
+# An unbounded workspace.
 ANYWHERE = (-math.inf, math.inf) * 3
 
 
 def _is_box(value: object) -> bool:
-    """Say whether a value is a lower and an upper end for each of x, y and z."""
+    """Return whether a value is a box: a lower and an upper bound for each of x, y and z."""
     return isinstance(value, (list, tuple)) and len(value) == 6 and all(map(is_number, value)) \
         and all(lower <= upper for lower, upper in zip(value[::2], value[1::2]))
 
@@ -94,8 +94,8 @@ class Settings:
         0.02, 0.0, 10.0, '', 'singular value, in the units of the Jacobian, below which a '
         'direction is relaxed: left to the lower tasks, smoothly (0: never)')
     scaling: str = _choice(
-        'redistribute', SCALINGS, 'what is done where a velocity exceeds a limit: other joints '
-        'move instead, at the cost of the lowest tasks first, or all joints are slowed alike')
+        'redistribute', SCALINGS, 'reaction to a velocity beyond a limit: other joints move '
+        'instead, at the cost of the lowest tasks first, or all joints are slowed alike')
     regularisation: float = _number(
         0.02, 0.0, 10.0, '', 'scaling redistribute: singular value, in the units of the Jacobian, '
         'below which a direction stays near the velocity cut off at the limits, against jumps of '
@@ -107,16 +107,16 @@ class Settings:
         0.4, 0.0, 60.0, 's', 'duration of the transition after a change of the stack, a goal or a '
         'setting (0: at once)')
     task_faults: str = _choice(
-        'stop', (STOP, SWITCH_OFF), 'what is done when a task fails, which raises an exception, '
-        'returns what is no use, or takes too long: the robot stops, or the task is switched off '
+        'stop', (STOP, SWITCH_OFF), 'reaction to a task that raises an exception, returns an '
+        'invalid result or exceeds its time budget: the robot stops, or the task is switched off '
         'until it is enabled again, and the others go on')
     task_budget: float = _number(
         0.5, 1e-3, math.inf, '', 'share of the period that the evaluation of a task of another '
         'package may take; it fails after three longer ones in a row (inf: any time)')
     weights: tuple[float, ...] | None = field(default=None, metadata={
         'unit': '', 'description': 'cost of each velocity, those of a moving base before those '
-        'of the joints, all positive: the higher, the less it is used in what all tasks leave '
-        'free (empty: all equal)'})
+        'of the joints, all positive: the higher, the less it is used in the null space of all '
+        'tasks (empty: all equal)'})
 
     workspace: tuple[float, ...] = field(default=ANYWHERE, metadata={
         'count': 6, 'unit': 'm', 'description': 'box that the goals of frames have to lie in, in '
@@ -129,7 +129,7 @@ class Settings:
         'also of joints (inf: any)')
 
     def __new__(cls, *values: object, **named: object) -> 'Settings':
-        """Refuse settings that there are not."""
+        """Refuse unknown settings."""
         names = [item.name for item in fields(cls)]
         faults = [unknown('setting', name, names) for name in named if name not in names]
         if faults:
@@ -137,7 +137,7 @@ class Settings:
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
-        """Check everything, and raise one error for all faults."""
+        """Validate all fields; raise one error with all faults."""
         faults = [fault for item in fields(self) for fault in self._faults(item)]
         if not faults and self.braking_gain * self.period > 1.0 + 1e-12:
             faults.append(f'braking_gain {self.braking_gain:g} must be at most 1/period = '
@@ -147,21 +147,21 @@ class Settings:
 
     @property
     def limits_goals(self) -> bool:
-        """Say whether there is a limit of goals."""
+        """Return whether any limit of goals is set."""
         return (self.workspace, self.largest_jump, self.largest_turn) != (
             ANYWHERE, math.inf, math.inf)
 
     def solver_options(self, n: int) -> Options:
-        """Return the `Options` for a robot with n joints that these settings make."""
+        """Return the solver options for a robot with n joints."""
         return Options(n, Damping(self.damping, self.singular_region, self.release_region,
                                   self.regularisation), self.weights or None, self.scaling)
 
     def speed_cap(self, robot: Robot, velocity: Array | None = None) -> Array | None:
         """
-        Return the speeds (n,) that levels below the first may use; None for all there are.
+        Return the largest speeds (n,) of levels below the first; None if there is no such cap.
 
-        Only a joint that needs time to get faster has to be kept ready. The velocity limits (n,)
-        are those of the robot by default.
+        Only joints with an acceleration limit need a reserve. The velocity limits (n,) are those
+        of the robot by default.
         """
         slow = np.isfinite(robot.acceleration)
         if not slow.any():
@@ -170,7 +170,7 @@ class Settings:
         return np.where(slow, (1.0 - self.reserve) * velocity, velocity)
 
     def _faults(self, item: Field[Any]) -> Iterator[str]:
-        """Return what is wrong with one field."""
+        """Yield the faults of one field."""
         value = getattr(self, item.name)
         if 'valid' in item.metadata:
             if value not in item.metadata['valid']:
@@ -192,7 +192,7 @@ class Settings:
 
 
 def _faults_of_weights(name: str, value: object) -> Iterator[str]:
-    """Return what is wrong with weights."""
+    """Yield the faults of weights."""
     if not isinstance(value, (list, tuple)) or not all(
             is_number(weight) and 0.0 < weight < math.inf for weight in value):
         yield f'{name} must be positive numbers, one for each joint, not {value!r}'

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pictures of the tasks of a controller, made beside its cycles."""
+"""Sketches of the tasks of a controller, made outside of its cycles."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -28,70 +28,70 @@ from tp_controller.tasks.sketch import Sketch
 from tp_controller.tasks.task import Task
 from tp_controller.tasks.task_errors import PATIENCE, raised
 
-Place: TypeAlias = tuple[ArrayLike, ArrayLike | None]
-# How many parts of a task are drawn.
+# Configuration and positions of the passive joints.
+Configuration: TypeAlias = tuple[ArrayLike, ArrayLike | None]
+# Largest number of drawn parts of a task.
 MOST_PARTS = 200
-# A task that takes longer than this, `PATIENCE` times in a row, is not drawn any more [s]: what
-# else is told about the controller would be late. Those of this package take milliseconds.
-SOON = 0.2
+# Time limit of a sketch [s]. A task that exceeds it `PATIENCE` times in a row is no longer drawn:
+# it would delay the other reports. The tasks of this package take milliseconds.
+SKETCH_SECONDS = 0.2
 
 
 class Sketcher:
     """
-    Sketches what a controller does, while it goes on.
+    Sketcher of the tasks of a controller that keeps running.
 
-    It has a state of its own, and sketches copies of the tasks: no cycle can notice.
+    It has a state of its own and sketches copies of the tasks, so it does not affect the cycles.
 
     Parameters
     ----------
     robot : Robot
-        Of the controllers.
+        Robot of the controllers.
     refused : callable
-        Told the name of a task that cannot be drawn, and why.
+        Called with the name of a task that cannot be drawn, and the reason.
 
     """
 
     def __init__(self, robot: Robot, refused: Callable[[str, str], object]) -> None:
         self._state, self._refused = robot.state(robot.neutral()), refused
-        # How many times in a row each task has taken too long.
+        # Number of times in a row that each task exceeded the time limit.
         self._late: Counter[Task] = Counter()
 
-    def sketch(self, controller: Controller, place: Place | None = None
+    def sketch(self, controller: Controller, place: Configuration | None = None
                ) -> Mapping[str, list[Sketch]]:
         """
-        Return what can be drawn of the enabled tasks.
+        Return the sketches of the enabled tasks.
 
         Parameters
         ----------
         controller : Controller
             Another thread may use it meanwhile if it is a `SharedController`.
         place : tuple, optional
-            Where the robot is, as `Controller.configuration` returns it; by default where it was
-            in the last cycle.
+            Configuration of the robot as returned by `Controller.configuration`; by default that
+            of the last cycle.
 
         Returns
         -------
         dict
-            {task: list of Sketch}, in order of priority; empty where nobody knows where the robot
-            is.
+            {task: list of Sketch}, in order of priority; empty while the configuration is unknown.
 
         Raises
         ------
         RobotError
-            `place` cannot be one.
+            `place` is not a valid configuration.
 
         """
         place = place or controller.configuration()
         if place is None:
             return {}
         self._state.update(*place)
-        # Tasks of another stack get a chance of their own.
+        # Tasks of another stack start with a count of zero.
         for task in self._late.keys() - set(controller.stack.tasks.values()):
             del self._late[task]
         return {task.name: self._parts(task) for task in controller.stack.active_tasks}
 
     def _parts(self, task: Task) -> list[Sketch]:
-        """Return what can be drawn of a task; nothing where it fails or takes too long."""
+        """Return the sketch of a task; [] if it fails or exceeds the time limit."""
         if self._late[task] >= PATIENCE:
             return []
         began = time.monotonic()
@@ -99,15 +99,15 @@ class Sketcher:
             with foreign:
                 parts = list(islice(task.probe().sketch(self._state), MOST_PARTS))
         except Exception as error:
-            # Of a type of another package; it is carried out all the same.
+            # A task type of another package failed to draw; the task still runs.
             self._refused(task.name, raised(Task.sketch, error))
             return []
         self._check_time(task, time.monotonic() - began)
         return parts
 
     def _check_time(self, task: Task, took: float) -> None:
-        """Count how often a task takes too long."""
-        self._late[task] = self._late[task] + 1 if took > SOON else 0
+        """Count the violations of the time limit by a task."""
+        self._late[task] = self._late[task] + 1 if took > SKETCH_SECONDS else 0
         if self._late[task] == PATIENCE:
-            self._refused(task.name, f'sketch took more than {SOON:g} s, {PATIENCE} times in a '
-                                     'row')
+            self._refused(task.name, f'sketch took more than {SKETCH_SECONDS:g} s, {PATIENCE} '
+                                     'times in a row')

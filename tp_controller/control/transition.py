@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From one stack to another while the robot moves."""
+"""Transitions between stacks, goals or settings while the robot moves."""
 
 from dataclasses import dataclass
 import math
@@ -21,23 +21,23 @@ import numpy as np
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level, norm
 
-# An offset is gone where it is less than this, and changes by less in a second [rad/s or m/s].
-GONE = 1e-6
+# Offset [rad/s or m/s], and its change in a second, below which it is dropped.
+NEGLIGIBLE_OFFSET = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Fade:
     """
-    An offset that fades out, as the cubic polynomial of time that ends at rest.
+    Offset of the velocity that fades out as a cubic polynomial of time, ending at rest.
 
     Attributes
     ----------
     offset, rate : ndarray (n,)
-        Where it begins, and how fast it changes there [1/s].
+        Initial offset [rad/s or m/s], and its initial rate [rad/s² or m/s²].
     began, duration : float
         [s]
     shared : int
-        How many of the upper levels do not fade.
+        Number of upper levels that do not fade.
 
     """
 
@@ -48,7 +48,7 @@ class Fade:
     shared: int
 
     def active(self, now: float) -> bool:
-        """Return whether it is not over."""
+        """Return whether the offset still fades out."""
         return now - self.began < self.duration
 
     def at(self, now: float) -> tuple[Array, Array]:
@@ -61,24 +61,23 @@ class Fade:
 
 class Transition:
     """
-    Blends in a change of the stack, of a goal or of a setting, so that the velocity has no jump.
+    Transition after a change of the stack, a goal or a setting, without a jump of the velocity.
 
     A change is announced, and takes effect in the next cycle.
 
-    At a change the velocity differs from the one before by an offset. The offset is added to the
-    new velocity and fades out. The sum is the demand of a closing level, below the levels that the
-    old and the new stack share: those are carried out exactly. The bounds are the same.
+    A change makes the velocity differ from the previous one by an offset. The offset is added to
+    the new velocity and fades out. The sum is the demand of a closing level, below the levels that
+    the old and the new stack share: those are solved exactly. The bounds are the same.
 
-    A change that comes before the offset has gone adds its part to it, and the offset goes on
-    changing at its rate. So it also fades out while there is a change in every cycle: it follows
-    a linear filter of second order, with the natural frequency √6 / duration and the damping
-    ratio 0.82. A change that shares more levels than the ones before has an offset of its own,
-    and does not hold up theirs.
+    A change during a transition adds to the offset, which keeps its rate. The offset therefore
+    fades out even if there is a change in every cycle: it follows a linear filter of second order,
+    with the natural frequency √6 / duration and the damping ratio 0.82. A change that shares more
+    levels than the previous ones has an offset of its own, and does not delay theirs.
 
     Parameters
     ----------
     duration : float
-        Time until the offset has gone [s]; 0 lets changes act at once.
+        Time until the offset has faded out [s]; 0 applies changes at once.
 
     """
 
@@ -89,15 +88,15 @@ class Transition:
         self._goal_times: dict[str, float] = {}
 
     def announce(self, shared: int) -> None:
-        """Announce a change that leaves this many of the upper levels as they are."""
+        """Announce a change that does not affect the first `shared` levels."""
         self._announced = shared if self._announced is None else min(shared, self._announced)
 
     def announce_goal(self, name: str, level: int, now: float) -> None:
         """
-        Announce a new goal, or feed-forward velocity, of a task on a level, from 0.
+        Announce a new goal, or feed-forward velocity, of a task on a level, counted from 0.
 
-        Goals that follow each other faster than changes fade out are the steps of one motion,
-        and fading would only make the robot lag behind it. `now` is of the clock of the goals.
+        Goals that follow each other faster than changes fade out are steps of one motion; fading
+        would only make the robot lag behind it. `now` is the time of the clock of the goals.
         """
         if not abs(now - self._goal_times.get(name, -math.inf)) <= self.duration:
             self.announce(level)
@@ -105,19 +104,19 @@ class Transition:
 
     @property
     def announced(self) -> bool:
-        """Return whether a change is announced that is to fade in."""
+        """Return whether a change is announced that needs a transition."""
         return self._announced is not None and self.duration > 0.0
 
     def pending(self) -> int | None:
-        """Return how many upper levels the announced changes leave as they are; None if none."""
+        """Return and clear the number of upper levels shared by the announced changes, or None."""
         shared, self._announced = self._announced, None
         return shared
 
     def begin(self, offset: Array, began: float, shared: int) -> None:
         """
-        Let an offset fade out from now on, at first at the rate of those that it replaces.
+        Begin to fade out an offset, with the initial rate of the offsets that it replaces.
 
-        Those are the ones that share as many levels, or more.
+        It replaces the offsets that share as many levels, or more.
 
         Parameters
         ----------
@@ -126,7 +125,7 @@ class Transition:
         began : float
             Time of the velocity before, on a clock that is never set back [s].
         shared : int
-            How many of the upper levels the change leaves as they are.
+            Number of upper levels that the change does not affect.
 
         """
         rate = np.zeros_like(offset)
@@ -135,38 +134,38 @@ class Transition:
             if fade.shared >= shared:
                 rate += fade.at(began)[1]
         self._fades = [fade for fade in fades if fade.shared < shared]
-        if norm(offset) > GONE or norm(rate) > GONE:
+        if norm(offset) > NEGLIGIBLE_OFFSET or norm(rate) > NEGLIGIBLE_OFFSET:
             self._fades.append(Fade(offset, rate, began, self.duration, shared))
 
     def end(self) -> None:
-        """Drop what still fades out."""
+        """Drop all offsets."""
         self._fades.clear()
 
     def offset(self, now: float, below: int) -> Array | float:
-        """Return what fades out and shares fewer than `below` levels (n,); 0 without any."""
+        """Return the sum of offsets that share fewer than `below` levels (n,); 0 without any."""
         return sum(fade.at(now)[0] for fade in self._fades
                    if fade.shared < below and fade.active(now))
 
     @property
     def idle(self) -> bool:
-        """Return whether nothing is announced, and nothing may still fade out."""
+        """Return whether no change is announced and no offset is left."""
         return self._announced is None and not self._fades
 
     def active(self, now: float) -> bool:
-        """Return whether an offset still fades out; drop those that do not."""
+        """Return whether an offset still fades out; drop those that have ended."""
         self._fades = [fade for fade in self._fades if fade.active(now)]
         return bool(self._fades)
 
     def levels(self, levels: list[Level], velocity: Array, now: float) -> list[Level] | None:
         """
-        Return the levels of the transition to `velocity`; None where it is over.
+        Return the levels of the transition to `velocity`; None if it is over.
 
         Parameters
         ----------
         levels : list of Level
-            Of the new stack.
+            Levels of the new stack.
         velocity : ndarray (n,)
-            That carries them out.
+            Solution of these levels [rad/s or m/s].
         now : float
             [s]
 
@@ -181,10 +180,10 @@ class Transition:
 
 def kept_above(levels: list[Level], count: int) -> list[Level]:
     """
-    Return the first `count` levels, and the bounds that follow them at once.
+    Return the first `count` levels, and the inequality levels directly below them.
 
-    Bounds are there for safety: they apply as soon as they are in the stack. Those farther down
-    are below tasks, which they must not disturb.
+    Bounds serve safety: they apply as soon as they are in the stack. Bounds farther down are below
+    tasks, which they must not disturb.
     """
     while count < len(levels) and levels[count].v is None:
         count += 1

@@ -24,34 +24,34 @@ from tp_controller.model.spatial import Array
 from tp_controller.resources import is_number
 from tp_controller.solver.compiled import core, MOST
 
-# A joint outside its range has to come back at this share of its speed limit, or at RETURN_SPEED
-# [rad/s or m/s] where that is less; tasks may have it come faster. To demand (q_min − q) / period
-# would be 10 rad/s for 10 mrad at 1 kHz.
+# Speed at which a joint outside its range has to return: this share of its speed limit, at most
+# RETURN_SPEED [rad/s or m/s]; tasks may demand more. (q_min − q) / period would be 10 rad/s for
+# 10 mrad at 1 kHz.
 RETURN_SHARE = 0.2
 RETURN_SPEED = 1.0
-# Farther away than this no limit is felt [rad or m].
-FAR = 1e6
-# Stands in for the acceleration limit of a joint that has none, beside joints that have one.
-UNLIMITED = 1e12
-# Velocities closer than this are the same where the limit that was met is to be named.
-SAME = 1e-9
-# The limits of a joint.
+# Distance beyond which position limits have no effect [rad or m].
+LARGEST_DISTANCE = 1e6
+# Replaces a missing acceleration limit if other joints have one [rad/s² or m/s²].
+UNLIMITED_ACCELERATION = 1e12
+# Difference up to which a velocity counts as at its limit [rad/s or m/s].
+SAME_VELOCITY = 1e-9
+# Kinds of limits of a joint.
 VELOCITY, ACCELERATION = 'velocity limit', 'acceleration limit'
 LOWER, UPPER = 'lower position limit', 'upper position limit'
 
 
 class VelocityBounds:
     """
-    The velocities that the joints may have in one cycle.
+    Bounds on the joint velocities in one cycle.
 
     Parameters
     ----------
     rows : ndarray (8, n)
-        What `bounded` returns.
+        As returned by `bounded`.
     velocity : ndarray (n,)
         Velocity limits [rad/s or m/s].
     accelerated : bool
-        There are acceleration limits.
+        Whether there are acceleration limits.
 
     Attributes
     ----------
@@ -69,12 +69,12 @@ class VelocityBounds:
 
     @property
     def settled(self) -> tuple[Array, Array]:
-        """Return both (n,) without acceleration limits: what the joints may have in time."""
+        """Return lower and upper bounds (n,) without acceleration limits, as reached in time."""
         return self._rows[2], self._rows[3]
 
     @property
     def stopping(self) -> Array:
-        """Return speeds (2, n) from which joints stop before their upper and lower limits."""
+        """Return the speeds (2, n) from which joints can stop before their position limits."""
         return np.maximum(self._braking, 0.0)
 
     @property
@@ -94,14 +94,15 @@ class VelocityBounds:
         speeds = [(VELOCITY, self._velocity[joint]),
                   (position, self._braking[0 if up else 1, joint])]
         if self._window is not None:
-            # Where all that can be reached is too fast, it is the nearer end of that.
+            # If all reachable velocities are too fast, the nearer end of the window is the bound.
             speeds += [(ACCELERATION, end if up else -end) for end in self._window[:, joint]]
-        found = {limit: True for limit, speed in speeds if abs(float(speed) - bound) <= SAME}
-        # What is left is the speed back from outside of the range.
+        found = {limit: True for limit, speed in speeds
+                 if abs(float(speed) - bound) <= SAME_VELOCITY}
+        # Otherwise the bound is the speed of return from outside of the range.
         return list(found) or [position]
 
     def without(self, joint: int, limits: Sequence[str]) -> 'VelocityBounds':
-        """Return the bounds as they would be without some limits of a joint."""
+        """Return the bounds without some limits of a joint."""
         found = VelocityBounds(self._rows.copy(), self._velocity.copy(), self._accelerated)
         braking, velocity, window = found._braking, found._velocity, found._window
         if VELOCITY in limits:
@@ -116,7 +117,7 @@ class VelocityBounds:
 
 def bounded(braking: Array, velocity: Array, window: Array | None) -> Array:
     """
-    Return the velocities that joints may have, and what they follow from.
+    Return the bounds on the joint velocities, with the limits that they follow from.
 
     Parameters
     ----------
@@ -126,7 +127,7 @@ def bounded(braking: Array, velocity: Array, window: Array | None) -> Array:
     velocity : ndarray (n,)
         Velocity limits [rad/s or m/s].
     window : ndarray (2, n) or None
-        Least and largest velocity that acceleration limits let the joints reach now.
+        Least and largest velocity that the joints can reach now within acceleration limits.
 
     Returns
     -------
@@ -137,12 +138,12 @@ def bounded(braking: Array, velocity: Array, window: Array | None) -> Array:
     speed = np.minimum(braking, velocity)
     upper, lower = speed[0], -speed[1]
     if np.count_nonzero(upper < lower):
-        # Coming back from outside must not be faster than it can stop at the other end.
+        # A joint must not return so fast that it cannot stop at the other end of its range.
         upper = np.maximum(upper, np.minimum(lower, 0.0))
         lower = np.minimum(lower, upper)
     if window is None:
         return np.array((lower, upper, lower, upper, *braking, *braking))
-    # Velocities that can be reached now, even where they are all too fast.
+    # Clamp to the reachable velocities, even if all of them are too fast.
     least, most = window
     return np.array((np.minimum(np.maximum(lower, least), most),
                      np.minimum(np.maximum(upper, least), most), lower, upper, *braking, *window))
@@ -155,21 +156,21 @@ def calm_gain(delay: int) -> float:
 
 def lowered(robot: Robot, limits: Array, changes: Mapping[str, float]) -> Array:
     """
-    Return velocity limits (n,) with some of them changed.
+    Return validated velocity limits (n,) with some of them changed.
 
     Parameters
     ----------
     robot : Robot
-        Whose own limits are the largest possible.
+        Its own limits are the largest possible.
     limits : ndarray (n,)
-        Before the change [rad/s or m/s].
+        Limits before the change [rad/s or m/s].
     changes : mapping
         {velocity: limit}, of `Robot.velocity_names`.
 
     Raises
     ------
     SettingsError
-        All changes that are not possible.
+        Lists all changes that are not possible.
 
     """
     faults, limits = [], limits.copy()
@@ -194,34 +195,34 @@ class Limits(Protocol):
 
     def at(self, q: Array, previous: Array, elapsed: float, pending: Array, duration: float,
            rows: Array) -> None:
-        """Fill in what `bounded` returns (8, n)."""
+        """Fill `rows` (8, n) with the result of `bounded`."""
 
 
 class VelocityLimits:
     """
-    The velocities that the joints of a robot may have, one box for all of their limits.
+    Velocity, position and acceleration limits of a robot as one box of joint velocities.
 
-    Speed towards a position limit falls with the distance d to it: along v = g d close to the
-    limit, and farther away as fast as the acceleration limit a allows. With a zero-order hold of
-    at most a period T the distance a joint needs to stop from the speed v is::
+    The allowed speed towards a position limit decreases with the distance d to it: v = g d near
+    the limit, and farther away as fast as the acceleration limit a allows. With a zero-order hold
+    of at most a period T the stopping distance from the speed v is::
 
         D(v) = v / g                          for v ≤ a / g
         D(v) = v T + D(v − a T)               above
 
-    It is convex and piecewise linear, and the speed allowed at d is its inverse. With g = 1/T it
-    is the exact discrete stopping distance. From a state within these bounds there is always a
-    next one.
+    D is convex and piecewise linear, and the speed allowed at d is its inverse. With g = 1/T it is
+    the exact discrete stopping distance. Each state within these bounds has a successor within
+    them.
 
-    Commands that are under way move the joint by −D⁻ to D⁺ before the next one acts: each may
-    not act any more, or for as long as a command is in force. So d lies between d − D⁺ and
-    d + D⁻, and the one nearest to zero counts: towards the limit the worst case, and a joint
-    is led back only if it is outside in any case. With d such commands the gain is at most
-    `calm_gain` (d) / T, or the robot would stop and go where they act sooner than that.
+    Pending commands move the joint by −D⁻ to D⁺ before the next one acts: each acts between zero
+    and the longest time that a command is in force. The distance thus lies between d − D⁺ and
+    d + D⁻, and the value nearest to zero counts: the worst case towards the limit, while a joint
+    returns only if it is outside in any case. With d pending commands the gain is at most
+    `calm_gain` (d) / T; otherwise the robot would stop and go if they act sooner than that.
 
     Parameters
     ----------
     robot : Robot
-        Whose limits hold.
+        Its limits apply.
     period : float
         T, the longest time between two commands [s].
     braking_gain : float
@@ -235,13 +236,13 @@ class VelocityLimits:
                  velocity: Array | None = None) -> None:
         self._lower, self._upper = robot.lower, robot.upper
         self._velocity = robot.velocity if velocity is None else velocity
-        self._endless = bool((self._upper - self._lower > FAR).any())
+        self._endless = bool((self._upper - self._lower > LARGEST_DISTANCE).any())
         self._period, self._gain = period, braking_gain
-        self._return = np.minimum(RETURN_SHARE * self._velocity, RETURN_SPEED)
+        self._return_speed = np.minimum(RETURN_SHARE * self._velocity, RETURN_SPEED)
         self._acceleration: Array | None = None
         if np.isfinite(robot.acceleration).any():
-            self._acceleration = np.minimum(robot.acceleration, UNLIMITED)
-        self._none = np.empty((0, robot.velocity.size))
+            self._acceleration = np.minimum(robot.acceleration, UNLIMITED_ACCELERATION)
+        self._no_commands = np.empty((0, robot.velocity.size))
         self._compiled: Limits | None = None
         if core is not None and len(self._lower) <= MOST:
             self._compiled = core.Limits(period, braking_gain, self._endless, self._lower,
@@ -250,28 +251,32 @@ class VelocityLimits:
     def at(self, q: Array, previous: Array, elapsed: float, pending: Array | None = None,
            duration: float = 0.0) -> VelocityBounds:
         """
-        Return the velocities that every joint may have at `q`, as `VelocityBounds`.
+        Return the bounds on the joint velocities at `q`.
 
-        Where limits contradict each other, as after a disturbance, the acceleration limit is
-        kept and the others are approached as fast as it allows. Outside its range a joint has
-        to move inwards, at a bounded speed, and may do so as fast as anywhere else.
+        If limits contradict each other, as after a disturbance, the acceleration limit takes
+        precedence and the others are approached as fast as it allows. A joint outside its range
+        has to move inwards at a bounded speed, and may move as fast as inside the range.
 
         Parameters
         ----------
         q : ndarray (n,)
             Positions [rad or m], as `RobotState.positions`.
         previous : ndarray (n,)
-            Velocities commanded before.
+            Previously commanded velocities [rad/s or m/s].
         elapsed : float
-            How long ago that was, more than zero [s].
+            Time since then, more than zero [s].
         pending : ndarray (delay, n), optional
-            Velocities commanded before that `q` does not contain yet; none by default.
+            Commanded velocities that `q` does not reflect yet [rad/s or m/s]; none by default.
         duration : float
             Longest time that each of them is in force [s].
 
+        Returns
+        -------
+        VelocityBounds
+
         """
         accelerated = self._acceleration is not None
-        pending = self._none if pending is None else pending
+        pending = self._no_commands if pending is None else pending
         if self._compiled is None:
             return VelocityBounds(self._rows(q, previous, elapsed, pending, duration),
                                   self._velocity, accelerated)
@@ -281,17 +286,17 @@ class VelocityLimits:
 
     def _rows(self, q: Array, previous: Array, elapsed: float, pending: Array,
               duration: float) -> Array:
-        """Return what `bounded` does at `q`: the reference of `Limits` in velocity_limits.h."""
+        """Return the result of `bounded` at `q`: the reference of `Limits` in velocity_limits.h."""
         distance = np.array((self._upper - q, q - self._lower))
         if self._endless:
-            distance = np.minimum(distance, FAR)
+            distance = np.minimum(distance, LARGEST_DISTANCE)
         gain = self._gain
         if len(pending):
             gain = min(gain, calm_gain(len(pending)) / duration)
             up, down = (duration * np.maximum(side, 0.0).sum(axis=0)
                         for side in (pending, -pending))
             distance = np.maximum(distance - (up, down), np.minimum(distance + (down, up), 0.0))
-        braking = np.maximum(self._braking_speed(distance, gain), -self._return)
+        braking = np.maximum(self._braking_speed(distance, gain), -self._return_speed)
         if self._acceleration is None:
             return bounded(braking, self._velocity, None)
         change = self._acceleration * min(elapsed, self._period)
@@ -301,7 +306,7 @@ class VelocityLimits:
         """Return the speed from which a joint can still stop within `distance` (2, n)."""
         if self._acceleration is None:
             return gain * distance
-        # D(v) = v/g up to `slow`; above, one more piece for each step of `change`.
+        # D(v) = v/g up to `slow`; above it, one more piece for each step of `change`.
         change, slow = self._acceleration * self._period, self._acceleration / gain ** 2
         beyond = np.maximum(distance - slow, 0.0) / (change * self._period)
         pieces = 1.0 + 2.0 / (gain * self._period)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is wrong or doubtful with a stack, found out before a robot moves."""
+"""Offline check of a stack for faults and doubtful properties."""
 
 from tp_controller.tools.check.checker import check
 from tp_controller.tools.check.results import CheckReport

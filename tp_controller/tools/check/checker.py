@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The check of a stack: samples, closed loops, and what follows from them."""
+"""Check of a stack by sampled configurations and closed loops."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -40,10 +40,13 @@ from tp_controller.tools.check.closed_loop import (
     REACHED,
     Run,
     TaskRun,
-    TIME,
+    TIME_UP,
     Worst,
 )
-from tp_controller.tools.check.configuration_sample import Glimpse, glimpse
+from tp_controller.tools.check.configuration_sample import (
+    ConfigurationSample,
+    sample_configuration,
+)
 from tp_controller.tools.check.cycle_times import cycle_times
 from tp_controller.tools.check.findings import (
     about_bounds,
@@ -55,7 +58,7 @@ from tp_controller.tools.check.findings import (
     about_robot,
     about_singularities,
     about_time,
-    NAMED,
+    NAMES_PER_FINDING,
 )
 from tp_controller.tools.check.results import (
     by_severity,
@@ -73,73 +76,73 @@ from tp_controller.tools.check.setup import Setup
 from tp_controller.tools.check.spread import Spreader
 
 VERSION = 1
+# Defaults: number of samples and of closed loops, longest time of a closed loop [s].
 SAMPLES, RUNS, SECONDS = 300, 20, 15.0
-# Half of the goals are nearer than this, as a share of the way to any configuration.
-NEAR = 0.5
+# Near goals: share of the distance from the start to a random configuration [1]; half of them are.
+NEAR_SHARE = 0.5
 
 
-class Advancing(Protocol):
-    """What is told that a part of the work is done."""
-
-    def advance(self) -> None:
-        """Note it."""
-
-
-class _Silent:
-    """Shows nothing."""
+class ProgressSection(Protocol):
+    """Progress display of one section of the work."""
 
     def advance(self) -> None:
-        """Note that a part is done."""
+        """Advance the display by one part."""
 
 
-# Opened with how many parts there are, and what is done.
-Progress = Callable[[int, str], AbstractContextManager[Advancing]]
+class _NoProgress:
+    """Progress display without output."""
+
+    def advance(self) -> None:
+        """Do nothing."""
 
 
-def _silent(total: int, what: str) -> AbstractContextManager[Advancing]:
-    """Show no progress."""
-    return nullcontext(_Silent())
+# Opened with the number of parts and the name of the section.
+Progress = Callable[[int, str], AbstractContextManager[ProgressSection]]
+
+
+def _no_progress(total: int, what: str) -> AbstractContextManager[ProgressSection]:
+    """Return a context manager without progress display."""
+    return nullcontext(_NoProgress())
 
 
 def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
           period: float | None = None, samples: int = SAMPLES, runs: int = RUNS,
           seconds: float = SECONDS, seed: int = 0, jobs: int = 1, backend: str = 'loky',
-          around: ArrayLike | None = None, progress: Progress = _silent) -> CheckReport:
+          around: ArrayLike | None = None, progress: Progress = _no_progress) -> CheckReport:
     """
-    Say what is wrong or doubtful with a stack, before a robot moves.
+    Check a stack for faults and doubtful properties, before a robot moves.
 
-    At random configurations within the limits it looks at what the levels can do. Closed loops
-    with a `KinematicSimulator` then go from random starts to random goals that can be reached:
-    values of the tasks at another configuration. Both satisfy bounds and goals of the stack.
+    The capabilities of the levels are evaluated at random configurations within the limits.
+    Closed loops with a `KinematicSimulator` then run from random starts to random reachable goals:
+    the values of the tasks at another configuration. Both satisfy bounds and goals of the stack.
 
-    The same seed gives the same report, whatever `jobs` and `backend`; only `timing`, and what is
-    said of it, differs.
+    The same seed gives the same report for any `jobs` and `backend`, except for `timing` and the
+    findings about it.
 
     Parameters
     ----------
     robot : Robot
-        That is not moved.
+        Robot model; not modified.
     stack : Stack
-        Its tasks are copied and stay as they are; goals that they have count as goals of the
-        stack. No controller has used it.
+        Stack that no controller has used. Its tasks are copied and not modified; goals that they
+        have count as goals of the stack.
     settings : Settings, optional
-        Of the controller.
+        Settings of the controller.
     period : float, optional
         Time between two cycles [s]; that of the settings, the longest one, by default.
     samples, runs : int
-        How many configurations, and closed loops.
+        Number of configurations and of closed loops.
     seconds : float
         Longest time of a closed loop [s].
     seed : int
-        Of the random configurations, from 0.
+        Seed of the random configurations, from 0.
     jobs : int
-        Processes; -1: as many as there are processors. More than one needs joblib, and a stack
+        Number of processes; -1: one per processor. More than one requires joblib and a stack
         that was read from YAML.
     backend : str
         ``loky``: processes of this machine; ``dask``, ``ray``: a cluster.
     around : array_like (nq,), optional
-        Configuration; a base that moves starts near where it is there. That of
-        `start_configuration` by default.
+        Configuration near which a moving base starts; that of `start_configuration` by default.
     progress : callable, optional
         Called with a number of parts and a text for each section of the work; returns a context
         manager whose value has a method ``advance()``.
@@ -155,7 +158,7 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
     StackError
         A controller has used the stack; see `Stack.copy`.
     RobotError
-        `around` is no configuration.
+        `around` is not a valid configuration.
     ModuleNotFoundError
         More than one job, and joblib or the backend is not installed.
 
@@ -168,7 +171,8 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
     faults = _refusals(setup)
     with Spreader(setup, jobs, backend) as spreader:
         with progress(samples, 'samples') as shown:
-            glimpses = spreader.spread(glimpse, seeds[0].spawn(samples), shown.advance)
+            configurations = spreader.spread(sample_configuration, seeds[0].spawn(samples),
+                                             shown.advance)
         found: list[Run] = []
         if not faults:
             with progress(runs, 'closed loops') as shown:
@@ -179,22 +183,22 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
         try:
             timing = cycle_times(setup, seeds[2])
         except TpControllerError:
-            # A task fails; the runs say so.
+            # A task fails; the runs report it.
             pass
-    return _report(setup, seed, glimpses, found, faults, timing)
+    return _report(setup, seed, configurations, found, faults, timing)
 
 
 def refused(messages: Iterable[tuple[str, str]], rate: float = 0.0, seed: int = 0,
             robot: str = '') -> CheckReport:
     """
-    Return the report of a stack that is not even read.
+    Return the report of a stack that could not be read.
 
     Parameters
     ----------
     messages : iterable of (str, str)
-        Where the faults are, and what they are.
+        Location and text of each fault.
     rate, seed, robot
-        Of the report.
+        Fields of the report.
 
     """
     findings = tuple(Finding(WRONG, 'fault', where, message, 'correct it: a controller refuses '
@@ -203,7 +207,7 @@ def refused(messages: Iterable[tuple[str, str]], rate: float = 0.0, seed: int = 
 
 
 def _checked_period(period: float | None, settings: Settings) -> float:
-    """Return the time between two cycles [s], or raise `SettingsError`."""
+    """Return the validated time between two cycles [s], or raise `SettingsError`."""
     if period is None:
         return settings.period
     if not 0.0 < period <= settings.period * (1.0 + 1e-9):
@@ -225,7 +229,7 @@ def _check_counts(samples: int, runs: int, seconds: float, seed: int) -> None:
 
 
 def _refusals(setup: Setup) -> list[Finding]:
-    """Return why a controller would refuse the settings with this stack."""
+    """Return a finding for each fault that a controller would refuse."""
     try:
         Controller(setup.robot, setup.stack.copy(), setup.settings)
     except SettingsError as error:
@@ -234,17 +238,17 @@ def _refusals(setup: Setup) -> list[Finding]:
     return []
 
 
-def _report(setup: Setup, seed: int, glimpses: Sequence[Glimpse], runs: Sequence[Run],
-            faults: Sequence[Finding], timing: Timing | None) -> CheckReport:
-    """Return the report of what was found."""
-    seen = [each for each in glimpses if not each.fault]
+def _report(setup: Setup, seed: int, configurations: Sequence[ConfigurationSample],
+            runs: Sequence[Run], faults: Sequence[Finding], timing: Timing | None) -> CheckReport:
+    """Return the report of the results."""
+    seen = [each for each in configurations if not each.fault]
     levels, pairs = _levels(setup, seen), _pairs(seen)
     tasks = tuple(_task(setup, task, number, seen, runs)
                   for task, number in _numbered(setup.stack))
     worst = _worst(runs)
     numbers = {task.name: task.level for task in tasks}
     filling = seen[0].filling if seen else frozenset()
-    findings = [*faults, *_failures(glimpses, runs), *chain(
+    findings = [*faults, *_failures(configurations, runs), *chain(
         about_robot(setup), about_levels(levels, filling),
         about_pairs(pairs, numbers), about_gains(setup),
         about_singularities(setup, tasks), about_bounds(tasks, len(runs)),
@@ -252,8 +256,8 @@ def _report(setup: Setup, seed: int, glimpses: Sequence[Glimpse], runs: Sequence
         about_time(timing, setup) if timing else ())]
     ended = Counter(run.ended for run in runs)
     return CheckReport(
-        VERSION, setup.robot.name, 1.0 / setup.period, seed, len(glimpses), len(runs),
-        {how: ended[how] for how in (REACHED, AT_REST, TIME, FAILED)} if runs else {},
+        VERSION, setup.robot.name, 1.0 / setup.period, seed, len(configurations), len(runs),
+        {how: ended[how] for how in (REACHED, AT_REST, TIME_UP, FAILED)} if runs else {},
         by_severity(findings), levels, tasks, pairs, worst, timing)
 
 
@@ -263,19 +267,20 @@ def _numbered(stack: Stack) -> list[tuple[Task, int]]:
     return [*active, *((task, 0) for task in stack.inactive)]
 
 
-def _failures(glimpses: Sequence[Glimpse], runs: Sequence[Run]) -> list[Finding]:
-    """Return which tasks failed, and why."""
-    faults = [each.fault for each in glimpses] + [each.fault for each in runs]
+def _failures(configurations: Sequence[ConfigurationSample], runs: Sequence[Run]) -> list[Finding]:
+    """Return the findings about tasks that failed."""
+    faults = [each.fault for each in configurations] + [each.fault for each in runs]
     found = Counter(fault for fault in faults if fault)
     return [Finding(WRONG, 'failed', task, f'{count} times: {reason}', 'correct its code')
-            for (task, reason), count in found.most_common(NAMED)]
+            for (task, reason), count in found.most_common(NAMES_PER_FINDING)]
 
 
-def _levels(setup: Setup, glimpses: Sequence[Glimpse]) -> tuple[LevelResult, ...]:
-    """Return what is left to each level with a demand."""
+def _levels(setup: Setup, configurations: Sequence[ConfigurationSample]
+            ) -> tuple[LevelResult, ...]:
+    """Return the rank left to each level with a demand."""
     found = []
-    for number in glimpses[0].ranks if glimpses else ():
-        left, alone = np.array([each.ranks[number] for each in glimpses]).T
+    for number in configurations[0].ranks if configurations else ():
+        left, alone = np.array([each.ranks[number] for each in configurations]).T
         found.append(LevelResult(
             number, tuple(task.name for task in setup.stack.active[number - 1]),
             int(alone.max()), int(left.min()), float(np.median(left)), int(left.max()),
@@ -283,35 +288,35 @@ def _levels(setup: Setup, glimpses: Sequence[Glimpse]) -> tuple[LevelResult, ...
     return tuple(found)
 
 
-def _pairs(glimpses: Sequence[Glimpse]) -> tuple[PairResult, ...]:
-    """Return how the directions of tasks lie to each other."""
+def _pairs(configurations: Sequence[ConfigurationSample]) -> tuple[PairResult, ...]:
+    """Return the angles between pairs of tasks and the directions that they share."""
     found = []
-    for pair in glimpses[0].pairs if glimpses else ():
-        angles, shared = zip(*(each.pairs[pair] for each in glimpses))
+    for pair in configurations[0].pairs if configurations else ():
+        angles, shared = zip(*(each.pairs[pair] for each in configurations))
         found.append(PairResult(*pair, float(np.median(angles)),
                                 float(np.mean(np.array(shared) > 0)), max(shared)))
     return tuple(found)
 
 
-def _task(setup: Setup, task: Task, number: int, glimpses: Sequence[Glimpse],
+def _task(setup: Setup, task: Task, number: int, configurations: Sequence[ConfigurationSample],
           runs: Sequence[Run]) -> TaskResult:
-    """Return what was found about a task."""
+    """Return the result of a task."""
     name = task.name
     singular = smallest = outside = rows = active = active_in_loops = None
-    if glimpses and name in glimpses[0].smallest:
-        values = np.array([each.smallest[name] for each in glimpses])
+    if configurations and name in configurations[0].smallest:
+        values = np.array([each.smallest[name] for each in configurations])
         region = _region(setup, number)
         smallest = float(np.median(values))
         singular = None if region is None else float(np.mean(values < region))
-    if glimpses and name in glimpses[0].bounds:
+    if configurations and name in configurations[0].bounds:
         outside, active, rows = np.mean(
-            [each.bounds[name] for each in glimpses], axis=0).tolist()
+            [each.bounds[name] for each in configurations], axis=0).tolist()
         shares = [run.active[name] for run in runs if name in run.active]
         active_in_loops = float(np.mean(shares)) if shares else None
     done = [(run.tasks[name], run.far) for run in runs if name in run.tasks]
     possible = [(each, far) for each, far in done if each.possible]
     reached = [each for each, _ in possible if each.reached]
-    near = [each for each, far in possible if far <= NEAR]
+    near = [each for each, far in possible if far <= NEAR_SHARE]
     seconds = [each.seconds for each in reached]
     return TaskResult(
         name, task.type_name, number, decay_step(task, task.gain, setup.period), singular,
@@ -321,7 +326,7 @@ def _task(setup: Setup, task: Task, number: int, glimpses: Sequence[Glimpse],
 
 
 def _region(setup: Setup, number: int) -> float | None:
-    """Return the singular value below which a level is damped; None where all is."""
+    """Return the singular value below which a level is damped; None if all directions are."""
     above = any(not task.bounded for group in setup.stack.active[:number - 1] for task in group)
     damping = setup.settings.solver_options(setup.robot.n).damping
     damping = damping if above else damping.first
@@ -329,14 +334,14 @@ def _region(setup: Setup, number: int) -> float | None:
 
 
 def _causes(runs: Sequence[TaskRun]) -> tuple[CauseCount, ...]:
-    """Return what limited a task that did not reach its goal, the most frequent cause first."""
+    """Return the counts of the main causes in runs that missed the goal, most frequent first."""
     counts = Counter(run.causes[0] if run.causes else ('', '') for run in runs
                      if not run.reached)
     return tuple(CauseCount(kind, name, count) for (kind, name), count in counts.most_common())
 
 
 def _worst(runs: Sequence[Run]) -> tuple[WorstResult, ...]:
-    """Return the worst of all runs."""
+    """Return the extremes over all runs."""
     if not runs:
         return ()
     found = []

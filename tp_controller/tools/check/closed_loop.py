@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A closed loop without ROS, from a random start to random goals that can be reached."""
+"""Closed loop without ROS, from a random start to random reachable goals."""
 
 from collections import Counter
 from collections.abc import Collection
@@ -30,30 +30,30 @@ from tp_controller.tools.check.results import STILL_MOVING
 from tp_controller.tools.check.sampling import random_configuration
 from tp_controller.tools.check.setup import Setup
 
-# Configurations that are tried for a start, or for goals, until one satisfies the stack.
-TRIES = 3
-# How often reports are read [s]: they take as long as the cycle itself.
-READ = 0.05
-# A robot slower than this [rad/s or m/s] for so long [s] is at rest.
-SLOW, REST = 3e-4, 1.0
-# Longest time on the way from there to one that does [s].
-SETTLE = 10.0
-# For how long all tasks have to be at their goals until a run ends [s].
-STAY = 0.2
-# What a run ends by.
-REACHED, AT_REST, TIME, FAILED = 'reached', 'at rest', 'time is up', 'failed'
+# Largest number of configurations tried until one, as a start or for goals, satisfies the stack.
+MOST_CONFIGURATIONS = 3
+# Interval between reports [s]: a report takes as long as the cycle itself.
+REPORT_SECONDS = 0.05
+# Speed [rad/s or m/s] below which, for this time [s], a robot counts as at rest.
+REST_SPEED, REST_SECONDS = 3e-4, 1.0
+# Longest time to move from a configuration to one that satisfies the stack [s].
+SETTLE_SECONDS = 10.0
+# Time for which all tasks have to be at their goals before a run ends [s].
+REACHED_SECONDS = 0.2
+# Outcomes of a run.
+REACHED, AT_REST, TIME_UP, FAILED = 'reached', 'at rest', 'time is up', 'failed'
 
 
 @dataclass(frozen=True)
 class Worst:
     """
-    The largest of some numbers, and where it was.
+    Largest of some values, with its location.
 
     Attributes
     ----------
     value : float
     name : str
-        The joint, or the velocity of the base; empty while there is none.
+        Joint or velocity of the base; empty without a value.
     run : int
         Number of the run, from 0.
 
@@ -67,16 +67,15 @@ class Worst:
 @dataclass
 class Extremes:
     """
-    The worst that the commands of a run did.
+    Extremes of the commands of a run.
 
     Attributes
     ----------
     velocity, acceleration : Worst
-        As a share of the limit; acceleration over the time between two commands. −∞ without a
-        limit.
+        Share of the limit; acceleration over the time between two commands. −∞ without a limit.
     position : Worst
-        How far a command would have led a joint past its limit, or farther, where it was outside
-        already; negative: how far it stayed away [rad or m].
+        Distance by which a command would have moved a joint past its limit, or farther outside
+        if it was already; negative: distance kept from the limit [rad or m].
     jump : Worst
         Change of the command between two cycles, as a share of the velocity limit; without such
         a limit [rad/s or m/s].
@@ -92,21 +91,22 @@ class Extremes:
 @dataclass(frozen=True)
 class TaskRun:
     """
-    What became of a task in a run.
+    Outcome of a task in a run.
 
     Attributes
     ----------
     possible : bool
-        It was at its goal, or within its bounds, where the goals were taken from; of tasks whose
-        goals were taken there always.
+        The task was at its goal, or within its bounds, at the configuration of the goals; always
+        true for tasks whose goals come from this configuration.
     reached : bool
-        It was in the end.
+        The task was at its goal, or within its bounds, in the end.
     seconds : float
-        From when on it stayed there; NaN where it did not [s].
+        Time from which on it stayed there; NaN if it did not [s].
     causes : tuple of (str, str)
-        Kind and name of what limited it in the end; see `tp_controller.control.causes.Cause`.
+        Kind and name of the causes that limited it in the end; see
+        `tp_controller.control.causes.Cause`.
     reason : str
-        The same as a sentence.
+        Causes as a sentence.
 
     """
 
@@ -120,25 +120,25 @@ class TaskRun:
 @dataclass(frozen=True)
 class Run:
     """
-    A closed loop.
+    Result of a closed loop.
 
     Attributes
     ----------
     ended : str
         ``reached``, ``at rest``, ``time is up`` or ``failed``.
     seconds : float
-        How long it was [s].
+        Duration [s].
     cycles : int
-        How many that is.
+        Number of cycles.
     far : float
-        How much of the way from the start to any configuration the goals are, in [0, 1].
+        Distance of the goals as a share of that to a random configuration, in [0, 1].
     tasks : dict
-        {task: TaskRun} of those that are enabled.
+        {task: TaskRun} of the enabled tasks.
     active : dict
-        {inequality task: share of the time that its bounds were active}.
+        {inequality task: share of the time with active bounds}.
     extremes : Extremes
     fault : tuple of str
-        Task and reason, where one failed; else empty.
+        Task and reason if a task failed; else empty.
 
     """
 
@@ -155,20 +155,20 @@ class Run:
 @dataclass
 class Loop:
     """
-    A controller and the simulated robot that follows it.
+    Closed loop of a controller and a simulated robot.
 
     Attributes
     ----------
     commanded : ndarray (n,)
         Velocities of the last cycle.
     since : dict
-        {task: since when it is at its goal [s]}.
+        {task: time since which it is at its goal [s]}.
     active : Counter
-        How often bounds were active.
+        Number of reports in which bounds were active.
     reads : int
-        How often that was looked at.
+        Number of reports read.
     extremes : Extremes or None
-        What is watched, if it is.
+        Extremes of the commands, if recorded.
 
     """
 
@@ -206,7 +206,7 @@ class Loop:
         return command
 
     def follow(self, command: Command) -> None:
-        """Let the robot follow a command for one period."""
+        """Move the robot with a command for one period."""
         self.commanded = command.velocity
         self.simulator.command(command.velocity)
         self.simulator.step(self.setup.period)
@@ -214,46 +214,46 @@ class Loop:
 
     def run(self, seconds: float, names: Collection[str] = (), tolerant: bool = True) -> str:
         """
-        Run until some tasks have been satisfied for a while, or the robot is at rest.
+        Run until some tasks stay satisfied, the robot is at rest, or the time is up.
 
         Parameters
         ----------
         seconds : float
-            At most so long [s].
+            Longest time [s].
         names : collection of str
-            Of the tasks; all, if it is empty.
+            Names of the tasks; empty: all.
         tolerant : bool
-            Whether errors within tolerances count as satisfied; else only rest ends it.
+            Whether errors within tolerances count as satisfied; else only rest ends the run.
 
         Returns
         -------
         str
-            How it ended.
+            ``reached``, ``at rest`` or ``time is up``.
 
         """
-        each = max(1, round(READ / self.setup.period))
+        each = max(1, round(REPORT_SECONDS / self.setup.period))
         until = self.now + seconds
         still = math.inf
         while self.now < until:
             command = self.step()
-            if np.abs(command.velocity).max() > SLOW:
+            if np.abs(command.velocity).max() > REST_SPEED:
                 still = math.inf
             else:
                 still = min(still, self.now)
             if self.cycles % each:
                 continue
             self._read(command)
-            if tolerant and all(since + STAY <= self.now
+            if tolerant and all(since + REACHED_SECONDS <= self.now
                                 for name, since in self.since.items()
                                 if not names or name in names):
                 return REACHED
-            if still + REST <= self.now:
+            if still + REST_SECONDS <= self.now:
                 return AT_REST
         self._read(command)
-        return TIME
+        return TIME_UP
 
     def _read(self, command: Command) -> None:
-        """Note which tasks are at their goals."""
+        """Record the tasks at their goals and the active bounds."""
         self.reports = tuple(task for task in command.report.tasks if task.level is not None)
         for task in self.reports:
             before = self.since.get(task.name, math.inf)
@@ -264,17 +264,17 @@ class Loop:
 
 def closed_loop(setup: Setup, numbered: tuple[int, np.random.SeedSequence]) -> Run:
     """
-    Return what came of a closed loop.
+    Run a closed loop and return its result.
 
-    It starts at a random configuration, and its goals are the values of the tasks at another one;
-    both satisfy bounds and goals of the stack, if that is possible.
+    The loop starts at a random configuration, and its goals are the values of the tasks at another
+    one; both satisfy bounds and goals of the stack, if that is possible.
 
     Parameters
     ----------
     setup : Setup
         Robot and stack.
     numbered : (int, numpy.random.SeedSequence)
-        Number of the run, and what its configurations follow from.
+        Number of the run, and seed of its configurations.
 
     Returns
     -------
@@ -284,47 +284,47 @@ def closed_loop(setup: Setup, numbered: tuple[int, np.random.SeedSequence]) -> R
     number, seed = numbered
     random = np.random.default_rng(seed)
     try:
-        start, _ = _valid(setup, random, setup.around, 1.0)
+        start, _ = _valid_configuration(setup, random, setup.around, 1.0)
         far = random.uniform()
-        goals, possible = _valid(setup, random, start, far)
+        goals, possible = _valid_configuration(setup, random, start, far)
         return _run(setup, number, start, goals, far, possible)
     except TpControllerError as error:
         fault = (getattr(error, 'task', ''), getattr(error, 'reason', in_words(error)))
         return Run(FAILED, 0.0, 0, 0.0, {}, {}, Extremes(), fault)
 
 
-def _valid(setup: Setup, random: np.random.Generator, around: Array,
-           far: float) -> tuple[Array, dict[str, bool]]:
+def _valid_configuration(setup: Setup, random: np.random.Generator, around: Array,
+                         far: float) -> tuple[Array, dict[str, bool]]:
     """
-    Return a configuration that tasks with bounds, or with a goal of the stack, allow.
+    Return the best configuration for bounds and goals of the stack, and {task: satisfied}.
 
-    It is where the closed loop leads to from a random configuration, with the values of the other
-    tasks there as default goals. Which of those tasks are satisfied comes with it.
+    A closed loop moves there from a random configuration, with the values of the other tasks at
+    that configuration as default goals.
     """
     found: list[tuple[Array, dict[str, bool]]] = []
-    while not found or len(found) < TRIES and not all(found[-1][1].values()):
+    while not found or len(found) < MOST_CONFIGURATIONS and not all(found[-1][1].values()):
         stack = setup.stack.copy()
         given = [task for task in stack.active_tasks if task.bounded or task.goal is not None]
         loop = Loop.at(setup, random_configuration(setup.robot, random, around, far), stack)
         if given:
-            # Goals of others fit to a goal of the stack only as well as that is reached.
-            loop.run(min(SETTLE, setup.seconds), {task.name for task in given},
+            # Goals of other tasks match a goal of the stack only as well as the latter is reached.
+            loop.run(min(SETTLE_SECONDS, setup.seconds), {task.name for task in given},
                      all(task.bounded for task in given))
         found.append((loop.simulator.q.copy(), {
             task.name: loop.since[task.name] < math.inf for task in given
             if task.name in loop.since}))
-    return max(found, key=lambda each: _rank(setup, each[1]))
+    return max(found, key=lambda each: _score(setup, each[1]))
 
 
-def _rank(setup: Setup, reached: dict[str, bool]) -> tuple[int, int]:
-    """Return how good a configuration is: bounds before goals."""
+def _score(setup: Setup, reached: dict[str, bool]) -> tuple[int, int]:
+    """Return the score of a configuration: satisfied bounds count before goals."""
     bounded = [ok for name, ok in reached.items() if setup.stack.tasks[name].bounded]
     return sum(bounded), sum(reached.values())
 
 
 def _run(setup: Setup, number: int, start: Array, goals: Array, far: float,
          possible: dict[str, bool]) -> Run:
-    """Return what came of the closed loop from a configuration to the goals of another one."""
+    """Return the result of a closed loop from a configuration to the goals of another one."""
     loop = start_loop(setup, start, goals)
     loop.number, loop.extremes = number, Extremes()
     ended = loop.run(setup.seconds)
@@ -338,12 +338,12 @@ def _run(setup: Setup, number: int, start: Array, goals: Array, far: float,
 
 def start_loop(setup: Setup, start: Array, goals: Array) -> Loop:
     """
-    Return a loop on its way from a configuration to the goals of another one.
+    Return a loop that starts at a configuration and has the goals of another one.
 
     Tasks with a goal of the stack keep it.
     """
     loop = Loop.at(setup, start, setup.stack.copy())
-    # One cycle in which the tasks take what they have as default goals, as in a node.
+    # In the first cycle, the tasks take their present values as default goals, as in a node.
     loop.step()
     there = setup.stack.copy()
     there.start(setup.robot.state(goals))
@@ -352,13 +352,13 @@ def start_loop(setup: Setup, start: Array, goals: Array) -> Loop:
             try:
                 loop.controller.set_goal(name, task.goal, loop.now)
             except GoalError:
-                # It takes none from outside, or not this one: it stays where it is.
+                # The task accepts no goal from outside, or not this one: it stays where it is.
                 pass
     return loop
 
 
 def _task_run(task: TaskReport, since: float, possible: bool) -> TaskRun:
-    """Return what became of a task."""
+    """Return the outcome of a task."""
     if task.reached:
         return TaskRun(possible, True, since)
     causes = tuple((cause.kind, cause.name) for cause in task.causes)
@@ -369,13 +369,13 @@ def _task_run(task: TaskReport, since: float, possible: bool) -> TaskRun:
 
 def watch(extremes: Extremes, setup: Setup, q: Array, velocity: Array, previous: Array,
           number: int) -> None:
-    """Note what a command does, the one before being `previous`."""
+    """Record the extremes of a command, compared with the `previous` one."""
     robot, period = setup.robot, setup.period
     change = np.abs(velocity - previous)
     limit = np.where(np.isfinite(robot.velocity), robot.velocity, 1.0)
     here = robot.positions(q)
     moved = robot.positions(robot.integrate(q, velocity, period))
-    # Who starts outside must not get farther out.
+    # A joint that starts outside must not move farther out.
     allowed = np.maximum(np.maximum(robot.lower - here, here - robot.upper), 0.0)
     for name, values in (
             ('velocity', _share(np.abs(velocity), robot.velocity)),
@@ -389,7 +389,7 @@ def watch(extremes: Extremes, setup: Setup, q: Array, velocity: Array, previous:
 
 
 def _share(values: Array, limits: Array) -> Array:
-    """Return values as shares of their limits (n,); 0 of 0 is 0, −∞ where there is no limit."""
+    """Return values as shares of their limits (n,); 0 for 0 of 0, −∞ without a limit."""
     shares = np.divide(values, limits, out=np.where(values > 0.0, np.inf, 0.0),
                        where=limits > 0.0)
     return np.where(np.isfinite(limits), shares, -np.inf)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the levels of a stack can do at one random configuration, without moving."""
+"""Capabilities of the levels of a stack at a random configuration, without motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,21 +33,21 @@ from tp_controller.tasks.task import Evaluation
 from tp_controller.tools.check.sampling import random_configuration
 from tp_controller.tools.check.setup import Setup
 
-# Two tasks share a direction where the angle between their rows is smaller than this [rad].
-SHARED = math.radians(5.0)
+# Angle between the rows of two tasks below which they share a direction [rad].
+SHARED_ANGLE = math.radians(5.0)
 
 
 @dataclass(frozen=True)
-class Glimpse:
+class ConfigurationSample:
     """
-    A stack at one configuration; each mapping has the tasks or levels that it is about.
+    Stack at one configuration; each mapping has the tasks or levels that it applies to.
 
     Attributes
     ----------
     fault : tuple of str
-        Task and reason, where one fails; then there is nothing else.
+        Task and reason if a task fails; the other fields are then empty.
     ranks : dict
-        {level: (rank that those above left it, rank alone)}, levels from 1 with a demand.
+        {level: (rank left by the levels above, rank alone)}, levels from 1 with a demand.
     smallest : dict
         {task: smallest singular value of its rows}.
     pairs : dict
@@ -67,20 +67,20 @@ class Glimpse:
     filling: frozenset[str] = frozenset()
 
 
-def glimpse(setup: Setup, seed: np.random.SeedSequence) -> Glimpse:
+def sample_configuration(setup: Setup, seed: np.random.SeedSequence) -> ConfigurationSample:
     """
-    Return what a stack can do at a random configuration, with goals from another one.
+    Evaluate a stack at a random configuration, with goals from another one.
 
     Parameters
     ----------
     setup : Setup
         Robot and stack.
     seed : numpy.random.SeedSequence
-        Of the two configurations.
+        Seed of the two configurations.
 
     Returns
     -------
-    Glimpse
+    ConfigurationSample
 
     """
     random = np.random.default_rng(seed)
@@ -92,21 +92,22 @@ def glimpse(setup: Setup, seed: np.random.SeedSequence) -> Glimpse:
         evaluations = stack.evaluate(here, 0.0)
         stack.check(evaluations, setup.robot.n)
     except EvaluationError as error:
-        return Glimpse((error.task, error.reason), {}, {}, {}, {})
+        return ConfigurationSample((error.task, error.reason), {}, {}, {}, {})
     levels = levels_of(evaluations)
-    # Who demands something of every joint, as a posture does, shares directions with everybody.
+    # A task that demands a velocity of every joint, such as a posture, shares directions with all.
     demanding = [evaluation for group in evaluations for evaluation in group
                  if not evaluation.task.bounded]
     filling = [each for each in demanding if _fills(each.level, setup.robot.joint_columns)]
     demanding = [each for each in demanding if each not in filling]
-    return Glimpse((), _ranks(levels, setup.robot.n),
-                   {each.task.name: smallest_singular_value(each.level.J) for each in demanding},
-                   _pairs(demanding), _bounds(setup, here, evaluations, levels),
-                   frozenset(each.task.name for each in filling))
+    return ConfigurationSample(
+        (), _ranks(levels, setup.robot.n),
+        {each.task.name: smallest_singular_value(each.level.J) for each in demanding},
+        _pairs(demanding), _bounds(setup, here, evaluations, levels),
+        frozenset(each.task.name for each in filling))
 
 
 def smallest_singular_value(J: Array) -> float:
-    """Return the m-th singular value of J (m, n); 0 where it has fewer."""
+    """Return the m-th singular value of J (m, n); 0 if it has fewer."""
     s = np.linalg.svd(J, compute_uv=False)
     return float(s[-1]) if 0 < len(s) == len(J) else 0.0
 
@@ -124,14 +125,14 @@ def _row_basis(J: Array) -> Array:
 
 
 def _fills(level: Level, joints: slice) -> bool:
-    """Say whether a level demands a velocity of every joint, in their order."""
+    """Return whether a level demands a velocity of every joint, in their order."""
     rows = level.J[:, joints]
     return level.is_identity or (rows.shape[0] == rows.shape[1]
                                  and np.array_equal(rows, np.eye(len(rows))))
 
 
 def _ranks(levels: Sequence[Level], n: int) -> dict[int, tuple[int, int]]:
-    """Return the rank that each level with a demand is left with, and its own."""
+    """Return the rank left to each level with a demand, and its rank alone."""
     ranks, Z = {}, np.eye(n)
     for number, level in enumerate(levels, 1):
         if level.v is None:
@@ -143,18 +144,18 @@ def _ranks(levels: Sequence[Level], n: int) -> dict[int, tuple[int, int]]:
 
 
 def _pairs(evaluations: Sequence[Evaluation]) -> dict[tuple[str, str], tuple[float, int]]:
-    """Return the smallest angle of each pair of tasks, and how many directions they share."""
+    """Return the smallest angle and the number of shared directions of each pair of tasks."""
     found = {}
     for one, other in combinations(evaluations, 2):
         angles = angles_between(one.level.J, other.level.J)
         smallest = float(angles[0]) if len(angles) else 0.5 * math.pi
-        found[one.task.name, other.task.name] = smallest, int((angles < SHARED).sum())
+        found[one.task.name, other.task.name] = smallest, int((angles < SHARED_ANGLE).sum())
     return found
 
 
 def _bounds(setup: Setup, state: RobotState, evaluations: Sequence[Sequence[Evaluation]],
             levels: list[Level]) -> dict[str, tuple[bool, bool, float]]:
-    """Return for each inequality task what `Glimpse.bounds` has."""
+    """Return `ConfigurationSample.bounds`."""
     if not any(level.v is None for level in levels):
         return {}
     robot, settings = setup.robot, setup.settings
@@ -172,7 +173,7 @@ def _bounds(setup: Setup, state: RobotState, evaluations: Sequence[Sequence[Eval
 
 
 def _is_outside(evaluation: Evaluation) -> bool:
-    """Say whether an inequality task is farther outside its bounds than its tolerance."""
+    """Return whether the error of an inequality task exceeds its tolerance."""
     error = evaluation.error
     return any(value > tolerance for value, _, tolerance in
                evaluation.task.reported_errors(error, np.zeros_like(error)))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How much processor time a cycle takes on this machine."""
+"""Processor time of a cycle on this machine."""
 
 from time import thread_time
 
@@ -22,23 +22,23 @@ from tp_controller.tools.check.results import Timing
 from tp_controller.tools.check.sampling import random_configuration
 from tp_controller.tools.check.setup import Setup
 
-# Before these the caches are cold [cycles].
-FIRST = 50
-MEASURED = 500
+# Cycles until the caches are warm, and measured cycles.
+WARM_UP_CYCLES = 50
+MEASURED_CYCLES = 500
 
 
 def cycle_times(setup: Setup, seed: np.random.SeedSequence) -> Timing:
     """
-    Return how long `Controller.update` takes, on the way from one configuration to another.
+    Measure the processor time of `Controller.update` between two configurations.
 
-    Processor time does not count what other programs take meanwhile.
+    Processor time excludes other programs.
 
     Parameters
     ----------
     setup : Setup
         Robot and stack.
     seed : numpy.random.SeedSequence
-        Of the two configurations.
+        Seed of the two configurations.
 
     Returns
     -------
@@ -49,10 +49,10 @@ def cycle_times(setup: Setup, seed: np.random.SeedSequence) -> Timing:
     start, goals = (random_configuration(setup.robot, random, setup.around) for _ in range(2))
     loop = start_loop(setup, start, goals)
     took = []
-    for _ in range(FIRST + MEASURED):
+    for _ in range(WARM_UP_CYCLES + MEASURED_CYCLES):
         began = thread_time()
         command = loop.controller.update(loop.simulator.q, loop.now)
         took.append(thread_time() - began)
         loop.follow(command)
-    median, most = np.quantile(took[FIRST:], (0.5, 0.99)).tolist()
-    return Timing(MEASURED, median, most, max(took[FIRST:]))
+    median, most = np.quantile(took[WARM_UP_CYCLES:], (0.5, 0.99)).tolist()
+    return Timing(MEASURED_CYCLES, median, most, max(took[WARM_UP_CYCLES:]))

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What follows from the numbers of a check, in sentences, each with what can be changed."""
+"""Findings from the numbers of a check: sentences with suggested changes."""
 
 from collections.abc import Iterator, Sequence
 import math
 
 import numpy as np
-from tp_controller.control.gains import gain_faults, gain_remark, OVERSHOOTS
+from tp_controller.control.gains import gain_faults, gain_remark, OVERSHOOT_STEP
 from tp_controller.control.reasons import SENTENCES
 from tp_controller.tools.check.results import (
     CauseCount,
@@ -35,31 +35,31 @@ from tp_controller.tools.check.results import (
 )
 from tp_controller.tools.check.setup import Setup
 
-# Share of the samples, or of the time, that is most of them.
-MOST, NEARLY_ALL, HARDLY_ANY = 0.5, 0.9, 0.01
-# Runs that have to be possible before a task can be said never to reach its goal, or seldom.
-ENOUGH, ENOUGH_NEAR = 5, 4
-# Change of a command in one cycle, as a share of the velocity limit, that is a jump.
-JUMP = 0.2
-# Rounding: shares of a limit, and positions [rad or m].
-ROUNDING, ROUNDING_POSITION = 1e-6, 1e-9
-# Share of the period that a cycle may take, 99 times of 100.
-BUSY = 0.5
-# Causes and tasks that a sentence names.
-NAMED = 3
-# Gain times the time in which an error shrinks to a thousandth.
-ENOUGH_TIME = 7.0
+# Shares of the samples, or of the time [1].
+MAJORITY, NEARLY_ALL, HARDLY_ANY = 0.5, 0.9, 0.01
+# Possible runs required for the findings 'never reached' and 'seldom reached'.
+ENOUGH_RUNS, ENOUGH_NEAR_RUNS = 5, 4
+# Change of a command in one cycle that counts as a jump, as a share of the velocity limit [1].
+JUMP_SHARE = 0.2
+# Rounding errors of shares of a limit [1], and of positions [rad or m].
+LIMIT_ROUNDING, POSITION_ROUNDING = 1e-6, 1e-9
+# Share of the period that the 99th percentile of the cycle time may reach [1].
+BUSY_SHARE = 0.5
+# Largest number of causes or tasks that a finding names.
+NAMES_PER_FINDING = 3
+# Gain times the time in which an error shrinks to a thousandth, about ln 1000 [1].
+DECAY_TIME_CONSTANTS = 7.0
 
 
 def about_parameters(ignored: Sequence[str]) -> Iterator[Finding]:
-    """Yield which parameters a node would not know."""
+    """Yield a finding for each parameter that a node would not know."""
     for name in ignored:
         yield Finding(DOUBTFUL, 'parameter', name, 'no parameter of a controller, nor of a task '
                       'of this stack: a node ignores it', 'correct its name, or leave it out')
 
 
 def about_robot(setup: Setup) -> Iterator[Finding]:
-    """Yield what the limits of a robot and the remarks of tasks say."""
+    """Yield the findings about missing velocity limits, and the remarks of robot and tasks."""
     robot = setup.robot
     for limit, what, change in (
             (math.inf, 'no velocity limit', 'give it one in the description, or by the parameter '
@@ -80,7 +80,7 @@ def about_robot(setup: Setup) -> Iterator[Finding]:
 
 
 def about_levels(levels: Sequence[LevelResult], filling: frozenset[str]) -> Iterator[Finding]:
-    """Yield what the levels above leave to a level; `filling` demand something of every joint."""
+    """Yield the findings about the rank left to levels; `filling` tasks demand every joint."""
     for level in levels:
         above = _names([task for each in levels if each.number < level.number
                         for task in each.tasks])
@@ -99,7 +99,7 @@ def about_levels(levels: Sequence[LevelResult], filling: frozenset[str]) -> Iter
                                         if above else 'the robot can move none of its rows'),
                 'put it above them, or leave out axes of theirs' if above
                 else 'name another frame, other axes or other joints')
-        elif level.never >= MOST:
+        elif level.never >= MAJORITY:
             yield Finding(
                 DOUBTFUL, 'seldom acts', where,
                 f'in {level.never:.0%} of the samples no direction is left by {above}',
@@ -112,9 +112,9 @@ def about_levels(levels: Sequence[LevelResult], filling: frozenset[str]) -> Iter
 
 
 def about_pairs(pairs: Sequence[PairResult], levels: dict[str, int]) -> Iterator[Finding]:
-    """Yield which tasks demand velocities in the same directions; levels are {task: level}."""
+    """Yield a finding for each pair of tasks that share directions; levels are {task: level}."""
     for pair in pairs:
-        if pair.shared < MOST:
+        if pair.shared < MAJORITY:
             continue
         one_level = levels[pair.first] == levels[pair.second]
         loser = 'neither of them follows its goal' if one_level else \
@@ -128,20 +128,20 @@ def about_pairs(pairs: Sequence[PairResult], levels: dict[str, int]) -> Iterator
 
 
 def about_gains(setup: Setup) -> Iterator[Finding]:
-    """Yield which gains are too high for the rate; a controller refuses still higher ones."""
+    """Yield a finding for each gain too high for the rate, unless a controller refuses it."""
     for task in setup.stack.tasks.values():
         found = gain_remark(task, task.gain, setup.period)
         if found and not gain_faults(task, task.gain, setup.settings.period):
-            yield Finding(WRONG if found.step >= OVERSHOOTS else DOUBTFUL, 'gain', task.name,
+            yield Finding(WRONG if found.step >= OVERSHOOT_STEP else DOUBTFUL, 'gain', task.name,
                           found.message, found.change)
 
 
 def about_singularities(setup: Setup, tasks: Sequence[TaskResult]) -> Iterator[Finding]:
-    """Yield which tasks are near a singularity in most samples."""
+    """Yield a finding for each task that is near a singularity in most samples."""
     for task in tasks:
-        if task.singular is None or task.smallest is None or task.singular < MOST:
+        if task.singular is None or task.smallest is None or task.singular < MAJORITY:
             continue
-        if task.singular == 1.0 and task.smallest < ROUNDING_POSITION:
+        if task.singular == 1.0 and task.smallest < POSITION_ROUNDING:
             yield Finding(
                 DOUBTFUL, 'impossible', task.name,
                 'in no sample can the robot move in all of its directions',
@@ -156,7 +156,7 @@ def about_singularities(setup: Setup, tasks: Sequence[TaskResult]) -> Iterator[F
 
 
 def about_bounds(tasks: Sequence[TaskResult], runs: int) -> Iterator[Finding]:
-    """Yield which inequality tasks cannot be satisfied, or dominate."""
+    """Yield the findings about inequality tasks that cannot be satisfied or that dominate."""
     for task in tasks:
         if task.outside is None:
             continue
@@ -166,13 +166,13 @@ def about_bounds(tasks: Sequence[TaskResult], runs: int) -> Iterator[Finding]:
                 'no configuration was found that satisfies it: the robot did not come '
                 f'to within its bounds in any of {runs} runs',
                 'widen its bounds, or put it higher')
-        elif runs and task.possible < MOST * runs:
+        elif runs and task.possible < MAJORITY * runs:
             yield Finding(
                 DOUBTFUL, 'bounds', task.name,
                 f'in {runs - task.possible} of {runs} runs the robot did not come to within its '
                 'bounds before it started', 'widen its bounds, or those of others that contradict '
                 'them; or put it higher')
-        if task.outside > 1.0 - HARDLY_ANY and (task.rows_outside or 0.0) > MOST:
+        if task.outside > 1.0 - HARDLY_ANY and (task.rows_outside or 0.0) > MAJORITY:
             yield Finding(
                 DOUBTFUL, 'bounds dominate', task.name,
                 f'{task.outside:.1%} of the samples are outside its bounds', 'widen its bounds')
@@ -185,7 +185,7 @@ def about_bounds(tasks: Sequence[TaskResult], runs: int) -> Iterator[Finding]:
 
 def about_goals(tasks: Sequence[TaskResult], filling: frozenset[str],
                 setup: Setup) -> Iterator[Finding]:
-    """Yield which tasks reach their goals in closed loops; `filling` demand every joint."""
+    """Yield a finding on the reached goals of each task; `filling` tasks demand every joint."""
     for task in tasks:
         if not task.possible:
             continue
@@ -196,41 +196,42 @@ def about_goals(tasks: Sequence[TaskResult], filling: frozenset[str],
         if task.median_seconds is not None and task.outside is None:
             near += f', after {task.median_seconds:.1f} s in the median'
         below = bool(task.causes) and task.causes[0].kind in ('task', 'bounds')
-        slow = '' if below or task.reached == task.possible else _slow(task, setup)
+        slow = '' if below or task.reached == task.possible else _slow_text(task, setup)
         if not task.reached:
-            # Below others that is how priorities work, and few runs prove nothing.
-            sure = task.possible >= ENOUGH and not below and not slow \
+            # A task below others may never be reached by priority, and few runs prove nothing.
+            sure = task.possible >= ENOUGH_RUNS and not below and not slow \
                 and task.name not in filling
             severity, kind = WRONG if sure else DOUBTFUL, 'never reached'
-        elif task.possible_near >= ENOUGH_NEAR and task.reached_near < MOST * task.possible_near:
+        elif task.possible_near >= ENOUGH_NEAR_RUNS \
+                and task.reached_near < MAJORITY * task.possible_near:
             severity, kind = DOUBTFUL, 'seldom reached'
         else:
             severity, kind = FINE, 'reached'
         change = '' if severity == FINE else \
-            'raise its gain, or the time of a run' if slow else _cure(task, setup)
-        yield Finding(severity, kind, task.name, found + near + (slow or _why(task.causes)),
-                      change)
+            'raise its gain, or the time of a run' if slow else _remedy(task, setup)
+        yield Finding(severity, kind, task.name,
+                      found + near + (slow or _causes_text(task.causes)), change)
 
 
-def _slow(task: TaskResult, setup: Setup) -> str:
-    """Return that a gain is too low for the time of a run, as the end of a sentence, if it is."""
+def _slow_text(task: TaskResult, setup: Setup) -> str:
+    """Return the end of a sentence about a gain too low for the time of a run; mostly empty."""
     if task.gain_period is None:
         return ''
     gain = float(np.min(setup.stack.tasks[task.name].gain))
-    if gain * setup.seconds >= ENOUGH_TIME:
+    if gain * setup.seconds >= DECAY_TIME_CONSTANTS:
         return ''
     return f'; with a gain of {gain:g}/s an error shrinks to a thousandth in ' \
-           f'{ENOUGH_TIME / gain:.3g} s, and a run has {setup.seconds:g} s'
+           f'{DECAY_TIME_CONSTANTS / gain:.3g} s, and a run has {setup.seconds:g} s'
 
 
 def about_limits(worst: Sequence[WorstResult], setup: Setup) -> Iterator[Finding]:
-    """Yield which limits commands exceeded, and where they jump."""
+    """Yield the findings about exceeded limits and jumps of the command."""
     exceeded = False
     for each in worst:
         if each.value is None:
             continue
-        most = {'velocity': 1.0 + ROUNDING, 'acceleration': 1.0 + ROUNDING,
-                'position': ROUNDING_POSITION}.get(each.kind, math.inf)
+        most = {'velocity': 1.0 + LIMIT_ROUNDING, 'acceleration': 1.0 + LIMIT_ROUNDING,
+                'position': POSITION_ROUNDING}.get(each.kind, math.inf)
         if each.value > most:
             exceeded = True
             share = 'passed by {:.2g}' if each.kind == 'position' else 'exceeded {:.3g} times'
@@ -239,7 +240,7 @@ def about_limits(worst: Sequence[WorstResult], setup: Setup) -> Iterator[Finding
                 f'its {each.kind} limit was {share.format(each.value)} in run {each.run}',
                 'this is a fault of the program: please report it with the stack and the seed')
         row = setup.robot.velocity_names.index(each.name) if each.kind == 'jump' else 0
-        if each.kind == 'jump' and each.value > JUMP \
+        if each.kind == 'jump' and each.value > JUMP_SHARE \
                 and not np.isfinite(setup.robot.acceleration[row]):
             yield Finding(
                 DOUBTFUL, 'jump', each.name,
@@ -250,14 +251,14 @@ def about_limits(worst: Sequence[WorstResult], setup: Setup) -> Iterator[Finding
 
 
 def about_time(timing: Timing, setup: Setup) -> Iterator[Finding]:
-    """Yield whether a cycle fits into its period on this machine."""
+    """Yield the finding about the cycle time on this machine."""
     period = setup.period
     text = f'a cycle takes {1e3 * timing.median:.2g} ms in the median, 99 of 100 at most ' \
            f'{1e3 * timing.percentile_99:.2g} ms, of {1e3 * period:g} ms that there are ' \
            '(processor time of this machine)'
     if timing.median > period:
         severity = WRONG
-    elif timing.percentile_99 > BUSY * period:
+    elif timing.percentile_99 > BUSY_SHARE * period:
         severity = DOUBTFUL
     else:
         severity = FINE
@@ -266,9 +267,9 @@ def about_time(timing: Timing, setup: Setup) -> Iterator[Finding]:
                   'faster machine')
 
 
-def _why(causes: Sequence[CauseCount]) -> str:
+def _causes_text(causes: Sequence[CauseCount]) -> str:
     """Return the most frequent causes as the end of a sentence."""
-    named = [f'{_cause(cause)} ({cause.runs})' for cause in causes[:NAMED]]
+    named = [f'{_cause(cause)} ({cause.runs})' for cause in causes[:NAMES_PER_FINDING]]
     return f'; otherwise: {", ".join(named)}' if named else ''
 
 
@@ -279,8 +280,8 @@ def _cause(cause: CauseCount) -> str:
     return SENTENCES[cause.kind].format(cause.name) if cause.kind else 'several causes together'
 
 
-def _cure(task: TaskResult, setup: Setup) -> str:
-    """Return what helps against the most frequent cause."""
+def _remedy(task: TaskResult, setup: Setup) -> str:
+    """Return the suggested change for the most frequent cause."""
     first = task.causes[0] if task.causes else CauseCount('', '', 0)
     if first.kind in ('task', 'bounds'):
         return f'see what {first.name} leaves it, or put it higher'

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A check as one page of HTML that needs nothing else."""
+"""Report of a check as one self-contained HTML page."""
 
 from collections.abc import Iterator
 from html import escape

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The parameter files of a controller node, read without ROS."""
+"""Reader of the parameter files of a controller node, without ROS."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -33,13 +33,14 @@ from tp_controller.tasks.stack import Stack
 CONTROLLER, SIMULATOR = 'tp_controller', 'tp_simulator'
 ENTRY = 'ros__parameters'
 WILDCARDS = ('*', '**')
-# Of a node that has none of these in its file.
+# Defaults of a node: rate [Hz] and timeout of joint states [s].
 RATE, STATE_TIMEOUT = 100.0, 0.1
-# What a check needs to know of a node, and what only the node itself has.
+# Parameters that a check reads, and parameters that only concern the node itself.
 SETTINGS = tuple(item.name for item in fields(Settings) if item.name != 'period')
-READ = ('robot', 'robot_description', 'base', 'world_frame', 'joints', 'stack', 'rate',
-        'state_timeout', *SETTINGS)
-OF_THE_NODE = (
+CHECKED_PARAMETERS = (
+    'robot', 'robot_description', 'base', 'world_frame', 'joints', 'stack', 'rate',
+    'state_timeout', *SETTINGS)
+NODE_PARAMETERS = (
     'command_joints', 'check_stamps', 'jump_tolerance', 'odometry_jump_tolerance',
     'limit_tolerance', 'follow_window', 'settle_time', 'exclusive', 'require_listener',
     'require_watchdog', 'stop_deceleration', 'keep_goals', 'enable_topic', 'enable_timeout',
@@ -50,20 +51,20 @@ FAMILIES = ('limits.', 'tasks.', 'qos_overrides.')
 
 
 @dataclass(frozen=True)
-class Given:
+class NodeSetup:
     """
-    What a node would control.
+    Robot, stack and settings of a controller node.
 
     Attributes
     ----------
     robot, stack, settings
         See `tp_controller.tools.check.check`.
     period : float
-        Between two cycles [s].
+        Time between two cycles [s].
     around : ndarray (nq,) or None
-        Where the simulator starts, if the file says so.
+        Initial configuration of the simulator, if it is in the file.
     ignored : tuple of str
-        Parameters that a node would not know.
+        Parameters that a node would ignore.
 
     """
 
@@ -82,7 +83,7 @@ def node_parameters(file: str | Path, node: str) -> dict[str, Any]:
     Parameters
     ----------
     file : str or pathlib.Path
-        Its entries are names of nodes in whatever namespace, or wildcards.
+        Its entries are names of nodes in any namespace, or wildcards.
     node : str
         Name of a node.
 
@@ -94,7 +95,7 @@ def node_parameters(file: str | Path, node: str) -> dict[str, Any]:
     Raises
     ------
     SettingsError
-        It is no parameter file.
+        It is not a parameter file.
 
     """
     try:
@@ -109,7 +110,7 @@ def node_parameters(file: str | Path, node: str) -> dict[str, Any]:
 
 
 def _merge(found: dict[str, Any], parameters: Mapping[str, Any]) -> None:
-    """Add parameters, as ROS does: each of a group counts by itself."""
+    """Merge parameters as ROS does: each parameter of a group by itself."""
     for name, value in parameters.items():
         if isinstance(value, dict) and isinstance(found.get(name), dict):
             _merge(found[name], value)
@@ -118,7 +119,7 @@ def _merge(found: dict[str, Any], parameters: Mapping[str, Any]) -> None:
 
 
 def _entries(content: object, prefix: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the names of nodes with their parameters; namespaces may be nested."""
+    """Yield (name, parameters) of each node; namespaces may be nested."""
     if not isinstance(content, dict):
         raise SettingsError([f'parameter file: {prefix or "it"} must be a mapping {{node: '
                              f'{{{ENTRY}: {{name: value}}}}}}'])
@@ -143,29 +144,29 @@ def flat(parameters: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
 
 
 def read(files: Sequence[str | Path], stack: str, robot: str, base: str, rate: float | None
-         ) -> Given:
+         ) -> NodeSetup:
     """
-    Return what a node would control with parameter files.
+    Return the robot, stack and settings of a node with parameter files.
 
     Parameters
     ----------
     files : sequence of str or pathlib.Path
         Parameter files; the last one that gives a parameter counts.
     stack, robot, base : str
-        Parameters of these names that go before those of the files; empty for those of the files.
-        Where they name no robot for the controller, that of the simulator is taken.
+        Parameters of these names, with precedence over those of the files; empty for those of the
+        files. Without a robot for the controller, that of the simulator is used.
     rate : float or None
-        The same; where it is 0 in the files, one cycle for each joint state, that of the simulator
-        [Hz].
+        The same [Hz]. If it is 0 in the files, one cycle for each joint state, the rate of the
+        simulator is used.
 
     Returns
     -------
-    Given
+    NodeSetup
 
     Raises
     ------
     Refused
-        All that a node would refuse.
+        Lists all faults for which a node would refuse its parameters.
 
     """
     given, simulated = ({name: value for file in files
@@ -184,12 +185,12 @@ def read(files: Sequence[str | Path], stack: str, robot: str, base: str, rate: f
         _try(faults, _set_task_parameters, given, tasks, settings)
     if faults or not (settings and made and tasks and period):
         raise Refused(faults)
-    return Given(made, tasks, settings, period, _around(made, simulated),
-                 tuple(_ignored(given, tasks)))
+    return NodeSetup(made, tasks, settings, period, _around(made, simulated),
+                     tuple(_ignored(given, tasks)))
 
 
 class Refused(TpControllerError):
-    """A node would refuse its parameters; `errors` has one error for each part of them."""
+    """Error for parameters that a node would refuse; `errors` has one error for each part."""
 
     def __init__(self, errors: list[Exception]) -> None:
         self.errors = tuple(errors)
@@ -197,12 +198,12 @@ class Refused(TpControllerError):
 
     @property
     def missing_file(self) -> str:
-        """Return which file is not there, in words; mostly empty."""
+        """Return the message about a missing file; mostly empty."""
         return next((str(error) for error in self.errors
                      if isinstance(error.__cause__, OSError)), '')
 
     def messages(self) -> Iterator[tuple[str, str]]:
-        """Yield (where, what is wrong)."""
+        """Yield (location, fault)."""
         for error in self.errors:
             if isinstance(error, StackError):
                 for fault in error.faults:
@@ -216,7 +217,7 @@ class Refused(TpControllerError):
 
 
 def _try(faults: list[Exception], method: Any, *arguments: Any) -> Any:
-    """Return what a method does; None where it raises one of our errors, which is noted."""
+    """Return the result of a method; None if it raises one of our errors, which is recorded."""
     try:
         return method(*arguments)
     except TpControllerError as error:
@@ -225,7 +226,7 @@ def _try(faults: list[Exception], method: Any, *arguments: Any) -> Any:
 
 
 def _number(given: Mapping[str, Any], name: str, default: float) -> float:
-    """Return a parameter that is a number, or raise `SettingsError`."""
+    """Return a parameter as a number, or raise `SettingsError`."""
     value = given.get(name, default)
     if not is_number(value) or not 0.0 <= value < math.inf:
         raise SettingsError([f'parameter {name} must be a number, not {value!r}'])
@@ -239,7 +240,7 @@ def _settings(given: Mapping[str, Any]) -> Settings:
     values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
                               for name, value in given.items() if name in SETTINGS}
     if values.get('weights') in ((), (1.0,)):
-        # They stand for equal weights of any number of joints.
+        # These values denote equal weights for any number of joints.
         del values['weights']
     return Settings(period=period, **values)
 
@@ -275,13 +276,13 @@ def _robot(given: Mapping[str, Any], simulated: Mapping[str, Any]) -> Robot:
 
 
 def _around(robot: Robot, simulated: Mapping[str, Any]) -> Array | None:
-    """Return where the base of the simulator starts, if that is known."""
+    """Return the initial configuration of the simulator; None if not needed or not known."""
     if not robot.moves or 'initial_positions' not in simulated:
         return None
     try:
         return initial_positions(simulated['initial_positions'], robot)
     except RobotError:
-        # The simulator may move joints that the controller does not, and says what is wrong.
+        # The simulator may move joints that the controller does not, and reports the fault itself.
         return None
 
 
@@ -294,7 +295,7 @@ def _stack(given: Mapping[str, Any], robot: Robot) -> Stack:
 
 
 def _set_task_parameters(given: Mapping[str, Any], stack: Stack, settings: Settings) -> None:
-    """Give tasks the gains and tolerances of the file."""
+    """Set the gains and tolerances of tasks from the file."""
     faults: list[str] = []
     for name, value in given.items():
         task, _, key = name.removeprefix('tasks.').partition('.')
@@ -319,5 +320,5 @@ def _ignored(given: Mapping[str, Any], stack: Stack) -> Iterator[str]:
             task, _, key = name.removeprefix('tasks.').partition('.')
             if task not in stack.tasks or key.partition('.')[0] not in ('gain', 'tolerance'):
                 yield name
-        elif name not in READ + OF_THE_NODE and not name.startswith(FAMILIES):
+        elif name not in CHECKED_PARAMETERS + NODE_PARAMETERS and not name.startswith(FAMILIES):
             yield name

@@ -20,7 +20,7 @@ import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, rotation_from_vector
 
-# What a joint without limits is sampled over, and how far a base is moved, to both sides
+# Half of the range over which a joint without limits is sampled, and by which a base is moved
 # [rad or m].
 SPAN = {'rad': math.pi, 'm': 1.0}
 
@@ -28,22 +28,22 @@ SPAN = {'rad': math.pi, 'm': 1.0}
 def random_configuration(robot: Robot, random: np.random.Generator, around: Array,
                          far: float = 1.0) -> Array:
     """
-    Return a configuration, uniform within the limits.
+    Return a random configuration, uniform within the limits.
 
-    A joint that turns without end is sampled over one turn, a slide without limits over 2 m; one
-    with a single limit over as much from there. A base is moved by up to a metre along each axis
-    that it can be moved along, and turned by any angle about each that it can be turned about.
+    A continuous joint is sampled over one turn, a prismatic joint without limits over 2 m; a joint
+    with a single limit over the same range from there. A base is translated by up to a metre along
+    each axis that it can move along, and rotated by any angle about each that it can rotate about.
 
     Parameters
     ----------
     robot : Robot
-        Whose limits they are.
+        Robot with these limits.
     random : numpy.random.Generator
-        What it is drawn from.
+        Random number generator.
     around : ndarray (nq,)
-        A configuration, which a base is moved from.
+        Configuration from which a base is moved.
     far : float
-        How much of the way from there to a uniform configuration, in [0, 1].
+        Share of the distance from there to a uniform configuration, in [0, 1].
 
     Returns
     -------
@@ -60,7 +60,7 @@ def random_configuration(robot: Robot, random: np.random.Generator, around: Arra
 
 
 def _ranges(lower: Array, upper: Array, units: tuple[str, ...]) -> tuple[Array, Array]:
-    """Return what joints are sampled over: from, to."""
+    """Return the sampling ranges of joints: from, to."""
     span = np.array([SPAN[unit] for unit in units])
     above = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2.0 * span,
                                                          -span))
@@ -68,7 +68,7 @@ def _ranges(lower: Array, upper: Array, units: tuple[str, ...]) -> tuple[Array, 
 
 
 def _random_pose(robot: Robot, random: np.random.Generator, around: Array, far: float) -> Array:
-    """Return a pose of the base (4, 4) near where it is in a configuration."""
+    """Return a random pose of the base (4, 4) near that in a configuration."""
     T = robot.state(around).pose(robot.base_frame).copy()
     moved = far * random.uniform(-SPAN['m'], SPAN['m'], 3)
     angle = far * random.uniform(-SPAN['rad'], SPAN['rad'])

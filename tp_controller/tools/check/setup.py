@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is checked, alive in this process, and in a form that another process builds it from."""
+"""Setup of a check, as objects of this process and as a plan for other processes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,20 +33,20 @@ from tp_controller.tasks.stack import Stack
 @dataclass(frozen=True, eq=False)
 class Setup:
     """
-    A robot with a stack, and how its closed loops run.
+    Robot, stack, and parameters of the closed loops.
 
     Attributes
     ----------
     robot : Robot
     stack : Stack
-        Never evaluated itself: every run takes a copy.
+        Not evaluated itself: every run uses a copy.
     settings : Settings
     period : float
         Time between two cycles [s].
     seconds : float
         Longest time of a closed loop [s].
     around : ndarray (nq,)
-        A configuration; the base starts near where it is there.
+        Configuration near which a moving base starts.
 
     """
 
@@ -61,19 +61,19 @@ class Setup:
 @dataclass(frozen=True)
 class Plan:
     """
-    What a process needs to build a `Setup`, once.
+    Serializable plan from which a process builds a `Setup` once.
 
     Attributes
     ----------
     key : str
-        Tells this plan from others.
+        Hash of the plan.
     robot, task_keys, rest : dict
-        Arguments of the robot; gains and tolerances that the tasks have got since they were read;
-        the rest of a `Setup`.
+        Arguments of the robot; gains and tolerances that were set since the tasks were read; other
+        fields of a `Setup`.
     stack : str
-        YAML.
+        Stack as YAML.
     disabled : tuple of str
-        Tasks.
+        Names of the disabled tasks.
 
     """
 
@@ -107,7 +107,7 @@ class Plan:
         return cls(hashlib.sha256(pickle.dumps(parts)).hexdigest(), *parts)
 
     def build(self) -> Setup:
-        """Return a setup."""
+        """Return the setup of this plan."""
         robot = Robot.from_urdf(**self.robot)
         stack = Stack.from_yaml(self.stack, robot)
         for name, (gain, tolerance) in self.task_keys.items():
@@ -122,12 +122,12 @@ class Plan:
         return Setup(robot, stack, **self.rest)
 
 
-# The setup that this process has built last, by the key of its plan.
+# Last setup that this process has built, by the key of its plan.
 _BUILT: dict[str, Setup] = {}
 
 
 def built(plan: Plan) -> Setup:
-    """Return the setup of a plan; a process that has it already does not build it again."""
+    """Return the setup of a plan; reuse the last one that this process has built."""
     if plan.key not in _BUILT:
         _BUILT.clear()
         _BUILT[plan.key] = plan.build()
@@ -135,13 +135,13 @@ def built(plan: Plan) -> Setup:
 
 
 def in_process(work: Callable[..., Any], plan: Plan, seeds: list[Any]) -> list[Any]:
-    """Return what work gives for some seeds, in a process that may not know the plan yet."""
+    """Return the results of work for some seeds, in a process that may have to build the setup."""
     setup = built(plan)
     return [work(setup, seed) for seed in seeds]
 
 
 def _robot_arguments(robot: Robot) -> dict[str, Any]:
-    """Return what `Robot.from_urdf` needs to build a robot again."""
+    """Return the arguments of `Robot.from_urdf` that rebuild a robot."""
     limits = {name: {key: float(getattr(robot, key)[row])
                      for key in (LIMIT_KEYS if name in robot.joint_names else BASE_LIMIT_KEYS)}
               for row, name in enumerate(robot.velocity_names)}

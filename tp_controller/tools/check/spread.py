@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The same work for many seeds: here, in other processes, or on other machines."""
+"""Parallel execution of work for many seeds: in this process, in others, or on a cluster."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, ExitStack
@@ -21,24 +21,24 @@ from typing import Any, TypeVar
 from tp_controller.errors import SettingsError
 from tp_controller.tools.check.setup import in_process, Plan, Setup
 
-# What joblib sends work through.
+# Backends of joblib.
 BACKENDS = ('loky', 'dask', 'ray')
-# In how many parts the work of each process is sent, so that none waits for another at the end.
+# Parts into which the work of each process is divided, to balance the load at the end.
 PARTS = 8
 
 Seed = TypeVar('Seed')
-Made = TypeVar('Made')
+Result = TypeVar('Result')
 
 
 class Spreader:
     """
-    Does work for a setup.
+    Executor of work for a setup.
 
     Parameters
     ----------
     setup : Setup
     jobs : int
-        Processes; -1: as many as there are processors. With one all is done in this process.
+        Number of processes; -1: one per processor. 1: all work runs in this process.
     backend : str
         One of `BACKENDS`.
 
@@ -47,7 +47,7 @@ class Spreader:
     SettingsError
         The number of jobs or the backend is not valid.
     ModuleNotFoundError
-        joblib, or what the backend needs, is not installed.
+        joblib, or a package of the backend, is not installed.
 
     """
 
@@ -65,7 +65,7 @@ class Spreader:
         self._opened = ExitStack()
 
     def __enter__(self) -> 'Spreader':
-        """Start what the work is done by."""
+        """Start the processes."""
         if self._jobs != 1:
             self._plan = Plan.of(self._setup)
             with ExitStack() as opened:
@@ -75,22 +75,22 @@ class Spreader:
         return self
 
     def __exit__(self, *error: Any) -> None:
-        """End it."""
+        """End the processes."""
         self._opened.close()
 
-    def spread(self, work: Callable[[Setup, Seed], Made], seeds: Sequence[Seed],
-               advance: Callable[[], None]) -> list[Made]:
+    def spread(self, work: Callable[[Setup, Seed], Result], seeds: Sequence[Seed],
+               advance: Callable[[], None]) -> list[Result]:
         """
-        Return what work gives for each seed, in their order.
+        Return the results of work for each seed, in their order.
 
         Parameters
         ----------
         work : callable
-            Of a module, so that other processes find it.
+            Function of a module, so that other processes can import it.
         seeds : sequence
-            What the work is done with, each.
+            Arguments of the work, one for each call.
         advance : callable
-            Called after each.
+            Called after each result.
 
         """
         found = []
@@ -99,9 +99,9 @@ class Spreader:
             advance()
         return found
 
-    def _each(self, work: Callable[[Setup, Seed], Made],
-              seeds: Sequence[Seed]) -> Iterator[Made]:
-        """Yield what work gives for each seed."""
+    def _each(self, work: Callable[[Setup, Seed], Result],
+              seeds: Sequence[Seed]) -> Iterator[Result]:
+        """Yield the result of work for each seed."""
         if self._parallel is None:
             for seed in seeds:
                 yield work(self._setup, seed)
@@ -115,7 +115,7 @@ class Spreader:
 
 @contextmanager
 def _parallel(jobs: int, backend: str) -> Iterator[tuple[Any, int]]:
-    """Open joblib with a backend; how many processes that is comes with it."""
+    """Open joblib with a backend; yield it with the number of processes."""
     from joblib import effective_n_jobs, Parallel, parallel_config
     with ExitStack() as opened:
         if backend == 'dask':
@@ -127,9 +127,9 @@ def _parallel(jobs: int, backend: str) -> Iterator[tuple[Any, int]]:
             opened.enter_context(parallel_config('ray'))
         else:
             opened.enter_context(parallel_config('loky'))
-        # With Dask and Ray it is the cluster that says how many processes there are.
+        # With Dask and Ray the cluster determines the number of processes.
         many = jobs if backend == 'loky' else -1
-        # Ray gives back nothing before all is done.
+        # Ray returns no result before all work is done.
         returned = 'list' if backend == 'ray' else 'generator'
         yield (opened.enter_context(Parallel(n_jobs=many, batch_size=1, return_as=returned)),
                effective_n_jobs(many))
@@ -137,7 +137,7 @@ def _parallel(jobs: int, backend: str) -> Iterator[tuple[Any, int]]:
 
 @contextmanager
 def _dask_client(jobs: int) -> Iterator[Any]:
-    """Open a client of the cluster that DASK_SCHEDULER_ADDRESS names, else of one made here."""
+    """Open a client of the cluster at DASK_SCHEDULER_ADDRESS, or of a new local cluster."""
     import dask.config
     from distributed import Client, LocalCluster
     if dask.config.get('scheduler-address', None):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A check as text for a terminal."""
+"""Report of a check as text for a terminal."""
 
 from collections.abc import Iterator, Sequence
 import math
@@ -21,13 +21,13 @@ from textwrap import wrap
 from tp_controller.tools.check.results import CheckReport, SEVERITIES, TaskResult, WorstResult
 
 WIDTH = 99
-# In front of what can be changed.
+# Prefix of a suggested change.
 ARROW = '→ '
-# {kind of the worst: what a table calls it, and how it is shown}
+# {kind of an extreme: title in a table, and format}
 WORST = {'velocity': ('velocity / limit', '{:.1%}'), 'position': ('past a limit', '{:.2g}'),
          'acceleration': ('acceleration / limit', '{:.1%}'),
          'jump': ('jump / velocity limit', '{:.1%}')}
-NONE = '–'
+NO_VALUE = '–'
 # Columns with names in them.
 NAMES = ('task', 'tasks', 'what', 'joint')
 
@@ -36,7 +36,7 @@ Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 
 
 def text_of(report: CheckReport) -> str:
-    """Return a report as text: what is wrong first, then what is doubtful, then numbers."""
+    """Return a report as text: findings by severity, the worst first, then the tables."""
     lines = [headline(report), '']
     for severity in SEVERITIES:
         found = report.of(severity)
@@ -57,7 +57,7 @@ def text_of(report: CheckReport) -> str:
 
 
 def headline(report: CheckReport) -> str:
-    """Return what was checked, and what came of it."""
+    """Return the headline of a report: counts of findings, samples and runs."""
     counts = ', '.join(f'{len(report.of(severity))} {severity}' for severity in SEVERITIES[:2])
     if not report.samples:
         return f'{counts}; nothing was tried, because it would be refused'
@@ -69,7 +69,7 @@ def headline(report: CheckReport) -> str:
 def tables(report: CheckReport) -> Iterator[Table]:
     """Yield the tables of a report, as texts."""
     if report.levels:
-        yield ('what the levels above leave', (
+        yield ('rank left by the levels above', (
             'level', 'tasks', 'rank', 'least', 'median', 'most', 'nothing left'), [
             (str(each.number), ', '.join(each.tasks), str(each.rank), str(each.least_left),
              f'{each.median_left:g}', str(each.most_left), f'{each.never:.0%}')
@@ -89,13 +89,13 @@ def tables(report: CheckReport) -> Iterator[Table]:
             'task', 'level', 'gain × period', 'singular', 'reached', 'near goals', 'possible',
             'median [s]', 'longest [s]'), list(map(_row, others)))
     if report.worst:
-        yield ('the worst of all commands', ('what', 'value', 'joint', 'run'),
+        yield ('extremes of the commands', ('what', 'value', 'joint', 'run'),
                list(map(_worst_row, report.worst)))
 
 
 def _row(task: TaskResult) -> tuple[str, ...]:
     """Return the row of a task."""
-    return (task.name, str(task.level or NONE), _shown(task.gain_period, '{:.3g}'),
+    return (task.name, str(task.level or NO_VALUE), _shown(task.gain_period, '{:.3g}'),
             _shown(task.singular, '{:.0%}'), _share(task.reached, task.possible),
             _share(task.reached_near, task.possible_near), str(task.possible),
             _shown(task.median_seconds, '{:.1f}'), _shown(task.longest_seconds, '{:.1f}'))
@@ -103,26 +103,26 @@ def _row(task: TaskResult) -> tuple[str, ...]:
 
 def _bounded_row(task: TaskResult) -> tuple[str, ...]:
     """Return the row of an inequality task."""
-    return (task.name, str(task.level or NONE), _shown(task.outside, '{:.0%}'),
+    return (task.name, str(task.level or NO_VALUE), _shown(task.outside, '{:.0%}'),
             _shown(task.active, '{:.0%}'), _shown(task.active_in_loops, '{:.0%}'),
             _share(task.reached, task.possible), str(task.possible))
 
 
 def _worst_row(worst: WorstResult) -> tuple[str, ...]:
-    """Return the row of what commands did worst."""
+    """Return the row of an extreme of the commands."""
     title, form = WORST[worst.kind]
-    return (title, _shown(worst.value, form), worst.name or NONE,
-            str(worst.run) if worst.run >= 0 else NONE)
+    return (title, _shown(worst.value, form), worst.name or NO_VALUE,
+            str(worst.run) if worst.run >= 0 else NO_VALUE)
 
 
 def _shown(value: float | None, form: str) -> str:
     """Return a number as text."""
-    return NONE if value is None else form.format(value)
+    return NO_VALUE if value is None else form.format(value)
 
 
 def _share(part: int, whole: int) -> str:
     """Return a share as text."""
-    return f'{part / whole:.0%}' if whole else NONE
+    return f'{part / whole:.0%}' if whole else NO_VALUE
 
 
 def _aligned(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:

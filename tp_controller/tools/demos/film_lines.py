@@ -30,10 +30,10 @@ from tp_controller.tools.demos.outlines import base_outline, joined, outline
 from tp_controller.tools.plots.drawing import (
     ARM_COLOUR,
     Array,
-    FLAT,
     GOAL_COLOUR,
     make_scene,
     PATH_COLOUR,
+    PLANAR_SPREAD,
     SHADOW_COLOUR,
 )
 
@@ -221,7 +221,7 @@ def _segments(robot: Robot, qs: Array, links: Sequence[tuple[str, str]]) -> Arra
     ends = _over_time(robot, qs, lambda state: np.reshape([
         (state.position(parent), state.position(child)) for parent, child in links], (-1, 2, 3)))
     lengths = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).max(axis=0)
-    return ends[:, lengths > FLAT]
+    return ends[:, lengths > PLANAR_SPREAD]
 
 
 def _origins(robot: Robot, qs: Array, frames: Sequence[str]) -> Array:

@@ -15,8 +15,8 @@
 """
 Plots of a recorded motion, written to files.
 
-Everything is drawn on a canvas of its own, so neither a display nor the global state of pyplot
-is touched, and figures can be made in any thread.
+Each figure has a canvas of its own: neither a display nor the global state of pyplot is used,
+and figures can be made in any thread.
 """
 
 from collections import Counter
@@ -48,36 +48,35 @@ from tp_controller.tools.plots.drawing import (
     tidy,
 )
 
-# A line for each of 56 joints: a humanoid with fingers has about as many.
+# Line styles: with the colours enough for 56 joints, as many as a humanoid with fingers has.
 STYLES = ('-', '--', ':', '-.', (0, (8, 3)), (0, (1, 4)), (0, (6, 2, 1, 2, 1, 2)), (0, (3, 4)))
-# Height of an entry of a legend, and of each further line of it [in].
+# Height of a legend entry, and of each further line of it [in].
 LEGEND_LINE, NEXT_LINE = 0.24, 0.17
-# Longest line of a cause [characters], and how many lines it has.
+# Longest line of a cause [characters], and its largest number of lines.
 LEGEND_WIDTH, LEGEND_LINES = 34, 3
-# Causes each of which would do, in one sentence, and a limit among them.
-TOGETHER, LIMIT = re.compile(r'blocked by (.+) together'), re.compile(r'the (.+ limit) of (.+)')
+# Sentence for causes that block a task together, and a joint limit among them.
+COMBINED = re.compile(r'blocked by (.+) together')
+JOINT_LIMIT = re.compile(r'the (.+ limit) of (.+)')
 
 
 def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str, Array]], *,
                 reasons: Mapping[str, Sequence[str]] | None = None, title: str = 'Task errors',
                 changes: Iterable[float] = (), log: bool = False) -> Path:
     """
-    Draw errors over time, one axis for each unit, and below them what limits each task.
+    Plot errors over time, one axis for each unit, and below them the causes that limit tasks.
 
     Parameters
     ----------
     path : str or pathlib.Path
-        File to write; its folder is made where it is missing.
+        Output file; a missing folder is created.
     times : ndarray (T,)
         [s]
     errors : sequence of (str, str, ndarray (T,))
-        Name, unit and values; not a number where there is no error. A name keeps its colour on
-        every axis.
+        Name, unit and values; NaN without an error. A name has the same colour on every axis.
     reasons : {str: sequence of str (T,)}, optional
-        What limits each task, several causes with a semicolon in between; empty where nothing
-        does.
+        Causes that limit each task, separated by semicolons; empty if there are none.
     title : str
-        Of the whole figure.
+        Title of the whole figure.
     changes : sequence of float
         Times at which a goal changed [s], marked by vertical lines.
     log : bool
@@ -119,10 +118,10 @@ def plot_velocities(path: str | Path, times: Array, velocities: ArrayLike, limit
                     names: Sequence[str], *, units: Sequence[str] | None = None,
                     title: str = 'Joint velocities', changes: Iterable[float] = ()) -> Path:
     """
-    Draw joint velocities against their limits.
+    Plot joint velocities with their limits.
 
-    Where all limits are equal the velocities are drawn as they are, else as shares of the
-    limits; joints without a limit get an axis of their own.
+    If all limits are equal, the velocities are plotted as they are, else as shares of the
+    limits; joints without a limit have an axis of their own.
 
     Parameters
     ----------
@@ -133,7 +132,7 @@ def plot_velocities(path: str | Path, times: Array, velocities: ArrayLike, limit
     limits : ndarray (n,)
         Largest absolute velocities [rad/s or m/s], infinite where there is none.
     names : sequence of str
-        Of the joints.
+        Names of the joints.
     units : sequence of str, optional
         ``'rad'`` or ``'m'`` for each joint; ``'rad'`` by default.
 
@@ -171,7 +170,7 @@ def plot_velocities(path: str | Path, times: Array, velocities: ArrayLike, limit
 def plot_positions(path: str | Path, times: Array, q: Array, names: Sequence[str], *,
                    title: str = 'Joint positions', changes: Iterable[float] = ()) -> Path:
     """
-    Draw positions of revolute joints.
+    Plot positions of revolute joints.
 
     Parameters
     ----------
@@ -180,7 +179,7 @@ def plot_positions(path: str | Path, times: Array, q: Array, names: Sequence[str
     q : ndarray (T, n)
         [rad]
     names : sequence of str
-        Of the joints.
+        Names of the joints.
 
     Returns
     -------
@@ -200,15 +199,15 @@ def plot_positions(path: str | Path, times: Array, q: Array, names: Sequence[str
 def plot_bounds(path: str | Path, times: Array, curves: Sequence[tuple[str, Array, float, float]],
                 *, title: str) -> Path:
     """
-    Draw values over time with the bounds they are to keep, one axis for each.
+    Plot values over time with their bounds, one axis for each.
 
     Parameters
     ----------
     path, times, title
         See `plot_errors`.
     curves : sequence of (str, ndarray (T,), float, float)
-        Label with the unit, values, lower and upper bound; infinite where there is none. Beyond
-        a bound the axis is shaded.
+        Label with the unit, values, lower and upper bound; infinite without a bound. The axis is
+        shaded beyond a bound.
 
     Returns
     -------
@@ -232,7 +231,7 @@ def plot_bounds(path: str | Path, times: Array, curves: Sequence[tuple[str, Arra
 def plot_tool_path(path: str | Path, points: ArrayLike, goals: ArrayLike | None = None, *,
                    title: str = 'Tool path', times: ArrayLike | None = None) -> Path:
     """
-    Draw the path of a point, flat where its height does not change, else in space.
+    Plot the path of a point, in the plane if its height is constant, else in space.
 
     Parameters
     ----------
@@ -243,7 +242,7 @@ def plot_tool_path(path: str | Path, points: ArrayLike, goals: ArrayLike | None 
     goals : ndarray (k, 3), optional
         [m]
     times : ndarray (T,), optional
-        Of the points [s]; they colour the path. By default it is coloured by its progress.
+        Times of the points [s], which colour the path; by default its progress colours it.
 
     Returns
     -------
@@ -293,7 +292,7 @@ def _add_coloured_path(scene: Scene, points: Array, values: Array) -> LineCollec
 
 
 def _legend_of(times: Array, reasons: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """Return {cause: label} of those of which most is drawn, one for each colour."""
+    """Return {cause: label} of the causes with the longest durations, one for each colour."""
     drawn = Counter[str]()
     for texts in reasons.values():
         for text, duration in zip(texts, np.diff(times, append=times[-1])):
@@ -305,30 +304,30 @@ def _legend_of(times: Array, reasons: Mapping[str, Sequence[str]]) -> dict[str, 
 
 
 def _causes(reason: str) -> list[str]:
-    """Return what a reason is made of."""
+    """Return the causes in a reason."""
     causes: list[str] = []
     for part in filter(None, reason.split('; ')):
-        several = TOGETHER.fullmatch(part)
+        several = COMBINED.fullmatch(part)
         causes += map(_cause, re.split(', | and ', several[1])) if several else [part]
     return causes
 
 
 def _cause(name: str) -> str:
-    """Return the sentence for one of several causes, as it is for one alone."""
-    limit = LIMIT.fullmatch(name)
+    """Return the sentence for one of several causes, as for a single cause."""
+    limit = JOINT_LIMIT.fullmatch(name)
     return f'{limit[2]} at its {limit[1]}' if limit else f'blocked by {name}'
 
 
 def _add_reasons(axis: Axes, times: Array, reasons: Mapping[str, Sequence[str]],
                  legend: Mapping[str, str]) -> None:
-    """Draw what limits each task (T,) as bands, a row for a task and a colour for a cause."""
+    """Draw the causes that limit each task (T,) as bands: a row per task, a colour per cause."""
     lasts = np.diff(times, append=times[-1])
     colours, others = dict(zip(legend, COLOURS)), False
     for row, texts in enumerate(reasons.values()):
         for text in filter(None, dict.fromkeys(texts)):
             where = np.flatnonzero(np.array(texts, dtype=object) == text)
             causes = _causes(text)
-            # Those that a task has at once share its row, always in the same order.
+            # Simultaneous causes of a task share its row, always in the same order.
             causes.sort(key=lambda cause: list(legend).index(cause) if cause in legend
                         else len(legend))
             for index, cause in enumerate(causes):
@@ -348,7 +347,7 @@ def _add_reasons(axis: Axes, times: Array, reasons: Mapping[str, Sequence[str]],
 
 def _figure(title: str, rows: int, height: float,
             heights: Sequence[float] | None = None) -> tuple[Figure, list[Axes]]:
-    """Return a figure and its axes, from above, over one time axis."""
+    """Return a figure and its axes, from top to bottom, with a common time axis."""
     figure = Figure(figsize=(8.2, height), dpi=DPI, layout='constrained')
     FigureCanvasAgg(figure)
     figure.suptitle(title)
@@ -360,25 +359,25 @@ def _figure(title: str, rows: int, height: float,
 
 
 def _line(index: int) -> dict[str, Any]:
-    """Return colour and style of the line with a number."""
+    """Return the colour and style of the line with an index."""
     return {'color': COLOURS[index % len(COLOURS)], 'linewidth': 1.8,
             'linestyle': STYLES[index // len(COLOURS) % len(STYLES)]}
 
 
 def _legend(axis: Axes) -> None:
-    """Put the legend beside the axis, where it covers nothing."""
+    """Place the legend beside the axis, where it covers nothing."""
     axis.legend(loc='upper left', bbox_to_anchor=(1.01, 1.02), frameon=False, borderaxespad=0.0)
 
 
 def _mark_changes(axis: Axes, changes: Iterable[float]) -> None:
-    """Mark the times at which a goal changed; the first mark explains them all."""
+    """Mark the times of new goals; only the first mark has a legend entry."""
     for index, time in enumerate(changes):
         axis.axvline(time, color=FAINT, linewidth=1.0, linestyle=(0, (2, 2)), zorder=0,
                      label=None if index else 'new goal')
 
 
 def _mark_limits(axis: Axes, limit: float) -> None:
-    """Mark ±limit, and leave a margin above it."""
+    """Mark ±limit, with a margin beyond it."""
     for index, value in enumerate((limit, -limit)):
         axis.axhline(value, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1,
                      label=None if index else 'limit')
@@ -394,7 +393,7 @@ def _set_error_range(axis: Axes, curves: Sequence[Array], log: bool) -> None:
         axis.set_yscale('log')
         axis.set_ylim(max(values.min(), 1e-7 * top) / 1.5, 1.5 * top)
     elif not log:
-        # A little below zero, so that a curve on zero is seen.
+        # Begin slightly below zero, so that a curve at zero is visible.
         axis.set_ylim(-0.03 * (top or 1.0), 1.08 * (top or 1.0))
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What plots and films share: colours, axes on which space is drawn, and files."""
+"""Common parts of plots and films: colours, spatial axes, and files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,12 +27,11 @@ from numpy.typing import ArrayLike
 from tp_controller.model.spatial import Array
 from tp_controller.tools.files import new_file
 
-if TYPE_CHECKING:  # Not found where versions of matplotlib are mixed; what is flat needs no such.
+if TYPE_CHECKING:  # Not importable with mixed versions of matplotlib; plane plots do not need it.
     from mpl_toolkits.mplot3d import Axes3D
 
 
-# Okabe and Ito's colours, which the colour-blind can tell apart; their yellow is too light for
-# lines.
+# Colours of Okabe and Ito for colour-blind readers, without their yellow, too light for lines.
 COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
 GOAL_COLOUR = '#D55E00'
 ARM_COLOUR = '#2F3B4A'
@@ -41,30 +40,30 @@ LIMIT_COLOUR = '#B00020'
 SHADOW_COLOUR = '#DDE1E6'
 FAINT = '#B8BEC6'
 DPI = 110
-# Spread [m] below which a motion counts as lying in a plane.
-FLAT = 1e-6
-# Of a scene in space: shortest side per longest, and how much of the picture it fills, a cube and
-# by how much more others.
+# Spread of the heights [m] below which a motion counts as planar.
+PLANAR_SPREAD = 1e-6
+# Scene in space: ratio of the shortest to the longest side; zoom of a cube, and exponent of the
+# enlargement of flatter or thinner boxes [1].
 LEAST_SIDE = 0.5
 ZOOM, ENLARGED = 0.9, 0.1
-# Ticks of the longest side, and how far the names of sides are from them, beyond numbers [pt].
+# Ticks of the longest side, and distances of the axis labels from the numbers [pt].
 TICKS, LABEL_PADS = 6, (9.0, 9.0, 10.0)
-# From where it is seen [deg].
+# View direction [deg].
 ELEVATION, AZIMUTH = 22.0, -55.0
 
 
 @dataclass(frozen=True)
 class Scene:
     """
-    A figure with one axis on which space is drawn.
+    Figure with one axis for a scene in the plane or in space.
 
     Attributes
     ----------
     figure : matplotlib.figure.Figure
     axis : matplotlib.axes.Axes
-        Flat and seen from above, or with three dimensions.
+        Two-dimensional, seen from above, or three-dimensional.
     floor : float or None
-        Lowest height [m] of three dimensions.
+        Lowest height of a three-dimensional axis [m]; else None.
 
     """
 
@@ -84,16 +83,16 @@ class Scene:
 
 def make_scene(points: Array, title: str, size: tuple[float, float] = (6.4, 6.0),
                dpi: float = DPI) -> Scene:
-    """Return a scene with equal scales around points (k, 3), flat where they are."""
+    """Return a scene with equal scales around points (k, 3), in the plane if they are."""
     lower, upper = points.min(axis=0), points.max(axis=0)
-    flat = upper[2] - lower[2] < FLAT
+    flat = upper[2] - lower[2] < PLANAR_SPREAD
     figure = Figure(figsize=size, dpi=dpi, layout='constrained')
     FigureCanvasAgg(figure)
     axis: Axes = figure.add_subplot() if flat else figure.add_subplot(projection='3d')
     axis.set_title(title)
     axis.set(xlabel='x [m]', ylabel='y [m]')
-    longest = max((upper - lower).max(), FLAT)
-    # In space a side is as long as is needed: what moves far would be tiny in a cube.
+    longest = max((upper - lower).max(), PLANAR_SPREAD)
+    # In space each side has the length of its data: a long path would be tiny in a cube.
     sides = np.full(3, longest) if flat else np.maximum(upper - lower, LEAST_SIDE * longest)
     half, middle = 0.55 * sides, (lower + upper) / 2.0
     axis.set_xlim(middle[0] - half[0], middle[0] + half[0])
@@ -107,14 +106,14 @@ def make_scene(points: Array, title: str, size: tuple[float, float] = (6.4, 6.0)
 
 
 def _add_height(axis: 'Axes3D', bottom: float, half: Array) -> None:
-    """Give an axis its third dimension, and the shape of a box with half its sides (3,) [m]."""
+    """Set up the third dimension of an axis, as a box with half the sides (3,) [m]."""
     axis.set_zlim(bottom, bottom + 2.0 * half[2])
     axis.set_zlabel('z [m]')
-    # A cube has the longest diagonal: what is flatter, or thinner, may be drawn larger.
+    # A cube has the longest diagonal: a flatter or thinner box may be drawn larger.
     shape = half / half.max()
-    # What is tall is drawn smaller, or its lower corner would be on what is below.
+    # A tall box is drawn smaller: its lower corner would cover the items below.
     zoom = ZOOM * min((np.sqrt(3.0) / np.linalg.norm(shape)) ** ENLARGED,
-                      _height_seen(np.ones(3)) / _height_seen(shape))
+                      _projected_height(np.ones(3)) / _projected_height(shape))
     axis.set_box_aspect(shape, zoom=zoom)
     for each, side, pad in zip((axis.xaxis, axis.yaxis, axis.zaxis), shape, LABEL_PADS):
         each.set_major_locator(MaxNLocator(max(round(TICKS * side), 2)))
@@ -122,8 +121,8 @@ def _add_height(axis: 'Axes3D', bottom: float, half: Array) -> None:
     axis.view_init(elev=ELEVATION, azim=AZIMUTH)
 
 
-def _height_seen(shape: Array) -> float:
-    """Return how high a box with sides (3,) is in the picture, if its diagonal is 1."""
+def _projected_height(shape: Array) -> float:
+    """Return the height of a box with sides (3,) in the picture, relative to its diagonal."""
     elevation, azimuth = np.radians((ELEVATION, AZIMUTH))
     depth = np.abs((np.cos(azimuth), np.sin(azimuth))).dot(shape[:2])
     seen = np.cos(elevation) * shape[2] + np.sin(elevation) * depth
@@ -131,7 +130,7 @@ def _height_seen(shape: Array) -> float:
 
 
 def tidy(axis: Axes) -> None:
-    """Take away what distracts."""
+    """Apply the common style: light grid, no upper and right spine."""
     axis.grid(color='#E6E8EB', linewidth=0.8)
     axis.set_axisbelow(True)
     for side in ('top', 'right'):
@@ -139,7 +138,7 @@ def tidy(axis: Axes) -> None:
 
 
 def mark_bound(axis: Axes, bound: float, beyond: float, label: str | None = None) -> None:
-    """Mark a value that is not to be crossed, and shade what is beyond it."""
+    """Mark a bound, and shade the area beyond it."""
     axis.axhline(bound, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1, label=label)
     axis.axhspan(bound, bound + beyond, color=LIMIT_COLOUR, alpha=0.06, zorder=0, linewidth=0.0)
 
