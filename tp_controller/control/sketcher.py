@@ -26,13 +26,13 @@ from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.tasks.sketch import Sketch
 from tp_controller.tasks.task import Task
-from tp_controller.tasks.task_errors import PATIENCE, raised
+from tp_controller.tasks.task_errors import MAX_SLOW_CYCLES, raised
 
 Place: TypeAlias = tuple[ArrayLike, ArrayLike | None]
 # How many parts of a task are drawn.
 MOST_PARTS = 200
-# A task that takes longer than this, `PATIENCE` times in a row, is not drawn any more [s]: what
-# else is told about the controller would be late. Those of this package take milliseconds.
+# A task that takes longer than this, `MAX_SLOW_CYCLES` times in a row, is not drawn any more [s]:
+# what else is told about the controller would be late. Those of this package take milliseconds.
 SOON = 0.2
 
 
@@ -92,7 +92,7 @@ class Sketcher:
 
     def _parts(self, task: Task) -> list[Sketch]:
         """Return what can be drawn of a task; nothing where it fails or takes too long."""
-        if self._late[task] >= PATIENCE:
+        if self._late[task] >= MAX_SLOW_CYCLES:
             return []
         began = time.monotonic()
         try:
@@ -108,6 +108,6 @@ class Sketcher:
     def _check_time(self, task: Task, took: float) -> None:
         """Count how often a task takes too long."""
         self._late[task] = self._late[task] + 1 if took > SOON else 0
-        if self._late[task] == PATIENCE:
-            self._refused(task.name, f'sketch took more than {SOON:g} s, {PATIENCE} times in a '
-                                     'row')
+        if self._late[task] == MAX_SLOW_CYCLES:
+            self._refused(task.name, f'sketch took more than {SOON:g} s, {MAX_SLOW_CYCLES} times '
+                                     'in a row')
