@@ -97,7 +97,7 @@ class Aim(Protocol):
     """Kind of goal of an axis of a frame; `goal` is (3,), in a reference frame."""
 
     goal_type: ClassVar[str]
-    # The part of a twist (linear, then angular velocity) that moves the goal.
+    # Rows of a twist (linear, then angular velocity) that move the goal.
     twist_rows: ClassVar[slice]
 
     def __init__(self, frame: str, reference: str) -> None:
@@ -243,7 +243,7 @@ class AimedTask(MovingGoalTask):
     target : array_like (3,) or str or None
         Goal at the start; the name of a frame stands for its origin.
     reference : str or None
-        Frame that goals are expressed in and move with; the root where it is None.
+        Frame that goals are expressed in and move with; the root if None.
 
     """
 

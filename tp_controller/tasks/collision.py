@@ -98,8 +98,8 @@ class CollisionTask(BoundedTask):
         'within': 'distance below which a pair is considered [m]',
         'links': 'link, or list of links, to consider (default: all that have shapes)',
         'capsules': 'shapes for links, in place of those of the URDF: {link: {from: [x, y, z], '
-                    'to: [x, y, z], radius: …}}, a list where there are several, without `to` a '
-                    'sphere, in the frame of the link [m]; or a file with such a mapping',
+                    'to: [x, y, z], radius: …}}, a list for several, without `to` a sphere, in '
+                    'the frame of the link [m]; or a file with such a mapping',
     }
 
     def __init__(self, robot: Robot, name: str, keys: Keys, *,

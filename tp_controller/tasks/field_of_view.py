@@ -46,7 +46,7 @@ class FieldOfView(AimedTask, BoundedTask):
         'frame': 'frame of the camera',
         'axis': 'axis of the camera: x, -x, y, -y, z, -z or three numbers',
         'half_angle': 'angle between the axis and the edge of the view [rad]',
-        'timeout': 'how long a velocity of the point stays in force [s]',
+        'timeout': 'time that a velocity of the point stays in force [s]',
     }
 
     def __init__(self, robot: Robot, name: str, *, frame: str, half_angle: float,

@@ -80,7 +80,7 @@ class GradientTask(Task):
         """
 
     def slowdown(self, state: RobotState) -> Array | float:
-        """Return the factor ≥ 1 (n,) that divides the demand where the curvature of h is high."""
+        """Return the factor ≥ 1 (n,) that reduces the demand at high curvature of h."""
         return 1.0
 
     def value(self, state: RobotState) -> Array:

@@ -53,7 +53,7 @@ class RegionTask(PoseTask, MovingGoalTask, BoundedTask):
               'reference frame (default: at its origin) [m]',
         'radius': 'radius of a sphere around the frame, all of which counts [m]',
         'reference': 'frame that the shape belongs to and moves with (default: the root)',
-        'timeout': 'how long a velocity of the shape stays in force [s]',
+        'timeout': 'time that a velocity of the shape stays in force [s]',
     }
 
     frame: str
@@ -103,7 +103,7 @@ class RegionTask(PoseTask, MovingGoalTask, BoundedTask):
         return -normals.dot(twist[:3] + skew(twist[3:]).dot(offset))
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
-        """Return the region, the frame or sphere, and an arrow back to the region."""
+        """Return the region, the frame with its sphere, and an arrow back to the bounds."""
         drawn, T_root_region = self._frame_and_goal(state)
         place = state.position(self.frame)
         if self.radius:

@@ -163,7 +163,7 @@ class Gaps:
     starts, ends : ndarray (m, 3)
         The nearest points [m].
     distances : ndarray (m,)
-        Negative where the objects overlap [m].
+        Distances of the points, negative for overlapping objects [m].
     least, within : float
         Least distance allowed, and distance below which a pair counts as near [m].
 

@@ -153,7 +153,7 @@ class Task(ABC):
         'gain': 'gain K, one number or one for each row [1/s]',
         'tolerance': 'error below which the goal counts as reached: a number, or one for each '
                      'unit as {m: …, rad: …} [m, rad]',
-        'timeout': 'how long a feed-forward velocity stays in force [s]',
+        'timeout': 'time that a feed-forward velocity stays in force [s]',
         'mode': 'behaviour at a limit: least_squares comes as near to the desired velocity as '
                 'possible, scale keeps its direction and scales it down',
     }
@@ -399,7 +399,7 @@ class Task(ABC):
         self._feed_forward_time = now
 
     def feed_forward(self, now: float) -> Array | None:
-        """Return the feed-forward velocity in force, or None."""
+        """Return the feed-forward velocity in force; None if it is absent or timed out."""
         # A clock that was set back must not extend an old velocity either.
         if self._feed_forward is not None and \
                 not abs(now - self._feed_forward_time) <= self.timeout:
