@@ -144,7 +144,7 @@ def test_no_name_is_suggested_in_its_own_place():
 
 
 def test_no_more_tasks_are_read_once_they_took_too_long(monkeypatch):
-    monkeypatch.setattr(stack, 'SECONDS', -1.0)
+    monkeypatch.setattr(stack, 'READ_SECONDS', -1.0)
     assert 'the tasks above took more than -1 s to read' in refusal(TASK.format(1))
 
 

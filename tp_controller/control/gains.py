@@ -23,7 +23,7 @@ import numpy as np
 from tp_controller.errors import SettingsError
 from tp_controller.foreign import foreign
 from tp_controller.tasks.gradient import GradientTask
-from tp_controller.tasks.keys import Gain, LARGEST, parse_gain, Tolerance
+from tp_controller.tasks.keys import Gain, MAX_NUMBER, parse_gain, Tolerance
 from tp_controller.tasks.task import Task
 
 # Relative rounding error of a gain at its limit [1].
@@ -71,7 +71,7 @@ def gain_limit(task: Task, period: float) -> tuple[float, str]:
         return (STABLE_STEP / period,
                 '2/period, or its error would grow from cycle to cycle; '
                 f'{DELAY_SAFE_STEP:g}/period does not overshoot, a cycle late either')
-    return LARGEST, ''
+    return MAX_NUMBER, ''
 
 
 def gain_faults(task: Task, gain: Gain, period: float) -> list[str]:

@@ -26,13 +26,13 @@ from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.tasks.sketch import Sketch
 from tp_controller.tasks.task import Task
-from tp_controller.tasks.task_errors import PATIENCE, raised
+from tp_controller.tasks.task_errors import MAX_SLOW_CYCLES, raised
 
 # Configuration and positions of the passive joints.
 Configuration: TypeAlias = tuple[ArrayLike, ArrayLike | None]
 # Largest number of drawn parts of a task.
 MOST_PARTS = 200
-# Time limit of a sketch [s]. A task that exceeds it `PATIENCE` times in a row is no longer drawn:
+# Time limit of a sketch [s]. A task that exceeds it `MAX_SLOW_CYCLES` times in a row is no longer drawn:
 # it would delay the other reports. The tasks of this package take milliseconds.
 SKETCH_SECONDS = 0.2
 
@@ -92,7 +92,7 @@ class Sketcher:
 
     def _parts(self, task: Task) -> list[Sketch]:
         """Return the sketch of a task; [] if it fails or exceeds the time limit."""
-        if self._late[task] >= PATIENCE:
+        if self._late[task] >= MAX_SLOW_CYCLES:
             return []
         began = time.monotonic()
         try:
@@ -108,6 +108,6 @@ class Sketcher:
     def _check_time(self, task: Task, took: float) -> None:
         """Count the violations of the time limit by a task."""
         self._late[task] = self._late[task] + 1 if took > SKETCH_SECONDS else 0
-        if self._late[task] == PATIENCE:
-            self._refused(task.name, f'sketch took more than {SKETCH_SECONDS:g} s, {PATIENCE} '
+        if self._late[task] == MAX_SLOW_CYCLES:
+            self._refused(task.name, f'sketch took more than {SKETCH_SECONDS:g} s, {MAX_SLOW_CYCLES} '
                                      'times in a row')

@@ -16,8 +16,8 @@
 The task types, one class each.
 
 A new type is a subclass of `Task` (or of `FrameTask`, `JointTask`, `BoundedTask`,
-`GradientTask`) with a `type_name`; it registers itself. Other packages add theirs through the
-entry point group ``tp_controller.tasks``, whose entries name the class or its module.
+`GradientTask`) with a `type_name`; it registers itself. Other packages register their types
+through the entry point group ``tp_controller.tasks``, whose entries name the class or its module.
 """
 
 from functools import lru_cache
@@ -60,17 +60,17 @@ __all__ = [
 
 @lru_cache(maxsize=1)
 def _load_entry_points() -> None:
-    """Load the types that other packages add."""
+    """Load the types of other packages."""
     for entry in entry_points(group=ENTRY_POINTS):
         try:
             with foreign:
                 entry.load()
         except Exception as error:
-            # It is code of others, which may fail in any way.
+            # Code of other packages may raise any exception.
             raise TpControllerError(f'task types of {entry.value!r}: {in_words(error)}') from error
 
 
 def task_types() -> dict[str, type[Task]]:
-    """Return {type name: class} of all types, those of other packages included."""
+    """Return {type name: class} of all types, including those of other packages."""
     _load_entry_points()
     return dict(Task.types)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tasks about where an axis of a frame points, and what it may point at."""
+"""Tasks that aim an axis of a frame, and the kinds of goals that they take."""
 
 from collections.abc import Sequence
 import math
@@ -32,35 +32,37 @@ from tp_controller.tasks.task import norm, Task
 Axis: TypeAlias = str | Sequence[float] | Array
 SomeTask = TypeVar('SomeTask', bound='AimedTask')
 
-# The default goal of an axis is a point so far away [m].
-DEFAULT_DISTANCE = 1.0
-# A point nearer than this turns as if it were so far away [m].
-NEAREST = 0.01
-# How long cones are drawn at most [m].
-LONGEST_CONE = 1.0
-# Of cones [rad].
-WIDEST = math.pi - 1e-3
-LETTERS = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
-SHORTEST = 1e-6
+# Distance of a default goal that is a point [m].
+DEFAULT_POINT_DISTANCE = 1.0
+# Least distance in the angular velocity of the direction to a point [m].
+MIN_POINT_DISTANCE = 0.01
+# Largest length of a drawn cone [m].
+MAX_CONE_LENGTH = 1.0
+# Largest half-angle of a drawn cone [rad].
+MAX_CONE_ANGLE = math.pi - 1e-3
+# Unit vectors of the axes.
+AXIS_VECTORS = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
+# Length, or sine of an angle, below which a direction is undefined [m or 1].
+MIN_VECTOR_LENGTH = 1e-6
 
 
 def parse_axis(value: Axis) -> Array:
     """Return the unit vector (3,) of x, -x, y, -y, z, -z or three numbers, or ValueError."""
     if isinstance(value, str):
         letter = value.strip().removeprefix('-')
-        if letter in LETTERS:
+        if letter in AXIS_VECTORS:
             sign = -1.0 if value.strip().startswith('-') else 1.0
-            return sign * np.array(LETTERS[letter])
+            return sign * np.array(AXIS_VECTORS[letter])
     if isinstance(value, (list, tuple, np.ndarray)):
         return parse_direction(value, 'an axis')
     raise ValueError(f'needs x, y, z, -x, -y, -z or three numbers, got {value!r}')
 
 
 def parse_direction(values: ArrayLike, what: str) -> Array:
-    """Return a unit vector (3,), or raise `GoalError` where values are none."""
+    """Return the unit vector (3,) along `values`, or raise `GoalError`."""
     vector = finite_vector(values, 3, f'{what} (a direction x, y, z)')
     length = math.sqrt(vector.dot(vector))
-    if length < SHORTEST:
+    if length < MIN_VECTOR_LENGTH:
         raise GoalError(f'{what} needs a direction, not {vector.tolist()}')
     return vector / length
 
@@ -82,37 +84,37 @@ def turn_between(start: Array, end: Array) -> Array:
     """
     Return the rotation vector (3,) of the shortest turn from one unit vector to another [rad].
 
-    Of opposite ones any half turn is the shortest; it is one of them.
+    Between opposite vectors every half turn is the shortest; one of them is returned.
     """
     normal = skew(start).dot(end)
     sine, cosine = math.sqrt(normal.dot(normal)), start.dot(end)
-    if sine > SHORTEST:
+    if sine > MIN_VECTOR_LENGTH:
         return normal * (math.atan2(sine, cosine) / sine)
     return normal if cosine > 0.0 else math.pi * across(start)[0]
 
 
 class Aim(Protocol):
-    """What an axis of a frame is to point at; `goal` is (3,), in a reference frame."""
+    """Kind of goal of an axis of a frame; `goal` is (3,), in a reference frame."""
 
     goal_type: ClassVar[str]
-    # The part of a twist (linear, then angular velocity) that moves the goal.
+    # Rows of a twist (linear, then angular velocity) that move the goal.
     twist_rows: ClassVar[slice]
 
     def __init__(self, frame: str, reference: str) -> None:
-        """Take the frame that points, and the reference of goals."""
+        """Set the frame that points, and the reference frame of goals."""
 
     def parse(self, goal: ArrayLike, what: str) -> Array:
         """Return a goal (3,), or raise `GoalError`."""
 
     def in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
-        """Return a goal given in another frame."""
+        """Transform a goal from another frame to the reference frame."""
 
     def current(self, state: RobotState, axis: Array) -> Array:
-        """Return what the axis (3,) of the frame points at now."""
+        """Return the goal (3,) that the axis (3,) of the frame meets now."""
 
     def sight(self, state: RobotState, goal: Array) -> tuple[Array, Array]:
         """
-        Return where the axis is to point.
+        Return the desired direction of the axis and its Jacobian.
 
         Returns
         -------
@@ -124,10 +126,10 @@ class Aim(Protocol):
         """
 
     def turning(self, state: RobotState, goal: Array, twist: Array) -> Array:
-        """Return the angular velocity (3,) that a twist (6,) of the goal gives the direction."""
+        """Return the angular velocity (3,) of the direction due to a twist (6,) of the goal."""
 
     def place(self, state: RobotState, goal: Array, turn: Array) -> Array:
-        """Return T_reference_goal (4, 4) of a frame that still has to make a turn (3,)."""
+        """Return T_reference_goal (4, 4) of a frame with the remaining turn `turn` (3,)."""
 
 
 class DirectionAim:
@@ -144,11 +146,11 @@ class DirectionAim:
         return parse_direction(goal, what)
 
     def in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
-        """Return a direction given in the axes of another frame."""
+        """Rotate a direction from the axes of another frame to those of the reference."""
         return T_reference_frame[:3, :3].dot(goal)
 
     def current(self, state: RobotState, axis: Array) -> Array:
-        """Return the direction that the axis (3,) of the frame has now."""
+        """Return the current direction of the axis (3,) of the frame."""
         return state.rotation(self._reference).T.dot(state.rotation(self._frame).dot(axis))
 
     def sight(self, state: RobotState, goal: Array) -> tuple[Array, Array]:
@@ -156,11 +158,11 @@ class DirectionAim:
         return state.rotation(self._reference).dot(goal), state.jacobian(self._reference)[3:]
 
     def turning(self, state: RobotState, goal: Array, twist: Array) -> Array:
-        """Return the angular velocity (3,) that a twist (6,) of the goal gives the direction."""
+        """Return the angular velocity (3,) of the direction due to a twist (6,) of the goal."""
         return state.rotation(self._reference).dot(twist[3:])
 
     def place(self, state: RobotState, goal: Array, turn: Array) -> Array:
-        """Return T_reference_goal (4, 4) of a frame that still has to make a turn (3,)."""
+        """Return T_reference_goal (4, 4) of a frame with the remaining turn `turn` (3,)."""
         R_T, p = state.rotation(self._reference).T, state.position(self._reference)
         return pose(R_T.dot(rotation_from_vector(turn)).dot(state.rotation(self._frame)),
                     R_T.dot(state.position(self._frame) - p))
@@ -180,42 +182,42 @@ class PointAim:
         return finite_vector(goal, 3, f'{what} (a point x, y, z)')
 
     def in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
-        """Return a point given in another frame."""
+        """Transform a point from another frame to the reference frame."""
         return T_reference_frame[:3, :3].dot(goal) + T_reference_frame[:3, 3]
 
     def current(self, state: RobotState, axis: Array) -> Array:
-        """Return a point that the axis (3,) of the frame points at now."""
-        ahead = state.position(self._frame) + DEFAULT_DISTANCE * state.rotation(
+        """Return a point on the axis (3,) of the frame, at `DEFAULT_POINT_DISTANCE`."""
+        ahead = state.position(self._frame) + DEFAULT_POINT_DISTANCE * state.rotation(
             self._frame).dot(axis)
         return state.rotation(self._reference).T.dot(ahead - state.position(self._reference))
 
     def sight(self, state: RobotState, goal: Array) -> tuple[Array, Array]:
         """Return the direction to the point and its J."""
-        direction, distance, offset = self._seen(state, goal)
+        direction, distance, offset = self._line_of_sight(state, goal)
         J_point, J_frame = state.jacobian(self._reference), state.jacobian(self._frame)
         J = J_point[:3] - skew(offset).dot(J_point[3:]) - J_frame[:3]
         # ω = d × ḋ, and ḋ is the part of the velocity across d, per distance.
         return direction, skew(direction / distance).dot(J)
 
     def turning(self, state: RobotState, goal: Array, twist: Array) -> Array:
-        """Return the angular velocity (3,) that a twist (6,) of the goal gives the direction."""
-        direction, distance, _ = self._seen(state, goal)
+        """Return the angular velocity (3,) of the direction due to a twist (6,) of the goal."""
+        direction, distance, _ = self._line_of_sight(state, goal)
         return skew(direction / distance).dot(state.rotation(self._reference).dot(twist[:3]))
 
     def place(self, state: RobotState, goal: Array, turn: Array) -> Array:
-        """Return T_reference_goal (4, 4) of a frame that still has to make a turn (3,)."""
+        """Return T_reference_goal (4, 4) of a frame with the remaining turn `turn` (3,)."""
         R = state.rotation(self._reference).T.dot(rotation_from_vector(turn))
         return pose(R.dot(state.rotation(self._frame)), goal)
 
-    def _seen(self, state: RobotState, goal: Array) -> tuple[Array, float, Array]:
+    def _line_of_sight(self, state: RobotState, goal: Array) -> tuple[Array, float, Array]:
         """Return direction and distance of the point, and its offset from the reference."""
         offset = state.rotation(self._reference).dot(goal)
         line = state.position(self._reference) + offset - state.position(self._frame)
         distance = math.sqrt(line.dot(line))
-        if distance < SHORTEST:
-            # On the point itself every direction is as good.
-            return np.array([0.0, 0.0, 1.0]), NEAREST, offset
-        return line / distance, max(distance, NEAREST), offset
+        if distance < MIN_VECTOR_LENGTH:
+            # The direction to a coincident point is arbitrary.
+            return np.array([0.0, 0.0, 1.0]), MIN_POINT_DISTANCE, offset
+        return line / distance, max(distance, MIN_POINT_DISTANCE), offset
 
 
 AIMS: dict[str, type[Aim]] = {'direction': DirectionAim, 'point': PointAim}
@@ -223,7 +225,9 @@ AIMS: dict[str, type[Aim]] = {'direction': DirectionAim, 'point': PointAim}
 
 class AimedTask(MovingGoalTask):
     """
-    A task about an axis of a frame, and a direction or point that belongs to a reference frame.
+    Base class of tasks about an axis of a frame and a goal direction or point.
+
+    The goal belongs to a reference frame, and moves with it.
 
     Parameters
     ----------
@@ -233,13 +237,13 @@ class AimedTask(MovingGoalTask):
         See `Task`.
     frame : str
     axis : str or array_like (3,)
-        Axis of the frame, ``x``, ``-x`` …, or its direction there.
+        Axis of the frame: ``x``, ``-x`` …, or a direction in the frame.
     towards : str
         ``direction`` or ``point``.
     target : array_like (3,) or str or None
-        Goal at the start; the name of a frame is the point at its origin.
+        Goal at the start; the name of a frame stands for its origin.
     reference : str or None
-        Frame that goals are expressed in and move with; the root where it is None.
+        Frame that goals are expressed in and move with; the root if None.
 
     """
 
@@ -275,7 +279,7 @@ class AimedTask(MovingGoalTask):
         return state.rotation(self.frame).dot(self.axis)
 
     def value(self, state: RobotState) -> Array:
-        """Return what the axis points at now, in the form of a goal (3,)."""
+        """Return the direction or point that the axis points at (3,), in the form of a goal."""
         return self.aim.current(state, self.axis)
 
     def parse_goal(self, goal: ArrayLike) -> Array:
@@ -283,17 +287,17 @@ class AimedTask(MovingGoalTask):
         return self.aim.parse(goal, f'the goal of task {self.name!r}')
 
     def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
-        """Return a goal given in another frame."""
+        """Transform a goal from another frame to the reference frame."""
         return self.aim.in_reference(goal, T_reference_frame)
 
     def goal_pose(self, state: RobotState) -> Array:
-        """Return the point, or the place of the frame, with the desired orientation."""
+        """Return the desired orientation at the point, or at the origin of the frame (4, 4)."""
         direction, _ = self.aim.sight(state, self.goal)
         return self.aim.place(state, self.goal,
                               turn_between(self.axis_in_root(state), direction))
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
-        """Return what can be drawn: frame, goal, the axis, the line of sight and a cone."""
+        """Return the sketch: frame, goal, axis, line of sight and cone."""
         p, axis = state.position(self.frame), self.axis_in_root(state)
         drawn: list[Sketch] = [Triad('frame', state.pose(self.frame)),
                                Arrow('axis', p, p + RAY_LENGTH * axis)]
@@ -302,29 +306,29 @@ class AimedTask(MovingGoalTask):
         T_root_goal = state.pose(self.reference).dot(self.goal_pose(state))
         direction, _ = self.aim.sight(state, self.goal)
         end = T_root_goal[:3, 3] if self.goal_type == 'point' else p + RAY_LENGTH * direction
-        length = min(max(norm(end - p), RAY_LENGTH), LONGEST_CONE)
+        length = min(max(norm(end - p), RAY_LENGTH), MAX_CONE_LENGTH)
         return [*drawn, Triad('goal', T_root_goal), *arrow('sight', p, end),
                 self.cone(state, direction, length)]
 
     def cone(self, state: RobotState, direction: Array, length: float) -> Sketch:
         """
-        Return the cone about the direction to the goal (3,) that the axis is on.
+        Return the cone about the direction to the goal (3,) whose surface contains the axis.
 
-        It is no narrower than the tolerance.
+        Its half-angle is at least the tolerance.
         """
         turn = turn_between(self.axis_in_root(state), direction)
         angle = max(norm(turn), self.groups[0].tolerance)
         return Cone('cone', pose_along(direction, state.position(self.frame)),
-                    min(angle, WIDEST), length)
+                    min(angle, MAX_CONE_ANGLE), length)
 
     def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
-        """Say whether a goal of `other` is one of this task, too."""
+        """Return whether goals of `other` are valid for this task."""
         return super().is_compatible(other) and self.frame == other.frame \
             and self.goal_type == other.goal_type and np.array_equal(self.axis, other.axis)
 
 
 def _check_alone(target: str, reference: str | None, frame: str) -> None:
-    """Raise ValueError where a target that is a frame itself is none to point at."""
+    """Raise ValueError if a target frame is `frame` itself, or a reference is given as well."""
     if target == frame:
         raise ValueError(f'a frame cannot point at itself: {target}')
     if reference is not None:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tasks about where the base of the robot is, for vehicles with an arm (lecture 3.1)."""
+"""Tasks about the pose of the base, for vehicles with an arm (lecture 3.1)."""
 
 from tp_controller.errors import TaskError
 from tp_controller.model.robot import Robot
@@ -25,16 +25,16 @@ from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
 
 class BaseTask(FrameTask):
     """
-    Makes a task about a frame one about the base; to be inherited before its type.
+    Mixin that turns a task about a frame into one about the base; precedes the type.
 
     Parameters
     ----------
     robot : Robot
-        With a base that moves.
+        Robot with a base that moves.
     name : str
     axes : str or list of str, optional
-        Axes of the world frame that count; those that the base can move along or about by
-        default.
+        Selected axes of the world frame; by default those that the base can move along or
+        about.
     gain, tolerance, timeout, mode
         See `Task`.
 
@@ -63,7 +63,7 @@ class BaseTask(FrameTask):
 
 class BasePose(BaseTask, Pose):
     """
-    Bring the base to a pose in the world, as a vehicle that is to stay where it is.
+    Bring the base to a pose in the world, or keep a vehicle in place.
 
     The goal is a 4×4 homogeneous matrix, or ``x, y, z`` [m] and a quaternion ``xyzw`` (7,), in
     the world frame.

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Inequality tasks: values that stay between bounds, as bounds on their velocity."""
+"""Inequality tasks: bounds on values, enforced as bounds on their velocities."""
 
 from abc import abstractmethod
 from collections.abc import Hashable, Sequence
@@ -29,26 +29,26 @@ from tp_controller.solver.level import Level
 from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
 from tp_controller.tasks.task import DEFAULT_TIMEOUT, Evaluation, Goal, Task
 
+# Defaults of the keys `gain` [1/s] and `return_speed` [unit/s].
 DEFAULT_BOUND_GAIN = 10.0
 DEFAULT_RETURN_SPEED = 0.2
-# No joint has to be faster than this to bring one row back, however little it moves the
-# value [rad/s or m/s].
+# Largest joint speed demanded to bring one row back, however short the row [rad/s or m/s].
 RETURN_JOINT_SPEED = 0.5
-# A bound is out of reach where all joints together would have to move by more than this, along a
-# row that does not change [rad or m]. Then a row that they move by less than `STILL` [unit/rad] is
-# relaxed: the joint speed that it demands falls linearly with its length, down to the same speed
-# the other way. A steeper fall overshoots where the length depends on the positions, as at a
-# maximum of the manipulability. A row below `LOOSE` [unit/rad] bounds nothing: at half of that it
-# may get away at `DRIFT` [unit/s].
+# Constants of the relaxation, the same as in bounded_rows.h. A bound is out of reach if the joint
+# motion to it along a constant row is longer than `FAR` [rad or m]. A row shorter than `STILL`
+# [unit/rad] is then relaxed: the joint speed that it demands falls linearly with its length, down
+# to the same speed the other way. A steeper fall overshoots where the length depends on the
+# positions, as at a maximum of the manipulability. A row shorter than `LOOSE` [unit/rad] does not
+# bound: at half of that length the value may drift away at `DRIFT` [unit/s].
 FAR, STILL, LOOSE, DRIFT = 1.0, 2e-2, 1e-3, 1e-2
+# Least length of a row in a denominator [unit/rad].
 TINY = 1e-12
-# What is compiled of this file; None where the reference runs, or it was not built.
 
 
 @dataclass(slots=True, eq=False)
 class Observation:
     """
-    What a bounded task sees in one cycle.
+    Values and Jacobian of a bounded task in one cycle.
 
     Attributes
     ----------
@@ -57,9 +57,9 @@ class Observation:
     J : ndarray (m, n)
         ∂σ/∂q.
     names : sequence of str
-        What each row is about, for the report; empty where the name of the task says it all.
+        Name of each row, for the report; empty if the name of the task is enough.
     keys : sequence or None
-        What tells each row from the others, where the rows change from cycle to cycle.
+        Identifier of each row, for tasks whose rows change from cycle to cycle.
 
     """
 
@@ -70,8 +70,8 @@ class Observation:
 
 
 @dataclass(slots=True, eq=False)
-class Moment:
-    """When and where a bounded task was evaluated, and what it saw."""
+class _Sample:
+    """Time, configuration and result of one observation of a bounded task."""
 
     now: float
     q: Array
@@ -80,48 +80,47 @@ class Moment:
 
 class BoundedTask(Task):
     """
-    An inequality task: a value σ(q) that stays between bounds, and is free in between.
+    Inequality task: a value σ(q) between bounds, unconstrained inside them.
 
-    The value approaches a bound at most as fast as γ times the distance to it, so that the bound
-    is not crossed::
+    The speed towards a bound is at most γ times the distance to it, so that the value does not
+    cross the bound::
 
         γ (lower − σ) ≤ J q_dot ≤ γ (upper − σ)
 
-    A value outside comes back at the same rate; no more than `return_speed` is demanded, nor so
-    much that joints would race: it may be far outside when the task begins. Relax a row whose
-    bound is out of reach: ‖J‖ < ``STILL``, distance/‖J‖ > ``FAR``; otherwise the sign of a tiny
-    number would decide where a joint may go. Where bounds move, their velocity is added to both
-    sides.
+    A value outside returns at the same rate. The demand is limited to `return_speed`, and to a
+    joint speed of ``RETURN_JOINT_SPEED``, since the value may be far outside when the task begins.
+    A row whose bound is out of reach is relaxed: ‖J‖ < ``STILL``, distance/‖J‖ > ``FAR``;
+    otherwise the sign of a tiny number would decide the direction of a joint. The velocity of
+    moving bounds is added to both sides.
 
-    During a zero-order hold of a period T the Jacobian changes: the value would cross the bound by
+    The Jacobian changes during a zero-order hold of a period T: the value would cross the bound by
     ½ T² q_dotᵀ ∂²σ/∂q² q_dot. Per period that is ½ ΔJ q_dot, with the change ΔJ of J since the
     last cycle. It is subtracted from the bound.
 
-    A subclass implements `observe`. Where the rows change from cycle to cycle bounds may be
-    scalars, and `observe_rows` is overridden, which also says what each row is about.
+    A subclass implements `observe`. If its rows change from cycle to cycle, bounds may be
+    scalars, and it overrides `observe_rows`, which also returns the names of the rows.
 
     Parameters
     ----------
     robot, name, units, keys
         See `Task`.
     lower, upper : float or ndarray (rows,)
-        Bounds of the value, infinite where there is none.
+        Bounds of the value; infinite for an absent bound.
     gain, return_speed, tolerance, timeout
-        γ [1/s], speed [unit/s], how far outside still counts as satisfied, and how long a
-        velocity of moving bounds stays in force [s].
+        γ [1/s], speed [unit/s], violation that still counts as satisfied [unit], and validity of
+        a velocity of moving bounds [s].
 
     """
 
     bounded = True
-    # Share of a row from which on a change of it in one cycle is a jump.
+    # Relative change of a row in one cycle above which it counts as a jump.
     jump: ClassVar[float] = 0.5
     keys = {
-        'gain': 'γ: how fast a bound may be approached, per distance to it; at most 1/period '
-                '[1/s]',
+        'gain': 'γ: largest speed towards a bound, per distance to it; at most 1/period [1/s]',
         'return_speed': 'largest speed at which a value outside is brought back [m/s, rad/s or '
                         '1/s]',
-        'tolerance': 'how far outside still counts as satisfied: a number, or one for each '
-                     'unit as {m: …, rad: …} [m, rad]',
+        'tolerance': 'violation that still counts as satisfied: a number, or one for each unit '
+                     'as {m: …, rad: …} [m, rad]',
     }
 
     def __init__(self, robot: Robot, name: str, units: Sequence[str], keys: Keys,
@@ -132,9 +131,9 @@ class BoundedTask(Task):
                          timeout=timeout)
         self.return_speed = keys.check('return_speed', positive, return_speed)
         self.lower, self.upper = lower, upper
-        # This cycle, and the one before.
-        self._latest: Moment | None = None
-        self._before: Moment | None = None
+        # Observations of this cycle, and of the one before.
+        self._latest: _Sample | None = None
+        self._before: _Sample | None = None
 
     @abstractmethod
     def observe(self, state: RobotState) -> tuple[Array, Array]:
@@ -151,12 +150,12 @@ class BoundedTask(Task):
         """
 
     def observe_rows(self, state: RobotState) -> Observation:
-        """Return what `observe` does, and what the rows are about."""
+        """Return the `Observation` at a state: value, Jacobian and names of the rows."""
         value, J = self.observe(state)
         return Observation(value, J, self.row_names)
 
     def own_motion(self, state: RobotState, now: float) -> float | Array:
-        """Return how fast the value changes while the robot stands still, (m,) or 0."""
+        """Return the velocity of the value for a robot at rest, (m,) or 0."""
         return 0.0
 
     def value(self, state: RobotState) -> Array:
@@ -174,7 +173,7 @@ class BoundedTask(Task):
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
         seen = self.observe_rows(state)
-        self._remember(Moment(now, state.q, seen))
+        self._remember(_Sample(now, state.q, seen))
         given = (seen.value, seen.J, self._rows_before(seen), state.velocity, self.lower,
                  self.upper, self.gain, self.return_speed, self.own_motion(state, now), self.jump)
         error, least, most = (np.empty(len(seen.value)) for _ in range(3))
@@ -187,7 +186,7 @@ class BoundedTask(Task):
         return distance_back(value, self.lower, self.upper)
 
     def _rows_before(self, seen: Observation) -> Array:
-        """Return J (m, n) as it was in the last cycle; rows that were not there as they are."""
+        """Return J (m, n) of the last cycle; the current J for rows that are new."""
         if self._before is None:
             return seen.J
         before = self._before.seen
@@ -199,38 +198,38 @@ class BoundedTask(Task):
                 J[row] = before.J[places[key]]
         return J
 
-    def _remember(self, moment: Moment) -> None:
-        """Keep what was seen for the next cycle; a task may be evaluated twice in one."""
+    def _remember(self, sample: _Sample) -> None:
+        """Store an observation for the next cycle; a task may be evaluated twice in one."""
         latest = self._latest
-        # The robot may well move while the clock stands still.
-        if latest is None or latest.now != moment.now or not np.array_equal(latest.q, moment.q):
+        # The robot may move while the clock stands still.
+        if latest is None or latest.now != sample.now or not np.array_equal(latest.q, sample.q):
             self._before = latest
-        self._latest = moment
+        self._latest = sample
 
     def start(self, state: RobotState) -> None:
-        """There is no default goal."""
+        """Do nothing: there is no default goal."""
 
     def reset(self) -> None:
-        """Forget the cycles before, so that the next one begins anew."""
+        """Drop the previous cycles, so that the next one has no history."""
         super().reset()
         self._latest = self._before = None
 
     def forget_goal(self) -> None:
-        """Keep the goal: where a region is does not depend on the robot."""
+        """Keep the goal: the pose of a region does not depend on the robot."""
 
     def inherit_goal(self, other: Task) -> None:
-        """Go on with the goal of a task that this one replaces, and with what it knows."""
+        """Inherit goal and previous cycles of a task that this one replaces."""
         super().inherit_goal(other)
         if self.is_compatible(other):
             self._latest, self._before = other._latest, other._before
 
     def parse_goal(self, goal: Any) -> Goal:
-        """Raise `GoalError`: a task with bounds has no goal, unless its type says otherwise."""
+        """Raise `GoalError`: an inequality task has no goal, unless its type overrides this."""
         raise GoalError(f'task {self.name!r} takes no goal: it is an inequality task')
 
     def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
                                                                       ...]:
-        """Return for each unit how far outside the value is; see `Task`."""
+        """Return the largest violation of each unit; see `Task`."""
         return tuple((float(np.abs(error[rows]).max(initial=0.0)), unit, tolerance)
                      for rows, unit, tolerance in self.groups)
 
@@ -239,38 +238,38 @@ def bounds_of(value: Array, J: Array, before: Array, velocity: Array, lower: flo
               upper: float | Array, gain: Array, return_speed: float, motion: float | Array,
               jump: float) -> tuple[Array, Array, Array]:
     """
-    Return what a task with bounds demands of its rows; see `BoundedTask`.
+    Return the velocity bounds of the rows of an inequality task; see `BoundedTask`.
 
-    bounded_rows.h does the same in one call.
+    bounded_rows.h computes the same in one call.
 
     Parameters
     ----------
     value, J, before : ndarray (m,), (m, n), (m, n)
-        What is bounded, its Jacobian, and the same in the last cycle.
+        Bounded value, its Jacobian, and the Jacobian of the last cycle.
     velocity : ndarray (n,)
-        Of the joints [rad/s or m/s].
+        Joint velocities [rad/s or m/s].
     lower, upper, gain, return_speed, jump
         See `BoundedTask`.
     motion : float or ndarray (m,)
-        How fast the value changes while the robot stands still.
+        Velocity of the value for a robot at rest.
 
     Returns
     -------
     error : ndarray (m,)
-        The distance back to the bounds.
+        Distance back to the bounds, with its sign.
     least, most : ndarray (m,)
         Bounds of J q_dot.
 
     """
     error, moved = distance_back(value, lower, upper), np.sqrt((J * J).sum(axis=1))
-    back, lost = np.minimum(return_speed, RETURN_JOINT_SPEED * moved), _drift(error, moved)
+    back, lost = np.minimum(return_speed, RETURN_JOINT_SPEED * moved), _relaxation(error, moved)
     least = np.minimum(gain * (lower - value), back) - motion - lost
     most = np.maximum(gain * (upper - value), -back) - motion + lost
     change = J - before
-    # Not where a row has jumped, as where the nearest point changes sides.
+    # Ignore rows that jumped, as when the nearest point changes sides.
     change[(change * change).sum(axis=1) > jump ** 2 * (J * J).sum(axis=1)] = 0.0
     curved = 0.5 * change.dot(velocity)
-    # Only what leads outwards needs a margin, as far as there is any.
+    # Only outward curvature needs a margin; the bounds must not cross each other.
     return error, np.minimum(least - np.minimum(curved, 0.0), most), \
         np.maximum(most - np.maximum(curved, 0.0), least)
 
@@ -280,8 +279,8 @@ def distance_back(value: Array, lower: float | Array, upper: float | Array) -> A
     return np.minimum(np.maximum(value, lower), upper) - value
 
 
-def _drift(back: Array, moved: Array) -> Array:
-    """Return by how much the velocity back is reduced where bounds are out of reach (m,)."""
+def _relaxation(back: Array, moved: Array) -> Array:
+    """Return the relaxation of the velocity back to bounds out of reach (m,) [unit/s]."""
     reduced = 2.0 * RETURN_JOINT_SPEED * moved * np.maximum(1.0 - moved / STILL, 0.0)
     loose = DRIFT * np.maximum(LOOSE / np.maximum(moved, TINY) - 1.0, 0.0)
     return out_of_reach(back, moved) * (reduced + loose)
@@ -289,12 +288,12 @@ def _drift(back: Array, moved: Array) -> Array:
 
 def out_of_reach(back: Array, moved: Array) -> Array:
     """
-    Return from 0 to 1 whether bounds are too far away for their rows.
+    Return the degree from 0 to 1 to which bounds are out of reach for their rows (m,).
 
     Parameters
     ----------
     back, moved : ndarray (m,)
-        How far it is back to the bounds, and how long the rows are.
+        Distances back to the bounds, and lengths of the rows.
 
     Returns
     -------

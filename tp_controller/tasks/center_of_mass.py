@@ -29,16 +29,16 @@ from tp_controller.tasks.sketch import arrow, Dot, Sketch, Triad
 from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Evaluation
 
 AXES = ('x', 'y', 'z')
-# A centre of mass that moves by less than this has no more than rounding to be scaled [m/rad].
-LEAST = 0.01
+# Least norm of the Jacobian that is scaled to 1; a smaller one is a rounding error [m/rad].
+MIN_JACOBIAN_NORM = 0.01
 
 
 class CenterOfMass(PointTask):
     """
     Bring the centre of mass of the robot to a point, σ = Σ m_i c_i / Σ m_i.
 
-    All links count, also those that do not move. The rows are scaled to length 1 in the neutral
-    posture, because the centre moves little where most of the mass does not. The goal is a
+    All links contribute, including those that do not move. The rows are scaled to norm 1 in the
+    neutral posture, because the centre moves little if most of the mass is fixed. The goal is a
     point (3,) [m] in the root.
     """
 
@@ -56,7 +56,7 @@ class CenterOfMass(PointTask):
         super().__init__(robot, name, ['m'] * len(self.axes), keys, gain=gain,
                          tolerance=tolerance, timeout=timeout, mode=mode)
         keys.raise_faults(name)
-        self.row_scale = 1.0 / max(LEAST, float(np.linalg.norm(
+        self.row_scale = 1.0 / max(MIN_JACOBIAN_NORM, float(np.linalg.norm(
             robot.state(robot.neutral()).center_of_mass()[1], 2)))
 
     def value(self, state: RobotState) -> Array:
@@ -64,7 +64,7 @@ class CenterOfMass(PointTask):
         return state.center_of_mass()[0]
 
     def error(self, state: RobotState) -> Array:
-        """Return the vector to the goal along the axes that count (rows,) [m]."""
+        """Return the vector to the goal along the selected axes (rows,) [m]."""
         return (self.goal - self.value(state))[self._rows]
 
     def jacobian(self, state: RobotState) -> Array:
@@ -72,14 +72,14 @@ class CenterOfMass(PointTask):
         return state.center_of_mass()[1][self._rows]
 
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
-        """Return the `Evaluation` at a state, its level scaled."""
+        """Return the `Evaluation` at a state, with a scaled level."""
         error = self.error(state)
         level = Level(self.row_scale * self.jacobian(state),
                       self.row_scale * self.velocity(error, now), self.mode)
         return Evaluation(self, level, error)
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
-        """Return the centre of mass, the goal, and an arrow along the axes that count."""
+        """Return the centre of mass, the goal, and an arrow along the selected axes."""
         place = self.value(state)
         if self.goal is None:
             return [Dot('frame', place)]
@@ -89,11 +89,11 @@ class CenterOfMass(PointTask):
                 *arrow('error', place, end)]
 
     def in_rows(self, feed_forward: Array) -> Array:
-        """Return the rows of a twist (6,) that count."""
+        """Return the selected rows of a twist (6,)."""
         return feed_forward[self._rows]
 
 
 def _check_mass(robot: Robot) -> None:
-    """Raise `RobotError` where the description gives no link a mass."""
+    """Raise `RobotError` if the description gives no link a mass."""
     if not robot.mass > 0.0:
         raise RobotError(f'the description of {robot.name} gives no link a mass')

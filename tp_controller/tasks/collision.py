@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Links that keep their distance, from each other and from what stands around."""
+"""Collision avoidance: distances between links, and from links to obstacles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -55,25 +55,26 @@ from tp_controller.tasks.region import parse_place
 from tp_controller.tasks.sketch import Body, Gaps, Sketch
 from tp_controller.tasks.task import Evaluation, Task
 
+# Defaults of the keys `distance` and `within` [m].
 DEFAULT_DISTANCE = 0.02
 DEFAULT_WITHIN = 0.2
-# Flat sides that are nearer than this beyond `distance` count with all their corners [m]. In 300
-# runs of benchmarks/inequalities.py 0.005, 0.02 and no limit do the same; without one, meshes of
-# Panda take four times as long (1.8 ms instead of 0.45 ms a cycle).
-CLOSE = 0.02
-# How many distances are drawn.
+# Flat sides nearer than `distance` plus this count with all their corners [m]. In 300 runs of
+# benchmarks/inequalities.py 0.005, 0.02 and no limit give the same results; without a limit,
+# meshes of Panda take four times as long (1.8 ms instead of 0.45 ms a cycle).
+CORNER_MARGIN = 0.02
+# Largest number of drawn distances.
 MOST_DRAWN = 30
-# How many postures are tried to find pairs whose shapes overlap by design. A pair of Panda is near
-# in 39 % of all: with 30 it is misjudged in 8 of 100 cases, with 100 in 1.
-POSTURES = 100
-# Joints without limits are tried within this [rad or m].
-WIDEST = math.pi
-# TIAGo with two arms has 5,690 pairs, and 11,200 with 100 obstacles.
+# Number of random postures used to find pairs whose shapes overlap by design. One pair of Panda is
+# near in 39 % of the postures: 30 misclassify it in 8 of 100 cases, 100 in 1.
+SAMPLED_POSTURES = 100
+# Range ± of these postures for joints without limits [rad or m].
+SAMPLED_RANGE = math.pi
+# Largest number of pairs; TIAGo with two arms has 5,690, and 11,200 with 100 obstacles.
 MOST_PAIRS = 15_000
-# Every obstacle costs time in every cycle.
+# Largest number of obstacles; each costs time in every cycle.
 MOST_OBSTACLES = 100
-# In an update of obstacles, the name of all there are so far.
-ALL = '*'
+# Name that stands for all present obstacles in an update.
+ALL_OBSTACLES = '*'
 CAPSULE_KEYS = ('from', 'to', 'radius')
 OBSTACLE_KEYS = ('shape', 'at', 'lifetime')
 CAPSULE_FORM = '{from: [x, y, z], to: [x, y, z], radius: …} [m]'
@@ -82,23 +83,23 @@ OBSTACLE_FORM = '{shape: {box: [x, y, z]}, at: [x, y, z]} [m]'
 
 class CollisionTask(BoundedTask):
     """
-    Pairs of solid shapes that are kept a distance apart.
+    Base class of tasks that keep pairs of solid shapes a distance apart.
 
-    One row for each pair of shapes that is nearer than `within`: the distance d between the
-    nearest points p_a and p_b, negative where they overlap, and with the unit normal n from b to
-    a its velocity ``nᵀ (v_a − v_b)``. Pairs that are farther apart cost next to nothing.
+    Each pair of shapes nearer than `within` gives one row: the distance d between the nearest
+    points p_a and p_b, negative if they overlap, with the velocity ``nᵀ (v_a − v_b)`` along the
+    unit normal n from b to a. The cost of pairs farther apart is negligible.
     """
 
     # The nearest points of flat sides jump from one end to the other. With 0.5 there are more
     # reversals: 1.42/s instead of 1.25/s in 150 runs of benchmarks/inequalities.py.
     jump = 0.06
     keys = {
-        'distance': 'distance that is kept at least [m]',
-        'within': 'only what is nearer than this is looked at closely [m]',
-        'links': 'link, or list of them, that this is about (default: all that have shapes)',
+        'distance': 'least distance allowed [m]',
+        'within': 'distance below which a pair is considered [m]',
+        'links': 'link, or list of links, to consider (default: all that have shapes)',
         'capsules': 'shapes for links, in place of those of the URDF: {link: {from: [x, y, z], '
-                    'to: [x, y, z], radius: …}}, a list where there are several, without `to` a '
-                    'sphere, in the frame of the link [m]; or a file with such a mapping',
+                    'to: [x, y, z], radius: …}}, a list for several, without `to` a sphere, in '
+                    'the frame of the link [m]; or a file with such a mapping',
     }
 
     def __init__(self, robot: Robot, name: str, keys: Keys, *,
@@ -113,17 +114,17 @@ class CollisionTask(BoundedTask):
                                           f'{self.within:g}'))
         super().__init__(robot, name, ['m'], keys, self.distance, np.inf, gain=gain,
                          return_speed=return_speed, tolerance=tolerance)
-        # There are as many rows as there are near pairs.
+        # The number of rows is the number of near pairs.
         self.groups = tuple(UnitRows(slice(None), unit, limit)
                             for _, unit, limit in self.groups or ())
         self._solids = self._solids_of(keys, links, capsules)
         self._clearance = Clearance(robot.kinematics, [], [], self.within)
-        # What was seen last, for pictures: only cycles may use the clearance.
+        # Distances of the last cycle, for sketches: only cycles may use the clearance.
         self._near: Distances | None = None
 
     def _solids_of(self, keys: Keys, links: str | Sequence[str] | None,
                    capsules: Any) -> list[Solid]:
-        """Return the solids on the links that the keys name, and note what is wrong."""
+        """Return the solids of the selected links, and record faults of the keys."""
         faults = len(keys.faults)
         given = keys.check('capsules', _capsules, self.robot, {} if capsules is None else capsules)
         named = keys.check('links', _links, self.robot, links)
@@ -142,8 +143,8 @@ class CollisionTask(BoundedTask):
                             'description has no collision shapes there'))
         return solids
 
-    def _arrange(self, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]) -> None:
-        """Look at these pairs of solids from now on."""
+    def _set_pairs(self, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]) -> None:
+        """Set the pairs of solids."""
         self._clearance = Clearance(self.robot.kinematics, solids, pairs, self.within,
                                     self._clearance)
 
@@ -153,17 +154,17 @@ class CollisionTask(BoundedTask):
         return seen.value, seen.J
 
     def observe_rows(self, state: RobotState) -> Observation:
-        """Return what `observe` does, and which pair each row is about."""
+        """Return the `Observation` at a state; rows are named after their pairs."""
         clearance = self._clearance
-        near = self._near = clearance.nearest(state, self.distance + CLOSE)
+        near = self._near = clearance.nearest(state, self.distance + CORNER_MARGIN)
         names = [clearance.names[pair] for pair in near.pairs]
         keys = list(zip(names, near.corners))
         if not near.pairs:
             return Observation(near.distances, np.zeros((0, self.robot.n)), names, keys)
         jacobians = np.array([state.jacobian(frame) for frame in clearance.frames])
         origins = np.array([state.position(frame) for frame in clearance.frames])
-        # Of the points that are at the origin of the root: v₀ = v − ω × o. With it
-        # nᵀ (v₀ + ω × p) = nᵀ v₀ + (p × n)ᵀ ω is the same for whatever moves.
+        # Velocity of the point of each frame at the origin of the root: v₀ = v − ω × o. It gives
+        # nᵀ (v₀ + ω × p) = nᵀ v₀ + (p × n)ᵀ ω for every frame.
         jacobians[:, :3] += skews(origins) @ jacobians[:, 3:]
         relative = jacobians[clearance.first[near.pairs]] \
             - jacobians[clearance.second[near.pairs]]
@@ -171,7 +172,7 @@ class CollisionTask(BoundedTask):
         return Observation(near.distances, (twists[:, np.newaxis] @ relative)[:, 0], names, keys)
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
-        """Return the distances of the last cycle, the smallest first."""
+        """Return the distances of the last cycle, smallest first."""
         near = self._near
         if near is None:
             return []
@@ -184,7 +185,7 @@ class CollisionTask(BoundedTask):
                      near.distances[rows], self.distance, self.within)]
 
     def inherit_goal(self, other: Task) -> None:
-        """Go on with the goal, and draw the same distances until a cycle has found others."""
+        """Inherit the goal, and the distances to draw until the next cycle."""
         super().inherit_goal(other)
         if self._near is None and self.is_compatible(other):
             self._near = other._near
@@ -194,16 +195,16 @@ class SelfCollision(CollisionTask):
     """
     Keep the links of the robot a distance apart.
 
-    Not checked are pairs of links with at most one moving joint between them, pairs that no driven
-    joint moves against each other, pairs that an SRDF or `ignore` name, and `left_out`.
+    Pairs are not checked if at most one moving joint is between their links, if no driven joint
+    moves them against each other, if an SRDF or `ignore` names them, or if they are in `left_out`.
 
     Attributes
     ----------
     pairs : list of str
-        What is kept apart.
+        Names of the checked pairs.
     left_out : list of str
-        Pairs that are nearer than `distance` in most postures, tried at random within the joint
-        limits: their shapes overlap by design.
+        Names of pairs nearer than `distance` in most random postures within the joint limits:
+        their shapes overlap by design.
 
     """
 
@@ -237,18 +238,18 @@ class SelfCollision(CollisionTask):
             keys.raise_faults(name)
         near = self._mostly_near(pairs)
         self.left_out = list(near.values())
-        self._arrange(self._solids, [pair for index, pair in enumerate(pairs)
-                                     if index not in near])
+        self._set_pairs(self._solids, [pair for index, pair in enumerate(pairs)
+                                       if index not in near])
         self.pairs = list(self._clearance.names)
         if not self.pairs:
-            keys.faults.append(('links', self._nothing_left()))
+            keys.faults.append(('links', self._no_pairs()))
         keys.raise_faults(name)
         if self.left_out:
             self.remarks = (f'not kept apart, as nearer than distance = {self.distance:g} in most '
                             f'postures: {", ".join(self.left_out)}',)
 
-    def _nothing_left(self) -> str:
-        """Return why there are no pairs."""
+    def _no_pairs(self) -> str:
+        """Return the message about a task without pairs."""
         if self.left_out:
             return (f'all pairs are nearer than distance = {self.distance:g} in most postures: '
                     f'{", ".join(self.left_out)}')
@@ -271,38 +272,38 @@ class SelfCollision(CollisionTask):
             np.triu(checked[row][:, row], 1)).tolist()]
 
     def _mostly_near(self, pairs: Sequence[tuple[int, int]]) -> dict[int, str]:
-        """Return {index: name} of the pairs that are too near in most postures."""
+        """Return {index: name} of the pairs nearer than `distance` in most postures."""
         robot = self.robot
         state = robot.state(robot.neutral())
         clearance = Clearance(robot.kinematics, self._solids, pairs, self.distance)
         times = np.zeros(len(pairs))
-        # The same postures whenever the stack is read.
+        # A fixed seed gives the same postures each time the stack is read.
         chance = np.random.default_rng(0)
         joints = robot.joint_columns
-        lower = np.maximum(robot.lower[joints], -WIDEST)
-        upper = np.minimum(robot.upper[joints], WIDEST)
-        for _ in range(POSTURES):
+        lower = np.maximum(robot.lower[joints], -SAMPLED_RANGE)
+        upper = np.minimum(robot.upper[joints], SAMPLED_RANGE)
+        for _ in range(SAMPLED_POSTURES):
             state.update(robot.configuration(chance.uniform(lower, np.maximum(lower, upper))))
             times[clearance.near(state)] += 1
         return {pair: clearance.names[pair]
-                for pair in np.flatnonzero(times > 0.5 * POSTURES).tolist()}
+                for pair in np.flatnonzero(times > 0.5 * SAMPLED_POSTURES).tolist()}
 
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
     """
-    What the robot may collide with.
+    Obstacle of the task `obstacles`.
 
     Attributes
     ----------
     shape : object
         One of `tp_controller.model.shapes`.
     pose : ndarray (4, 4)
-        In the reference frame.
+        T_reference_obstacle.
     lifetime : float
-        How long it is there [s].
+        Time after which it is removed [s].
     since : float
-        When it was put there [s].
+        Time of its last update [s].
 
     """
 
@@ -312,13 +313,13 @@ class Obstacle:
     since: float = -math.inf
 
     def gone(self, now: float) -> bool:
-        """Say whether its time is over."""
+        """Return whether its lifetime has expired."""
         return now - self.since > self.lifetime < math.inf
 
 
 class Obstacles(CollisionTask):
     """
-    Keep the links of the robot a distance away from what stands around.
+    Keep the links of the robot a distance away from obstacles.
 
     A goal changes the obstacles: ``{name: {shape: …, at: …, lifetime: …}}`` adds or moves them,
     ``{name: None}`` removes one, and ``{'*': None}`` removes all.
@@ -354,33 +355,33 @@ class Obstacles(CollisionTask):
             if not self._solids and not keys.faults:
                 keys.faults.append(('links', 'the joints move none of these links against '
                                              f'{self.reference}'))
-        if not keys.faults and len(self._fixed) > self._most():
+        if not keys.faults and len(self._fixed) > self._largest_number():
             keys.faults.append(('obstacles', self._too_many(len(self._fixed))))
         keys.raise_faults(name)
-        # In the order in which they are looked at.
+        # Names of the obstacles in the order of their solids.
         self._order: list[str] = []
-        self._place()
+        self._update_solids()
 
     @property
     def obstacles(self) -> dict[str, Obstacle]:
-        """Return {name: Obstacle} of what stands around."""
+        """Return {name: Obstacle} of the present obstacles."""
         return {name: obstacle for name, obstacle in {**self._fixed, **(self.goal or {})}.items()
                 if obstacle is not None}
 
-    def _most(self) -> int:
-        """Return how many obstacles there may be."""
+    def _largest_number(self) -> int:
+        """Return the largest number of obstacles."""
         return min(MOST_OBSTACLES, MOST_PAIRS // len(self._solids))
 
     def _too_many(self, count: int) -> str:
-        """Return what is wrong with so many obstacles."""
-        return f'at most {self._most()} obstacles, got {count}'
+        """Return the message about too many obstacles."""
+        return f'at most {self._largest_number()} obstacles, got {count}'
 
-    def _place(self) -> None:
-        """Look at what stands around from now on."""
+    def _update_solids(self) -> None:
+        """Update the solids and pairs to the present obstacles."""
         around = self.obstacles
         order = list(self._order)
         for name in [name for name in order if name not in around]:
-            # The last one takes its place. All others keep theirs, and nothing is made anew.
+            # The last one moves to its index. All others keep theirs, so existing pairs are kept.
             last = order.pop()
             if last != name:
                 order[order.index(name)] = last
@@ -388,8 +389,8 @@ class Obstacles(CollisionTask):
         there = [solid(name, self.reference, around[name].shape, around[name].pose)
                  for name in self._order]
         links = len(self._solids)
-        self._arrange(self._solids + there, [(link, links + other) for other in range(len(there))
-                                             for link in range(links)])
+        self._set_pairs(self._solids + there, [
+            (link, links + other) for other in range(len(there)) for link in range(links)])
 
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
@@ -399,9 +400,9 @@ class Obstacles(CollisionTask):
         return super().make_evaluation(state, now)
 
     def set_goal(self, goal: dict[str, Obstacle | None], now: float) -> None:
-        """Put obstacles there, move them or take them away, as `parse_goal` returned them."""
-        # None hides an obstacle of the stack.
-        there = dict.fromkeys(self._fixed) if ALL in goal else dict(self.goal or {})
+        """Add, move or remove obstacles, as `parse_goal` returned them."""
+        # None disables an obstacle of the stack.
+        there = dict.fromkeys(self._fixed) if ALL_OBSTACLES in goal else dict(self.goal or {})
         for name, obstacle in goal.items():
             if obstacle is not None:
                 there[name] = replace(obstacle, since=now)
@@ -410,46 +411,46 @@ class Obstacles(CollisionTask):
             else:
                 there.pop(name, None)
         super().set_goal(there, now)
-        self._place()
+        self._update_solids()
 
     def parse_goal(self, goal: Any) -> dict[str, Obstacle | None]:
-        """Return {name: Obstacle or None}; raise `GoalError` if it cannot be such."""
+        """Return {name: Obstacle or None}, or raise `GoalError`."""
         try:
             changes = _obstacles(goal, removals=True)
         except (GoalError, ValueError) as error:
             raise GoalError(f'the goal of task {self.name!r}: {error}') from error
-        left = set() if ALL in changes else set(self.obstacles)
+        left = set() if ALL_OBSTACLES in changes else set(self.obstacles)
         left |= {name for name, obstacle in changes.items() if obstacle is not None}
-        if len(left) > self._most():
+        if len(left) > self._largest_number():
             raise GoalError(f'the goal of task {self.name!r}: {self._too_many(len(left))}')
         return changes
 
     def goal_in_reference(self, goal: dict[str, Obstacle | None],
                           T_reference_frame: Array) -> dict[str, Obstacle | None]:
-        """Return obstacles given in another frame."""
+        """Transform obstacles from another frame to the reference frame."""
         return {name: None if obstacle is None else
                 replace(obstacle, pose=T_reference_frame.dot(obstacle.pose))
                 for name, obstacle in goal.items()}
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
-        """Return the obstacles, and the distances of the last cycle."""
+        """Return the obstacles and the distances of the last cycle."""
         T_root_reference = state.pose(self.reference)
         return [*super().sketch(state),
                 *(Body(f'obstacle/{name}', T_root_reference.dot(obstacle.pose), obstacle.shape)
                   for name, obstacle in self.obstacles.items())]
 
     def inherit_goal(self, other: Task) -> None:
-        """Go on with the obstacles that came as goals of a task that this one replaces."""
+        """Inherit the obstacles that a task that this one replaces received as goals."""
         inherits = self.goal is None and self.is_compatible(other) and other.goal is not None
         super().inherit_goal(other)
         if inherits:
             self.goal = {name: obstacle for name, obstacle in other.goal.items()
                          if obstacle is not None}
-            self._place()
+            self._update_solids()
 
 
 def _links(robot: Robot, links: str | Sequence[str] | None) -> list[str] | None:
-    """Return the links that a string or list names, or None; raise otherwise."""
+    """Return the links named by a string or list; None for None; raise if invalid."""
     if links is None:
         return None
     links = [links] if isinstance(links, str) else links
@@ -459,7 +460,7 @@ def _links(robot: Robot, links: str | Sequence[str] | None) -> list[str] | None:
 
 
 def _pairs(robot: Robot, pairs: Sequence[Sequence[str]]) -> set[frozenset[str]]:
-    """Return pairs of links as a set of sets, or raise."""
+    """Return pairs of links as a set of sets; raise if invalid."""
     if not isinstance(pairs, (list, tuple)) or not all(
             isinstance(pair, (list, tuple)) and len(pair) == 2 for pair in pairs):
         raise ValueError(f'needs pairs of links, [[link, link], …], got {pairs!r}')
@@ -467,9 +468,9 @@ def _pairs(robot: Robot, pairs: Sequence[Sequence[str]]) -> set[frozenset[str]]:
 
 
 def _capsules(robot: Robot, capsules: Any) -> dict[str, list[Solid]]:
-    """Return {link: list of Solid}, or raise; `capsules` may be the name of a file."""
+    """Return {link: list of Solid}; raise if invalid; `capsules` may name a file."""
     if isinstance(capsules, str):
-        capsules = _file(capsules)
+        capsules = _load(capsules)
     if not isinstance(capsules, dict):
         raise ValueError(f'needs a mapping {{link: {CAPSULE_FORM}}}, got {capsules!r}')
     solids = {}
@@ -484,8 +485,8 @@ def _capsules(robot: Robot, capsules: Any) -> dict[str, list[Solid]]:
     return solids
 
 
-def _file(source: str) -> Any:
-    """Return what YAML, or the file of that name, says, or raise ValueError."""
+def _load(source: str) -> Any:
+    """Return the value of a YAML text or file, or raise ValueError."""
     try:
         text = read_source(source, lambda text: '{' in text)
     except OSError as error:
@@ -497,7 +498,7 @@ def _file(source: str) -> Any:
 
 
 def _capsule(name: str, link: str, keys: Any) -> Solid:
-    """Return the solid of one capsule, or raise."""
+    """Return the solid of one capsule, or raise ValueError."""
     _check_form(name, keys, CAPSULE_KEYS, {'from', 'radius'}, CAPSULE_FORM)
     try:
         start = finite_vector(keys['from'], 3, 'from')
@@ -508,7 +509,7 @@ def _capsule(name: str, link: str, keys: Any) -> Solid:
 
 
 def _obstacles(given: Any, removals: bool = False) -> dict[str, Obstacle | None]:
-    """Return {name: Obstacle}, None for one to be removed, or raise."""
+    """Return {name: Obstacle}, None for an obstacle to remove; raise if invalid."""
     if not isinstance(given, dict):
         raise ValueError(f'needs a mapping {{name: {OBSTACLE_FORM}}}, got {given!r}')
     return {_name(name, keys, removals): _obstacle(name, keys, removals)
@@ -517,13 +518,14 @@ def _obstacles(given: Any, removals: bool = False) -> dict[str, Obstacle | None]
 
 def _name(name: object, keys: object, removals: bool) -> str:
     """Return the name of an obstacle, or raise ValueError."""
-    if not isinstance(name, str) or not name or (name == ALL and not (removals and keys is None)):
+    if not isinstance(name, str) or not name \
+            or (name == ALL_OBSTACLES and not (removals and keys is None)):
         raise ValueError(f'an obstacle needs a name, got {name!r}')
     return name
 
 
 def _obstacle(name: str, keys: Any, removals: bool) -> Obstacle | None:
-    """Return one obstacle, or raise."""
+    """Return one obstacle, None to remove it, or raise ValueError."""
     if removals and keys is None:
         return None
     _check_form(name, keys, OBSTACLE_KEYS if removals else OBSTACLE_KEYS[:2], {'shape'},
@@ -534,7 +536,7 @@ def _obstacle(name: str, keys: Any, removals: bool) -> Obstacle | None:
             lifetime = _positive('lifetime', keys['lifetime'])
         if keys.get('at') is not None:
             return Obstacle(shape, parse_place(keys['at']), lifetime)
-        # Only of the floor one would say nothing.
+        # Only a half-space, such as the floor, has a default place.
         if not isinstance(shape, HalfSpace):
             raise ValueError(f'needs a place, {OBSTACLE_FORM}')
         return Obstacle(shape, np.eye(4), lifetime)
@@ -544,7 +546,7 @@ def _obstacle(name: str, keys: Any, removals: bool) -> Obstacle | None:
 
 def _check_form(name: str, keys: Any, valid: Sequence[str], needed: set[str],
                 form: str) -> None:
-    """Raise ValueError unless there are the needed keys, and no others than are valid."""
+    """Raise ValueError if a needed key is missing, or a key is invalid."""
     if not isinstance(keys, dict):
         raise ValueError(f'{name} needs {form}, got {keys!r}')
     for key in keys:
@@ -555,7 +557,7 @@ def _check_form(name: str, keys: Any, valid: Sequence[str], needed: set[str],
 
 
 def _positive(key: str, value: object) -> float:
-    """Return a positive float, or raise ValueError that names the key."""
+    """Return a positive float, or raise a ValueError that names the key."""
     try:
         return positive(value)
     except ValueError as error:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a camera keeps in view (lecture 3.1, inequality tasks)."""
+"""Field of view of a camera (lecture 3.1, inequality tasks)."""
 
 import math
 
@@ -27,17 +27,17 @@ from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
 from tp_controller.tasks.sketch import Cone, Sketch
 from tp_controller.tasks.task import DEFAULT_TIMEOUT
 
-# Nearer to the middle of the view than this no direction leads out of it [rad].
-MIDDLE = 1e-9
+# Angle below which the direction out of the view is undefined [rad].
+MIN_ANGLE = 1e-9
 
 
 class FieldOfView(AimedTask, BoundedTask):
     """
     Keep a point, or the origin of another frame, within a cone about the axis of a camera.
 
-    One row: the angle between the axis and the direction to the point.
+    The only row is the angle between the axis and the direction to the point.
 
-    The goal is the point (3,) [m] in the reference frame. A twist says how it moves.
+    The goal is the point (3,) [m] in the reference frame; a twist is its velocity.
     """
 
     type_name = 'field_of_view'
@@ -46,7 +46,7 @@ class FieldOfView(AimedTask, BoundedTask):
         'frame': 'frame of the camera',
         'axis': 'axis of the camera: x, -x, y, -y, z, -z or three numbers',
         'half_angle': 'angle between the axis and the edge of the view [rad]',
-        'timeout': 'how long a velocity of the point stays in force [s]',
+        'timeout': 'time that a velocity of the point stays in force [s]',
     }
 
     def __init__(self, robot: Robot, name: str, *, frame: str, half_angle: float,
@@ -62,7 +62,7 @@ class FieldOfView(AimedTask, BoundedTask):
         keys.raise_faults(name)
 
     def start(self, state: RobotState) -> None:
-        """Take what is straight ahead as the default goal."""
+        """Set a point straight ahead as the default goal."""
         super().start(state)
         if self.goal is None:
             self.goal, self.has_default_goal = self.aim.current(state, self.axis), True
@@ -73,29 +73,29 @@ class FieldOfView(AimedTask, BoundedTask):
 
     def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return the angle (1,) [rad] and its Jacobian (1, n)."""
-        angle, normal, J_direction = self._seen(state)
+        angle, normal, J_direction = self._angle_and_axis(state)
         J = normal.dot(J_direction - state.jacobian(self.frame)[3:])
         return np.array([angle]), J[np.newaxis]
 
     def own_motion(self, state: RobotState, now: float) -> float | Array:
-        """Return how fast the point's own motion opens the angle, (1,) or 0 [rad/s]."""
+        """Return the rate of the angle due to the motion of the point, (1,) or 0 [rad/s]."""
         twist = self.feed_forward(now)
         if twist is None:
             return 0.0
-        _, normal, _ = self._seen(state)
+        _, normal, _ = self._angle_and_axis(state)
         return normal.dot(self.aim.turning(state, self.goal, twist))
 
     def cone(self, state: RobotState, direction: Array, length: float) -> Sketch:
-        """Return what is in view."""
+        """Return the cone of view."""
         return Cone('cone', pose_along(self.axis_in_root(state), state.position(self.frame)),
                     float(self.upper), length)
 
-    def _seen(self, state: RobotState) -> tuple[float, Array, Array]:
-        """Return the angle, the axis (3,) in the root that it turns about, and J (3, n) of d."""
+    def _angle_and_axis(self, state: RobotState) -> tuple[float, Array, Array]:
+        """Return the angle, its axis (3,) in the root, and J (3, n) of the direction."""
         direction, J_direction = self.aim.sight(state, self.goal)
         turn = turn_between(self.axis_in_root(state), direction)
         angle = math.sqrt(turn.dot(turn))
-        return angle, turn / angle if angle > MIDDLE else np.zeros(3), J_direction
+        return angle, turn / angle if angle > MIN_ANGLE else np.zeros(3), J_direction
 
 
 def _half_angle(value: float) -> float:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tasks about where a frame of the robot is, seen from another frame."""
+"""Tasks about the pose of a frame of the robot relative to another frame."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -35,20 +35,20 @@ from tp_controller.tasks.task import (
 
 Axes: TypeAlias = str | Sequence[str]
 SomeTask = TypeVar('SomeTask', bound='FrameTask')
-# What a type evaluates.
-EVALUATED = {'error', 'jacobian', 'position', 'rotation', 'velocity'}
+# Methods that the compiled evaluation replaces.
+EVALUATION_METHODS = {'error', 'jacobian', 'position', 'rotation', 'velocity'}
 TWIST_AXES: tuple[str, ...] = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 
 class RelativeFrame:
     """
-    A frame of the robot as another one sees it, which may itself move with the joints.
+    Frame of the robot relative to a reference frame, which may also move with the joints.
 
     Parameters
     ----------
     robot : Robot
     frame, reference : str
-        Its frames.
+        Names of frames of the robot.
 
     """
 
@@ -70,7 +70,7 @@ class RelativeFrame:
         return state.rotation(self._reference).T.dot(state.rotation(self._frame))
 
     def jacobian(self, state: RobotState) -> Array:
-        """Return J (6, n) of the twist of the frame that the reference frame sees."""
+        """Return J (6, n) of the twist of the frame relative to the reference frame."""
         J_frame = state.jacobian(self._frame)
         if self._in_root:
             return J_frame
@@ -84,10 +84,10 @@ class RelativeFrame:
 
 
 class MovingGoalTask(Task):
-    """A task that can be told how its goal moves, by a twist in the axes of its reference."""
+    """Base class of tasks that accept a velocity of the goal, in the axes of the reference."""
 
     feed_forward_type = 'twist'
-    # The part of a twist (linear, then angular velocity) that the task is about.
+    # Rows of a twist (linear, then angular velocity) that the task controls.
     twist_rows: slice = slice(0, 6)
 
     def parse_feed_forward(self, velocity: Any) -> Array:
@@ -97,8 +97,8 @@ class MovingGoalTask(Task):
         Parameters
         ----------
         velocity : array_like (6,) or (3,)
-            Linear then angular velocity [m/s, rad/s] in the axes of the reference frame; of a
-            type that is about one of them, that part alone will do.
+            Linear then angular velocity [m/s, rad/s] in the axes of the reference frame; a type
+            that controls one of them also accepts that part alone.
 
         Raises
         ------
@@ -113,16 +113,16 @@ class MovingGoalTask(Task):
         return twist
 
     def feed_forward_in_reference(self, velocity: Array, R_reference_frame: Array) -> Array:
-        """Return a twist (6,) given in the axes of another frame."""
+        """Rotate a twist (6,) from the axes of another frame to those of the reference."""
         return np.concatenate((R_reference_frame.dot(velocity[:3]),
                                R_reference_frame.dot(velocity[3:])))
 
 
 class FrameTask(MovingGoalTask):
     """
-    A task about a frame, expressed in a reference frame of the robot.
+    Base class of tasks about a frame, expressed in a reference frame of the robot.
 
-    The reference may itself move with the joints: value and Jacobian are then those of the
+    The reference may also move with the joints: value and Jacobian are then those of the
     relative motion.
 
     Parameters
@@ -133,19 +133,19 @@ class FrameTask(MovingGoalTask):
     reference : str, optional
         Frame that goals, errors and axes are expressed in; the root by default.
     axes : str or list of str, optional
-        Axes of the reference frame that count, a subset of `axis_names`.
+        Selected axes of the reference frame, a subset of `axis_names`.
     gain, tolerance, timeout
         See `Task`.
 
     Attributes
     ----------
     counts : ndarray (6,)
-        Of the rows of a twist, whether they count.
+        Mask of the selected rows of a twist.
 
     Raises
     ------
     TaskError
-        All keys that are wrong.
+        All invalid keys.
 
     """
 
@@ -160,9 +160,9 @@ class FrameTask(MovingGoalTask):
     in_one_call: ClassVar[bool] = False
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Register the type; what it evaluates in a way of its own is not compiled."""
+        """Register the type; overriding an evaluation method disables the compiled one."""
         super().__init_subclass__(**options)
-        if EVALUATED & vars(cls).keys():
+        if EVALUATION_METHODS & vars(cls).keys():
             cls.in_one_call = vars(cls).get('in_one_call', False)
 
     def __init__(self, robot: Robot, name: str, *, frame: str, reference: str | None = None,
@@ -190,19 +190,19 @@ class FrameTask(MovingGoalTask):
         return tuple(name[-1] for name in names) if len(names) == 3 else names
 
     def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
-        """Say whether a goal of `other` is one of this task, too."""
+        """Return whether goals of `other` are valid for this task."""
         return super().is_compatible(other) and self.frame == other.frame
 
     @cached_property
     def _observed(self) -> tuple[int, int, bytes]:
-        """Return frame, reference and rows, as `Motion.observe` takes them."""
+        """Return frame, reference and rows as arguments of `Motion.observe`."""
         index = self.robot.kinematics.frame_index
         return (index(self.frame), -1 if self.reference == self.robot.root
                 else index(self.reference), bytes(np.flatnonzero(self.counts).tolist()))
 
     @cached_property
     def reach(self) -> float:
-        """Return a distance from its reference that the frame never exceeds [m]."""
+        """Return an upper bound of the distance of the frame from its reference [m]."""
         return self.robot.reach(self.frame, self.reference)
 
     def position(self, state: RobotState) -> Array:
@@ -213,8 +213,8 @@ class FrameTask(MovingGoalTask):
         """Return R_reference_frame (3, 3)."""
         return self._motion.rotation(state)
 
-    def place_that_counts(self, place: Array, state: RobotState) -> Array:
-        """Return a place, along the axes that count, and the frame's for the rest (3,) [m]."""
+    def selected_place(self, place: Array, state: RobotState) -> Array:
+        """Return a place (3,) with the coordinates of the frame along unselected axes [m]."""
         return np.where(self.counts[:3], place, self.position(state))
 
     def jacobian(self, state: RobotState) -> Array:
@@ -222,7 +222,7 @@ class FrameTask(MovingGoalTask):
         return self._motion.jacobian(state)[self._twist_rows]
 
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
-        """Return the `Evaluation` at a state, by one call where type and robot are compiled."""
+        """Return the `Evaluation` at a state, by one compiled call if type and robot allow it."""
         if self.in_one_call and state.motion is not None:
             error, v = np.empty(self.rows), np.empty(self.rows)
             J = np.empty((self.rows, self.robot.n))
@@ -233,36 +233,36 @@ class FrameTask(MovingGoalTask):
         return super().make_evaluation(state, now)
 
     def _observe(self, motion: Motion, error: Array, J: Array, v: Array) -> bool:
-        """Fill in error, J and v = gain ∘ error; return whether that was possible."""
-        # A call with a star takes twice as long.
+        """Compute error, J and v = gain ∘ error in place; return whether that was possible."""
+        # Unpacking with a star takes twice as long.
         frame, reference, rows = self._observed
         return motion.observe(frame, reference, rows, self.goal, None, None, self.gain, error, J,
                               v)
 
     def in_rows(self, feed_forward: Array) -> Array:
-        """Return the rows of a twist (6,) that count."""
+        """Return the selected rows of a twist (6,)."""
         return feed_forward[self._twist_rows]
 
 
 def _selection(rows: list[int]) -> slice | list[int]:
-    """Return what selects rows: a slice where it can, which makes a window and no copy."""
+    """Return the index of rows: a slice if they are consecutive, which avoids a copy."""
     without_gap = rows == list(range(rows[0], rows[-1] + 1))
     return slice(rows[0], rows[-1] + 1) if without_gap else rows
 
 
 def _twist_names(axes: Sequence[str], rows: slice) -> list[str]:
-    """Return the names in `TWIST_AXES` of axes of a type, in their order there."""
+    """Return the names in `TWIST_AXES` of axes of a type, in the order of `TWIST_AXES`."""
     names = TWIST_AXES[rows]
     return [name for name in names if name in axes or (len(names) == 3 and name[-1] in axes)]
 
 
 def parse_reference(robot: Robot, reference: str | None) -> str:
-    """Return the frame that a key `reference` names, None the root; raise `RobotError` else."""
+    """Return the frame named by a key `reference`, the root for None, or raise `RobotError`."""
     return robot.check_frame(robot.root if reference is None else reference)
 
 
 def parse_axes(axes: Axes | None, valid: Sequence[str]) -> tuple[str, ...]:
-    """Return the axes (tuple of str) named by a string or list, None for all; or ValueError."""
+    """Return the axes (tuple of str) of a string or list, all for None, or raise ValueError."""
     if axes is None:
         return tuple(valid)
     names = axes

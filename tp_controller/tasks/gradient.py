@@ -26,32 +26,33 @@ from tp_controller.solver.level import identity, Level
 from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
 from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, Evaluation, Goal, norm, Task
 
+# Default of the key `max_speed` [rad/s or m/s].
 DEFAULT_SPEED = 0.5
 
 
 class GradientTask(Task):
     """
-    Maximize a function h(q): the desired joint velocity is K ∂h/∂q, projected by the levels above.
+    Base class of objectives h(q): the demand K ∂h/∂q is projected by the levels above.
 
     The gradient is a demand for a velocity of all joints, J = I. A single row J = ∂h/∂q would
-    demand a rate of h. Where the levels above leave hardly any direction for it, the joints would
-    race along that direction.
+    demand a rate of h: if the levels above leave only a small part of the gradient, the joints
+    would race along it.
 
     A subclass implements `measure`. Its constructor calls this one and then
-    `Keys.raise_faults`, as any other task's.
+    `Keys.raise_faults`, as for every task.
 
     Parameters
     ----------
     robot, name, keys, gain, tolerance, mode
         See `Task`.
     max_speed : float
-        Norm of the desired velocity at most [rad/s or m/s].
+        Largest norm of the desired velocity [rad/s or m/s].
 
     """
 
     keys = {
-        'gain': 'gain K: joint velocity per slope of the function [1/s]',
-        'max_speed': 'norm of the desired joint velocities at most [rad/s or m/s]',
+        'gain': 'gain K: joint velocity per slope of the objective [1/s]',
+        'max_speed': 'largest norm of the desired joint velocities [rad/s or m/s]',
         'tolerance': 'joint speed along the gradient below which the maximum counts as reached '
                      '[rad/s or m/s]',
     }
@@ -67,7 +68,7 @@ class GradientTask(Task):
     @abstractmethod
     def measure(self, state: RobotState) -> tuple[float, Array]:
         """
-        Return the function and its gradient at a `RobotState`.
+        Return the objective and its gradient at a `RobotState`.
 
         Returns
         -------
@@ -79,7 +80,7 @@ class GradientTask(Task):
         """
 
     def slowdown(self, state: RobotState) -> Array | float:
-        """Return the factor ≥ 1 (n,) that divides the demand where h bends sharply."""
+        """Return the factor ≥ 1 (n,) that reduces the demand at high curvature of h."""
         return 1.0
 
     def value(self, state: RobotState) -> Array:
@@ -102,7 +103,7 @@ class GradientTask(Task):
         return Evaluation(self, Level.of_joints(error, self.mode), error)
 
     def start(self, state: RobotState) -> None:
-        """There is no default goal."""
+        """Do nothing: there is no default goal."""
 
     def parse_goal(self, goal: Any) -> Goal:
         """Raise `GoalError`: the goal is the maximum."""
@@ -110,9 +111,9 @@ class GradientTask(Task):
 
     def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
                                                                       ...]:
-        """Return how fast the function changes, along its gradient; see `Task`."""
+        """Return the joint speed along the gradient; see `Task`."""
         speed = norm(error)
         rate = float(error.dot(error - residual)) / speed if speed > 0.0 else 0.0
         (_, unit, tolerance), = self.groups
-        # Decreasing, because the tasks above need it, is no rest at the maximum either.
+        # A decrease that the tasks above require does not count as reached either.
         return (abs(rate), f'{unit}/s', tolerance),

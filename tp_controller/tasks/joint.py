@@ -38,7 +38,7 @@ SomeTask = TypeVar('SomeTask', bound='JointTask')
 
 class JointTask(Task):
     """
-    A task about some of the driven joints; its Jacobian has single-entry rows (lecture 3.5).
+    Base class of tasks about driven joints; J has single-entry rows (lecture 3.5).
 
     Parameters
     ----------
@@ -56,16 +56,16 @@ class JointTask(Task):
         if not robot.joint_names:
             keys.faults.append(('joints', f'{robot.name} has no driven joints'))
         self._indices = np.array([robot.joint_index(joint) for joint in self.joints], dtype=int)
-        # Not where there is a base besides.
+        # False if the base moves as well.
         self.every_joint = self.joints == robot.velocity_names
-        # Handed out as it is in every cycle, hence protected.
+        # Every cycle returns this array, hence read-only.
         self._jacobian = identity(robot.n)[self._indices]
         self._jacobian.setflags(write=False)
         super().__init__(robot, name, [robot.velocity_units[index] for index in self._indices],
                          keys, **options)
 
     def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
-        """Say whether a goal of `other` is one of this task, too."""
+        """Return whether goals of `other` are valid for this task."""
         return super().is_compatible(other) and self.joints == other.joints
 
     def positions(self, state: RobotState) -> Array:
@@ -77,7 +77,7 @@ class JointTask(Task):
         return self._jacobian
 
     def parse_feed_forward(self, velocity: ByJoint) -> Array:
-        """Return joint velocities (rows,); raise `GoalError` if they cannot be ones."""
+        """Return joint velocities (rows,), or raise `GoalError`."""
         return self.by_name(velocity, 0.0, f'the velocity of task {self.name!r}')
 
     def by_name(self, values: ByJoint, default: float, what: str) -> Array:
@@ -91,7 +91,7 @@ class JointTask(Task):
         default : float
             Number of joints that a dict leaves out.
         what : str
-            What the values are, for the message.
+            Name of the values in error messages.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class Joint(JointTask):
     Bring joints to positions: σ = q_i, error q_i,d − q_i (lecture 3.5).
 
     The goal is one position for each joint, or some by name; joints that a goal leaves out keep
-    theirs. The default goal of a joint is the position it starts at.
+    their goals. The default goal of a joint is its position at the start.
     """
 
     type_name = 'joint'
@@ -141,7 +141,7 @@ class Joint(JointTask):
         return self.positions(state)
 
     def start(self, state: RobotState) -> None:
-        """Take the positions of joints without a goal as their default goals."""
+        """Set the positions of joints without a goal as their default goals."""
         if self.goal is None:
             self.goal = np.full(self.rows, math.nan)
         waiting = np.isnan(self.goal)
@@ -150,7 +150,7 @@ class Joint(JointTask):
         self.has_default_goal = bool(self._default_rows.any())
 
     def set_goal(self, goal: Array, now: float) -> None:
-        """Take a goal; joints that it moves have no default goal any more."""
+        """Set a goal; joints whose goals it changes no longer have a default goal."""
         if self.has_default_goal:
             # A copy may share the array.
             self._default_rows = self._default_rows & (goal == self.goal)
@@ -158,7 +158,7 @@ class Joint(JointTask):
         self.has_default_goal = bool(self._default_rows.any())
 
     def reset(self) -> None:
-        """Forget default goals."""
+        """Drop default goals."""
         if self.has_default_goal:
             self.goal = np.where(self._default_rows, math.nan, self.goal)
 
@@ -169,7 +169,7 @@ class Joint(JointTask):
         self.has_default_goal = False
 
     def inherit_goal(self, other: Task) -> None:
-        """Go on with the positions of a task that this one replaces, where it gives none."""
+        """Inherit goals of a task that this one replaces, for joints without a goal."""
         if not self.is_compatible(other):
             return
         mine = np.full(self.rows, math.nan) if self.goal is None else self.goal
@@ -183,7 +183,7 @@ class Joint(JointTask):
             self._feed_forward_time = other._feed_forward_time
 
     def error(self, state: RobotState) -> Array:
-        """Return goal minus position (rows,); of joints without end the shorter turn."""
+        """Return goal minus position (rows,); for continuous joints the shorter turn."""
         error = self.goal - self.positions(state)
         if self._wraps:
             error[self._wrapped] = wrap_angle(error[self._wrapped])
@@ -191,7 +191,7 @@ class Joint(JointTask):
 
     def parse_goal(self, goal: ByJoint) -> Array:
         """
-        Return one position for each joint; NaN for a joint that has none yet.
+        Return one position for each joint; NaN for a joint without a goal.
 
         Raises
         ------
@@ -214,9 +214,9 @@ class Joint(JointTask):
 
 class Posture(Joint):
     """
-    Bring all joints to a posture; as the last task it determines what is left free.
+    Bring all joints to a posture; as the last task it uses the remaining null space.
 
-    The same as `joint` with all joints, none of which needs a goal.
+    It equals `joint` with all joints; no joint needs a goal.
     """
 
     type_name = 'posture'
@@ -233,8 +233,8 @@ class JointVelocity(VelocityTask, JointTask):
     """
     Move joints with desired velocities, as y(t) in the null space (lecture 1.2, lab exercise 1).
 
-    The goal is one velocity for each joint, or some by name [rad/s or m/s]. It times out:
-    then the demand is zero.
+    The goal is one velocity for each joint, or some by name [rad/s or m/s]. After a timeout the
+    demand is zero.
     """
 
     type_name = 'joint_velocity'
@@ -249,7 +249,7 @@ class JointVelocity(VelocityTask, JointTask):
 
 
 def _joints(robot: Robot, joints: Joints | None) -> tuple[str, ...]:
-    """Return the names of driven joints as a tuple; None for all."""
+    """Return the names of driven joints as a tuple, all for None; raise if invalid."""
     if joints is None:
         return tuple(robot.joint_names)
     names = [joints] if isinstance(joints, str) else joints

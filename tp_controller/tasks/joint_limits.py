@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Joints that keep away from their position limits, as a task of the stack."""
+"""Margin to the joint position limits, as a task of the stack."""
 
 import numpy as np
 from tp_controller.model.robot import Robot
@@ -23,6 +23,7 @@ from tp_controller.tasks.joint import Joints, JointTask
 from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
 from tp_controller.tasks.task import Task
 
+# Default of the key `margin` [rad or m].
 DEFAULT_MARGIN = 0.05
 
 
@@ -30,14 +31,14 @@ class JointLimits(JointTask, BoundedTask):
     """
     Keep joints a margin away from their position limits (lecture 3.1, inequality tasks).
 
-    The position limits themselves hold whatever is in the stack. This task adds a margin,
+    The position limits themselves are enforced with every stack. This task adds a margin,
     which the tasks above it may violate.
     """
 
     type_name = 'joint_limits'
     feed_forward_type = None
-    keys = {'margin': 'distance that is kept to the limits [rad or m]'}
-    # It has joints, but demands no velocity of them.
+    keys = {'margin': 'least distance to the limits [rad or m]'}
+    # An inequality task accepts no joint velocities as feed-forward.
     parse_feed_forward = Task.parse_feed_forward
 
     def __init__(self, robot: Robot, name: str, *, joints: Joints | None = None,
@@ -58,7 +59,7 @@ class JointLimits(JointTask, BoundedTask):
         return self.positions(state), self.jacobian(state)
 
     def _margin(self, value: float, ranges: Array) -> float:
-        """Return the margin, or raise ValueError where it leaves a joint nothing."""
+        """Return the margin, or raise ValueError if it leaves a joint no range."""
         margin = positive(value)
         narrow = int(ranges.argmin())
         if not 2.0 * margin < ranges[narrow]:

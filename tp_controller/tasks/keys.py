@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The keys of a task: what they may be, and one report of all that are wrong."""
+"""Keys of a task: validation, and one report of all faults."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import cast, NamedTuple, ParamSpec, TypeAlias, TypeVar
@@ -24,10 +24,10 @@ from tp_controller.model.spatial import Array
 from tp_controller.resources import is_number
 from tp_controller.solver.level import MODES
 
-# '1' is the unit of ratios.
+# Default tolerance by unit; '1' is the unit of ratios.
 DEFAULT_TOLERANCE = {'m': 1e-3, 'rad': 5e-3, '1': 1e-3}
-# Numbers beyond this are taken for a mistake; they would only overflow further on.
-LARGEST = 1e6
+# Largest accepted magnitude of a number; larger ones are mistakes, and would overflow later.
+MAX_NUMBER = 1e6
 
 Gain: TypeAlias = float | Sequence[float] | Array
 Tolerance: TypeAlias = float | Mapping[str, float]
@@ -37,12 +37,12 @@ Checked = TypeVar('Checked')
 
 class UnitRows(NamedTuple):
     """
-    The rows of a task that have one unit.
+    Rows of a task with the same unit.
 
     Attributes
     ----------
     rows : ndarray of int, or slice
-        Which they are.
+        Indices of the rows.
     unit : str
     tolerance : float
         Error below which the goal counts as reached.
@@ -55,31 +55,31 @@ class UnitRows(NamedTuple):
 
 
 class Keys:
-    """Collects what is wrong with the keys of a task, to report all of it at once."""
+    """Collector of the faults of the keys of a task, to report all at once."""
 
     def __init__(self) -> None:
         self.faults: list[tuple[str, str]] = []
 
     def check(self, key: str, function: Callable[Given, Checked], *arguments: Given.args,
               **options: Given.kwargs) -> Checked:
-        """Return what `function` returns; where it refuses, note the fault and return None."""
+        """Return the result of `function`; if it refuses, record the fault and return None."""
         try:
             return function(*arguments, **options)
         except (ValueError, GoalError, RobotError) as error:
             self.faults.append((key, str(error)))
-            # Not what is promised, but `raise_faults` lets no task come of it.
+            # None contradicts the type, but `raise_faults` then refuses the task.
             return cast('Checked', None)
 
     def raise_faults(self, name: str) -> None:
-        """Raise `TaskError` if there are any."""
+        """Raise `TaskError` if there are faults."""
         if self.faults:
             raise TaskError(name, self.faults)
 
 
 def number(value: object) -> float:
     """Return a finite float, or raise ValueError."""
-    if not (is_number(value) and abs(value) <= LARGEST):
-        raise ValueError(f'needs a number of at most {LARGEST:g}, got {value!r}')
+    if not (is_number(value) and abs(value) <= MAX_NUMBER):
+        raise ValueError(f'needs a number of at most {MAX_NUMBER:g}, got {value!r}')
     return float(value)
 
 
@@ -100,7 +100,7 @@ def non_negative(value: object) -> float:
 
 
 def has_shape(values: ArrayLike, shape: tuple[int, ...]) -> bool:
-    """Say whether `values` is an array, or nested lists, of a shape."""
+    """Return whether `values` is an array, or nested lists, of a shape."""
     try:
         return np.shape(values) == shape
     except ValueError:
@@ -109,12 +109,12 @@ def has_shape(values: ArrayLike, shape: tuple[int, ...]) -> bool:
 
 def finite_vector(values: ArrayLike, size: int, what: str) -> Array:
     """
-    Return `values` as a new float array of one row.
+    Return `values` as a new float array (size,).
 
     Raises
     ------
     GoalError
-        Another shape, not finite, or beyond `LARGEST`.
+        Wrong shape, not finite, or beyond `MAX_NUMBER`.
 
     """
     try:
@@ -123,8 +123,8 @@ def finite_vector(values: ArrayLike, size: int, what: str) -> Array:
         raise GoalError(f'{what} needs {size} numbers, got {values!r}') from error
     if vector.shape != (size,):
         raise GoalError(f'{what} needs {size} numbers, got an array of shape {vector.shape}')
-    if not (np.abs(vector) <= LARGEST).all():
-        raise GoalError(f'{what} must be finite and at most {LARGEST:g}, got {vector.tolist()}')
+    if not (np.abs(vector) <= MAX_NUMBER).all():
+        raise GoalError(f'{what} must be finite and at most {MAX_NUMBER:g}, got {vector.tolist()}')
     return vector
 
 
@@ -136,7 +136,7 @@ def parse_mode(mode: str) -> str:
 
 
 def parse_gain(gain: Gain, rows: int | None) -> Array:
-    """Return the gain as an array of one number (), or one for each row (None: not known)."""
+    """Return the gain as an array () or (rows,); `rows` is None if the number is unknown."""
     if isinstance(gain, np.ndarray) and gain.ndim == 0:
         gain = gain.item()
     if not isinstance(gain, (list, tuple, np.ndarray)):

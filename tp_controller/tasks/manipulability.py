@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How well a frame can move: a measure of the distance to singularities, and tasks about it."""
+"""Manipulability of a frame, as a measure of distance to singularities, and its tasks."""
 
 from typing import Any
 
@@ -25,10 +25,10 @@ from tp_controller.tasks.frame import Axes, parse_axes, TWIST_AXES
 from tp_controller.tasks.gradient import GradientTask
 from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
 
-# Where the measure is below this, its logarithm is as steep as there.
-FLAT = 1e-6
+# Least w of the logarithm and its gradient, in metres and radians.
+MIN_MANIPULABILITY = 1e-6
 KEYS = {
-    'frame': 'frame of the robot whose mobility is measured',
+    'frame': 'frame of the robot whose manipulability is measured',
     'axes': 'axes of the root that count, of x y z rx ry rz (default: all)',
 }
 
@@ -42,7 +42,7 @@ class Mobility:
     robot : Robot
     frame : str
     rows : list of int
-        Rows of the Jacobian (6, n) that count, not more than there are joints.
+        Selected rows of the Jacobian (6, n), at most as many as joints.
 
     References
     ----------
@@ -68,7 +68,7 @@ class Mobility:
 
         """
         U, s, V_T = np.linalg.svd(state.jacobian(self._frame)[self._rows], full_matrices=False)
-        # w J⁺ without the division, which is impossible at a singularity.
+        # w J⁺ without a division by singular values, which are zero at a singularity.
         others = np.where(self._own, 1.0, s).prod(axis=1)
         self._weights[self._rows] = (U * others).dot(V_T)
         return float(np.prod(s)), state.jacobian_gradient(self._frame, self._weights)
@@ -76,9 +76,9 @@ class Mobility:
 
 class Manipulability(GradientTask):
     """
-    Maximize the manipulability of a frame: the joints move to where it can move well.
+    Maximize the manipulability of a frame: the joints move away from singularities.
 
-    The objective is ln w, whose slope does not depend on the size of the robot.
+    The objective is ln w; its gradient does not depend on the size of the robot.
     """
 
     type_name = 'manipulability'
@@ -96,22 +96,22 @@ class Manipulability(GradientTask):
     def measure(self, state: RobotState) -> tuple[float, Array]:
         """Return ln w and its gradient (n,)."""
         w, gradient = self._mobility.measure(state)
-        w = max(w, FLAT)
+        w = max(w, MIN_MANIPULABILITY)
         return float(np.log(w)), gradient / w
 
 
 class ManipulabilityAbove(BoundedTask):
     """
-    Keep the manipulability of a frame above a minimum: singularities are not entered.
+    Keep the manipulability of a frame above a minimum: it does not enter singularities.
 
-    One row: w / minimum, which is to be at least 1.
+    The only row is w / minimum, with the lower bound 1.
     """
 
     type_name = 'manipulability_above'
     keys = {
         **KEYS,
-        'minimum': 'the least √det(J Jᵀ), J in metres and radians; the value of a good posture '
-                   'says what is much',
+        'minimum': 'the least √det(J Jᵀ), J in metres and radians; compare it with the value of '
+                   'a good posture',
     }
 
     def __init__(self, robot: Robot, name: str, *, frame: str, minimum: float,
@@ -134,7 +134,7 @@ class ManipulabilityAbove(BoundedTask):
 
 
 def _rows(robot: Robot, axes: Axes | None) -> list[int]:
-    """Return the rows of a Jacobian that axes mean, or raise ValueError."""
+    """Return the rows of a Jacobian for axes, or raise ValueError."""
     rows = [TWIST_AXES.index(axis) for axis in parse_axes(axes, TWIST_AXES)]
     if len(rows) > robot.n:
         raise ValueError(f'{robot.n} joints cannot move along {len(rows)} axes: name at most '

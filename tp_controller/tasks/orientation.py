@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The end-effector orientation task (lecture 3.3, slip corrected)."""
+"""End-effector orientation task (lecture 3.3, slip corrected)."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -41,14 +41,14 @@ SomeTurningTask = TypeVar('SomeTurningTask', bound='TurningTask')
 
 
 class ContinuousRotation:
-    """The error of an orientation, with its direction remembered near half a turn."""
+    """Orientation error whose direction stays continuous near half a turn."""
 
     def __init__(self) -> None:
-        # The turn that was followed last.
+        # Last rotation vector (3,) [rad].
         self.previous: Array | None = None
 
     def forget(self) -> None:
-        """Choose the direction anew."""
+        """Drop the last direction."""
         self.previous = None
 
     def error(self, R_desired: Array, R_actual: Array) -> Array:
@@ -56,51 +56,51 @@ class ContinuousRotation:
         return self.follow(rotation_vector(R_desired.dot(R_actual.T)))
 
     def follow(self, vector: Array) -> Array:
-        """Return a rotation vector (3,), or the same turn in the other direction [rad]."""
+        """Return a rotation vector (3,), or its complement in the other direction [rad]."""
         self.previous = shorter_rotation(vector, self.previous)
         return self.previous
 
     def inherit(self, other: 'ContinuousRotation') -> None:
-        """Keep the direction of another one."""
+        """Copy the direction of another error."""
         self.previous = other.previous
 
 
 class TurningTask(Task):
-    """A task that turns a frame in a steady direction; to be inherited before its base."""
+    """Mixin of tasks with a continuous orientation error; precedes the base class."""
 
     def __init__(self, *arguments: Any, **keys: Any) -> None:
         super().__init__(*arguments, **keys)
         self._rotation_error = ContinuousRotation()
 
     def set_goal(self, goal: Goal, now: float) -> None:
-        """Take a goal; the shorter rotation to it is chosen anew."""
+        """Set a goal, and restart with the shorter rotation to it."""
         super().set_goal(goal, now)
         self._rotation_error.forget()
 
     def with_goal(self: SomeTurningTask, goal: Goal) -> SomeTurningTask:
-        """Return a copy that has a goal, and chooses the shorter rotation for itself."""
+        """Return a copy with a goal, which starts with the shorter rotation to it."""
         tried = super().with_goal(goal)
         tried._rotation_error = ContinuousRotation()
         return tried
 
     def inherit_goal(self, other: Task) -> None:
-        """Go on with the goal of a task that this one replaces, in the same direction."""
+        """Inherit the goal of a task that this one replaces, and the direction of rotation."""
         if self.goal is None and self.is_compatible(other):
             self._rotation_error.inherit(other._rotation_error)
         super().inherit_goal(other)
 
     def probe(self) -> 'TurningTask':
-        """Return a copy that can be evaluated elsewhere, with a direction of its own."""
+        """Return an independent copy for evaluation elsewhere, with its own direction."""
         other = super().probe()
         other._rotation_error = copy(self._rotation_error)
         return other
 
 
 class TurningFrameTask(TurningTask, FrameTask):
-    """A task that turns a frame to an orientation, whatever else it does."""
+    """Base class of tasks about a frame that control its orientation."""
 
     def _observe(self, motion: Motion, error: Array, J: Array, v: Array) -> bool:
-        """Fill in error, J and v = gain ∘ error; return whether that was possible."""
+        """Compute error, J and v = gain ∘ error in place; return whether that was possible."""
         turn = np.empty(3)
         frame, reference, rows = self._observed
         observed = motion.observe(frame, reference, rows, self.goal, self._rotation_error.previous,
@@ -131,54 +131,54 @@ class Orientation(TurningFrameTask):
         return self.rotation(state)
 
     def error(self, state: RobotState) -> Array:
-        """Return the rotation vector to the goal about the axes that count (rows,) [rad]."""
+        """Return the rotation vector to the goal about the selected axes (rows,) [rad]."""
         return self._turn(state)[self._mask]
 
     def parse_goal(self, goal: ArrayLike) -> Array:
-        """Return a rotation matrix (3, 3); raise `GoalError` if it cannot be one."""
+        """Return a rotation matrix (3, 3), or raise `GoalError`."""
         return parse_rotation(goal, f'the goal of task {self.name!r}')
 
     def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
-        """Return an orientation given in another frame."""
+        """Rotate an orientation from another frame to the reference frame."""
         return T_reference_frame[:3, :3].dot(goal)
 
     def goal_pose(self, state: RobotState) -> Array:
-        """Return the frame after the turn to the goal, about the axes that count (4, 4)."""
-        return pose(rotation_that_counts(self, state, self.goal, self._turn(state)),
+        """Return the pose of the frame after the turn about the selected axes (4, 4)."""
+        return pose(selected_rotation(self, state, self.goal, self._turn(state)),
                     self.position(state))
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
-        """Return what can be drawn, with an arc for the turn that is left."""
+        """Return the sketch, with an arc for the remaining turn."""
         drawn = super().sketch(state)
         if self.goal is None:
             return drawn
-        return [*drawn, *turn_left(self, state, self._turn(state))]
+        return [*drawn, *remaining_turn(self, state, self._turn(state))]
 
     def _turn(self, state: RobotState) -> Array:
         """Return the rotation vector to the goal (3,) [rad]."""
         return self._rotation_error.error(self.goal, self.rotation(state))
 
 
-def turn_left(task: FrameTask, state: RobotState, turn: Array) -> list[Sketch]:
-    """Return an arc for the part of a turn (3,) that counts, in the reference frame [rad]."""
+def remaining_turn(task: FrameTask, state: RobotState, turn: Array) -> list[Sketch]:
+    """Return an arc for a turn (3,) about the selected axes of the reference frame [rad]."""
     return arc('turn', state.position(task.frame), AXES_LENGTH * state.rotation(task.frame).T,
                state.rotation(task.reference).dot(task.counts[3:] * turn))
 
 
-def rotation_that_counts(task: FrameTask, state: RobotState, R: Array, turn: Array) -> Array:
+def selected_rotation(task: FrameTask, state: RobotState, R: Array, turn: Array) -> Array:
     """
-    Return the rotation (3, 3) of a frame after the part of a turn that counts.
+    Return the rotation (3, 3) of a frame after a turn about the selected axes.
 
     Parameters
     ----------
     task : FrameTask
-        About the frame.
+        Task about the frame.
     state : RobotState
-        Where the robot is.
+        State of the robot.
     R : ndarray (3, 3)
         R_reference_frame after the whole turn.
     turn : ndarray (3,)
-        In the reference frame [rad].
+        Whole turn in the reference frame [rad].
 
     """
     counts = task.counts[3:]

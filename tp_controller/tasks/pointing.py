@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""An axis of a frame that points somewhere; the turn about it stays free, or keeps upright."""
+"""Tasks that point an axis of a frame, with a free turn about it or kept upright."""
 
 from collections.abc import Sequence
 import math
@@ -32,21 +32,21 @@ from tp_controller.tasks.sketch import arc, RAY_LENGTH, Sketch
 from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Evaluation
 
 UP = np.array([0.0, 0.0, 1.0])
-# Where the sine of the angle between an axis and the vertical is below this, what is up about the
-# axis counts less and less.
-STEEP = 0.3
-# An axis whose cosine with another one is larger is no side of it.
-PARALLEL = 0.99
-TINY = 1e-12
+# Sine of the angle between an axis and the vertical below which the weight of the upright row
+# decreases.
+MIN_VERTICAL_SINE = 0.3
+# Largest cosine of the angle between `axis` and `up`.
+MAX_UP_COSINE = 0.99
+MIN_SQUARED_SINE = 1e-12
 
 
 class AxisTask(TurningTask, AimedTask):
     """
-    A task that turns an axis of a frame to where it is to point.
+    Base class of tasks that turn an axis of a frame to a desired direction.
 
-    The error is the shortest turn from the axis a to the direction d. It has no part along a, so
-    there are two rows, about two axes of the frame at right angles to a. For a point at the
-    distance r the direction turns as frame and point move: J = J_ω − [d]× (J_point − J_v) / r.
+    The error is the shortest turn from the axis a to the direction d. It has no component along a,
+    so there are two rows, about two axes of the frame at right angles to a. The direction to a
+    point at the distance r turns as frame and point move: J = J_ω − [d]× (J_point − J_v) / r.
     """
 
     def __init__(self, robot: Robot, name: str, units: Sequence[str], keys: Keys,
@@ -60,7 +60,7 @@ class AxisTask(TurningTask, AimedTask):
         return self.observe(state)[0]
 
     def jacobian(self, state: RobotState) -> Array:
-        """Return J (rows, n): how fast the frame turns about these axes, as the goal sees it."""
+        """Return J (rows, n) of the angular velocity about these axes relative to the goal."""
         return self.observe(state)[1]
 
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
@@ -73,7 +73,7 @@ class AxisTask(TurningTask, AimedTask):
         return Evaluation(self, Level(J, desired, self.mode), error)
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
-        """Return what can be drawn, with an arc for the turn that is left."""
+        """Return the sketch, with an arc for the remaining turn."""
         drawn = super().sketch(state)
         if self.goal is None:
             return drawn
@@ -83,7 +83,7 @@ class AxisTask(TurningTask, AimedTask):
 
     def observe(self, state: RobotState) -> tuple[Array, Array, Array]:
         """
-        Return everything about the rows at a `RobotState`.
+        Return error, Jacobian and axes of the rows at a `RobotState`.
 
         Returns
         -------
@@ -91,7 +91,7 @@ class AxisTask(TurningTask, AimedTask):
             [rad]
         J : ndarray (rows, n)
         about : ndarray (rows, 3)
-            What the rows make of an angular velocity of the direction, in the axes of the root.
+            Maps an angular velocity of the direction, in the axes of the root, to the rows.
 
         """
         R = state.rotation(self.frame)
@@ -105,7 +105,7 @@ class Pointing(AxisTask):
     """
     Point an axis of a frame in a direction, or at a point; the turn about it stays free.
 
-    With `position` it is the task of welding and drilling, five rows in all (wiki, 5-DoF tasks).
+    With `position` it forms the task of welding and drilling, with five rows (wiki, 5-DoF tasks).
 
     The goal is a direction (3,) of any length, or a point (3,) [m], in the reference frame.
     """
@@ -114,7 +114,7 @@ class Pointing(AxisTask):
     goal_type = 'direction'
     goal_types = tuple(AIMS)
     keys = {
-        'towards': 'what goals are: a direction, or a point',
+        'towards': 'kind of the goals: direction or point',
         'target': 'goal at the start, x, y, z; a point may be a frame of the robot instead',
     }
 
@@ -136,9 +136,9 @@ class LookAt(AxisTask):
     """
     Point the axis of a camera at a point or at another frame, upright if desired.
 
-    Two rows as `pointing`. With `up` a third one turns the camera about its axis until that axis
-    of the camera points up, along z of the root, as far as the direction allows. Where the
-    camera looks straight up or down the row fades out: nothing is upright there.
+    The first two rows are those of `pointing`. With `up` a third row turns the camera about its
+    axis until the axis `up` points along z of the root, as far as the direction allows. The weight
+    of this row fades to zero for a camera that looks straight up or down.
 
     The goal is a point (3,) [m] in the reference frame.
     """
@@ -148,7 +148,7 @@ class LookAt(AxisTask):
     keys = {
         'frame': 'frame of the camera',
         'axis': 'axis of the camera: x, -x, y, -y, z, -z or three numbers',
-        'up': 'axis of the frame that is to show upwards, such as -y of an optical frame '
+        'up': 'axis of the frame that is to point upwards, such as -y of an optical frame '
               '(default: the turn about the axis stays free)',
     }
 
@@ -168,25 +168,25 @@ class LookAt(AxisTask):
         keys.raise_faults(name)
 
     def observe(self, state: RobotState) -> tuple[Array, Array, Array]:
-        """Return everything about the rows, see `AxisTask.observe`; the turn about a last."""
+        """Return error, J and axes of the rows, see `AxisTask.observe`; the turn about a last."""
         error, J, about = super().observe(state)
         if self._upright is None:
             return error, J, about
-        # φ = atan2(w·(a×u), w·u) is the turn about a from u to what the vertical w shows across
-        # a; both products change with the orientation alone, by ω·(u×w) and the like.
+        # φ = atan2(w·(a×u), w·u) is the turn about a from u to the projection of the vertical w
+        # across a; both products change with the orientation alone, by ω·(u×w) and the like.
         up, side = self._upright.dot(state.rotation(self.frame).T)
         cosine, sine = UP.dot(up), UP.dot(side)
         reach = cosine * cosine + sine * sine
-        weight = min(1.0, reach / STEEP ** 2)
+        weight = min(1.0, reach / MIN_VERTICAL_SINE ** 2)
         row = skew(sine * up - cosine * side).dot(UP)
-        row *= weight / max(reach, TINY)
+        row *= weight / max(reach, MIN_SQUARED_SINE)
         return (np.append(error, weight * math.atan2(sine, cosine)),
                 np.vstack([J, row.dot(state.jacobian(self.frame)[3:])]),
                 np.vstack([about, np.zeros(3)]))
 
 
 def _towards(kind: str) -> str:
-    """Return what is pointed at, or raise ValueError."""
+    """Return the kind of the goals, or raise ValueError."""
     if not isinstance(kind, str) or kind not in AIMS:
         raise ValueError(unknown('kind of goal', kind, AIMS))
     return kind
@@ -195,7 +195,7 @@ def _towards(kind: str) -> str:
 def _side(value: Axis, axis: Array) -> Array:
     """Return u and a × u (2, 3) for an axis u across a, or raise ValueError."""
     side = parse_axis(value)
-    if abs(side.dot(axis)) > PARALLEL:
+    if abs(side.dot(axis)) > MAX_UP_COSINE:
         raise ValueError(f'must be another axis than the one that points, got {value!r}')
     side = side - side.dot(axis) * axis
     side /= math.sqrt(side.dot(side))

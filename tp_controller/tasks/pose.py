@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The end-effector configuration task (lecture 3.4)."""
+"""End-effector configuration task (lecture 3.4)."""
 
 from collections.abc import Sequence
 
@@ -25,8 +25,8 @@ from tp_controller.tasks.goal_remarks import masked_place, masked_turn, out_of_r
 from tp_controller.tasks.keys import finite_vector, has_shape
 from tp_controller.tasks.orientation import (
     parse_rotation,
-    rotation_that_counts,
-    turn_left,
+    remaining_turn,
+    selected_rotation,
     TurningFrameTask,
 )
 from tp_controller.tasks.sketch import Sketch
@@ -34,16 +34,16 @@ from tp_controller.tasks.task import Task
 
 
 class PoseTask(Task):
-    """What tasks have in common whose goal is a pose, to be inherited from before their base."""
+    """Mixin of tasks whose goal is a pose; precedes the base class."""
 
     goal_type = 'pose'
 
     def parse_goal(self, goal: ArrayLike) -> Array:
-        """Return a pose (4, 4); raise `GoalError` if it cannot be one."""
+        """Return a pose (4, 4), or raise `GoalError`."""
         return parse_pose(goal, f'the goal of task {self.name!r}')
 
     def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
-        """Return a pose given in another frame."""
+        """Transform a pose from another frame to the reference frame."""
         return T_reference_frame.dot(goal)
 
     def goal_pose(self, state: RobotState) -> Array:
@@ -67,38 +67,38 @@ class Pose(PoseTask, TurningFrameTask):
         return pose(self.rotation(state), self.position(state))
 
     def error(self, state: RobotState) -> Array:
-        """Return translation and rotation vector to the goal along the axes that count (rows,)."""
+        """Return translation and rotation vector to the goal along the selected axes (rows,)."""
         error = np.empty(6)
         error[:3] = self.goal[:3, 3] - self.position(state)
         error[3:] = self._turn(state)
         return error[self._mask]
 
     def out_of_reach(self, goal: Array) -> str:
-        """Return why the robot cannot reach a goal, however it stands; empty where it may."""
+        """Return a remark if no posture of the robot reaches a goal; else an empty text."""
         return out_of_reach(goal[:3, 3], self.counts[:3], self.reach, self.reference)
 
     def goal_remarks(self, goal: Array, converted: bool) -> tuple[str, ...]:
-        """Say that the goal is out of reach, or parts of it do not count."""
+        """Return remarks if the goal is out of reach, or parts of it are not selected."""
         place, turns = goal[:3, 3], self.axis_names()[3:]
         masked = () if converted else (masked_place(place, self.axes),
                                        masked_turn(goal[:3, :3], self.axes, turns))
         return tuple(filter(None, (self.out_of_reach(goal), *masked)))
 
     def goal_place(self, goal: Array, state: RobotState) -> Array:
-        """Return the goal, where it counts, and where the frame is for the rest (3,) [m]."""
-        return self.place_that_counts(goal[:3, 3], state)
+        """Return the goal along selected axes, else the position of the frame (3,) [m]."""
+        return self.selected_place(goal[:3, 3], state)
 
     def goal_pose(self, state: RobotState) -> Array:
-        """Return the goal, as far as it counts, and the pose of the frame for the rest (4, 4)."""
-        return pose(rotation_that_counts(self, state, self.goal[:3, :3], self._turn(state)),
+        """Return the goal along selected axes, else the pose of the frame (4, 4)."""
+        return pose(selected_rotation(self, state, self.goal[:3, :3], self._turn(state)),
                     self.goal_place(self.goal, state))
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
-        """Return what can be drawn, with an arc for the turn that is left."""
+        """Return the sketch, with an arc for the remaining turn."""
         drawn = super().sketch(state)
         if self.goal is None:
             return drawn
-        return [*drawn, *turn_left(self, state, self._turn(state))]
+        return [*drawn, *remaining_turn(self, state, self._turn(state))]
 
     def _turn(self, state: RobotState) -> Array:
         """Return the rotation vector to the goal (3,) [rad]."""
@@ -106,7 +106,7 @@ class Pose(PoseTask, TurningFrameTask):
 
 
 def parse_pose(goal: ArrayLike, what: str) -> Array:
-    """Return a pose (4, 4) of one, or of x, y, z and a quaternion ``xyzw``; else `GoalError`."""
+    """Return the pose (4, 4) of a matrix or x, y, z, qx, qy, qz, qw, or raise `GoalError`."""
     if has_shape(goal, (4, 4)):
         T = finite_vector(np.ravel(goal), 16, what).reshape(4, 4)
         if T[3].tolist() != [0.0, 0.0, 0.0, 1.0]:

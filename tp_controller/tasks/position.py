@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The end-effector position task (lecture 3.2)."""
+"""End-effector position task (lecture 3.2)."""
 
 from numpy.typing import ArrayLike
 from tp_controller.model.spatial import Array, pose
@@ -23,17 +23,17 @@ from tp_controller.tasks.keys import finite_vector
 
 
 class PointTask(MovingGoalTask):
-    """What tasks have in common whose goal is a point, to be inherited from before their base."""
+    """Mixin of tasks whose goal is a point; precedes the base class."""
 
     goal_type = 'point'
     twist_rows = slice(0, 3)
 
     def parse_goal(self, goal: ArrayLike) -> Array:
-        """Return a point (3,) [m]; raise `GoalError` if it is none."""
+        """Return a point (3,) [m], or raise `GoalError`."""
         return finite_vector(goal, 3, f'the goal of task {self.name!r} (a point x, y, z)')
 
     def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
-        """Return a point given in another frame."""
+        """Transform a point from another frame to the reference frame."""
         return T_reference_frame[:3, :3].dot(goal) + T_reference_frame[:3, 3]
 
 
@@ -52,23 +52,23 @@ class Position(PointTask, FrameTask):
         return self.position(state)
 
     def error(self, state: RobotState) -> Array:
-        """Return the vector to the goal along the axes that count (rows,) [m]."""
+        """Return the vector to the goal along the selected axes (rows,) [m]."""
         return (self.goal - self.position(state))[self._mask]
 
     def out_of_reach(self, goal: Array) -> str:
-        """Return why the robot cannot reach a goal, however it stands; empty where it may."""
+        """Return a remark if no posture of the robot reaches a goal; else an empty text."""
         return out_of_reach(goal, self.counts[:3], self.reach, self.reference)
 
     def goal_remarks(self, goal: Array, converted: bool) -> tuple[str, ...]:
-        """Say that the goal is out of reach, or coordinates of it do not count."""
+        """Return remarks if the goal is out of reach, or some coordinates are not selected."""
         return tuple(filter(None, (
             self.out_of_reach(goal),
             '' if converted else masked_place(goal, self.axes))))
 
     def goal_place(self, goal: Array, state: RobotState) -> Array:
-        """Return the goal, where it counts, and where the frame is for the rest (3,) [m]."""
-        return self.place_that_counts(goal, state)
+        """Return the goal along selected axes, else the position of the frame (3,) [m]."""
+        return self.selected_place(goal, state)
 
     def goal_pose(self, state: RobotState) -> Array:
-        """Return where the goal brings the frame, with the orientation that it has (4, 4)."""
+        """Return the pose of the frame at the goal, with its current orientation (4, 4)."""
         return pose(self.rotation(state), self.goal_place(self.goal, state))

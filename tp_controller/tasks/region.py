@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames that stay inside or outside of a region (lecture 3.1, inequality tasks)."""
+"""Regions that frames stay inside or outside of (lecture 3.1, inequality tasks)."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -39,21 +39,21 @@ PLACE = 'a place (x, y, z, or x, y, z, qx, qy, qz, qw)'
 
 class RegionTask(PoseTask, MovingGoalTask, BoundedTask):
     """
-    A sphere around the origin of a frame, and a shape that has a place in a reference frame.
+    Base class of tasks about a sphere around a frame, and a shape in a reference frame.
 
     The goal is the pose of the shape in the reference frame: a 4×4 homogeneous matrix, or
-    ``x, y, z`` [m] and a quaternion ``xyzw`` (7,). A twist says how it moves.
+    ``x, y, z`` [m] and a quaternion ``xyzw`` (7,). A twist is its velocity.
     """
 
     keys = {
         'frame': 'frame of the robot whose origin the task is about',
         'shape': '{box: [x, y, z]}, {sphere: radius}, {cylinder: [radius, length]} along z, or '
-                 'half_space, all that is below its plane z = 0 [m]',
-        'at': 'where the shape is at the start: x, y, z, or x, y, z, qx, qy, qz, qw, in the '
+                 'half_space, the space below its plane z = 0 [m]',
+        'at': 'place of the shape at the start: x, y, z, or x, y, z, qx, qy, qz, qw, in the '
               'reference frame (default: at its origin) [m]',
-        'radius': 'of a sphere around the frame, which counts as a whole [m]',
+        'radius': 'radius of a sphere around the frame, all of which counts [m]',
         'reference': 'frame that the shape belongs to and moves with (default: the root)',
-        'timeout': 'how long a velocity of the shape stays in force [s]',
+        'timeout': 'time that a velocity of the shape stays in force [s]',
     }
 
     frame: str
@@ -83,53 +83,53 @@ class RegionTask(PoseTask, MovingGoalTask, BoundedTask):
 
     @abstractmethod
     def bounds(self) -> tuple[Array, Array]:
-        """Return lower and upper ends (m,) of what `measure` returns, or raise ValueError."""
+        """Return the lower and upper limits (m,) of the values, or raise ValueError."""
 
     @abstractmethod
     def measure(self, point: Array) -> tuple[Array, Array]:
         """Return values (m,) of a point (3,) in the axes of the shape, and gradients (m, 3)."""
 
     def observe(self, state: RobotState) -> tuple[Array, Array]:
-        """Return what is bounded (m,) [m], and its Jacobian (m, n)."""
-        values, normals, _ = self._seen(state)
+        """Return the bounded values (m,) [m], and their Jacobian (m, n)."""
+        values, normals, _ = self._values_and_normals(state)
         return values, normals.dot(self._motion.jacobian(state)[:3])
 
     def own_motion(self, state: RobotState, now: float) -> float | Array:
-        """Return how fast the shape's own motion changes the values, (m,) or 0 [m/s]."""
+        """Return the velocity of the values due to the motion of the shape, (m,) or 0 [m/s]."""
         twist = self.feed_forward(now)
         if twist is None:
             return 0.0
-        _, normals, offset = self._seen(state)
+        _, normals, offset = self._values_and_normals(state)
         return -normals.dot(twist[:3] + skew(twist[3:]).dot(offset))
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
-        """Return the region, what is to stay inside or outside, and an arrow back."""
+        """Return the region, the frame with its sphere, and an arrow back to the bounds."""
         drawn, T_root_region = self._frame_and_goal(state)
         place = state.position(self.frame)
         if self.radius:
             drawn.append(Body('sphere', pose(np.eye(3), place), Sphere(self.radius), True))
         if T_root_region is None:
             return drawn
-        values, normals, _ = self._seen(state)
+        values, normals, _ = self._values_and_normals(state)
         back = state.rotation(self.reference).dot(self._distance_back(values).dot(normals))
         return [*drawn, Body('region', T_root_region, self.shape, self.inside),
                 *arrow('error', place, place + back)]
 
-    def _seen(self, state: RobotState) -> tuple[Array, Array, Array]:
-        """Return values (m,), normals (m, 3) and the offset from the shape, in the reference."""
+    def _values_and_normals(self, state: RobotState) -> tuple[Array, Array, Array]:
+        """Return values (m,), normals (m, 3) and offset from the shape in the reference (3,)."""
         R = self.goal[:3, :3]
         offset = self._motion.position(state) - self.goal[:3, 3]
         values, gradients = self.measure(R.T.dot(offset))
         return values, gradients.dot(R.T), offset
 
     def start(self, state: RobotState) -> None:
-        """Put a shape that has no place yet at the origin of the reference frame."""
+        """Set a shape without a place to the origin of the reference frame."""
         super().start(state)
         if self.goal is None:
             self.goal = np.eye(4)
 
     def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
-        """Say whether a goal of `other` is one of this task, too."""
+        """Return whether goals of `other` are valid for this task."""
         return super().is_compatible(other) and self.frame == other.frame
 
 
@@ -137,15 +137,15 @@ class KeepIn(RegionTask):
     """
     Keep a frame, or a sphere around it, inside of a box, sphere, cylinder or half-space.
 
-    Rows: one for each pair of faces of a box; the distance from the axis of a cylinder, and the
-    one along it; the distance from the centre of a sphere, or from the plane of a half-space.
+    A box has one row for each pair of faces, a cylinder the distance from its axis and the one
+    along it, a sphere the distance from its centre, and a half-space the one from its plane.
     """
 
     type_name = 'keep_in'
     inside = True
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return lower and upper ends (m,) of what `measure` returns, or raise ValueError."""
+        """Return the lower and upper limits (m,) of the values, or raise ValueError."""
         if self.radius >= self.shape.inner_radius:
             raise ValueError(f'must fit into the shape, so be less than '
                              f'{self.shape.inner_radius:g}, got {self.radius:g}')
@@ -161,14 +161,14 @@ class KeepOut(RegionTask):
     """
     Keep a frame, or a sphere around it, outside of a box, sphere, cylinder or half-space.
 
-    One row: the distance from the surface, negative inside.
+    The only row is the distance from the surface, negative inside.
     """
 
     type_name = 'keep_out'
     inside = False
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return lower and upper ends (1,) of the distance [m]."""
+        """Return the lower and upper limits (1,) of the distance [m]."""
         return np.array([self.radius]), np.array([np.inf])
 
     def measure(self, point: Array) -> tuple[Array, Array]:
@@ -178,7 +178,7 @@ class KeepOut(RegionTask):
 
 
 def parse_place(place: ArrayLike) -> Array:
-    """Return a pose (4, 4) of one, or of x, y, z alone; raise `GoalError` otherwise."""
+    """Return the pose (4, 4) of a pose or of x, y, z alone, or raise `GoalError`."""
     if has_shape(place, (3,)):
         return pose(np.eye(3), finite_vector(place, 3, PLACE))
     if has_shape(place, (4, 4)) or has_shape(place, (7,)):

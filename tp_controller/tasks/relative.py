@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tasks about where two parts of the robot are to each other: two arms that carry an object."""
+"""Tasks about the relative pose of two parts of the robot: two arms that carry an object."""
 
 from typing import Any
 

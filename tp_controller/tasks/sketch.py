@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-What can be drawn of a task: plain values in the root frame, without ROS.
+Sketches of tasks: plain values in the root frame, without ROS.
 
-Each has a `part`, which says what it is of the task: ``goal``, ``frame``, ``error`` … Parts of
-the same kind of several objects have a name after a slash, as ``obstacle/box``.
+Each has a `part`, its meaning in the task: ``goal``, ``frame``, ``error`` … Parts of the same
+kind of several objects have a name after a slash, as ``obstacle/box``.
 """
 
 from dataclasses import dataclass
@@ -29,11 +29,11 @@ from tp_controller.model.spatial import Array, rotation_from_vector
 
 # Length of the axes of a frame, and of an axis that points in a direction [m].
 AXES_LENGTH, RAY_LENGTH = 0.08, 0.3
-# Nothing that is shorter or turns less can be seen [m, rad].
-SHORTEST, LEAST_TURN = 1e-3, 5e-3
-# How many straight pieces an arc has.
-PIECES = 12
-# Slope from which on the label of a line is below it, as the arrow that drags it points up there.
+# Least length of a drawn arrow [m], and least turn of a drawn arc [rad].
+MIN_ARROW_LENGTH, MIN_ARC_TURN = 1e-3, 5e-3
+# Number of straight segments of an arc.
+ARC_SEGMENTS = 12
+# Least slope of a line with its label below it, since the arrow that drags it then points up.
 STEEP_SLOPE = 0.2
 
 
@@ -57,7 +57,7 @@ class Triad:
 @dataclass(frozen=True, slots=True, eq=False)
 class Dot:
     """
-    A point that is no frame.
+    A point without axes.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class Path:
 @dataclass(frozen=True, slots=True, eq=False)
 class Cone:
     """
-    A cone about the z axis of a pose, with its tip at the origin of it.
+    A cone about the z axis of a pose, with its tip at the origin.
 
     Attributes
     ----------
@@ -117,9 +117,9 @@ class Cone:
     T : ndarray (4, 4)
         T_root_cone.
     half_angle : float
-        Between the axis and the surface, less than π [rad].
+        Angle between the axis and the surface, less than π [rad].
     length : float
-        From the tip to the rim [m].
+        Distance from the tip to the rim [m].
 
     """
 
@@ -142,7 +142,7 @@ class Body:
     shape : object
         One of `tp_controller.model.shapes`.
     allowed : bool
-        The robot may be inside of it.
+        The robot may be inside.
 
     """
 
@@ -163,9 +163,9 @@ class Gaps:
     starts, ends : ndarray (m, 3)
         The nearest points [m].
     distances : ndarray (m,)
-        Negative where the objects overlap [m].
+        Distances of the points, negative for overlapping objects [m].
     least, within : float
-        The distance that is kept, and the one from which on a pair counts as near [m].
+        Least distance allowed, and distance below which a pair counts as near [m].
 
     """
 
@@ -181,30 +181,30 @@ Sketch: TypeAlias = Triad | Dot | Arrow | Path | Cone | Body | Gaps
 
 
 def arrow(part: str, start: Array, end: Array) -> list[Sketch]:
-    """Return an arrow between two points (3,), unless it is too short to be seen."""
+    """Return an arrow between two points (3,); nothing if it is too short to see."""
     way = end - start
-    return [Arrow(part, start, end)] if math.sqrt(way.dot(way)) >= SHORTEST else []
+    return [Arrow(part, start, end)] if math.sqrt(way.dot(way)) >= MIN_ARROW_LENGTH else []
 
 
 def arc(part: str, p: Array, tips: Array, turn: Array) -> list[Sketch]:
     """
-    Return the path of the tip that a turn moves most, unless it is too short to be seen.
+    Return the path of the tip that a turn moves most; nothing if the turn is too small to see.
 
     Parameters
     ----------
     part : str
-        What it is of the task.
+        Part of the task.
     p : ndarray (3,)
-        What everything turns about [m].
+        Centre of the turn [m].
     tips : ndarray (k, 3)
-        From there [m].
+        Tips relative to the centre [m].
     turn : ndarray (3,)
         Rotation vector [rad].
 
     """
-    if math.sqrt(turn.dot(turn)) < LEAST_TURN:
+    if math.sqrt(turn.dot(turn)) < MIN_ARC_TURN:
         return []
     moved = np.cross(turn, tips)
     tip = tips[(moved * moved).sum(axis=1).argmax()]
     return [Path(part, np.array([p + rotation_from_vector(share * turn).dot(tip)
-                                 for share in np.linspace(0.0, 1.0, PIECES + 1)]))]
+                                 for share in np.linspace(0.0, 1.0, ARC_SEGMENTS + 1)]))]

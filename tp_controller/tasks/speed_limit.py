@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A frame that is never faster than allowed (slides (1)-(5): velocities of a link)."""
+"""Speed limit of a frame (slides (1)-(5): velocities of a link)."""
 
 import numpy as np
 from tp_controller.model.robot import Robot
@@ -25,8 +25,8 @@ from tp_controller.tasks.keys import Keys, positive, Tolerance
 from tp_controller.tasks.task import Evaluation
 
 GOLDEN = (1.0 + 5.0 ** 0.5) / 2.0
-# Directions to the corners of an icosahedron and of the dodecahedron about its faces, one of each
-# opposite pair: sixteen, as even as directions can be (16, 3).
+# Unit vectors to the corners of an icosahedron and of its dual dodecahedron, one of each opposite
+# pair: sixteen evenly distributed directions (16, 3).
 DIRECTIONS = np.array([
     (0, 1, GOLDEN), (0, 1, -GOLDEN), (1, GOLDEN, 0), (1, -GOLDEN, 0), (GOLDEN, 0, 1),
     (-GOLDEN, 0, 1),
@@ -34,17 +34,17 @@ DIRECTIONS = np.array([
     (0, GOLDEN, -1 / GOLDEN), (1 / GOLDEN, 0, GOLDEN), (-1 / GOLDEN, 0, GOLDEN),
     (GOLDEN, 1 / GOLDEN, 0), (GOLDEN, -1 / GOLDEN, 0)])
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1)[:, np.newaxis]
-# A vector whose components along all of them are within this is no longer than 1: the radius of
-# the largest sphere within the hull of both solids.
-INSCRIBED = 0.9226
+# Largest component along each direction that bounds the norm of a vector to 1: the radius of the
+# largest sphere within the hull of both solids.
+INSCRIBED_RADIUS = 0.9226
 
 
 class SpeedLimit(BoundedTask):
     """
-    Keep the speed of a frame below a limit, linear, angular or both, seen from a reference.
+    Keep the speed of a frame below a limit, linear, angular or both, relative to a reference.
 
-    The norm of a velocity is not linear in it, so it is bounded along sixteen directions. It never
-    exceeds the limit. It can have all of it along these directions, 92 % of it in between.
+    The norm of a velocity is not linear, so the velocity is bounded along sixteen directions. The
+    speed never exceeds the limit. It can reach all of it along a direction, and 92 % in between.
     """
 
     type_name = 'speed_limit'
@@ -52,8 +52,9 @@ class SpeedLimit(BoundedTask):
         'frame': 'frame of the robot that is limited',
         'linear': 'largest speed of its origin (at least one of linear and angular) [m/s]',
         'angular': 'largest angular speed [rad/s]',
-        'reference': 'frame that sees the speed; it may move with the joints (default: the root)',
-        'tolerance': 'excess that still counts as kept: a number, or one for each unit as '
+        'reference': 'frame that the speed is relative to; it may move with the joints (default: '
+                     'the root)',
+        'tolerance': 'excess that still counts as satisfied: a number, or one for each unit as '
                      '{m: …, rad: …} [m/s, rad/s]',
     }
 
@@ -63,22 +64,22 @@ class SpeedLimit(BoundedTask):
         keys = Keys()
         self.frame = keys.check('frame', robot.check_frame, frame)
         self.reference = keys.check('reference', parse_reference, robot, reference)
-        keys.check('linear' if angular is None else 'angular', _one_of, linear, angular)
+        keys.check('linear' if angular is None else 'angular', _check_given, linear, angular)
         limits = {unit: keys.check(key, positive, limit) or 1.0
                   for key, limit, unit in (('linear', linear, 'm'), ('angular', angular, 'rad'))
                   if limit is not None}
         units = [unit for unit in limits for _ in DIRECTIONS]
-        bounds = INSCRIBED * np.array([limits[unit] for unit in units])
+        bounds = INSCRIBED_RADIUS * np.array([limits[unit] for unit in units])
         super().__init__(robot, name, units, keys, -bounds, bounds, tolerance=tolerance)
         keys.raise_faults(name)
         self._most = bounds
-        # It is the speed itself that is bounded: there is no distance to a bound.
+        # The bounds are on the speed itself, so there is no distance to a bound.
         self.gain = np.zeros(())
         self._parts = [slice(0, 3) if unit == 'm' else slice(3, 6) for unit in limits]
         self._motion = RelativeFrame(robot, self.frame, self.reference)
 
     def observe(self, state: RobotState) -> tuple[Array, Array]:
-        """Return zeros (rows,), as no value is led anywhere, and J (rows, n)."""
+        """Return zeros (rows,), since there is no value to control, and J (rows, n)."""
         J = self._motion.jacobian(state)
         return np.zeros(self.rows), np.concatenate([DIRECTIONS.dot(J[part])
                                                     for part in self._parts])
@@ -90,15 +91,15 @@ class SpeedLimit(BoundedTask):
 
     def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
                                                                       ...]:
-        """Return for each unit how much too fast the frame is; see `Task`."""
-        # Beyond the limit itself, which the bounds keep a share below.
-        allowed = (1.0 / INSCRIBED - 1.0) * self._most
+        """Return the excess speed of each unit; see `Task`."""
+        # Excess over the limit itself; the bounds are a share below it.
+        allowed = (1.0 / INSCRIBED_RADIUS - 1.0) * self._most
         residual = np.maximum(np.abs(residual) - allowed, 0.0)
         return tuple((value, f'{unit}/s', tolerance)
                      for value, unit, tolerance in super().reported_errors(residual, residual))
 
 
-def _one_of(linear: float | None, angular: float | None) -> None:
-    """Raise ValueError where neither limit is given."""
+def _check_given(linear: float | None, angular: float | None) -> None:
+    """Raise ValueError if neither limit is given."""
     if linear is None and angular is None:
         raise ValueError('needs a speed: give linear, angular or both')

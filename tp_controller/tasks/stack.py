@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The stack: a YAML list of tasks, the highest priority first, turned into levels every cycle."""
+"""Stack of tasks: a YAML list, highest priority first, evaluated to levels every cycle."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 import inspect
@@ -38,22 +38,22 @@ from tp_controller.resources import read_source, YamlLoader
 from tp_controller.solver.level import Level
 from tp_controller.tasks import task_types
 from tp_controller.tasks.task import Evaluation, Task
-from tp_controller.tasks.task_errors import attempt, check, Guard, is_foreign
+from tp_controller.tasks.task_errors import attempt, check, CheckedEvaluator, is_foreign
 import yaml
 
-# Names become parts of topic names.
-NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}\Z')
+# Valid names of tasks; they become parts of topic names.
+NAME_PATTERN = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}\Z')
 # The tasks of each level.
 Groups: TypeAlias = tuple[tuple[Task, ...], ...]
-# What the constructor of every task sets.
-MADE = ('name', 'units', 'gain', 'groups', 'mode', 'goal')
-# No robot carries out more in time.
+# Attributes that the constructor of `Task` sets.
+CONSTRUCTED = ('name', 'units', 'gain', 'groups', 'mode', 'goal')
+# Largest number of tasks; no robot can execute more in time.
 MOST_TASKS = 100
-# For how long tasks are read [s]: only `self_collision` of robots with hundreds of shapes takes
-# more than a second, and types of other packages may take any time.
-SECONDS = 10.0
-# Characters that are shown of what is no stack.
-LONGEST_SHOWN = 100
+# Time limit for reading the tasks [s]: only `self_collision` of robots with hundreds of shapes
+# takes more than a second, and types of other packages may take any time.
+READ_SECONDS = 10.0
+# Largest number of characters shown of an invalid stack.
+MOST_SHOWN_CHARACTERS = 100
 LIST_FORM = 'a stack must be a list of "- name: {type: …}", the highest priority first'
 
 
@@ -66,7 +66,7 @@ class Stack:
     groups : iterable of iterable of Task
         The tasks of each level, the highest priority first; `from_yaml` reads them.
     text : str
-        YAML that they were read from, if they were.
+        YAML source of the tasks, if any.
 
     Attributes
     ----------
@@ -75,18 +75,18 @@ class Stack:
     groups : tuple of tuple of Task
         The tasks of each level, the highest priority first.
     disabled : set of str
-        Names of the tasks that are left out until they are enabled again.
+        Names of the disabled tasks.
     faults : mapping
-        {name: reason} of those of them that were switched off because they failed.
+        {name: reason} of the disabled tasks that were switched off after a failure.
     active, active_tasks, inactive : tuple
-        Enabled tasks by level, the same in one row, and disabled ones.
+        Enabled tasks by level, enabled tasks in one sequence, and disabled tasks.
     text : str
-        YAML that it was read from; empty where it was made otherwise.
+        YAML source of the stack; empty if it has none.
 
     Raises
     ------
     StackError
-        They are something else.
+        The groups are not lists of tasks.
 
     """
 
@@ -95,7 +95,7 @@ class Stack:
         self.tasks = {task.name: task for group in self.groups for task in group}
         self.disabled: set[str] = set()
         self.faults: Mapping[str, str] = {}
-        self._guard = Guard()
+        self._evaluator = CheckedEvaluator()
         self._foreign = any(map(is_foreign, self.tasks.values()))
         self.text = text
         self._arrange()
@@ -110,7 +110,7 @@ class Stack:
         source : str or pathlib.Path
             YAML text, a file's path, or ``package://<package>/<path>``.
         robot : Robot
-            Whose joints and frames the tasks name.
+            Robot with the joints and frames that the tasks name.
 
         Raises
         ------
@@ -126,7 +126,7 @@ class Stack:
 
     def copy(self) -> 'Stack':
         """
-        Return an equal stack, for another controller, or for the same one later.
+        Return an equal stack, for another controller, or for later use with the same one.
 
         Raises
         ------
@@ -147,12 +147,12 @@ class Stack:
         Parameters
         ----------
         owner : object
-            Mark of the controller; tasks that have none, or this one, may be used.
+            Mark of the controller; tasks with this mark, or without one, may be used.
 
         Raises
         ------
         StackError
-            Tasks belong to another controller, or to a stack that was replaced.
+            Tasks belong to another controller, or to a replaced stack.
 
         """
         used = [task for task in self.tasks.values() if task.owner not in (None, owner)]
@@ -162,7 +162,7 @@ class Stack:
                                            'again, or copy() it before it is used')])
 
     def set_owner(self, owner: object) -> None:
-        """Mark the tasks as those of a controller; see `check_owner`."""
+        """Set the mark of a controller on the tasks; see `check_owner`."""
         for task in self.tasks.values():
             task.owner = owner
 
@@ -173,19 +173,19 @@ class Stack:
         self._arrange()
 
     def switch_off(self, name: str, reason: str) -> None:
-        """Disable a task that failed, until it is enabled again."""
+        """Disable a failed task, until it is enabled again."""
         self.enable(name, False)
         self.faults = {**self.faults, name: reason}
 
     def limit_time(self, budget: float) -> None:
-        """Set how long the evaluation of a task of another package may take [s]."""
-        self._guard.budget = budget
+        """Set the time budget for the evaluation of a task of another package [s]."""
+        self._evaluator.budget = budget
 
     def inherit_goals(self, other: 'Stack') -> None:
         """
-        Go on with the goals of another stack, task by task of the same name and kind.
+        Inherit the goals of tasks of the same name and kind from another stack.
 
-        What was switched off because it failed gets another chance.
+        Tasks that were switched off after a failure are enabled again.
         """
         for name, task in self.tasks.items():
             if name in other.tasks:
@@ -194,34 +194,34 @@ class Stack:
         self._arrange()
 
     def start(self, state: RobotState) -> None:
-        """Give every task without a goal its value at a `RobotState` as default goal."""
+        """Set the value at a `RobotState` as the default goal of every task without a goal."""
         for name, task in self.tasks.items():
             if name not in self.faults:
                 attempt(task, task.start, state)
 
     def reset(self) -> None:
-        """Let tasks forget their default goals."""
+        """Drop the default goals of all tasks."""
         _attempt_all((task, task.reset) for task in self.tasks.values())
 
     def forget_goals(self) -> None:
-        """Let tasks forget their goals, so that the next start takes the values of then."""
+        """Drop the goals of all tasks; the next start sets new default goals."""
         _attempt_all((task, task.forget_goal) for task in self.tasks.values())
 
     def evaluate(self, state: RobotState, now: float) -> list[list[Evaluation]]:
         """
-        Return all there is to know about the tasks at a state, worked out anew.
+        Return new evaluations of the active tasks at a state.
 
         Parameters
         ----------
         state : RobotState
-            Where the robot is.
+            State of the robot.
         now : float
-            [s]
+            Time [s].
 
         Returns
         -------
         list of list of Evaluation
-            For each group of `active`.
+            Evaluations of each group of `active`.
 
         Raises
         ------
@@ -235,13 +235,13 @@ class Stack:
                     return [[task.evaluate(state, now) for task in group]
                             for group in self.active]
             except Exception:
-                # Which one it was comes out below.
+                # The evaluation below identifies the task.
                 pass
-        return [[self._guard.evaluate(task, state, now) for task in group]
+        return [[self._evaluator.evaluate(task, state, now) for task in group]
                 for group in self.active]
 
     def check(self, evaluations: Sequence[Sequence[Evaluation]], n: int) -> None:
-        """Raise `EvaluationError` where a task, of whatever package, returned what is no use."""
+        """Raise `EvaluationError` if a task of any package returned an invalid evaluation."""
         for group in evaluations:
             for evaluation in group:
                 check(evaluation.task, evaluation, n)
@@ -260,7 +260,7 @@ class Stack:
 
 
 def check_type(stack: object) -> Stack:
-    """Return a stack; raise `StackError` where it is none."""
+    """Return `stack`, or raise `StackError` if it is not a `Stack`."""
     if isinstance(stack, Stack):
         return stack
     raise StackError([Fault(0, '', 'needs a Stack, such as Stack.from_yaml(text, robot), got '
@@ -268,21 +268,21 @@ def check_type(stack: object) -> Stack:
 
 
 def _checked(groups: Iterable[Iterable[Task]]) -> Groups:
-    """Return the tasks of each level; raise `StackError` where they are something else."""
+    """Return the tasks of each level, or raise `StackError` for other objects."""
     try:
         found = tuple(tuple(group) for group in groups)
         if all(isinstance(task, Task) for group in found for task in group):
             return found
     except TypeError:
-        # Not even a list of lists.
+        # Not a list of lists.
         pass
     raise StackError([Fault(0, '', 'a stack is made of levels, each a list of tasks, such as '
                                    '[[tool], [posture]]; YAML is read by Stack.from_yaml(text, '
-                                   f'robot); got {repr(groups)[:LONGEST_SHOWN]}')])
+                                   f'robot); got {repr(groups)[:MOST_SHOWN_CHARACTERS]}')])
 
 
 def is_stack(text: str) -> bool:
-    """Say whether a text is a stack, and not the name of a file."""
+    """Return whether a text is a stack rather than the name of a file."""
     return text.startswith('- ') or any(mark in text for mark in '\n[{')
 
 
@@ -293,7 +293,7 @@ def levels_of(evaluations: Sequence[Sequence[Evaluation]]) -> list[Level]:
 
 
 def shared_levels(before: Groups, after: Groups) -> int:
-    """Return how many of the upper levels of two stacks demand the same, now and later on."""
+    """Return the number of upper levels that two stacks share, now and later."""
     count = 0
     for old, new in zip(before, after):
         if len(old) != len(new) or not all(map(_is_equivalent, new, old)):
@@ -303,7 +303,7 @@ def shared_levels(before: Groups, after: Groups) -> int:
 
 
 def _is_equivalent(one: Task, other: Task) -> bool:
-    """Say whether a task demands what another does; where that fails, it does not."""
+    """Return whether two tasks have the same demand; False if the comparison fails."""
     try:
         with foreign:
             return bool(one.is_equivalent(other))
@@ -312,7 +312,7 @@ def _is_equivalent(one: Task, other: Task) -> bool:
 
 
 def _joined(levels: Sequence[Level]) -> Level:
-    """Return one level with the rows of several, all of them with bounds or none."""
+    """Return one level with the rows of several, either all with bounds or none."""
     J = np.concatenate([level.J for level in levels])
     if levels[0].v is None:
         return Level(J, lower=np.concatenate([level.lower for level in levels]),
@@ -321,19 +321,19 @@ def _joined(levels: Sequence[Level]) -> Level:
 
 
 class _Reader:
-    """Reads a YAML list into groups of tasks and collects all its faults."""
+    """Reader of a YAML list into groups of tasks, which collects all faults."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._types = task_types()
         self._faults: list[Fault] = []
         self._lines_of_names: dict[str, int] = {}
-        # The line of the fault that lists the types, which are many.
+        # Line of the fault that lists the valid types; the list is long. 0: not listed yet.
         self._types_listed = 0
         # Inequality tasks read so far.
         self._bounded: list[Task] = []
-        # How many entries were read, and until when there is time for more.
-        self._entries, self._until = 0, time.monotonic() + SECONDS
+        # Number of entries read, and time at which reading ends [s].
+        self._entries, self._deadline = 0, time.monotonic() + READ_SECONDS
 
     def read(self, text: str) -> list[list[Task]]:
         """Return the groups of tasks."""
@@ -353,12 +353,12 @@ class _Reader:
         return groups
 
     def _group(self, node: yaml.Node) -> list[Task]:
-        """Return the tasks of one entry of the list, which may be a list itself."""
+        """Return the tasks of one entry, which may be a list of tasks of one level."""
         entries = node.value if isinstance(node, yaml.SequenceNode) else [node]
         if not entries:
             self._fault(node, '', 'a level needs at least one task')
         tasks = [self._task(entry) for entry in entries]
-        # With a fault the stack is refused anyway.
+        # A fault refuses the stack anyway.
         read = [task for task in tasks if task is not None]
         bounded = [task for task in read if task.bounded]
         modes = {task.mode for task in read}
@@ -377,7 +377,7 @@ class _Reader:
         return read
 
     def _task(self, node: yaml.Node) -> Task | None:
-        """Return the task of one entry, or None and note what is wrong."""
+        """Return the task of one entry, or record faults and return None."""
         self._check_effort(node)
         if not isinstance(node, yaml.MappingNode) or len(node.value) != 1:
             self._fault(node, '', LIST_FORM)
@@ -401,26 +401,26 @@ class _Reader:
         return None
 
     def _check_effort(self, node: yaml.Node) -> None:
-        """Raise `StackError` where there are too many tasks, or reading them takes too long."""
+        """Raise `StackError` if there are too many tasks, or reading them takes too long."""
         self._entries += 1
         if self._entries > MOST_TASKS:
             self._fault(node, '', f'more than {MOST_TASKS} tasks')
-        elif time.monotonic() > self._until:
-            self._fault(node, '', f'the tasks above took more than {SECONDS:g} s to read')
+        elif time.monotonic() > self._deadline:
+            self._fault(node, '', f'the tasks above took more than {READ_SECONDS:g} s to read')
         else:
             return
         raise StackError(self._faults)
 
     def _valid_types(self, line: int) -> str:
-        """Return which types are valid, as the end of a message; in full only once."""
+        """Return the valid types as the end of a message; the full list only once."""
         if self._types_listed:
             return f'; valid types: see line {self._types_listed}'
         self._types_listed = line
         return f'; valid: {", ".join(sorted(self._types))}'
 
     def _check_name(self, key: yaml.Node, name: object) -> None:
-        """Check the name of a task."""
-        if not isinstance(name, str) or not NAME.match(name):
+        """Record a fault if the name of a task is invalid or not unique."""
+        if not isinstance(name, str) or not NAME_PATTERN.match(name):
             shown = repr(name[:80]) if isinstance(name, str) else 'a list or mapping'
             self._fault(key, '', 'the name of a task must be a letter, then letters, digits or _, '
                                  f'at most 64 in all, not {shown}')
@@ -445,27 +445,27 @@ class _Reader:
             lines[key.value] = value.start_mark.line + 1
             try:
                 built = constructor.construct_object(value, deep=True)
-                # What cannot be shown cannot be told to be wrong: a number of a thousand digits.
+                # Messages show values; repr fails for a number of thousands of digits.
                 repr(built)
                 values[key.value] = built
             except (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError,
                     ArithmeticError) as error:
-                # PyYAML lets the errors of a date or number it cannot read through.
+                # PyYAML does not wrap the errors of invalid dates and numbers.
                 self._fault(value, f'{name}, {key.value}', _first_line(error))
         return values, lines
 
     def _build(self, task_type: type[Task], name: str, key: yaml.Node, values: dict[str, Any],
                lines: dict[str, int]) -> Task | None:
-        """Return a task of a type, or None and note what is wrong with its keys."""
+        """Return a task of a type, or record the faults of its keys and return None."""
         missing: list[str] = []
         try:
             with foreign:
                 accepted, described = task_type.accepted_keys(), task_type.described_keys()
                 missing = self._check_keys(name, key, accepted, described, values, lines)
-                # Missing keys are tried as None, so that faults of the other ones are found too.
+                # Missing keys are passed as None, so that faults of other keys are found too.
                 make: Callable[..., Task] = task_type
                 task = make(self._robot, name, **dict.fromkeys(missing), **values)
-                if all(hasattr(task, attribute) for attribute in MADE):
+                if all(hasattr(task, attribute) for attribute in CONSTRUCTED):
                     return task
             self._fault(key, name, f'type {task_type.type_name}: its constructor must call that '
                                    'of Task')
@@ -475,19 +475,19 @@ class _Reader:
                 Fault(lines.get(fault_key, own_line), f'{name}, {fault_key}', message)
                 for fault_key, message in error.faults if fault_key not in missing)
         except Exception as error:
-            # A type may be anybody's code.
+            # A type of another package may raise any exception.
             self._fault(key, name, f'type {task_type.type_name}: {in_words(error)}')
         return None
 
     def _check_keys(self, name: str, key: yaml.Node, accepted: Mapping[str, Any],
                     described: Mapping[str, str], values: dict[str, Any],
                     lines: Mapping[str, int]) -> list[str]:
-        """Leave out keys that the type does not take, and return those that are missing."""
+        """Remove keys that the type does not accept, and return the missing ones."""
         for other in set(values) - set(accepted):
             self._faults.append(Fault(lines[other], name,
                                       unknown('key', other, ['type', *accepted])))
             del values[other]
-        # Those whose value could not be read are noted already.
+        # Keys with an unreadable value have a fault already.
         missing = [needed for needed, default in accepted.items()
                    if default is inspect.Parameter.empty and needed not in values]
         for needed in missing:
@@ -496,13 +496,13 @@ class _Reader:
         return missing
 
     def _fault(self, node: yaml.Node | None, where: str, message: str) -> None:
-        """Note a fault at the line of a YAML node."""
+        """Record a fault at the line of a YAML node."""
         line = node.start_mark.line + 1 if node is not None else 1
         self._faults.append(Fault(line, where, message))
 
 
 def _attempt_all(calls: Iterable[tuple[Task, Callable[[], None]]]) -> None:
-    """Call methods of tasks, all of them, and raise the last failure."""
+    """Call all methods, and raise the last failure."""
     failed = None
     for task, call in calls:
         try:
@@ -514,10 +514,10 @@ def _attempt_all(calls: Iterable[tuple[Task, Callable[[], None]]]) -> None:
 
 
 def _names(tasks: Iterable[Task]) -> str:
-    """Return the names of tasks as text."""
+    """Return the names of tasks, separated by commas."""
     return ', '.join(task.name for task in tasks)
 
 
 def _first_line(error: Exception) -> str:
-    """Return what a YAML error says, in one line."""
+    """Return the message of a YAML error in one line."""
     return getattr(error, 'problem', None) or (str(error).splitlines() or ['cannot be read'])[0]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every task is: an error, a Jacobian, and the law that turns the error into a velocity."""
+"""Base class of tasks: error, Jacobian, and the control law from error to velocity."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -42,18 +42,19 @@ from tp_controller.tasks.keys import (
 )
 from tp_controller.tasks.sketch import arrow, Path, Sketch, Triad
 
-# Types of other packages may well find `Keys` and the like here.
+# Types of other packages may import `Keys` and the like from here.
 __all__ = [
     'DEFAULT_GAIN', 'DEFAULT_MODE', 'DEFAULT_TIMEOUT', 'DEFAULT_TOLERANCE', 'Evaluation',
     'finite_vector', 'Goal', 'Keys', 'norm', 'positive', 'Task']
 
+# Defaults of the keys `gain` [1/s], `timeout` [s] and `mode`.
 DEFAULT_GAIN = 1.0
 DEFAULT_TIMEOUT = 0.5
 DEFAULT_MODE = 'least_squares'
-# Keys that change nothing in the level of a cycle.
+# Keys without effect on the level of a cycle.
 WITHOUT_EFFECT = ('tolerance', 'timeout')
 
-# Every type has its own: a point, a pose, a mapping of obstacles …
+# Each type has its own form: a point, a pose, a mapping of obstacles …
 Goal: TypeAlias = Any
 SomeTask = TypeVar('SomeTask', bound='Task')
 
@@ -61,18 +62,18 @@ SomeTask = TypeVar('SomeTask', bound='Task')
 @dataclass(slots=True, eq=False)
 class Evaluation:
     """
-    A task in one cycle: everything about it that the solver and the report need.
+    Evaluation of a task in one cycle, for the solver and the report.
 
     Attributes
     ----------
     task : Task
-        For what is the same in every cycle: its name, units and tolerances.
+        Task, with its constant name, units and tolerances.
     level : Level
-        What it demands.
+        Demand of the task.
     error : ndarray (rows,)
-        In the units of the task.
+        Error, in the units of the task.
     row_names : sequence of str
-        What each row is about, where the name of the task does not say it all; else empty.
+        Name of each row; empty if the name of the task is enough.
 
     """
 
@@ -84,16 +85,16 @@ class Evaluation:
 
 class Task(ABC):
     """
-    A task of the stack: a value σ(q) that is to reach a goal, or a desired velocity.
+    Base class of the tasks of a stack: a value σ(q) with a goal, or a desired velocity.
 
     Conventions, for all tasks: ``error = desired − actual``, ``J = ∂σ/∂q``, and the desired
     velocity is ``v = v_feed_forward + K error`` with the gain K in 1/s (lecture 1.1), so that an
-    error the robot can follow decays as exp(−K t).
+    error that the robot can follow decays as exp(−K t).
 
     A subclass sets `type_name`, which registers it, and implements `value`, `error`, `jacobian`
     and `parse_goal`. Its constructor's keywords are the keys of the YAML stack; `keys` describes
-    each, and a `Keys` collects what is wrong with them until the constructor's last line calls
-    `Keys.raise_faults`. A type whose error and Jacobian are one calculation overrides
+    each, and a `Keys` collects their faults until the constructor's last line calls
+    `Keys.raise_faults`. A type whose error and Jacobian share a calculation overrides
     `make_evaluation`.
 
     Attributes
@@ -104,34 +105,34 @@ class Task(ABC):
     rows : int
         Number of rows.
     bounded : bool
-        It is an inequality task: it has bounds instead of a demand; see `BoundedTask`.
+        The task is an inequality task, with bounds instead of a demand; see `BoundedTask`.
     row_names : sequence of str
-        What each row is about, for the report, where a name of the task does not say it all.
+        Name of each row, for the report; empty if the name of the task is enough.
     remarks : tuple of str
-        Warnings for the user that are no faults.
+        Warnings for the user.
     goal : object or None
         Goal in force, as `parse_goal` returns it; None before the task has started.
     has_default_goal : bool
-        No goal was given: the goal is the value that the task had when it started.
+        The goal is the value of the task at its start, since no goal was set.
     mode : str
         See `tp_controller.solver.level.Level`.
     every_joint : bool
         The Jacobian is the identity.
     row_scale : float
-        What the rows of the level are multiplied by. A singular value is small or large in metres
-        and radians per radian; rows that are short by nature are scaled to compare with those
-        of a frame.
+        Factor of the rows of the level. Singular values count as small or large in metres and
+        radians per radian; rows that are short by nature are scaled to compare with those of a
+        frame.
     frame : str or None
-        Frame of the robot that the task is about; None where it is about none, or about several.
+        Frame of the robot that the task is about; None for no frame or several.
     reference : str or None
-        Frame that goals are expressed in; None where they are in no frame.
+        Frame that goals are expressed in; None if they have no frame.
     goal_type, feed_forward_type : str or None
-        What the task accepts from outside: ``point``, ``direction``, ``quaternion``, ``pose``,
-        ``joints``, ``joint_velocities`` and ``twist``.
+        Kind of goal or velocity that the task accepts: ``point``, ``direction``,
+        ``quaternion``, ``pose``, ``joints``, ``joint_velocities``, ``obstacles`` or ``twist``.
     goal_types : tuple of str
-        The kinds that `goal_type` may be, where a key decides.
+        Possible values of `goal_type`, if a key decides.
     owner : object or None
-        Mark of the controller that uses the task, or has used it; see `Stack.check_owner`.
+        Mark of the controller that uses or used the task; see `Stack.check_owner`.
 
     """
 
@@ -152,9 +153,9 @@ class Task(ABC):
         'gain': 'gain K, one number or one for each row [1/s]',
         'tolerance': 'error below which the goal counts as reached: a number, or one for each '
                      'unit as {m: …, rad: …} [m, rad]',
-        'timeout': 'how long a feed-forward velocity stays in force [s]',
-        'mode': 'what happens where a limit is reached: least_squares comes as near to the '
-                'desired velocity as possible, scale keeps its direction and scales it down',
+        'timeout': 'time that a feed-forward velocity stays in force [s]',
+        'mode': 'behaviour at a limit: least_squares comes as near to the desired velocity as '
+                'possible, scale keeps its direction and scales it down',
     }
     goal: Goal
     _given_keys: dict[str, object]
@@ -162,15 +163,15 @@ class Task(ABC):
     def __init_subclass__(cls, **options: Any) -> None:
         """Register the type."""
         super().__init_subclass__(**options)
-        # A subclass that inherits the name is no other version of that type.
+        # A subclass that only inherits the name does not replace that type.
         if vars(cls).get('type_name'):
             Task.types[cls.type_name] = cls
         if cls.level is not Task.level:
-            # Of the class, not of a task.
+            # Set on the class, not on a task.
             cls.evaluate = Task._evaluate_around_level  # type: ignore[method-assign]
 
     def __new__(cls: type[SomeTask], *arguments: object, **keys: object) -> SomeTask:
-        """Return a task that remembers its keys as they were given, whatever its type."""
+        """Return a task of any type that stores its keys as they were given."""
         task = super().__new__(cls)
         task._given_keys = keys
         return task
@@ -196,16 +197,16 @@ class Task(ABC):
 
     @classmethod
     def accepted_keys(cls) -> dict[str, Any]:
-        """Return {key: default} of the keys; `inspect.Parameter.empty` marks a needed one."""
+        """Return {key: default} of the keys; `inspect.Parameter.empty` marks a required one."""
         accepted: dict[str, Any] = {}
         for base in cls.__mro__:
             if '__init__' in vars(base):
                 parameters = inspect.signature(vars(base)['__init__']).parameters.values()
                 for parameter in parameters:
                     if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
-                        # A subclass may need what its base can do without.
+                        # A key that is optional for the base may be required by a subclass.
                         accepted.setdefault(parameter.name, parameter.default)
-                # Only a constructor with ** hands keys on to the next one.
+                # Only a constructor with ** passes keys on to the next one.
                 if not any(parameter.kind is inspect.Parameter.VAR_KEYWORD
                            for parameter in parameters):
                     break
@@ -213,13 +214,13 @@ class Task(ABC):
 
     @classmethod
     def described_keys(cls) -> dict[str, str]:
-        """Return {key: description} of the keys taken, in the order of `accepted_keys`."""
+        """Return {key: description} of the accepted keys, in the order of `accepted_keys`."""
         described: dict[str, str] = {}
         for base in reversed(cls.__mro__):
             described.update(vars(base).get('keys', {}))
         return {key: described.get(key, '') for key in cls.accepted_keys()}
 
-    # What a type is
+    # Definition of a type
 
     @abstractmethod
     def value(self, state: RobotState) -> Array:
@@ -231,11 +232,11 @@ class Task(ABC):
 
     @abstractmethod
     def jacobian(self, state: RobotState) -> Array:
-        """Return J (rows, n): the velocity of the value is J q_dot."""
+        """Return J (rows, n), with the velocity J q_dot of the value."""
 
     @abstractmethod
     def parse_goal(self, goal: Goal) -> Goal:
-        """Return a goal in the form used inside; raise `GoalError` if it cannot be one."""
+        """Return a goal in internal form, or raise `GoalError`."""
 
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
@@ -245,106 +246,106 @@ class Task(ABC):
                         is_identity=self.every_joint), error, self.row_names)
 
     def set_gain(self, gain: Gain) -> None:
-        """Take another gain, as the key of this name; ValueError where it can be none."""
+        """Set the gain, in the form of the key `gain`, or raise ValueError."""
         self.gain = parse_gain(gain, self.rows)
-        # As YAML gives it, for `is_equivalent`.
+        # In the form of YAML, for `is_equivalent`.
         self._given_keys = {**self._given_keys, 'gain': np.asarray(self.gain).tolist()}
 
     def parse_tolerance(self, tolerance: Tolerance) -> tuple[UnitRows, ...]:
-        """Return `groups` with other tolerances, of some units or all; ValueError if wrong."""
+        """Return `groups` with new tolerances of some or all units, or raise ValueError."""
         given = tolerance if isinstance(tolerance, Mapping) else \
             dict.fromkeys(self.units, tolerance)
         before = {unit: value for _, unit, value in self.groups}
         found = {unit: value for _, unit, value in parse_tolerance(
             self.units, {**before, **given})}
-        # Tasks may have other rows there than their units say, as those of obstacles have.
+        # The rows of groups may differ from the units, as for obstacles.
         return tuple(group._replace(tolerance=found[group.unit]) for group in self.groups)
 
     def set_tolerance(self, tolerance: Tolerance) -> None:
-        """Take other tolerances, as `parse_tolerance` does."""
+        """Set tolerances, in the form of `parse_tolerance`."""
         self.groups = self.parse_tolerance(tolerance)
 
     # Goals
 
     def goal_in_reference(self, goal: Goal, T_reference_frame: Array) -> Goal:
-        """Return a goal given in another frame; raise `GoalError` where goals have no frame."""
+        """Transform a goal from another frame to the reference frame, or raise `GoalError`."""
         raise GoalError(f'a goal of task {self.name!r} is not expressed in a frame: leave it out')
 
     def out_of_reach(self, goal: Goal) -> str:
-        """Return why the robot cannot reach a goal, however it stands; empty where it may."""
+        """Return a remark if no posture of the robot reaches a goal; else an empty text."""
         return ''
 
     def goal_remarks(self, goal: Goal, converted: bool) -> tuple[str, ...]:
         """
-        Return what is probably a mistake in a goal, in words.
+        Return remarks on probable mistakes in a goal.
 
         Parameters
         ----------
         goal : object
-            In the form used inside.
+            Goal in internal form.
         converted : bool
-            It was given in another frame than the reference.
+            The goal was given in a frame other than the reference.
 
         """
         return ()
 
     def goal_place(self, goal: Goal, state: RobotState) -> Array | None:
-        """Return where a goal brings the frame (3,) [m], in the reference; None for no place."""
+        """Return the position of the frame at a goal (3,) [m], in the reference, or None."""
         return None
 
     def with_goal(self: SomeTask, goal: Goal) -> SomeTask:
-        """Return a copy that has a goal, to try it out: what the copy does leaves this alone."""
+        """Return an independent copy with a goal, for trials."""
         tried = copy(self)
         tried.goal = goal
         return tried
 
     def goal_pose(self, state: RobotState) -> Array | None:
         """
-        Return T_reference_goal (4, 4) for display; None where the goal is no place.
+        Return T_reference_goal (4, 4) for display; None if the goal is not a place.
 
-        Along and about axes that do not count it is where the frame is now.
+        Along and about unselected axes it has the current pose of the frame.
         """
         return None
 
     def set_goal(self, goal: Goal, now: float) -> None:
-        """Take a goal as `parse_goal` returned it."""
+        """Set a goal, as `parse_goal` returned it."""
         self.goal = goal
         self.has_default_goal = False
 
     def start(self, state: RobotState) -> None:
-        """Take the value that the task has now as default goal, unless there is a goal."""
+        """Set the current value of the task as the default goal, unless there is a goal."""
         if self.goal is None:
             self.goal = self.value(state)
             self.has_default_goal = True
 
     def reset(self) -> None:
-        """Forget a default goal, so that the next start takes a new one."""
+        """Drop a default goal; the next start sets a new one."""
         if self.has_default_goal:
             self.goal = None
 
     def forget_goal(self) -> None:
-        """Drop the goal, so that the next start takes the value that the task has then."""
+        """Drop the goal; the next start sets a default goal."""
         if self.goal is not None:
             self.goal, self.has_default_goal = None, True
 
-    # Pictures
+    # Sketches
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
         """
-        Return what can be drawn of the task; nothing where it is about no frame.
+        Return the sketches of the task; none for a task without a frame.
 
-        Called on a `probe`, beside the cycles.
+        Called on a `probe`, outside the cycles.
 
         Parameters
         ----------
         state : RobotState
-            Where the robot is; no cycle uses it.
+            State of the robot, which no cycle uses.
 
         Returns
         -------
         sequence of Sketch
             See `tp_controller.tasks.sketch`: by default the axes of the frame, and those of the
-            goal where `goal_pose` returns one, with an arrow from one to the other.
+            goal if `goal_pose` returns one, with an arrow between both.
 
         """
         drawn, T_root_goal = self._frame_and_goal(state)
@@ -354,20 +355,20 @@ class Task(ABC):
 
     def _frame_and_goal(self, state: RobotState) -> tuple[list[Sketch], Array | None]:
         """
-        Return the part of a sketch that all tasks about a frame have.
+        Return the common part of the sketches of tasks about a frame.
 
         Returns
         -------
         list of Sketch
             Axes of the frame and the goal, and a line from a reference that is not the root.
         ndarray (4, 4) or None
-            T_root_goal; None where the goal is no place.
+            T_root_goal; None if the goal is not a place.
 
         """
         if self.frame is None:
             return [], None
         drawn: list[Sketch] = [Triad('frame', state.pose(self.frame))]
-        # A task that has not started yet may have no goal.
+        # A task that has not started may have no goal.
         if self.goal is None or self.reference is None:
             return drawn, None
         T_reference_goal = self.goal_pose(state)
@@ -384,29 +385,29 @@ class Task(ABC):
     # Feed-forward
 
     def parse_feed_forward(self, velocity: Any) -> Array:
-        """Return a velocity in the form used inside; raise `GoalError` if it cannot be one."""
+        """Return a velocity in internal form, or raise `GoalError`."""
         raise GoalError(f'task {self.name!r} takes no feed-forward velocity')
 
     def feed_forward_in_reference(self, velocity: Array, R_reference_frame: Array) -> Array:
-        """Return a velocity given in the axes of another frame; `GoalError` where it has none."""
+        """Rotate a velocity from the axes of another frame, or raise `GoalError`."""
         raise GoalError(f'a velocity of task {self.name!r} is not expressed in a frame: '
                         'leave it out')
 
     def set_feed_forward(self, velocity: Array, now: float) -> None:
-        """Add a velocity, as `parse_feed_forward` returned it, until it times out."""
+        """Set a velocity, as `parse_feed_forward` returned it, until it times out."""
         self._feed_forward = velocity
         self._feed_forward_time = now
 
     def feed_forward(self, now: float) -> Array | None:
-        """Return the feed-forward velocity in force; None where there is none (any more)."""
-        # A clock that was set back must not keep an old velocity alive either.
+        """Return the feed-forward velocity in force; None if it is absent or timed out."""
+        # A clock that was set back must not extend an old velocity either.
         if self._feed_forward is not None and \
                 not abs(now - self._feed_forward_time) <= self.timeout:
             self._feed_forward = None
         return self._feed_forward
 
     def in_rows(self, feed_forward: Array) -> Array:
-        """Return what a feed-forward velocity is for the rows (rows,)."""
+        """Return the components of a feed-forward velocity along the rows (rows,)."""
         return feed_forward
 
     # One cycle
@@ -418,14 +419,14 @@ class Task(ABC):
         Parameters
         ----------
         error : ndarray (rows,)
-            In `units`.
+            Error, in `units`.
         now : float
-            Time [s], of the clock that `set_feed_forward` was given.
+            Time on the clock of `set_feed_forward` [s].
 
         Returns
         -------
         ndarray (rows,)
-            In `units` per second.
+            Desired velocity, in `units` per second.
 
         """
         if self._feed_forward is None:
@@ -435,14 +436,14 @@ class Task(ABC):
 
     def evaluate(self, state: RobotState, now: float) -> Evaluation:
         """
-        Return all there is to know about the task in a cycle.
+        Return the `Evaluation` of the task in a cycle.
 
         Parameters
         ----------
         state : RobotState
-            Where the robot is.
+            State of the robot.
         now : float
-            [s]
+            Time [s].
 
         Returns
         -------
@@ -456,17 +457,17 @@ class Task(ABC):
         return self.make_evaluation(state, now).level
 
     def _evaluate_around_level(self, state: RobotState, now: float) -> Evaluation:
-        """Return what `evaluate` does for a type that makes its own level."""
+        """Return the `Evaluation` of a type that overrides `level`."""
         return Evaluation(self, self.level(state, now), self.error(state), self.row_names)
 
     def probe(self: SomeTask) -> SomeTask:
-        """Return a copy that can be evaluated elsewhere while this one follows the robot."""
+        """Return an independent copy for evaluation outside the cycles."""
         return copy(self)
 
     def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
                                                                       ...]:
         """
-        Return what the report shows as error.
+        Return the errors for the report.
 
         Parameters
         ----------
@@ -487,14 +488,14 @@ class Task(ABC):
     # From one stack to the next
 
     def is_compatible(self: SomeTask, other: 'Task') -> TypeGuard[SomeTask]:
-        """Say whether a goal of `other` is one of this task, too."""
+        """Return whether goals of `other` are valid for this task."""
         return type(self) is type(other) and self.reference == other.reference
 
     def inherit_goal(self, other: 'Task') -> None:
         """
-        Go on with the goal of a task that this one replaces, where it has none of its own.
+        Inherit the goal of a task that this one replaces, unless this one has a goal.
 
-        The feed-forward velocity belongs to the goal, and keeps the time at which it came.
+        The feed-forward velocity belongs to the goal, and keeps its time of arrival.
         """
         if self.goal is None and self.is_compatible(other):
             self.goal, self.has_default_goal = other.goal, other.has_default_goal
@@ -502,14 +503,14 @@ class Task(ABC):
             self._feed_forward_time = other._feed_forward_time
 
     def is_equivalent(self, other: 'Task') -> bool:
-        """Say whether the task demands what `other` does, at every state and time."""
+        """Return whether the task has the same demand as `other` at every state and time."""
         return self is other or (
             self.is_compatible(other) and self.robot is other.robot
             and self._feed_forward_time == other._feed_forward_time
-            and all(_same(one, another) for one, another in zip(self._demand(), other._demand())))
+            and all(_equal(one, another) for one, another in zip(self._demand(), other._demand())))
 
     def _demand(self) -> tuple[object, object, object]:
-        """Return what the level depends on besides state and time."""
+        """Return the inputs of the level besides state and time: keys, goal and feed-forward."""
         keys = {**self.accepted_keys(), **self._given_keys}
         return ({key: keys[key] for key in keys if key not in WITHOUT_EFFECT}, self.goal,
                 self._feed_forward)
@@ -520,8 +521,8 @@ def norm(vector: Array) -> float:
     return math.sqrt(vector.dot(vector))
 
 
-def _same(one: Any, other: Any) -> bool:
-    """Say whether keys or goals are the same; where nobody can say they are not."""
+def _equal(one: Any, other: Any) -> bool:
+    """Return whether keys or goals are equal; False if the comparison fails."""
     if one is other:
         return True
     try:

@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-Tasks that fail.
+Failures of tasks: exceptions, invalid evaluations and exceeded time budgets.
 
-A type may be anybody's code, which can raise any exception, return anything and take any time. The
-types of this package are only named where they raise an exception: to check what they return is
-what tests are for, and would cost time in every cycle.
+A type of another package can raise any exception, return any object and take any time. For types
+of this package only exceptions are caught: tests check their evaluations, since checks would cost
+time in every cycle.
 """
 
 from collections.abc import Callable
@@ -40,22 +40,22 @@ from tp_controller.solver.level import check_level
 from tp_controller.tasks.task import Evaluation, Task
 
 PACKAGE = __name__.partition('.')[0]
-# In how many cycles in a row a task may take too long. One alone proves nothing: the machine may
-# have stood still.
-PATIENCE = 3
+# Number of consecutive cycles over the time budget that make a task fail. In a single one the
+# machine may have paused.
+MAX_SLOW_CYCLES = 3
 
 Given = ParamSpec('Given')
 Returned = TypeVar('Returned')
 
 
 def is_foreign(task: Task) -> bool:
-    """Say whether a type is of another package."""
+    """Return whether the type of a task belongs to another package."""
     return type(task).__module__.partition('.')[0] != PACKAGE
 
 
 def attempt(task: Task, method: Callable[Given, Returned], *arguments: Given.args,
             **options: Given.kwargs) -> Returned:
-    """Return what a method of a task does; `EvaluationError` where it raises any exception."""
+    """Return the result of a method of a task; raise `EvaluationError` on any exception."""
     try:
         with foreign:
             return method(*arguments, **options)
@@ -65,7 +65,7 @@ def attempt(task: Task, method: Callable[Given, Returned], *arguments: Given.arg
 
 def accept(task: Task, method: Callable[Given, Returned], *arguments: Given.args,
            **options: Given.kwargs) -> Returned:
-    """Return what a method of a task that takes a goal does; `GoalError` where it fails."""
+    """Return the result of a method that takes a goal; raise `GoalError` if it fails."""
     try:
         with foreign:
             return method(*arguments, **options)
@@ -76,28 +76,28 @@ def accept(task: Task, method: Callable[Given, Returned], *arguments: Given.args
 
 
 def raised(method: Callable[..., object], error: Exception) -> str:
-    """Return which method raised what, in a sentence."""
+    """Return a sentence with the names of the method and its exception."""
     return f'{getattr(method, "__name__", "it")} raised {in_words(error)}'
 
 
-class Guard:
+class CheckedEvaluator:
     """
-    Evaluates tasks that may fail.
+    Evaluator that converts failures of tasks into `EvaluationError`.
 
     Attributes
     ----------
     budget : float
-        How long the evaluation of a task of another package may take, on the steady clock [s].
+        Largest time for the evaluation of a task of another package, on the steady clock [s].
 
     """
 
     def __init__(self) -> None:
         self.budget = math.inf
-        # {task: in how many cycles it took too long, without a break}
+        # {task: number of consecutive cycles over the budget}
         self._slow: dict[str, int] = {}
 
     def evaluate(self, task: Task, state: RobotState, now: float) -> Evaluation:
-        """Return the `Evaluation` of a task; `EvaluationError` where it fails."""
+        """Return the `Evaluation` of a task, or raise `EvaluationError`."""
         began = time.perf_counter()
         evaluation = attempt(task, task.evaluate, state, now)
         if is_foreign(task):
@@ -106,34 +106,35 @@ class Guard:
         return evaluation
 
     def _check_time(self, name: str, took: float) -> None:
-        """Raise `EvaluationError` where a task takes too long again and again."""
+        """Raise `EvaluationError` after `MAX_SLOW_CYCLES` consecutive cycles over the budget."""
         if took <= self.budget:
             self._slow[name] = 0
             return
         self._slow[name] = self._slow.get(name, 0) + 1
-        if self._slow[name] >= PATIENCE:
+        if self._slow[name] >= MAX_SLOW_CYCLES:
             self._slow[name] = 0
-            raise EvaluationError(name, f'evaluate took more than {1e3 * self.budget:.3g} ms in '
-                                        f'{PATIENCE} cycles in a row, now {1e3 * took:.3g} ms')
+            raise EvaluationError(
+                name, f'evaluate took more than {1e3 * self.budget:.3g} ms in {MAX_SLOW_CYCLES} '
+                      f'cycles in a row, now {1e3 * took:.3g} ms')
 
 
 def check(task: Task, evaluation: Evaluation, n: int) -> None:
     """
-    Check what a task returned, and make its arrays such of floats.
+    Check the evaluation of a task, and convert the arrays of its level to floats.
 
     Parameters
     ----------
     task : Task
-        That returned it.
+        Task that returned the evaluation.
     evaluation : Evaluation
-        Should be one.
+        Object to check.
     n : int
         Number of velocities.
 
     Raises
     ------
     EvaluationError
-        It cannot be used.
+        The evaluation is invalid.
 
     """
     if not isinstance(evaluation, Evaluation) or evaluation.task is not task:
@@ -159,6 +160,6 @@ def check(task: Task, evaluation: Evaluation, n: int) -> None:
 
 
 def _is_vector(values: Array, size: int) -> bool:
-    """Say whether there are this many finite floats."""
+    """Return whether `values` is an array (size,) of finite floats."""
     return isinstance(values, np.ndarray) and values.dtype == float \
         and values.shape == (size,) and bool(np.isfinite(values).all())

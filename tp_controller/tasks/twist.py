@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A desired velocity of a frame (slides (1)-(5): linear and angular velocity of a link)."""
+"""Desired velocity of a frame (slides (1)-(5): linear and angular velocity of a link)."""
 
 from tp_controller.model.robot import Robot
 from tp_controller.tasks.frame import Axes, FrameTask
@@ -25,7 +25,7 @@ class Twist(VelocityTask, FrameTask):
     Move a frame with a desired velocity, linear and angular (slides (1)-(5)).
 
     The goal is a twist (6,), linear then angular [m/s, rad/s], in the axes of the reference
-    frame. It times out: then the demand is zero.
+    frame. After a timeout the demand is zero.
     """
 
     type_name = 'twist'

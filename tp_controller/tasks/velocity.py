@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What tasks without a value of their own have in common: a demanded velocity only."""
+"""Base class of tasks that demand a velocity, without a value."""
 
 from typing import Any
 
@@ -23,26 +23,26 @@ from tp_controller.tasks.task import norm, Task
 
 
 class VelocityTask(Task):
-    """A task whose goal is a velocity; the report shows desired minus achieved as its error."""
+    """Task whose goal is a velocity; its reported error is desired minus achieved velocity."""
 
     def value(self, state: RobotState) -> Array:
-        """Return no motion (rows,), the default goal."""
+        """Return zeros (rows,), the default goal."""
         return np.zeros(self.rows)
 
     def error(self, state: RobotState) -> Array:
-        """Return zeros (rows,): there is no value with an error."""
+        """Return zeros (rows,), since there is no value."""
         return np.zeros(self.rows)
 
     def parse_goal(self, goal: Any) -> Array:
-        """Return a velocity in the form used inside; raise `GoalError` if it cannot be one."""
+        """Return a velocity in internal form, or raise `GoalError`."""
         return self.parse_feed_forward(goal)
 
     def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
-        """Return a velocity given in the axes of another frame."""
+        """Rotate a velocity from the axes of another frame to those of the reference."""
         return self.feed_forward_in_reference(goal, T_reference_frame[:3, :3])
 
     def set_goal(self, goal: Array, now: float) -> None:
-        """Take a velocity, until it times out."""
+        """Set a velocity, until it times out."""
         super().set_goal(goal, now)
         self.set_feed_forward(goal, now)
 

@@ -97,7 +97,7 @@ def test_they_are_described_with_unit_and_range(rig):
     assert described['tasks.swing.gain'] == 'gain K, one number or one for each row [1/s]'
     assert described['tasks.both.tolerance.m'] == \
         'error below which the goal counts as reached [m]'
-    assert described['tasks.inside.tolerance'] == 'how far outside still counts as satisfied [rad]'
+    assert described['tasks.inside.tolerance'] == 'violation that still counts as satisfied [rad]'
     ranges = {each.name: (each.floating_point_range[0].from_value,
                           each.floating_point_range[0].to_value) for each in descriptors}
     # 2/period and 1/period: 100 cycles a second.

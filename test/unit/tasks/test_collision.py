@@ -37,7 +37,7 @@ from tp_controller.model import collision as geometry
 from tp_controller.model import shapes
 from tp_controller.model.spatial import pose
 from tp_controller.tasks import task_types
-from tp_controller.tasks.collision import CLOSE, MOST_OBSTACLES
+from tp_controller.tasks.collision import CORNER_MARGIN, MOST_OBSTACLES
 from tp_controller.tasks.sketch import Gaps
 
 TOOL = robots.PANDA_TOOL
@@ -492,7 +492,7 @@ def test_row_of_a_corner_is_how_fast_both_links_part_there(case):
     for _ in range(30):
         q, way = inside(robot, rng), rng.normal(size=robot.n)
         now, after, before = (robot.state(q + step * way) for step in (0.0, h, -h))
-        near = task._clearance.nearest(now, 0.1 + CLOSE)
+        near = task._clearance.nearest(now, 0.1 + CORNER_MARGIN)
         _, J = task.observe(now)
         for row in np.flatnonzero(near.corners):
             speeds = []

@@ -24,7 +24,7 @@ import robots
 from tp_controller import Controller, GoalError, Robot, Settings, Stack, TaskError
 from tp_controller.model.spatial import pose, rotation_from_vector
 from tp_controller.tasks import GradientTask, Keys, task_types
-from tp_controller.tasks.joint_limit_distance import CURVED
+from tp_controller.tasks.joint_limit_distance import MAX_CURVED
 
 TOOL = robots.PANDA_TOOL
 START = (0.3, -0.9, 0.6, -2.2, 0.5, 1.9, 0.2)
@@ -90,7 +90,7 @@ def test_joint_nears_the_middle_at_a_bounded_rate_however_short_its_range(half, 
     # A higher gain is faster, never beyond 10/s.
     assert (np.diff(speeds) < 0.0).all()
     assert -10.0 * place * half < speeds[-1] < speeds[0] < 0.0
-    if place < CURVED:
+    if place < MAX_CURVED:
         assert speeds[-1] == pytest.approx(-10.0 * place * half, rel=1e-2)
 
 

@@ -37,7 +37,7 @@ from tp_controller import (
 )
 from tp_controller.model.shapes import parse_shape
 from tp_controller.tasks import task_types
-from tp_controller.tasks.speed_limit import DIRECTIONS, INSCRIBED
+from tp_controller.tasks.speed_limit import DIRECTIONS, INSCRIBED_RADIUS
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
 TOOL, ELBOW = robots.PANDA_TOOL, 'panda_link4'
@@ -431,7 +431,7 @@ def test_view_without_a_target_keeps_what_is_straight_ahead():
 
 def test_directions_of_a_speed_limit_hold_a_sphere_of_the_stated_radius():
     hull = ConvexHull(np.vstack([DIRECTIONS, -DIRECTIONS]))
-    assert INSCRIBED <= -hull.equations[:, 3].max() < INSCRIBED + 1e-4
+    assert INSCRIBED_RADIUS <= -hull.equations[:, 3].max() < INSCRIBED_RADIUS + 1e-4
     np.testing.assert_allclose(np.linalg.norm(DIRECTIONS, axis=1), 1.0)
 
 

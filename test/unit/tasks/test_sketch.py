@@ -361,7 +361,7 @@ def test_arrow_leads_back_to_the_bound_of_a_region(name, seed):
     distance = np.linalg.norm(place - centre)
     bound = 0.4 if name == 'keep_in' else 0.6
     outside = distance - bound if name == 'keep_in' else bound - distance
-    assert ('error' in parts) == (outside >= sketch.SHORTEST)
+    assert ('error' in parts) == (outside >= sketch.MIN_ARROW_LENGTH)
     if 'error' in parts:
         close(parts['error'].start, place, atol=1e-9)
         close(np.linalg.norm(parts['error'].end - centre), bound, atol=1e-9)

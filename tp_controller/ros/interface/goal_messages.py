@@ -28,7 +28,7 @@ from geometry_msgs.msg import (
 from sensor_msgs.msg import JointState
 from tp_controller.errors import GoalError
 from tp_controller.ros import Message
-from tp_controller.tasks.collision import ALL
+from tp_controller.tasks.collision import ALL_OBSTACLES
 from tp_controller.tasks.task import Task
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -158,7 +158,7 @@ def _obstacles(message: MarkerArray) -> Parts:
     parts: dict[str, dict[str, Any]] = {}
     for name, (frame, obstacle) in placed.items():
         parts.setdefault(frame, {})[name] = obstacle
-    return [*([('', {ALL: None})] if cleared else []), *parts.items()]
+    return [*([('', {ALL_OBSTACLES: None})] if cleared else []), *parts.items()]
 
 
 def _obstacle(name: str, marker: Marker) -> dict[str, Any]:

@@ -34,7 +34,7 @@ from tp_controller.errors import SettingsError
 from tp_controller.foreign import foreign
 from tp_controller.ros.log import Log
 from tp_controller.ros.parameters import as_type, declare, Spec, TASKS, wrong_type
-from tp_controller.tasks.keys import LARGEST
+from tp_controller.tasks.keys import MAX_NUMBER
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Task
 
@@ -179,7 +179,7 @@ def _entries_of(task: Task, period: float) -> Iterator[TaskParameter]:
     if 'gain' in described:
         largest, why = gain_limit(task, period)
         yield TaskParameter(Spec(f'{prefix}.gain', np.asarray(task.gain, float).tolist(),
-                                 described['gain'], lower=0.0, upper=min(LARGEST, largest),
+                                 described['gain'], lower=0.0, upper=min(MAX_NUMBER, largest),
                                  why=f'at most {why}' if why else ''), task.name)
     if 'tolerance' in described:
         # What follows says how several units are written in YAML.
@@ -188,7 +188,7 @@ def _entries_of(task: Task, period: float) -> Iterator[TaskParameter]:
             ending = f'.{unit}' if len(task.groups) > 1 else ''
             yield TaskParameter(
                 Spec(f'{prefix}.tolerance{ending}', float(tolerance), description,
-                     '' if unit == '1' else unit, 0.0, LARGEST), task.name, unit)
+                     '' if unit == '1' else unit, 0.0, MAX_NUMBER), task.name, unit)
 
 
 def _plain(value: Any) -> float | list[float]:

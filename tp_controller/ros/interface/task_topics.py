@@ -32,7 +32,7 @@ from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
 from tp_controller.ros.interface.goal_messages import GoalMessage, messages_of, Parts
 from tp_controller.ros.interface.tf_frames import TfFrames
 from tp_controller.ros.log import Log
-from tp_controller.tasks.collision import ALL
+from tp_controller.tasks.collision import ALL_OBSTACLES
 from tp_controller.tasks.task_errors import accept
 
 # Time to the next try where a topic could not be opened [s], and how many tries are strange.
@@ -242,10 +242,11 @@ class TaskTopics:
         now = self._clock()
         # What is in other frames may still be refused where no joint positions are known.
         placed.sort(key=lambda part: part[0] is None)
-        cleared = any(ALL in goal for _, goal in placed)
+        cleared = any(ALL_OBSTACLES in goal for _, goal in placed)
         for place, goal in placed:
-            goal = {key: value for key, value in goal.items() if key != ALL}
-            self._controller.set_goal(name, {ALL: None, **goal} if cleared else goal, now, place)
+            goal = {key: value for key, value in goal.items() if key != ALL_OBSTACLES}
+            self._controller.set_goal(
+                name, {ALL_OBSTACLES: None, **goal} if cleared else goal, now, place)
             cleared = False
 
     def _frame(self, frame: str) -> str | NDArray[np.float64] | None:

@@ -28,7 +28,7 @@ from tp_controller.ros.loop.state_checks import (
     motion,
     StampAge,
 )
-from tp_controller.tasks.keys import LARGEST
+from tp_controller.tasks.keys import MAX_NUMBER
 
 Rows = NDArray[np.intp]
 # Longer pauses count as this [s]: a joint may be anywhere then.
@@ -228,10 +228,10 @@ class JointStateBuffer(Contradicting):
                 self._note(plan, self._spoken, now, clock)
             return ''
         values = np.asarray(positions, dtype=float)[plan.source]
-        known = np.abs(values) <= LARGEST
+        known = np.abs(values) <= MAX_NUMBER
         if not known[plan.of_driven].all():
             bad = ', '.join(self._names[row] for row in self._numbers[plan.rows][~known])
-            return f'position not finite, or beyond {LARGEST:g}: {bad}'
+            return f'position not finite, or beyond {MAX_NUMBER:g}: {bad}'
         self._check_motion(plan, values, now, clock)
         if plan.age.overtaken:
             return ''
