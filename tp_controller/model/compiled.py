@@ -26,9 +26,9 @@ from typing import Protocol, TypeAlias
 import numpy as np
 import pinocchio
 from tp_controller.model.spatial import Array
-from tp_controller.solver.compiled import MOST, part
+from tp_controller.solver.compiled import compiled_module, MOST
 
-MOTION = part('tp_controller.model.motion')
+MOTION = compiled_module('tp_controller.model.motion')
 # As motion.cpp numbers them; the first is the root.
 STILL, FREE, TURNS, SLIDES = range(4)
 

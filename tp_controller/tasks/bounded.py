@@ -24,7 +24,7 @@ from tp_controller.errors import GoalError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.solver.compiled import part
+from tp_controller.solver.compiled import compiled_module
 from tp_controller.solver.level import Level
 from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
 from tp_controller.tasks.task import DEFAULT_TIMEOUT, Evaluation, Goal, Task
@@ -43,7 +43,7 @@ RETURN_JOINT_SPEED = 0.5
 FAR, STILL, LOOSE, DRIFT = 1.0, 2e-2, 1e-3, 1e-2
 TINY = 1e-12
 # What is compiled of this file; None where the reference runs, or it was not built.
-ROWS = part('tp_controller.tasks.rows')
+ROWS = compiled_module('tp_controller.tasks.rows')
 
 
 @dataclass(slots=True, eq=False)
