@@ -47,11 +47,11 @@ class ActiveSet:
         self._point = point
         square = np.einsum('ij,ij->i', A, A)
         # Rows of negligible length are zeroed: z cannot change whether they are satisfied.
-        nothing = square < ROUNDING ** 2
-        square[nothing] = 1.0
+        negligible = square < ROUNDING ** 2
+        square[negligible] = 1.0
         # Normalise the rows to length 1.
         self._scale = 1.0 / np.sqrt(square)
-        self._rows = A * np.where(nothing, 0.0, self._scale)[:, np.newaxis]
+        self._rows = A * np.where(negligible, 0.0, self._scale)[:, np.newaxis]
         self._lower, self._upper = self._scale * lower, self._scale * upper
         # Tolerances refer to the rows as given, reduced in proportion if both bounds are below 1.
         reach = np.maximum(np.abs(lower), np.abs(upper))

@@ -76,8 +76,8 @@ class LevelStep(NamedTuple):
     relaxed : ndarray (n, k) or None
         Basis of the null space left to the levels below; None without relaxed directions.
     multipliers, row_multipliers : ndarray (n,), (r,), or None
-        Of the bounds on the joints, and on the rows of all levels with bounds down to this one;
-        None if no bound was active.
+        Multipliers of the joint bounds, and of the rows of all levels with bounds down to this
+        one; None if no bound was active.
     bend : float
         h of this cycle alone (see `damping`).
 

@@ -110,7 +110,7 @@ class Damping:
         return self.damping > 0.0 and self.singular_region == math.inf
 
     @cached_property
-    def _untouched(self) -> float:
+    def _undamped_above(self) -> float:
         """Return the singular value above which λ damps no direction and none is relaxed."""
         return max(0.0 if self.off else self.singular_region, self.release_region)
 
@@ -123,7 +123,7 @@ class Damping:
 
     def spares(self, s: float, c: float) -> bool:
         """Return whether singular values of at least s are neither damped nor relaxed."""
-        return s >= self._untouched and s * s >= c
+        return s >= self._undamped_above and s * s >= c
 
     def gains(self, s: Array, c: float) -> Array:
         """Return s / max(s² + λ² (1 − s²/ε²), c) for s (k,), the largest first."""

@@ -46,7 +46,7 @@ def suggestion(name: object, valid: Iterable[str]) -> str:
     if len(shown) > LONGEST_NAME:
         # Too long for a name: the comparison with all valid names would take seconds.
         return f'{shown[:LONGEST_NAME]} …'
-    # A valid name that cannot be used here is no suggestion for itself.
+    # Do not suggest the name itself: it can be valid, yet not usable here.
     others = [each for each in valid if each != name]
     near = difflib.get_close_matches(str(name), others, n=1)
     return shown + (f' (did you mean {near[0]!r}?)' if near else '')

@@ -86,7 +86,7 @@ def decompose(level: Level, Z: Array | None = None, orthonormal: bool = True) ->
     if level.is_identity and orthonormal:
         return Directions(J_bar, np.ones(columns), J_bar, size)
     U, s, V = singular_values(J_bar)
-    # Relative to J, not to J Z: for a level that repeats the one above, J Z has only rounding
+    # Relative to ‖J‖, not to ‖J Z‖: for a level that repeats the one above, J Z has only rounding
     # errors, and their inverse would be a velocity of 1e16.
     least = NEGLIGIBLE * size
     rank = len(s) if s[-1] > least else int(np.count_nonzero(s > least))

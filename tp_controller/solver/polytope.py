@@ -31,7 +31,7 @@ class Polytope:
     rows, row_lower, row_upper : ndarray (r, n), (r,), (r,)
         Rows, normalised to length 1 so that one tolerance fits all.
     lengths : ndarray (r,)
-        Of the rows as given.
+        Lengths of the rows as given.
 
     """
 

@@ -26,9 +26,9 @@ from tp_controller.solver.polytope import Polytope
 
 class LevelSolution:
     """
-    Result of one level: its velocity, its residual, and the causes of that.
+    Result of one level: velocity, residual, limits and disturbance.
 
-    Every value is computed on access, from the results that the solver stored.
+    Every value is computed on access, from the results of the solver.
 
     """
 
@@ -198,7 +198,7 @@ class Steps(Protocol):
 
 class Solution:
     """
-    Solution of one cycle.
+    Solution of the levels in one cycle.
 
     Attributes
     ----------

@@ -55,7 +55,7 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
     """
     Return the joint velocities that carry out prioritized tasks.
 
-    Every level is met as well as the levels above it allow, in the least-squares sense. Of the
+    Every level is met as well as the levels above it allow, in the least-squares sense. Among the
     remaining solutions the one of minimum norm is returned. An empty list gives no motion.
 
     Parameters
