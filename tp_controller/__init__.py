@@ -53,7 +53,7 @@ __all__ = [
     'SimulatorNoise', 'Solution', 'SolverError', 'Stack', 'StackError', 'TaskError', 'TimeError',
     'TpControllerError', 'solve']
 
-# Where each name is, which is imported with its first use: the command line needs few of them.
+# Module of each public name, imported on first use: the command line needs few of them.
 _ORIGINS = {
     'control.controller': ('Command', 'Controller'),
     'control.settings': ('Settings',),
@@ -71,7 +71,7 @@ _SUBPACKAGES = ('control', 'errors', 'model', 'resources', 'solver', 'tasks')
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name, or a part of the package, imported now."""
+    """Import and return a public name, or a subpackage."""
     if name in _MODULES:
         found = getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)
         globals()[name] = found
@@ -82,5 +82,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return the names that there are, imported or not."""
+    """Return all names of the package, imported or not."""
     return sorted({*globals(), *__all__, *_SUBPACKAGES})

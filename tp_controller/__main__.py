@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``python -m tp_controller`` is the command ``tp_controller``."""
+"""Entry point of ``python -m tp_controller``, the command ``tp_controller``."""
 
 import sys
 

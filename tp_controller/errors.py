@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The errors a user can meet.
+Public errors of the package.
 
 ::
 
@@ -22,12 +22,12 @@ The errors a user can meet.
     ├── SettingsError   a setting is out of its range (all of them at once)
     ├── TaskError       keys of one task are wrong (all of them at once)
     ├── StackError      the list of tasks has faults (all of them at once, with lines)
-    ├── GoalError       a goal is not finite, has the wrong shape or names nothing
+    ├── GoalError       a goal is not finite, has the wrong shape or an unknown name
     ├── TimeError       a time is not a finite number
     ├── EvaluationError a task fails in a cycle: it raises an exception, or takes too long
     └── SolverError     the levels handed to ``solve`` do not fit together
 
-Every message names what is wrong and says what is valid.
+Every message names the fault and the valid values.
 """
 
 from collections.abc import Iterable
@@ -40,17 +40,17 @@ __all__ = [
     'EvaluationError', 'Fault', 'GoalError', 'RobotError', 'SettingsError', 'SolverError',
     'StackError', 'TaskError', 'TimeError', 'TpControllerError', 'suggestion', 'unknown']
 
-# What a message shows: characters of a fault, and faults of a stack.
-LONGEST = 2000
-MOST_SHOWN = 30
+# Longest fault in a message [characters], and largest number of faults of a stack.
+LONGEST_FAULT = 2000
+MOST_FAULTS = 30
 
 
 class RobotError(TpControllerError):
-    """A robot description, or a name or position of the robot, is not valid."""
+    """Invalid robot description, or invalid name or position of the robot."""
 
 
 class SettingsError(TpControllerError):
-    """One or more settings are out of range; ``faults`` lists them all."""
+    """Settings out of range; ``faults`` lists them all."""
 
     def __init__(self, faults: Iterable[str]) -> None:
         self.faults = tuple(faults)
@@ -58,7 +58,7 @@ class SettingsError(TpControllerError):
 
 
 class TaskError(TpControllerError):
-    """Keys of one task are wrong; ``faults`` is a tuple of (key, message)."""
+    """Wrong keys of one task; ``faults`` is a tuple of (key, message)."""
 
     def __init__(self, name: str, faults: Iterable[tuple[str, str]]) -> None:
         self.faults = tuple(faults)
@@ -67,15 +67,15 @@ class TaskError(TpControllerError):
 
 
 class GoalError(TpControllerError):
-    """A goal was refused; the goal in force before stays in force."""
+    """Refusal of a goal; the previous goal stays in force."""
 
 
 class TimeError(TpControllerError):
-    """A time was refused; the controller is as it was before."""
+    """Refusal of a time; the controller is unchanged."""
 
 
 class EvaluationError(TpControllerError):
-    """A task failed in a cycle; ``task`` is its name, and ``reason`` says why."""
+    """Failure of a task in a cycle; ``task`` is its name, ``reason`` the cause."""
 
     def __init__(self, task: str, reason: str) -> None:
         self.task, self.reason = task, reason
@@ -85,16 +85,16 @@ class EvaluationError(TpControllerError):
 @dataclass(frozen=True)
 class Fault:
     """
-    One fault of a stack.
+    Fault of a stack.
 
     Attributes
     ----------
     line : int
-        Line in the YAML text, from 1; 0 where there is no text.
+        Line in the YAML text, from 1; 0 if there is no text.
     where : str
         Task, or task and key, that the fault is in; empty for the list itself.
     message : str
-        What is wrong and what is valid.
+        Description of the fault, with the valid values.
 
     """
 
@@ -107,23 +107,23 @@ class Fault:
         where = f'{self.where}: ' if self.where else ''
         line = f'line {self.line}: ' if self.line else ''
         text = f'{line}{where}{self.message}'
-        # A message that quotes what was written may quote a whole file.
-        return text if len(text) <= LONGEST else f'{text[:LONGEST]} …'
+        # A message that quotes its input may quote a whole file.
+        return text if len(text) <= LONGEST_FAULT else f'{text[:LONGEST_FAULT]} …'
 
 
 class StackError(TpControllerError):
-    """A stack has faults; ``faults`` is a tuple of `Fault`, in order of their lines."""
+    """Faults of a stack; ``faults`` is a tuple of `Fault`, in order of their lines."""
 
     def __init__(self, faults: Iterable[Fault]) -> None:
         self.faults = tuple(sorted(faults, key=lambda fault: fault.line))
-        shown = [str(fault) for fault in self.faults[:MOST_SHOWN]]
-        if len(self.faults) > MOST_SHOWN:
-            shown.append(f'and {len(self.faults) - MOST_SHOWN} more')
+        shown = [str(fault) for fault in self.faults[:MOST_FAULTS]]
+        if len(self.faults) > MOST_FAULTS:
+            shown.append(f'and {len(self.faults) - MOST_FAULTS} more')
         super().__init__('; '.join(shown))
 
 
 def in_words(error: BaseException) -> str:
-    """Return what an exception says, with its type where it is not one of ours."""
+    """Return the message of an exception, with its type unless it is a `TpControllerError`."""
     if isinstance(error, TpControllerError):
         return str(error)
     if isinstance(error, Leaving) and error.__cause__ is not None:
@@ -132,6 +132,6 @@ def in_words(error: BaseException) -> str:
         with foreign:
             text = str(error)
     except Exception:
-        # An exception may be anybody's code, too.
+        # The exception may be foreign code, too.
         text = 'without a message'
-    return f'{type(error).__name__}: {text[:LONGEST]}' if text else type(error).__name__
+    return f'{type(error).__name__}: {text[:LONGEST_FAULT]}' if text else type(error).__name__

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Calls of code of others, as that of task types: what they raise ends no program."""
+"""Context for calls of foreign code, such as task types: its exceptions end no program."""
 
 import signal
 import threading
@@ -22,24 +22,24 @@ from typing import Any
 
 
 class Leaving(Exception):
-    """Code of others raised what would end the program; its cause says what."""
+    """Exception of foreign code that would end the program; its cause is the original one."""
 
 
 class Foreign:
     """
-    A context in which code of others is called.
+    Context in which foreign code is called.
 
-    ``SystemExit``, ``KeyboardInterrupt``, ``GeneratorExit`` and whatever else is no `Exception`
-    leaves it as `Leaving`, a fault like others. Only what the handler of a signal raises there
-    stays as it is.
+    ``SystemExit``, ``KeyboardInterrupt``, ``GeneratorExit`` and all other exceptions that are no
+    `Exception` are replaced by `Leaving`, an ordinary fault. Only exceptions that the handler of a
+    signal raises there pass unchanged.
     """
 
     def __enter__(self) -> None:
-        """Enter, which takes no time: the context may be used in every cycle."""
+        """Enter without overhead: the context may be used in every cycle."""
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
-        """Leave, with an `Exception` if there was anything else."""
+        """Exit, and replace an exception that is no `Exception` by `Leaving`."""
         if error is not None and not isinstance(error, Exception) and not _is_of_signal(error):
             raise Leaving from error
 
@@ -50,7 +50,7 @@ foreign = Foreign()
 def _is_of_signal(error: BaseException) -> bool:
     """Return whether the handler of a signal raised an exception."""
     if threading.current_thread() is not threading.main_thread():
-        # Handlers only run there.
+        # Handlers run in the main thread only.
         return False
     handlers = [signal.getsignal(number) for number in signal.valid_signals()]
     if isinstance(error, KeyboardInterrupt) and signal.default_int_handler in handlers:

@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Files by name, or text given in place of a file, read as YAML or XML.
+Reader of YAML and XML, from a file or from text given in place of a file.
 
-What is read may come from anywhere, so there are limits to its size, depth and number of values:
-whatever is given, it is read or refused within about a second.
+The input may come from anywhere. Limits of its size, depth and number of values ensure that any
+input is read or refused within about a second.
 """
 
 from collections.abc import Callable
@@ -35,25 +35,25 @@ import yaml
 
 PACKAGE = 'tp_controller'
 SCHEME = 'package://'
-# Of example-robot-data's 100 descriptions the largest, TIAGo with two arms, has 210,777
+# The largest of 100 descriptions in example-robot-data, TIAGo with two arms, has 210,777
 # characters, 3,851 elements and 7 levels; stacks have about 1,000 characters.
 MOST_YAML_CHARACTERS = 250_000
-MOST_VALUES = 10_000
+MOST_YAML_VALUES = 10_000
 MOST_YAML_LEVELS = 32
-# Numbers, names and all else that is not in quotes.
-LONGEST_PLAIN = 1000
+# Longest plain scalar: a number, name or other value without quotes [characters].
+LONGEST_PLAIN_SCALAR = 1000
 MOST_XML_CHARACTERS = 2_000_000
-MOST_ELEMENTS = 20_000
+MOST_XML_ELEMENTS = 20_000
 MOST_XML_LEVELS = 64
-# XML is parsed in pieces of this many characters, between which other threads can run.
-PIECE = 16_384
-# A file that changed less than this ago may still be written [s]. Of files written in lines, 10 to
-# 90 ms apart, 30 of 30 were read too early with 0.02 s, and none with 0.2 s.
-SETTLED = 0.2
-# How long to wait for that [s].
-PATIENCE = 1.0
-# Of a file's name, and what a message shows of one that is longer.
-LONGEST_PATH, LONGEST_SHOWN = 1000, 100
+# XML is parsed in chunks of this size, between which other threads can run [characters].
+XML_CHUNK = 16_384
+# A file that changed less than this ago may still be written [s]. Among files written in lines, 10
+# to 90 ms apart, 30 of 30 were read too early with 0.02 s, and none with 0.2 s.
+SETTLING_TIME = 0.2
+# Longest wait for a file to settle [s].
+SETTLING_TIMEOUT = 1.0
+# Longest name of a file, and longest part of a longer one in a message [characters].
+LONGEST_PATH, LONGEST_QUOTED_PATH = 1000, 100
 SURROGATE = re.compile('[\ud800-\udfff]')
 
 
@@ -61,13 +61,13 @@ def package_share(package: str = PACKAGE) -> Path:
     """
     Return the share directory of a ROS package.
 
-    The ament index is asked first; this package's own files are also found in a source tree and
-    after a plain ``pip install``, below whatever prefix it went to.
+    The ament index is searched first; this package's own files are also found in a source tree
+    and after a plain ``pip install``, below any prefix.
 
     Parameters
     ----------
     package : str
-        Its name.
+        Name of the package.
 
     Returns
     -------
@@ -95,21 +95,21 @@ def package_share(package: str = PACKAGE) -> Path:
 
 class YamlLoader(yaml.SafeLoader):
     """
-    Safe YAML with limits.
+    Safe YAML loader with limits.
 
-    It reads 1e-3 as a number, as YAML 1.2 does, and not as text. What an alias stands for counts
-    as often as it is used.
+    It reads 1e-3 as a number, as YAML 1.2 does, and not as text. The node of an alias counts once
+    per use.
     """
 
     def __init__(self, text: str) -> None:
         check_length(text, MOST_YAML_CHARACTERS)
         super().__init__(text)
         self._values = self._levels = 0
-        # How many values there are in a node that is complete.
+        # Number of values in each complete node.
         self._sizes: dict[yaml.Node | None, int] = {}
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Return the next node, or refuse what goes beyond a limit."""
+        """Return the next node; refuse one that exceeds a limit."""
         before = self._values
         event = self.peek_event()
         self._levels += 1
@@ -124,23 +124,24 @@ class YamlLoader(yaml.SafeLoader):
         else:
             self._values += 1
             self._sizes[node] = self._values - before
-        if self._values > MOST_VALUES:
-            raise _refusal(f'more than {MOST_VALUES} values, counting what aliases stand for',
+        if self._values > MOST_YAML_VALUES:
+            raise _refusal(f'more than {MOST_YAML_VALUES} values, counting what aliases stand for',
                            event)
         return node
 
     def compose_scalar_node(self, anchor: Any) -> yaml.ScalarNode:
-        """Return the next scalar, or refuse one that is too long or no text."""
+        """Return the next scalar; refuse one that is too long or no valid text."""
         event = self.peek_event()
-        if event.style is None and len(event.value) > LONGEST_PLAIN:
-            raise _refusal(f'a number or word of more than {LONGEST_PLAIN} characters', event)
+        if event.style is None and len(event.value) > LONGEST_PLAIN_SCALAR:
+            raise _refusal(f'a number or word of more than {LONGEST_PLAIN_SCALAR} characters',
+                           event)
         if SURROGATE.search(event.value):
             raise _refusal('half of a character (a lone surrogate)', event)
         return super().compose_scalar_node(anchor)
 
 
 def _refusal(problem: str, event: Any) -> yaml.YAMLError:
-    """Return the error of what is valid YAML but beyond a limit."""
+    """Return the error for valid YAML that exceeds a limit."""
     return yaml.composer.ComposerError(None, None, problem, event.start_mark)
 
 
@@ -150,14 +151,14 @@ YamlLoader.add_implicit_resolver('tag:yaml.org,2002:float',
 
 
 def check_length(text: str, most: int) -> None:
-    """Raise ValueError for a text of more than `most` characters."""
+    """Raise ValueError if a text has more than `most` characters."""
     if len(text) > most:
         raise ValueError(f'a text of {len(text)} characters; at most {most} are read')
 
 
 def load_yaml(text: str) -> Any:
     """
-    Return what a YAML text says.
+    Return the value of a YAML text.
 
     Parameters
     ----------
@@ -171,7 +172,7 @@ def load_yaml(text: str) -> Any:
     Raises
     ------
     ValueError
-        The text is no YAML, a value in it cannot be read, or it goes beyond a limit.
+        The text is not valid YAML, a value in it cannot be read, or it exceeds a limit.
 
     """
     try:
@@ -181,7 +182,7 @@ def load_yaml(text: str) -> Any:
 
 
 class _Builder(ElementTree.TreeBuilder):
-    """Builds the tree of an XML text within the limits."""
+    """Builder of the tree of an XML text, with limits."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -191,8 +192,8 @@ class _Builder(ElementTree.TreeBuilder):
         """Begin an element."""
         self._elements += 1
         self._levels += 1
-        if self._elements > MOST_ELEMENTS:
-            raise ValueError(f'more than {MOST_ELEMENTS} elements')
+        if self._elements > MOST_XML_ELEMENTS:
+            raise ValueError(f'more than {MOST_XML_ELEMENTS} elements')
         if self._levels > MOST_XML_LEVELS:
             raise ValueError(f'nested too deeply, in more than {MOST_XML_LEVELS} levels')
         return super().start(tag, attributes)
@@ -203,7 +204,7 @@ class _Builder(ElementTree.TreeBuilder):
         return super().end(tag)
 
     def doctype(self, name: str, public: str | None, system: str | None) -> None:
-        """Refuse what may declare entities, by which a short text becomes an endless one."""
+        """Refuse a document type: its entities could expand a short text without limit."""
         raise ValueError('a document type (<!DOCTYPE …>) is not read')
 
 
@@ -211,7 +212,7 @@ def load_xml(text: str) -> Element:
     """
     Return the outermost element of an XML text.
 
-    The text is in Unicode already: an encoding that it names says nothing.
+    The text is in Unicode already; an encoding that it declares is ignored.
 
     Parameters
     ----------
@@ -225,26 +226,26 @@ def load_xml(text: str) -> Element:
     Raises
     ------
     ValueError
-        The text is no XML, or goes beyond a limit.
+        The text is not valid XML, or exceeds a limit.
 
     """
     check_length(text, MOST_XML_CHARACTERS)
     parser = ElementTree.XMLParser(target=_Builder())
     try:
-        for start in range(0, len(text), PIECE):
-            parser.feed(text[start:start + PIECE])
+        for start in range(0, len(text), XML_CHUNK):
+            parser.feed(text[start:start + XML_CHUNK])
         return parser.close()
     except (ElementTree.ParseError, UnicodeEncodeError) as error:
         raise ValueError(f'not valid XML: {error}') from error
 
 
 def is_number(value: object) -> TypeGuard[int | float]:
-    """Say whether a value is a number, not NaN, that a float can hold."""
+    """Return whether a value is a number in the range of floats, and not NaN."""
     try:
         return isinstance(value, (int, float)) and not isinstance(value, bool) \
             and not math.isnan(float(value))
     except OverflowError:
-        # YAML has whole numbers of any size.
+        # YAML has integers of any size.
         return False
 
 
@@ -264,14 +265,14 @@ def find_file(name: str | Path) -> Path:
     Raises
     ------
     FileNotFoundError
-        There is no such file, ``~user`` names nobody, or the path leads out of its package.
+        The file does not exist, ``~user`` is unknown, or the path leads out of its package.
 
     """
     if not str(name):
         raise FileNotFoundError('no file: its name is empty')
     if len(str(name)) > LONGEST_PATH:
-        # Who gives a text for a name gives a long one.
-        raise FileNotFoundError(f'no file {str(name)[:LONGEST_SHOWN]} …')
+        # Probably a text given in place of a name.
+        raise FileNotFoundError(f'no file {str(name)[:LONGEST_QUOTED_PATH]} …')
     if str(name).startswith(SCHEME):
         return _package_file(str(name))
     try:
@@ -285,7 +286,7 @@ def _package_file(name: str) -> Path:
     """Return the path of a file of a package."""
     package, _, rest = name[len(SCHEME):].partition('/')
     share = package_share(package)
-    # An absolute rest takes the place of all before it.
+    # An absolute rest replaces the share directory.
     path = _regular(share / rest)
     if not any(path.resolve().is_relative_to(folder) for folder in _folders(package, share)):
         raise FileNotFoundError(f'no file {name}: the path leads out of its package')
@@ -294,10 +295,10 @@ def _package_file(name: str) -> Path:
 
 def _folders(package: str, share: Path) -> list[Path]:
     """
-    Return the folders that a package's files are in.
+    Return the folders of a package's files.
 
-    After ``colcon build --symlink-install`` its share directory has links to its source, as of
-    package.xml, and to what was built of it.
+    After ``colcon build --symlink-install`` its share directory has links to its source, such as
+    package.xml, and to its build directory.
     """
     source = (share / 'package.xml').resolve().parent
     builds = [folder / 'build' / package for folder in share.resolve().parents[2:4]]
@@ -305,7 +306,7 @@ def _folders(package: str, share: Path) -> list[Path]:
 
 
 def _regular(path: Path) -> Path:
-    """Return a path; raise OSError where there is no file, or a directory, device or the like."""
+    """Return a path; raise OSError if it is missing, a directory, a device or the like."""
     if not path.is_file():
         raise FileNotFoundError(
             f'no file {path}' + (': it is no regular file' if path.exists() else ''))
@@ -322,9 +323,9 @@ def read_source(source: str | Path, is_text: Callable[[str], bool],
     source : str or pathlib.Path
         Text or name.
     is_text : callable
-        Says of a string whether it is the text itself.
+        Predicate: whether a string is the text itself.
     most : int
-        How many characters it may have.
+        Largest number of characters.
 
     Returns
     -------
@@ -333,9 +334,9 @@ def read_source(source: str | Path, is_text: Callable[[str], bool],
     Raises
     ------
     FileNotFoundError
-        `source` is no text and there is no such file.
+        `source` is the name of a file that does not exist.
     ValueError
-        It is too long, or the file is none of text in UTF-8 or still being written.
+        The text is too long, or the file is not text in UTF-8 or still being written.
 
     """
     if not isinstance(source, (str, Path)):
@@ -353,30 +354,30 @@ def read_source(source: str | Path, is_text: Callable[[str], bool],
 
 def _settled_content(path: Path, most: int) -> bytes:
     """
-    Return the content of a file once nobody writes it any more.
+    Return the content of a file as soon as it is completely written.
 
-    The first lines of a stack are a stack, too: whoever reads while they are written gets the
+    The first lines of a stack are a stack, too: reading while they are written would return the
     upper tasks only.
     """
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + SETTLING_TIMEOUT
     while True:
         content, changed = _content(path, most)
-        if not 0.0 <= time.time() - changed < SETTLED:
+        if not 0.0 <= time.time() - changed < SETTLING_TIME:
             return content
         if time.monotonic() > until:
-            raise ValueError(f'{path} has been changing for {PATIENCE:g} s: read it when it is '
-                             'complete')
-        time.sleep(SETTLED)
+            raise ValueError(f'{path} has been changing for {SETTLING_TIMEOUT:g} s: read it when '
+                             'it is complete')
+        time.sleep(SETTLING_TIME)
 
 
 def _content(path: Path, most: int) -> tuple[bytes, float]:
-    """Return the content of a file, and when it changed last."""
-    # A fifo that took the file's place meanwhile must not block.
+    """Return the content of a file, and the time of its last change."""
+    # A fifo that replaced the file meanwhile must not block.
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     with open(descriptor, 'rb') as file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise FileNotFoundError(f'no file {path}: it is no regular file')
-        # Of a file that has nothing yet, as some below /proc, None is read.
+        # A file without content yet, as some below /proc, returns None.
         content = file.read(most + 1) or b''
         if len(content) > most:
             raise ValueError(f'{path} is longer than {most} bytes, more than are read')

@@ -11,24 +11,24 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Texts and numbers that others wrote: in messages, recordings and browsers."""
+"""Untrusted texts and numbers: from messages, recordings and browsers."""
 
 from collections.abc import Mapping
 import math
 
 # Longest text that is shown [characters].
-LONGEST = 2000
+LONGEST_TEXT = 2000
 REPLACEMENT = '\ufffd'
 ELLIPSIS = ' …'
-# Key of an error in a status: ``error [<unit>]``.
-ERROR = 'error ['
+# Beginning of the key of an error in a status: ``error [<unit>]``.
+ERROR_KEY = 'error ['
 # Largest number of errors of a task.
 MOST_ERRORS = 8
 
 
-def plain(text: str, longest: int = LONGEST, *, lines: bool = False) -> str:
+def plain(text: str, longest: int = LONGEST_TEXT, *, lines: bool = False) -> str:
     """
-    Return a text that only shows what it says, on terminals, in pages and in plots.
+    Return a text without control characters, for terminals, pages and plots.
 
     Control characters, direction overrides, invisible characters and halves of characters are
     replaced by U+FFFD, other spaces by a space.
@@ -36,11 +36,11 @@ def plain(text: str, longest: int = LONGEST, *, lines: bool = False) -> str:
     Parameters
     ----------
     text : str
-        Anything.
+        Any text.
     longest : int
-        Longer texts are cut off [characters].
+        Longer texts are truncated [characters].
     lines : bool
-        Line feeds stay.
+        Whether line feeds are kept.
 
     """
     if len(text) > longest:
@@ -48,16 +48,16 @@ def plain(text: str, longest: int = LONGEST, *, lines: bool = False) -> str:
     if text.isprintable():
         return text
     return ''.join(character if character.isprintable() or (lines and character == '\n')
-                   else ' ' if character.isspace() and character not in CONTROLLING
+                   else ' ' if character.isspace() and character not in CURSOR_SPACES
                    else REPLACEMENT for character in text)
 
 
 # Spaces that move a cursor.
-CONTROLLING = '\n\r\v\f\x1c\x1d\x1e\x1f\x85\u2028\u2029'
+CURSOR_SPACES = '\n\r\v\f\x1c\x1d\x1e\x1f\x85\u2028\u2029'
 
 
 def number(text: str) -> float:
-    """Return the number that a text says; not a number where it says none."""
+    """Return the number in a text; NaN if it is not a number."""
     try:
         return float(text)
     except ValueError:
@@ -65,7 +65,7 @@ def number(text: str) -> float:
 
 
 def count(text: str) -> int:
-    """Return the count that a text says; 0 where it says none."""
+    """Return the count in a text; 0 if it is not an integer."""
     try:
         return max(int(text), 0)
     except ValueError:
@@ -74,6 +74,6 @@ def count(text: str) -> int:
 
 def errors_of(values: Mapping[str, str]) -> dict[str, float]:
     """Return {unit: error} of the status of a task, given as {key: value}."""
-    errors = [(key[len(ERROR):-1], number(value)) for key, value in values.items()
-              if key.startswith(ERROR)]
+    errors = [(key[len(ERROR_KEY):-1], number(value)) for key, value in values.items()
+              if key.startswith(ERROR_KEY)]
     return dict(errors[:MOST_ERRORS])

@@ -174,7 +174,7 @@ def test_limits_suffice_for_the_largest_robots_there_are():
     large = robots.urdf_path('tiago').with_name('tiago_dual.urdf').read_text()
     tree = load_xml(large)
     assert 4 * len(large) < resources.MOST_XML_CHARACTERS
-    assert 4 * sum(1 for _ in tree.iter()) < resources.MOST_ELEMENTS
+    assert 4 * sum(1 for _ in tree.iter()) < resources.MOST_XML_ELEMENTS
     assert 4 * len(tree.findall('link')) < urdf.MOST_LINKS
     assert 1.4 * len(urdf.moving_joints(tree)) < urdf.MOST_JOINTS
 
@@ -187,7 +187,7 @@ def test_encoding_that_a_description_names_says_nothing():
 
 def test_piece_that_ends_anywhere_changes_nothing(monkeypatch):
     text = '<?xml version="1.0"?>\n<a b="&lt;ü&#x1F600;"><!-- c -->😀<d/></a>'
-    monkeypatch.setattr(resources, 'PIECE', 1)
+    monkeypatch.setattr(resources, 'XML_CHUNK', 1)
     tree = load_xml(text)
     assert (tree.get('b'), tree[0].tail or tree.text) == ('<ü😀', '😀')
 
@@ -279,9 +279,9 @@ def test_half_written_stack_is_not_taken_for_a_shorter_one(tmp_path, monkeypatch
     monkeypatch.setattr(resources.time, 'sleep', sleep)
     # Each time it is read just after it changed, at last when it has been complete for a while.
     monkeypatch.setattr(resources.time, 'time', lambda: os.stat(path).st_mtime + (
-        2.0 if len(slept) == 2 else 0.9) * resources.SETTLED)
+        2.0 if len(slept) == 2 else 0.9) * resources.SETTLING_TIME)
     assert len(Stack.from_yaml(path, robots.planar()).tasks) == 4
-    assert slept == [resources.SETTLED] * 2
+    assert slept == [resources.SETTLING_TIME] * 2
 
 
 def test_pause_of_a_tenth_of_a_second_is_not_the_end_of_a_file(tmp_path, monkeypatch):

@@ -17,7 +17,7 @@
 import math
 
 import pytest
-from tp_controller.untrusted import count, errors_of, LONGEST, MOST_ERRORS, number, plain
+from tp_controller.untrusted import count, errors_of, LONGEST_TEXT, MOST_ERRORS, number, plain
 
 
 @pytest.mark.parametrize('text, shown', [
@@ -47,7 +47,7 @@ def test_every_character_is_shown_or_replaced():
 
 
 def test_a_long_text_is_cut_off():
-    assert plain('x' * 10_000_000) == 'x' * LONGEST + ' …'
+    assert plain('x' * 10_000_000) == 'x' * LONGEST_TEXT + ' …'
     assert plain('abc', 3) == 'abc' and plain('abcd', 3) == 'abc …'
 
 

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the robot is: kinematics, limits, shapes, a moving base, and a simulator of it."""
+"""Robot model: kinematics, limits, shapes, a moving base, and a simulator."""

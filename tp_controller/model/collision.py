@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Solid shapes on the frames of a robot, and how far they are apart.
+Collision geometry on the frames of a robot, and the distances between its solids.
 
-Distances come from Pinocchio and its collision library Coal; nothing else here knows that one.
-All shapes are convex: a mesh counts as its convex hull.
+Distances come from Pinocchio and its collision library Coal, which no other module uses. All
+shapes are convex: a mesh counts as its convex hull.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -39,26 +39,27 @@ from tp_controller.model.urdf import parse
 from tp_controller.resources import find_file
 
 FILE_SCHEME = 'file://'
-# The largest collision mesh of example-robot-data has 3.4 million bytes; to read it takes 0.16 s.
-MOST_BYTES = 20_000_000
-# How exact the distances of solids are that do not overlap [m]. With 1e-6, as Coal has it, normals
-# at a cylinder are wrong by up to 0.03. Overlapping, 1e-6 is what Coal can reach: of 40,000 random
-# pairs it found the distance of all, of 8,000 with 1e-8 it missed two.
-EXACT = 1e-9
-# By how much sides that face each other may be inclined, from one end to the other [m]. Without
-# corners a hand that is pressed flat on a table rattles (100 reversals/s), and 300 runs of
-# benchmarks/inequalities.py come as deep as 5.7 mm (obstacles). With 0.001, as Coal has it, they
-# come 2.2 mm deep, with 0.002 to 0.005 at most 0.04 mm, and turn round as often.
-FLAT = 0.003
-# How many pairs one call into Coal is about, half a millisecond if all of them are near.
-BATCH = 128
+# Largest mesh file [bytes]. The largest collision mesh of example-robot-data has 3.4 million bytes
+# and takes 0.16 s to read.
+MOST_MESH_BYTES = 20_000_000
+# Tolerance on the distance of solids that do not overlap [m]. With 1e-6, Coal's default, normals
+# at a cylinder are wrong by up to 0.03. For overlapping solids Coal reaches 1e-6: it found the
+# distances of all of 40,000 random pairs; with 1e-8 it missed two of 8,000.
+DISTANCE_TOLERANCE = 1e-9
+# Largest inclination of sides that face each other, from one end to the other [m]. Without corners
+# a hand that is pressed flat on a table rattles (100 reversals/s), and 300 runs of
+# benchmarks/inequalities.py come as deep as 5.7 mm (obstacles). With 0.001, Coal's default, they
+# come 2.2 mm deep, with 0.002 to 0.005 at most 0.04 mm, and reverse as often.
+PATCH_TOLERANCE = 0.003
+# Number of pairs per call into Coal, half a millisecond if all of them are near.
+PAIRS_PER_BATCH = 128
 HALF_TURN = pinocchio.SE3(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 
 
 @dataclass(eq=False)
 class Solid:
     """
-    A shape that is fixed to a frame of the robot.
+    Shape that is fixed to a frame of the robot.
 
     Attributes
     ----------
@@ -95,7 +96,7 @@ def solid(name: str, frame: str, shape: Shape, T_frame_shape: Array) -> Solid:
 
 
 def _geometry(shape: Shape) -> coal.CollisionGeometry:
-    """Return what Coal calls a shape."""
+    """Return the geometry of a shape in Coal."""
     if isinstance(shape, Sphere):
         return coal.Sphere(shape.radius)
     if isinstance(shape, Box):
@@ -108,8 +109,8 @@ def _geometry(shape: Shape) -> coal.CollisionGeometry:
 # The collision shapes of a URDF -----------------------------------------------------------
 #
 # Pinocchio's buildGeomFromUrdfString makes the same solids of Panda, UR5, Baxter and TIAGo. But it
-# leaves out what it cannot read, a capsule included, so that a robot would move as if that link
-# were not there; it takes negative sizes, and names only the first of several missing meshes.
+# skips shapes that it cannot read, capsules included, so that a robot would move as if that link
+# were missing; it accepts negative sizes, and names only the first of several missing meshes.
 
 
 def urdf_solids(urdf: str, links: Collection[str]) -> list[Solid]:
@@ -119,7 +120,7 @@ def urdf_solids(urdf: str, links: Collection[str]) -> list[Solid]:
     Parameters
     ----------
     urdf : str
-        Text that a `Robot` was made of.
+        Description of the `Robot`, as text.
     links : collection of str
         Their names.
 
@@ -131,7 +132,7 @@ def urdf_solids(urdf: str, links: Collection[str]) -> list[Solid]:
     Raises
     ------
     RobotError
-        Meshes that cannot be read, all of them, or a shape that is none.
+        Meshes cannot be read, and all of them are named, or a shape is not valid.
 
     """
     solids, unreadable = [], []
@@ -151,7 +152,7 @@ def urdf_solids(urdf: str, links: Collection[str]) -> list[Solid]:
 
 
 def _urdf_solid(name: str, frame: str, element: Element) -> Solid:
-    """Return the solid of a <collision> element; OSError where its mesh cannot be read."""
+    """Return the solid of a <collision> element; OSError if its mesh cannot be read."""
     shape = element.find('geometry/*')
     kind = None if shape is None else shape.tag
     if shape is None or kind not in _URDF_SHAPES:
@@ -175,7 +176,7 @@ def _numbers(text: str | None, count: int) -> Array:
 
 
 def _sizes(text: str | None, count: int = 1) -> list[float]:
-    """Return the sizes of an attribute, which are positive."""
+    """Return the sizes of an attribute; ValueError unless they are positive."""
     sizes = _numbers(text, count).tolist()
     for size in sizes:
         if not size > 0.0:
@@ -184,12 +185,12 @@ def _sizes(text: str | None, count: int = 1) -> list[float]:
 
 
 def _mesh_hull(shape: Element) -> coal.CollisionGeometry:
-    """Return the convex hull of a mesh; OSError where it cannot be read."""
+    """Return the convex hull of a mesh; OSError if it cannot be read."""
     scale = _numbers(shape.get('scale', '1 1 1'), 3)
     path = find_file((shape.get('filename') or '').removeprefix(FILE_SCHEME))
     found = path.stat()
-    if found.st_size > MOST_BYTES:
-        raise OSError(f'{path} has {found.st_size} bytes; at most {MOST_BYTES} are read')
+    if found.st_size > MOST_MESH_BYTES:
+        raise OSError(f'{path} has {found.st_size} bytes; at most {MOST_MESH_BYTES} are read')
     try:
         return _hull_of(path.resolve(), found.st_mtime_ns, tuple(scale.tolist()))
     except (RuntimeError, ValueError) as error:
@@ -199,7 +200,7 @@ def _mesh_hull(shape: Element) -> coal.CollisionGeometry:
 @lru_cache(maxsize=256)
 def _hull_of(path: Path, changed: int,
              scale: tuple[float, float, float]) -> coal.CollisionGeometry:
-    """Return the convex hull of the mesh that a file had when it changed last [ns]."""
+    """Return the convex hull of the mesh in a file that changed at a time [ns], cached."""
     points = binary_stl(path)
     if points is None:
         mesh = coal.MeshLoader().load(str(path), np.array(scale))
@@ -214,7 +215,7 @@ def _hull_of(path: Path, changed: int,
     return coal.Convex(corners, triangles)
 
 
-# The length of a capsule is that between its half-spheres.
+# The length of a capsule is the distance between its half-spheres.
 _URDF_SHAPES: dict[str, Callable[[Element], coal.CollisionGeometry]] = {
     'box': lambda shape: coal.Box(*_sizes(shape.get('size'), 3)),
     'sphere': lambda shape: coal.Sphere(*_sizes(shape.get('radius'))),
@@ -232,21 +233,21 @@ _URDF_SHAPES: dict[str, Callable[[Element], coal.CollisionGeometry]] = {
 @dataclass
 class Distances:
     """
-    Where pairs of solids are closest.
+    Distances, normals and nearest points of pairs of solids.
 
     Attributes
     ----------
     pairs : list of int
-        Which pairs of the `Clearance`.
+        Indices of the pairs in the `Clearance`.
     corners : list of int
         0 for the nearest points of a pair; 1, 2, … for the corners of sides or edges that face
         each other flatly.
     distances : ndarray (m,)
-        Negative where they overlap: how far they must be moved apart [m].
+        Negative if the solids overlap: the penetration depth [m].
     normals : ndarray (m, 3)
-        From the second towards the first: along it the distance grows.
+        From the second towards the first, the direction of increasing distance.
     points : ndarray (m, 3)
-        In the middle between the nearest points, or between a corner and what faces it [m].
+        In the middle between the nearest points, or between a corner and the opposite side [m].
 
     """
 
@@ -261,30 +262,30 @@ class Clearance:
     """
     Distances between pairs of solids that are near each other.
 
-    Where flat sides or parallel edges face each other, the nearest points jump from one end to
-    the other as the solids rock. A robot in contact would oscillate. So of close pairs all
-    corners are given: those of the contact patch, at the distance of the nearest points.
+    If flat sides or parallel edges face each other, the nearest points jump from one end to the
+    other as the solids rock. A robot in contact would oscillate. For close pairs all corners of
+    the contact patch are therefore returned, at the distance of the nearest points.
 
     Parameters
     ----------
     kinematics : Kinematics
-        Of the robot whose frames the solids are fixed to.
+        Kinematics of the robot that the solids are fixed to.
     solids : sequence of Solid
-        All that there are.
+        All solids.
     pairs : sequence of (int, int)
-        Of their indices, the first below the second; only the second may be a half-space.
+        Their indices, the first below the second; only the second may be a half-space.
     within : float
-        Pairs that are farther apart are left out [m].
+        Pairs that are farther apart are omitted [m].
     before : Clearance, optional
-        Of the same robot and `within`, that this one replaces. What is the same in both is taken
-        from it, and moved: with 6,400 pairs one obstacle more takes a tenth of the time.
+        Previous clearance of the same robot and `within`. Unchanged pairs are reused, and moved:
+        adding one obstacle to 6,400 pairs takes a tenth of the time.
 
     Attributes
     ----------
     names : list of str
-        Of the pairs.
+        Names of the pairs.
     frames : list of str
-        That the solids are fixed to.
+        Frames that the solids are fixed to.
     first, second : ndarray (p,) of int
         Index in `frames` for each pair.
 
@@ -295,8 +296,8 @@ class Clearance:
                  before: 'Clearance | None' = None) -> None:
         there = [] if before is None else before._batches
         self._batches: list[_Batch] = []
-        for number, start in enumerate(range(0, len(pairs), BATCH)):
-            some = list(pairs[start:start + BATCH])
+        for number, start in enumerate(range(0, len(pairs), PAIRS_PER_BATCH)):
+            some = list(pairs[start:start + PAIRS_PER_BATCH])
             if number < len(there) and there[number].take(solids, some):
                 self._batches.append(there[number])
             else:
@@ -308,19 +309,19 @@ class Clearance:
             [np.zeros((2, 0), dtype=int), *(batch.indices for batch in self._batches)], axis=1))
 
     def near(self, state: RobotState) -> list[int]:
-        """Return which pairs are nearer than `within`."""
+        """Return the indices of the pairs that are nearer than `within`."""
         return [pair for batch in self._batches for pair in batch.near(state)]
 
     def nearest(self, state: RobotState, close: float = -math.inf) -> Distances:
         """
-        Return where pairs are closest, of those that are near.
+        Return the distances of the pairs that are nearer than `within`.
 
         Parameters
         ----------
         state : RobotState
-            Where the frames are.
+            State with the poses of the frames.
         close : float
-            Of pairs nearer than this corners are given, too [m].
+            Pairs nearer than this also have their corners returned [m].
 
         Returns
         -------
@@ -351,16 +352,16 @@ class Clearance:
                          np.concatenate([points, *filter(len, corners.values())]))
 
     def _batch(self, pair: int) -> '_Batch':
-        """Return the batch that a pair is in."""
-        return self._batches[pair // BATCH]
+        """Return the batch that contains a pair."""
+        return self._batches[pair // PAIRS_PER_BATCH]
 
 
 class _Batch:
     """
-    Some of the pairs of a `Clearance`.
+    Batch of the pairs of a `Clearance`.
 
-    To make them, and to go through all of them, are calls into C++ that no other thread of Python
-    can interrupt: 60 ms for the 5,640 pairs of TIAGo with two arms.
+    Creating and evaluating all pairs are calls into C++ that no other thread of Python can
+    interrupt: 60 ms for the 5,640 pairs of TIAGo with two arms.
     """
 
     def __init__(self, kinematics: Kinematics, solids: Sequence[Solid],
@@ -381,29 +382,29 @@ class _Batch:
             self._model.addCollisionPair(pinocchio.CollisionPair(one, other))
         self._data = self._model.createData()
         request = coal.CollisionRequest(coal.CONTACT, 1)
-        # Solids nearer than the margin collide; beyond the bound the search ends early.
+        # Solids nearer than the margin count as colliding; beyond the bound the search ends early.
         request.security_margin = request.distance_upper_bound = within
-        request.gjk_tolerance = EXACT
+        request.gjk_tolerance = DISTANCE_TOLERANCE
         patch_request = coal.ContactPatchRequest()
-        patch_request.setPatchTolerance(FLAT)
-        # Pinocchio's own requests begin at the answer before: distances would depend on it.
+        patch_request.setPatchTolerance(PATCH_TOLERANCE)
+        # Pinocchio's own requests start from the previous result, so distances depend on it.
         requests, patch_requests = self._data.collisionRequests, self._data.contactPatchRequests
         for index in range(len(pairs)):
             requests[index], patch_requests[index] = request, patch_request
-        # Made once: to go through Pinocchio's own lists costs 1 µs for each pair.
+        # Created once: iterating over Pinocchio's own lists costs 1 µs per pair.
         self._results = list(self._data.collisionResults)
         self._patches = list(self._data.contactPatchResults)
 
     def _placed(self, each: Solid) -> tuple[int, pinocchio.SE3]:
-        """Return the joint that moves a solid, and where on it the solid is."""
+        """Return the joint that moves a solid, and the placement of the solid on it."""
         joint, placement = self._kinematics.attachment(each.frame)
         return joint, placement * pinocchio.SE3(each.pose)
 
     def take(self, solids: Sequence[Solid], pairs: list[tuple[int, int]]) -> bool:
         """
-        Take the solids of another clearance, which may be elsewhere on their frames.
+        Replace the solids by those of another clearance, with other poses on their frames.
 
-        Returns False, and does nothing, where they or their pairs are others.
+        Return False, without any change, if the solids or their pairs differ otherwise.
         """
         if pairs != self._given:
             return False
@@ -417,35 +418,35 @@ class _Batch:
         return True
 
     def near(self, state: RobotState) -> list[int]:
-        """Return which pairs are near."""
+        """Return the indices of the pairs that are nearer than `within`."""
         state.place(self._model, self._data)
-        # All pairs: this loop in C++ ends early for far ones. To sort these out first, by spheres
-        # and boxes around the solids in numpy, took longer: distances and Jacobian of 32 pairs of
-        # Panda 138 µs instead of 70, of 509 pairs of Baxter 447 instead of 342, of 900 pairs of
-        # Panda and 100 obstacles 454 instead of 302.
+        # All pairs: this loop in C++ ends early for far ones. Excluding these first, by bounding
+        # spheres and boxes in numpy, took longer: distances and Jacobian of 32 pairs of Panda
+        # 138 µs instead of 70, of 509 pairs of Baxter 447 instead of 342, of 900 pairs of Panda
+        # and 100 obstacles 454 instead of 302.
         pinocchio.computeCollisions(self._model, self._data, False)
         return [pair for pair, result in enumerate(self._results, self._start)
                 if result.isCollision()]
 
     def contacts(self, pairs: Sequence[int]) -> list[coal.Contact]:
-        """Return where near pairs are closest."""
+        """Return Coal's contacts of near pairs."""
         return [self._results[pair - self._start].getContact(0) for pair in pairs]
 
     def corners(self, pair: int, normal: Array) -> list[Array]:
-        """Return the corners of the contact patch of a pair, none where that is a point."""
+        """Return the corners of the contact patch of a pair; empty if that is a point."""
         for index in self._pairs[pair - self._start]:
             T = self._data.oMg[index]
             if isinstance(self._solids[index].geometry, coal.Cylinder) \
                     and T.rotation[:, 2].dot(normal) > 0.0:
-                # Coal goes round the end of a cylinder in its own axes, and finds no patch where
-                # that is the wrong direction. Half a turn about x changes nothing else.
+                # Coal orders the points of a cylinder's end in the axes of the cylinder, and finds
+                # no patch if that direction is wrong. Half a turn about x corrects only that.
                 self._data.oMg[index] = T * HALF_TURN
         pinocchio.computeContactPatch(self._model, self._data, pair - self._start)
         patch = self._patches[pair - self._start].getContactPatch(0)
         return [patch.getPoint(index) for index in range(patch.size())] if patch.size() > 1 else []
 
     def guess(self, pair: int) -> tuple[Array, Array]:
-        """Return a normal and a point for solids whose distance Coal did not find."""
+        """Estimate a normal and a point for solids whose distance Coal did not find."""
         first, second = self._pairs[pair - self._start]
         one, other = self._data.oMg[first], self._data.oMg[second]
         plane = isinstance(self._solids[second].geometry, coal.Halfspace)
@@ -454,6 +455,6 @@ class _Batch:
 
 
 def _same(one: Solid, other: Solid) -> bool:
-    """Say whether two solids are the same but for their poses."""
+    """Return whether two solids are equal except for their poses."""
     return one is other or bool((one.name, one.frame) == (other.name, other.frame)
                                 and one.geometry == other.geometry)

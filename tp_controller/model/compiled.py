@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-Data of a robot for the compiled kinematics, read once from Pinocchio's model.
+Compiled kinematics (kinematics.h), created once from Pinocchio's model.
 
-It stands in for Pinocchio in the cycle: a call from Python costs Pinocchio several times as long
-as the numbers take. It knows joints that turn about or slide along an axis, and a base that moves.
-For other joints, for more than `MOST` bodies or frames, and without a compiler, `RobotState` asks
+They replace Pinocchio in the cycle: a call of Pinocchio from Python takes several times as long
+as its computation. They support joints that turn about or slide along an axis, and a moving base.
+For other joints, for more than `MOST` bodies or frames, and without a compiler, `RobotState` uses
 Pinocchio.
 """
 
@@ -28,15 +28,15 @@ import pinocchio
 from tp_controller.model.spatial import Array
 from tp_controller.solver.compiled import core, MOST
 
-# As kinematics.h numbers them; the first is the root.
+# Kinds of joints, numbered as in kinematics.h; the first is the root.
 STILL, FREE, TURNS, SLIDES = range(4)
 
 
 class Motion(Protocol):
-    """What is compiled; ValueError where arrays do not fit."""
+    """Interface of the compiled kinematics; ValueError if arrays do not fit."""
 
     def move(self, q: Array, offset: Array, placement: Array | None) -> None:
-        """Move to q (nq,), its joints by `offset` (j,), its base to a placement (7,)."""
+        """Move to q (nq,), all joints with an `offset` (j,), the base to a placement (7,)."""
 
     def place(self, frame: int, T: Array) -> None:
         """Fill in T_root_frame (4, 4)."""
@@ -50,7 +50,7 @@ class Motion(Protocol):
         """
         Fill in error, J and v of a task about a frame, in the axes of the reference.
 
-        Returns False where something does not fit: the reference says what is wrong.
+        Return False if arguments do not fit: the reference then raises the error.
 
         Parameters
         ----------
@@ -61,8 +61,8 @@ class Motion(Protocol):
         goal : ndarray (3,), (3, 3) or (4, 4)
             Position [m], rotation or pose.
         previous, turn : ndarray (3,) or None
-            Turn that was followed before, and the one to be followed now, which is filled in
-            where the goal has a rotation [rad].
+            Previous rotation vector, and the current one, which is filled in if the goal has a
+            rotation [rad].
         gain : ndarray () or (m,)
             [1/s]
         error, J, v : ndarray (m,), (m, n), (m,)
@@ -79,16 +79,16 @@ Numbers: TypeAlias = tuple[int, int, Array, Array, Array]
 def numbers_of(model: pinocchio.Model, n: int, first_row: int, base: tuple[int, ...],
                joint_map: Array) -> Numbers | None:
     """
-    Return a model as `make_motion` takes it; None where that cannot be compiled.
+    Return the arguments of `make_motion` for a model; None if it is not supported.
 
     Parameters
     ----------
     model : pinocchio.Model
-        Of the robot.
+        Model of the robot.
     n : int
         Number of velocities.
     first_row : int
-        Where the driven joints begin in a configuration.
+        Index of the first driven joint in a configuration.
     base : tuple of int
         Rows of the twist of the base that are velocities.
     joint_map : ndarray (j, driven)
@@ -103,7 +103,7 @@ def numbers_of(model: pinocchio.Model, n: int, first_row: int, base: tuple[int, 
 
 
 def make_motion(numbers: Numbers | None) -> Motion | None:
-    """Return compiled kinematics, to be moved by a state; None where they are not to be had."""
+    """Return new compiled kinematics, to be moved by a state; None if they are unavailable."""
     if numbers is None or core is None:
         return None
     found: Motion = core.Motion(*numbers)
@@ -111,7 +111,7 @@ def make_motion(numbers: Numbers | None) -> Motion | None:
 
 
 def _bodies(model: pinocchio.Model, joint_map: Array) -> Array | None:
-    """Return what moves each joint, and how (b, 19); None where a joint is of another kind."""
+    """Return kind, parent, axis and placement of each joint (b, 19); None if unsupported."""
     still = _numbers(pinocchio.SE3.Identity())
     bodies = [[STILL, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, *still]]
     shares, data = iter(joint_map), model.createData()

@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Denavit-Hartenberg tables, turned into URDF.
+Conversion of Denavit-Hartenberg tables to URDF.
 
-So there is a single path into the robot model, and a DH robot has what other ROS tools need: a
-``robot_description``.
+The robot model is thus always built from a URDF, and a robot with a DH table also has the
+``robot_description`` that other ROS tools need.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ JOINT_KEYS = ('name', 'a', 'alpha', 'd', 'theta', 'type', 'lower', 'upper', 'vel
 FRAME_KEYS = ('name', 'parent', 'xyz', 'rpy')
 LINK_RADIUS = 0.03
 
-# One row of a table, as YAML gives it: numbers and names that are still to be checked.
+# One row of a table, as read from YAML: numbers and names that are not validated yet.
 Row: TypeAlias = dict[str, Any]
 Table: TypeAlias = Sequence[Row] | Mapping[str, Any] | str | Path
 # xyz [m] and rpy [rad].
@@ -62,7 +62,7 @@ def urdf_from_dh(table: Table, convention: str | None = None) -> str:
         convention, root, joints: rows, frames: [{name, parent, xyz, rpy}]}``; or one of these as
         YAML text or file.
     convention : str, optional
-        ``standard`` (default) or ``modified``; goes before the one in the table.
+        ``standard`` (default) or ``modified``; overrides the one in the table.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def urdf_from_dh(table: Table, convention: str | None = None) -> str:
     Raises
     ------
     RobotError
-        Names the row and key that is wrong, and what is valid.
+        The table is not valid; the message names the row, the key and the valid values.
 
     """
     table = _load(table)
@@ -131,7 +131,7 @@ def _load(table: Any) -> dict[str, Any]:
 
 
 def _rows(table: Mapping[str, Any], key: str, valid: Sequence[str]) -> Sequence[Row]:
-    """Return the rows under `key`, checked to be mappings with valid keys and a name."""
+    """Return the rows under `key`, validated as mappings with valid keys and a name."""
     rows = table.get(key) or []
     if not isinstance(rows, (list, tuple)):
         raise RobotError(f'DH table, {key}: needs a list, not {rows!r}')
@@ -146,7 +146,7 @@ def _rows(table: Mapping[str, Any], key: str, valid: Sequence[str]) -> Sequence[
 
 
 def _joint_row(row: Row, number: int) -> Row:
-    """Return a row with defaults filled in and numbers checked."""
+    """Return a row with defaults filled in and validated numbers."""
     joint = {'a': 0.0, 'alpha': 0.0, 'd': 0.0, 'theta': 0.0, 'type': 'revolute',
              'lower': -math.inf, 'upper': math.inf, 'velocity': math.inf,
              'acceleration': math.inf, 'link': f'link{number}', **row}
@@ -166,7 +166,7 @@ def _joint_row(row: Row, number: int) -> Row:
 
 
 def _frame_row(row: Row, links: Sequence[str]) -> Row:
-    """Return an extra frame with defaults filled in, its parent checked."""
+    """Return an extra frame with defaults filled in and a validated parent."""
     where = f'DH table, frame {row["name"]}'
     frame = {'parent': links[-1], 'xyz': (0.0, 0.0, 0.0), 'rpy': (0.0, 0.0, 0.0), **row}
     if frame['parent'] not in links:
@@ -179,13 +179,13 @@ def _frame_row(row: Row, links: Sequence[str]) -> Row:
 
 
 def _check_word(value: object, what: str) -> None:
-    """Raise unless `value` can be a name."""
+    """Raise `RobotError` unless `value` is a name."""
     if not isinstance(value, str) or not value:
         raise RobotError(f'{what} must be a name, not {value!r}')
 
 
 def _number(value: object, what: str) -> float:
-    """Return `value` as a float that is not NaN."""
+    """Return `value` as a float; `RobotError` unless it is a number."""
     if not is_number(value):
         raise RobotError(f'{what} must be a number, not {value!r}')
     return float(value)
@@ -204,7 +204,7 @@ def _transforms(joint: Row, convention: str) -> tuple[Transform, Transform | Non
 
 
 def _check_unique(what: str, names: Sequence[str]) -> None:
-    """Raise if a name is used twice."""
+    """Raise `RobotError` if a name is used twice."""
     twice = {name for name in names if names.count(name) > 1}
     if twice:
         raise RobotError(f'DH table: {what} names used twice: {", ".join(sorted(twice))}')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The model that Pinocchio makes of a robot, from its joints and its base."""
+"""Kinematic model of a robot in Pinocchio, from its joints and its base."""
 
 from collections.abc import Sequence
 
@@ -27,7 +27,7 @@ from tp_controller.model.urdf import FREE_FLYER, MimicRules, resolve_mimic
 
 class Kinematics:
     """
-    Pinocchio's model of a robot, in which each moving joint and all of the base have coordinates.
+    Pinocchio's model of a robot, with coordinates for each moving joint and the whole base.
 
     Attributes
     ----------
@@ -35,22 +35,22 @@ class Kinematics:
     frame_ids : dict
         {name: index} of the frames, in the order of `Robot.frame_names`.
     base : Base
-        How it can move.
+        Kind of the base.
     mass : float
-        Of all links [kg].
+        Total mass of the links [kg].
     coordinate_names, passive_names : tuple of str
         Coordinates of the base, then driven joints; passive joints.
     n : int
         Number of velocities.
     joint_columns, joint_rows : slice
-        Where the driven joints are in an array (n,), and in an array (nq,).
+        Entries of the driven joints in an array (n,), and in an array (nq,).
     offset : ndarray (j,)
-        Positions of all joints where driven and passive ones are at zero [rad or m].
+        Positions of all joints if driven and passive ones are at zero [rad or m].
     expand : ndarray (nv, n) or None
-        The Jacobian of the robot is that of the model times this. None where the configurations
-        of the two are the same.
+        The Jacobian of the robot is that of the model times this. None if the configurations of
+        the two are the same.
     turned : ndarray (nv, nv)
-        1 where motion k of the model turns the axis of motion j, else 0.
+        1 if motion k of the model turns the axis of motion j, else 0.
 
     """
 
@@ -75,11 +75,11 @@ class Kinematics:
         self.expand: Array | None = expand
         if not base.moves and np.array_equal(expand, np.eye(model.nv)):
             self.expand = None
-        # Motion k turns the axis of motion j where it comes before it in the chain from the root;
-        # the motions of a base are about axes of its own, so each turns all of them.
+        # Motion k turns the axis of motion j if it precedes it in the chain from the root. The
+        # motions of a base are about its own axes, so each of them turns all of them.
         self.turned = np.triu(np.ones((model.nv, model.nv)))
         self.turned[:first, :first] = 1.0
-        # Read once: a robot with many frames has many states.
+        # Created once: all states of the robot share them.
         self._numbers = numbers_of(model, self.n, self.joint_rows.start, base.columns,
                                    self._joint_map)
 
@@ -97,7 +97,7 @@ class Kinematics:
                 self._passive_map[row, self.passive_names.index(leader)] = multiplier
 
     def motion(self) -> Motion | None:
-        """Return the compiled kinematics, to be moved by a state; None for Pinocchio."""
+        """Return new compiled kinematics, to be moved by a state; None for Pinocchio."""
         return make_motion(self._numbers)
 
     def check_frame(self, name: object) -> str:
@@ -111,36 +111,36 @@ class Kinematics:
         return self.frame_ids[self.check_frame(name)]
 
     def attachment(self, frame: str) -> tuple[int, pinocchio.SE3]:
-        """Return the joint that moves a frame, and where on it the frame is."""
+        """Return the joint that moves a frame, and the placement of the frame on it."""
         found = self.model.frames[self.frame_ids[frame]]
         return found.parentJoint, found.placement
 
     def joints_between(self, frames: Sequence[str]) -> tuple[Array, Array]:
         """
-        Count the joints on the path from each of some frames to each other.
+        Count the joints on the path between each two of some frames.
 
         Parameters
         ----------
         frames : sequence of str
-            Their names (f,).
+            Names of the frames (f,).
 
         Returns
         -------
         every, driven : ndarray (f, f)
-            How many joints move, and how many of these are driven, a base included.
+            Number of moving joints, and of the driven ones among them, a base included.
 
         """
         supports = np.zeros((len(frames), self.model.njoints))
         for row, frame in enumerate(frames):
             supports[row, list(self.model.supports[self.attachment(frame)[0]])] = 1.0
-        return _different(supports), _different(supports[:, sorted(self._driven_joints)])
+        return _differences(supports), _differences(supports[:, sorted(self._driven_joints)])
 
     def reach(self, one: str, other: str) -> float:
         """
-        Return how far two frames can be apart at most, the links between them stretched [m].
+        Return an upper bound of the distance of two frames: the links laid in a line [m].
 
-        The bound is not tight: joints need not turn so that the links come to lie in a line.
-        Infinite where a base that moves, or a sliding joint without end, lies between them.
+        The bound is not tight: the joints may not be able to align the links. It is infinite if a
+        moving base, or a sliding joint without limits, lies between them.
         """
         ends = (self.attachment(frame)[1].translation for frame in (one, other))
         return float(sum(np.linalg.norm(end) for end in ends)
@@ -148,7 +148,7 @@ class Kinematics:
                            + self._travel(joint) for joint in self._between(one, other)))
 
     def _travel(self, joint: int) -> float:
-        """Return how far a joint can move its frame from where it is at zero [m]."""
+        """Return the largest translation of a joint from its zero position [m]."""
         found = self.model.joints[joint]
         kind = found.shortname()
         if kind == 'JointModelFreeFlyer':
@@ -176,7 +176,7 @@ class Kinematics:
         return self.offset + self._passive_map.dot(passive)
 
     def configuration(self, q: Array, offset: Array) -> Array:
-        """Return the configuration of the model at q, with the positions that are none of it."""
+        """Return the configuration of the model at q, with an offset (j,) of all joints."""
         if self.expand is None:
             return q
         if not self.base.moves:
@@ -196,7 +196,7 @@ class Kinematics:
         return np.concatenate((self.base.moved(q, moved[:7], displacement[:6]), joints))
 
 
-def _different(members: Array) -> Array:
-    """Return for each two rows (f, m) of zeros and ones in how many entries they differ (f, f)."""
+def _differences(members: Array) -> Array:
+    """Return the number of different entries (f, f) of each two rows (f, m) of zeros and ones."""
     counts = members.sum(axis=1)
     return counts[:, np.newaxis] + counts - 2.0 * members @ members.T

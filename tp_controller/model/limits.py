@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Limits of a robot: those of its URDF, narrowed by mimic joints, replaced by the user's."""
+"""Limits of a robot: those of its URDF, narrowed by mimic joints, or overridden by the user."""
 
 from collections.abc import Iterable, Mapping, Sequence
 import math
@@ -25,16 +25,16 @@ from tp_controller.model.urdf import MimicRules, resolve_mimic, UNLIMITED
 from tp_controller.resources import is_number
 
 LIMIT_KEYS = ('lower', 'upper', 'velocity', 'acceleration')
-# A joint with a narrower range than this cannot move [rad or m]: what is left is rounding.
-NARROWEST = 1e-9
-# No joint with an end turns farther than this from zero; degrees do [rad].
-TURNS = 4.0 * math.pi * (1.0 + 1e-3)
+# A joint with a narrower range than this cannot move; the range is a rounding error [rad or m].
+NARROWEST_RANGE = 1e-9
+# No joint with limits turns farther than this from zero; larger limits look like degrees [rad].
+LARGEST_ANGLE = 4.0 * math.pi * (1.0 + 1e-3)
 # A base has no position limits.
 BASE_LIMIT_KEYS = ('velocity', 'acceleration')
 
 # {limit: value}, for each of `LIMIT_KEYS`.
 Limits: TypeAlias = dict[str, float]
-# What a user gives: {velocity: {limit: value}}, both only those that are to be replaced.
+# Overrides of a user: {velocity: {limit: value}}, with only the limits that are replaced.
 LimitOverrides: TypeAlias = Mapping[str, Mapping[str, float]]
 
 
@@ -46,7 +46,7 @@ def velocity_limits(base: Base, driven: Sequence[str], elements: Mapping[str, El
     Parameters
     ----------
     base : Base
-        Whose velocities come first.
+        Base, whose velocities come first.
     driven : sequence of str
         The driven joints.
     elements : mapping
@@ -59,7 +59,7 @@ def velocity_limits(base: Base, driven: Sequence[str], elements: Mapping[str, El
     Raises
     ------
     RobotError
-        An override names no velocity or limit, or limits leave no range.
+        An override names an unknown velocity or limit, or limits leave no range.
 
     """
     for name, limits in overrides.items():
@@ -69,30 +69,30 @@ def velocity_limits(base: Base, driven: Sequence[str], elements: Mapping[str, El
     rows.update(_shared_limits(driven, elements, mimics))
     for name, row in rows.items():
         row.update(overrides.get(name, {}))
-        _check_row(_what(name, base), row, [
+        _check_row(_label(name, base), row, [
             follower for follower in mimics if resolve_mimic(follower, mimics)[0] == name])
     return rows
 
 
 def in_degrees(names: Iterable[str], units: Iterable[str], lower: Iterable[float],
                upper: Iterable[float]) -> list[str]:
-    """Return which joints have position limits that look like degrees, with their limits."""
+    """Return the joints with position limits that look like degrees, with their limits."""
     return [f'{name} ({low:g} to {high:g})'
             for name, unit, low, high in zip(names, units, lower, upper)
-            if unit == 'rad' and any(TURNS < abs(end) < math.inf for end in (low, high))]
+            if unit == 'rad' and any(LARGEST_ANGLE < abs(end) < math.inf for end in (low, high))]
 
 
 def without_range(names: Sequence[str], elements: Mapping[str, Element],
                   mimics: MimicRules) -> list[str]:
-    """Return which joints cannot move, as their limits, followers included, are equal."""
+    """Return the joints that cannot move because their limits, with followers, are equal."""
     rows = _shared_limits(names, elements, mimics)
     return [name for name, row in rows.items()
-            if abs(row['upper'] - row['lower']) <= NARROWEST]
+            if abs(row['upper'] - row['lower']) <= NARROWEST_RANGE]
 
 
 def _shared_limits(names: Sequence[str], elements: Mapping[str, Element],
                    mimics: MimicRules) -> dict[str, Limits]:
-    """Return the limits of joints, narrowed to what the joints that follow them allow."""
+    """Return the limits of joints, narrowed by those of the joints that mimic them."""
     rows = {name: joint_limits(name, elements[name]) for name in names}
     for follower in mimics:
         leader, multiplier, offset = resolve_mimic(follower, mimics)
@@ -102,7 +102,7 @@ def _shared_limits(names: Sequence[str], elements: Mapping[str, Element],
 
 
 def joint_limits(name: str, element: Element) -> Limits:
-    """Return the limits of one joint of a URDF, infinite where it has none."""
+    """Return the limits of one joint of a URDF; infinite if it has none."""
     limit = element.find('limit')
     attributes = {} if limit is None else limit.attrib
     endless = element.get('type') == 'continuous'
@@ -120,7 +120,7 @@ def joint_limits(name: str, element: Element) -> Limits:
 
 
 def _share(row: Limits, follower: Limits, multiplier: float, offset: float) -> None:
-    """Narrow the limits of a joint to what a joint that follows it allows."""
+    """Narrow the limits of a joint by those of a joint that mimics it."""
     if multiplier == 0.0:
         return
     ends = [(follower[key] - offset) / multiplier for key in ('lower', 'upper')]
@@ -133,11 +133,11 @@ def _share(row: Limits, follower: Limits, multiplier: float, offset: float) -> N
 
 
 def _check_override(name: object, limits: object, base: Base, driven: Sequence[str]) -> None:
-    """Raise `RobotError` where limits cannot replace those of a velocity."""
+    """Raise `RobotError` if limits cannot replace those of a velocity."""
     names = (*base.names, *driven)
     if not isinstance(name, str) or name not in names:
         raise RobotError(unknown('driven joint', name, names))
-    what = _what(name, base)
+    what = _label(name, base)
     if not isinstance(limits, dict):
         raise RobotError(f'{what}: limits need a mapping of {", ".join(LIMIT_KEYS)}, '
                          f'not {limits!r}')
@@ -152,10 +152,10 @@ def _check_override(name: object, limits: object, base: Base, driven: Sequence[s
 
 
 def _check_row(what: str, row: Limits, followers: Sequence[str]) -> None:
-    """Raise `RobotError` where limits leave no range."""
-    if not row['upper'] - row['lower'] > NARROWEST:
+    """Raise `RobotError` if limits leave no range."""
+    if not row['upper'] - row['lower'] > NARROWEST_RANGE:
         shared = f' (those of {", ".join(followers)} included)' if followers else ''
-        # Plus zero: −0.0 is shown as 0.
+        # Add zero, which shows −0.0 as 0.
         raise RobotError(f'{what}: lower limit {row["lower"] + 0.0:g} must be below '
                          f'upper limit {row["upper"] + 0.0:g}{shared}; leave it out of the '
                          'driven ones (joints), or replace its limits (limits)')
@@ -165,6 +165,6 @@ def _check_row(what: str, row: Limits, followers: Sequence[str]) -> None:
         raise RobotError(f'{what}: acceleration limit {row["acceleration"]} must be positive')
 
 
-def _what(name: str, base: Base) -> str:
-    """Return what a message calls a velocity."""
+def _label(name: str, base: Base) -> str:
+    """Return the name of a velocity for messages."""
     return name if name in base.names else f'joint {name}'

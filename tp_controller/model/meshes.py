@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Meshes in binary STL, as most collision meshes are, and convex hulls.
+Meshes in binary STL, the usual format of collision meshes, and convex hulls.
 
-They are read and wrapped by numpy and Qhull, which let other threads of Python run. The collision
-library does not, for up to 160 ms.
+numpy reads the meshes and Qhull computes the hulls; both let other threads of Python run. The
+collision library blocks them for up to 160 ms.
 """
 
 from pathlib import Path
@@ -26,15 +26,16 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from tp_controller.model.spatial import Array
 
-HEADER = 84
+# Size of the header, with the number of triangles [bytes], and layout of a triangle.
+HEADER_BYTES = 84
 TRIANGLE = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('rest', '<u2')])
 
 
 def binary_stl(path: Path) -> Array | None:
     """Return the corners (m, 3) of all triangles of a binary STL; None for any other file."""
     with open(path, 'rb') as file:
-        count = int.from_bytes(file.read(HEADER)[-4:], 'little')
-        size = HEADER + count * TRIANGLE.itemsize
+        count = int.from_bytes(file.read(HEADER_BYTES)[-4:], 'little')
+        size = HEADER_BYTES + count * TRIANGLE.itemsize
         if path.suffix.lower() != '.stl' or path.stat().st_size != size:
             return None
         triangles = np.fromfile(file, TRIANGLE, count)
@@ -48,12 +49,12 @@ def convex_hull(points: Array) -> tuple[Array, NDArray[np.intp]]:
     Parameters
     ----------
     points : ndarray (m, 3)
-        In any order, also repeated.
+        Any order; repetitions are allowed.
 
     Returns
     -------
     corners : ndarray (c, 3)
-        Those of the points that are on the hull.
+        Points on the hull.
     faces : ndarray (f, 3) of int
         Indices of the corners of triangles, anticlockwise as seen from outside.
 

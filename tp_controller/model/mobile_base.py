@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The base of a robot: where it stands, and how it can move."""
+"""Base of a robot: its placement and its degrees of freedom."""
 
 from collections.abc import Sequence
 import math
@@ -26,18 +26,18 @@ from tp_controller.model.spatial import (
     read_only,
 )
 
-# The degrees of freedom of a rigid body, as the rows of its twist (linear, then angular).
-NAMES = ('base_x', 'base_y', 'base_z', 'base_roll', 'base_pitch', 'base_yaw')
-UNITS = ('m', 'm', 'm', 'rad', 'rad', 'rad')
-# Limit of the velocity along and about every axis, where nothing is said [m/s, rad/s].
+# Degrees of freedom of a rigid body, as the rows of its twist (linear, then angular).
+TWIST_NAMES = ('base_x', 'base_y', 'base_z', 'base_roll', 'base_pitch', 'base_yaw')
+TWIST_UNITS = ('m', 'm', 'm', 'rad', 'rad', 'rad')
+# Default limit of the velocity along and about every axis [m/s, rad/s].
 DEFAULT_VELOCITY = 0.5
-# Frame that a base moves in, where nothing is said (REP 105).
+# Default frame that a base moves in (REP 105).
 DEFAULT_WORLD = 'odom'
 
 
 class Base:
     """
-    A base that stands still, and what the kinds that move have in common.
+    Fixed base, and base class of the moving ones.
 
     A placement (7,) is x, y, z [m] and a quaternion ``xyzw``: the pose of the base in the world.
     The coordinates of the base are the first entries of q, its velocities those of every array
@@ -46,13 +46,13 @@ class Base:
     Attributes
     ----------
     moves : bool
-        Whether it does.
+        Whether the base moves.
     columns : tuple of int
-        The rows of that twist that are velocities of the base.
+        Rows of that twist that are velocities of the base.
     reach : tuple of int
-        The rows of a twist in the world along which its pose can be changed, if not at once.
+        Rows of a twist in the world along which its pose can be changed, if not at once.
     coordinate_names, names, units : tuple of str
-        Of the coordinates; of the velocities, and the unit of what they are the rate of.
+        Names of the coordinates, names of the velocities, and units of their integrals.
 
     """
 
@@ -61,11 +61,11 @@ class Base:
     def __init__(self, columns: Sequence[int] = (), reach: Sequence[int] = ()) -> None:
         self.columns, self.reach = tuple(columns), tuple(reach)
         self.moves = bool(columns)
-        self.names = tuple(NAMES[row] for row in columns)
-        self.units = tuple(UNITS[row] for row in columns)
+        self.names = tuple(TWIST_NAMES[row] for row in columns)
+        self.units = tuple(TWIST_UNITS[row] for row in columns)
 
     def check(self, q: Array) -> Array:
-        """Return q if its first entries can be coordinates, else raise `RobotError`."""
+        """Return q if its first entries are valid coordinates, else raise `RobotError`."""
         return q
 
     def coordinates(self, R: Array, p: Array) -> list[float]:
@@ -73,7 +73,7 @@ class Base:
         return []
 
     def placement(self, q: Array) -> Array:
-        """Return where the base is at q (7,)."""
+        """Return the placement of the base at q (7,)."""
         return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
     def moved(self, q: Array, placement: Array, displacement: Array) -> Sequence[float] | Array:
@@ -82,16 +82,16 @@ class Base:
 
 
 class FlatBase(Base):
-    """A base on the ground, whose coordinates are x, y [m] and yaw [rad]."""
+    """Base on the ground, with the coordinates x, y [m] and yaw [rad]."""
 
     coordinate_names = ('base_x', 'base_y', 'base_yaw')
 
     def coordinates(self, R: Array, p: Array) -> list[float]:
-        """Return x, y and yaw; height, roll and pitch are left out."""
+        """Return x, y and yaw; height, roll and pitch are ignored."""
         return [p[0], p[1], math.atan2(R[1, 0], R[0, 0])]
 
     def placement(self, q: Array) -> Array:
-        """Return where the base is (7,), level and at height zero."""
+        """Return the placement of the base (7,), level and at height zero."""
         half = 0.5 * q[2]
         return np.array([q[0], q[1], 0.0, 0.0, 0.0, math.sin(half), math.cos(half)])
 
@@ -101,12 +101,12 @@ class FlatBase(Base):
 
 
 class FreeBase(Base):
-    """A base in space, whose coordinates are its placement (7,)."""
+    """Base in space, with its placement (7,) as coordinates."""
 
     coordinate_names = ('base_x', 'base_y', 'base_z', 'base_qx', 'base_qy', 'base_qz', 'base_qw')
 
     def check(self, q: Array) -> Array:
-        """Return q with its quaternion normalised; `RobotError` where the norm is not near 1."""
+        """Return q with its quaternion normalised; `RobotError` if the norm is not near 1."""
         norm = math.sqrt(q[3:7].dot(q[3:7]))
         if not abs(norm - 1.0) <= QUATERNION_TOLERANCE:
             raise RobotError(f'q: the quaternion {", ".join(self.coordinate_names[3:])} needs '
@@ -120,7 +120,7 @@ class FreeBase(Base):
         return [*p, *quaternion_from_rotation(R)]
 
     def placement(self, q: Array) -> Array:
-        """Return where the base is (7,), its quaternion normalised."""
+        """Return the placement of the base (7,), with its quaternion normalised."""
         return self.check(q[:7])
 
     def moved(self, q: Array, placement: Array, displacement: Array) -> Sequence[float] | Array:
@@ -128,7 +128,7 @@ class FreeBase(Base):
         return placement
 
 
-# Surge, sway, heave and the turns are x, y, z and the turns about them.
+# Surge, sway, heave and the rotations are x, y, z and the rotations about them.
 BASES = {
     'fixed': Base(),
     'planar': FlatBase((0, 1, 5), (0, 1, 5)),

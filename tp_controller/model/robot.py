@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The robot: names, limits and kinematics of a URDF tree, evaluated by Pinocchio."""
+"""Robot model: names, limits and kinematics of a URDF tree, evaluated by Pinocchio."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -45,19 +45,19 @@ from tp_controller.model.urdf import (
 )
 from tp_controller.resources import MOST_XML_CHARACTERS, read_source
 
-# The frame that Pinocchio has before all others.
-WORLD = 0
+# Index of Pinocchio's universe frame, before all others.
+UNIVERSE_INDEX = 0
 
 
 class Robot:
     """
-    A robot whose driven joints, and base if that moves, the controller commands.
+    Model of a robot: the controller commands its driven joints, and its base if that moves.
 
-    Joints of the description that are not driven are passive: they stay where the state says.
-    Mimic joints follow the joint they mimic.
+    Joints of the description that are not driven are passive: their positions are part of the
+    state. Mimic joints follow the joint they mimic.
 
     Velocities are arrays (n,) and configurations arrays (nq,). With a fixed base both have one
-    entry for each driven joint. What a base adds stands before the joints:
+    entry for each driven joint. The entries of a moving base precede the joints:
 
     ============================ ========================================= ======================
     base                         velocities, in the axes of the base       coordinates in q
@@ -72,47 +72,47 @@ class Robot:
     ----------
     name : str
     urdf : str
-        The description as URDF text.
+        Description as URDF text.
     base : str
         ``fixed``, ``planar``, ``differential``, ``floating`` or ``underwater``.
     moves : bool
-        Whether the base does.
+        Whether the base moves.
     n, nq : int
         Number of velocities and of coordinates.
     velocity_names, coordinate_names : tuple of str
-        What each of them is about: the base, as ``base_x``, then the driven joints.
+        Names of their entries: the base, as ``base_x``, then the driven joints.
     velocity_units : tuple of str
-        ``'rad'`` or ``'m'``, what each velocity is the rate of.
+        ``'rad'`` or ``'m'``, the unit of the integral of each velocity.
     joint_names, passive_names : tuple of str
         Driven joints, in their order in every array; passive ones.
     joint_units : tuple of str
         ``'rad'`` or ``'m'`` for each driven joint.
     joint_columns, joint_rows : slice
-        Where the driven joints are in an array (n,), and in an array (nq,).
+        Entries of the driven joints in an array (n,), and in an array (nq,).
     lower, upper : ndarray (n,)
-        Position limits [rad or m], infinite where there are none, as for the base.
+        Position limits [rad or m], infinite if there are none, as for the base.
     velocity : ndarray (n,)
         Limits of the absolute velocity [rad/s or m/s].
     acceleration : ndarray (n,)
-        Limits of the absolute acceleration [rad/s² or m/s²], infinite where there are none.
+        Limits of the absolute acceleration [rad/s² or m/s²], infinite if there are none.
     continuous : ndarray (n,) of bool
-        Joints that turn without end.
+        Joints that turn without limits.
     passive_neutral : ndarray (p,)
-        Where passive joints are taken to be until something is heard of them [rad or m].
+        Positions of passive joints that are assumed until others are received [rad or m].
     remarks : tuple of str
-        What is probably a mistake in the description.
+        Probable mistakes in the description.
     mass : float
-        Of all links; 0 where the description gives none [kg].
+        Total mass of the links; 0 if the description gives none [kg].
     frame_names : tuple of str
-        All links, and the world before them where the base moves; `root` is the first, every
-        pose and Jacobian is expressed in it by default.
+        All links, and the world before them if the base moves; `root` is the first, every pose
+        and Jacobian is expressed in it by default.
     kinematics : Kinematics
-        What Pinocchio makes of it.
+        Model of the robot in Pinocchio.
     base_frame : str
-        The link that all others hang on.
+        Root link of the description.
     base_reach : tuple of int
-        The rows of a twist in the root (linear, then angular) along which the pose of the base
-        can be changed, if not at once.
+        Rows of a twist in the root (linear, then angular) along which the pose of the base can
+        be changed, if not at once.
 
     """
 
@@ -141,7 +141,7 @@ class Robot:
         mimics = mimic_rules(elements)
         self._name_joints(model.names, elements, mimics, joints, limits or {})
         self._read_limits(elements, mimics, limits or {})
-        # How far a frame can get depends on them.
+        # The reach of a frame depends on them.
         for name, lower, upper in zip(self.joint_names, self.lower[self.joint_columns],
                                       self.upper[self.joint_columns]):
             row = model.joints[model.getJointId(name)].idx_q
@@ -164,8 +164,8 @@ class Robot:
         base : str
             ``fixed``, ``planar``, ``differential``, ``floating`` or ``underwater``.
         joints : sequence of str, optional
-            The driven joints, in the order wanted; all that can be driven by default. Joints
-            whose lower limit is their upper one cannot, unless `limits` are given for them.
+            Driven joints, in the desired order; all that can be driven by default. Joints with
+            equal lower and upper limits cannot, unless `limits` are given for them.
         limits : dict, optional
             ``{joint: {lower, upper, velocity, acceleration}}``; replaces single limits of the
             URDF. The velocities of a base, ``base_x`` …, are named like joints; they have no
@@ -177,8 +177,8 @@ class Robot:
         ------
         RobotError
             The description cannot be read, a joint is of an unsupported type, a name in
-            `joints` or `limits` is unknown, or `world_frame` is a link; the message lists what
-            is valid.
+            `joints` or `limits` is unknown, or `world_frame` is a link; the message lists the
+            valid values.
 
         """
         try:
@@ -199,7 +199,7 @@ class Robot:
         Raises
         ------
         RobotError
-            Names the row and key that is wrong.
+            The table is not valid; the message names the row and the key.
 
         """
         return cls(urdf_from_dh(table, convention), joints, limits, base, world_frame)
@@ -230,7 +230,7 @@ class Robot:
 
     def reach(self, frame: str, reference: str | None = None) -> float:
         """
-        Return a distance that a frame never exceeds from another one.
+        Return an upper bound of the distance of two frames.
 
         Parameters
         ----------
@@ -240,8 +240,8 @@ class Robot:
         Returns
         -------
         float
-            Length of all links between them, laid in a line [m]; infinite where the base moves
-            one against the other.
+            Length of all links between them, laid in a line [m]; infinite if the base moves one
+            relative to the other.
 
         """
         return self.kinematics.reach(self.check_frame(frame),
@@ -268,8 +268,8 @@ class Robot:
         joints : array_like
             Positions of the driven joints [rad or m].
         T_root_base : ndarray (4, 4), optional
-            Pose of `base_frame`; that of the root by default. What the base has no coordinate
-            for is left out.
+            Pose of `base_frame`; that of the root by default. Components without a coordinate of
+            the base are ignored.
 
         Returns
         -------
@@ -281,7 +281,7 @@ class Robot:
 
     def positions(self, q: Array) -> Array:
         """
-        Return what position limits are about, one entry for each velocity.
+        Return the positions that are subject to limits, one entry for each velocity.
 
         Parameters
         ----------
@@ -324,7 +324,7 @@ class Robot:
         return twist[list(self._base.columns)]
 
     def fixed_to_base(self, frame: str) -> Array | None:
-        """Return T_base_frame (4, 4) of a frame that no joint moves; None for any other one."""
+        """Return T_base_frame (4, 4) of a frame that no joint moves; None for other frames."""
         frames, ids = self.kinematics.model.frames, self.kinematics.frame_ids
         found, carrier = frames[ids[self.check_frame(frame)]], frames[ids[self.base_frame]]
         return found.placement.homogeneous if found.parentJoint == carrier.parentJoint else None
@@ -333,7 +333,7 @@ class Robot:
         """
         Return the configuration after `dt` seconds at a constant velocity.
 
-        A base moves along the arc that constant velocities in its own axes make.
+        A base moves along the arc of a constant twist in its own axes.
 
         Parameters
         ----------
@@ -362,7 +362,7 @@ class Robot:
             Configuration: coordinates of the base, then positions of the driven joints
             [rad or m].
         passive : array_like (len(passive_names),), optional
-            Positions of the passive joints; zero, or what is nearest within their limits.
+            Positions of the passive joints; zero by default, clamped to their limits.
 
         Raises
         ------
@@ -405,7 +405,7 @@ class Robot:
 
     def _check_driven(self, driven: Sequence[str], drivable: Sequence[str], mimics: MimicRules,
                       still: Sequence[str]) -> None:
-        """Raise `RobotError` where joints cannot be the driven ones."""
+        """Raise `RobotError` if joints cannot be driven."""
         for name in driven:
             if isinstance(name, str) and name in mimics:
                 raise RobotError(f'joint {name!r} mimics {mimics[name][0]!r}: drive that one')
@@ -419,11 +419,11 @@ class Robot:
 
     def _read_limits(self, elements: Mapping[str, Element], mimics: MimicRules,
                      overrides: LimitOverrides) -> None:
-        """Take the limits of the velocities from the URDF, replaced where overridden."""
+        """Read the limits of the velocities from the URDF, and apply the overrides."""
         rows = velocity_limits(self._base, self.joint_names, elements, mimics, overrides)
         self.lower, self.upper, self.velocity, self.acceleration = (
             read_only(np.array([float(row[key]) for row in rows.values()])) for key in LIMIT_KEYS)
-        # A joint that was given limits turns within them, whatever its type says.
+        # An override can limit a joint of type continuous.
         self.continuous = read_only(np.array(
             [name in elements and elements[name].get('type') == 'continuous'
              for name in self.velocity_names], dtype=bool)
@@ -437,16 +437,16 @@ class Robot:
 
 
 def _listed(joints: object) -> list[str]:
-    """Return the names of joints as a list; what is no name is found later."""
+    """Return the names of joints as a list; `_check_driven` validates them."""
     if isinstance(joints, str) or not isinstance(joints, (Sequence, np.ndarray)):
         raise RobotError(f'joints must be a list of names, not {joints!r}')
     return list(joints)
 
 
 def _with_world(frame_ids: dict[str, int], name: object) -> dict[str, int]:
-    """Return the frames with the one that a base moves in before the others."""
+    """Return the frames, preceded by the world frame that a base moves in."""
     if not isinstance(name, str) or not name:
         raise RobotError(f'the world frame needs a name, not {name!r}')
     if name in frame_ids:
         raise RobotError(f'the world frame cannot be named like a link: {name!r}')
-    return {name: WORLD, **frame_ids}
+    return {name: UNIVERSE_INDEX, **frame_ids}

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Roll, pitch and yaw as a quaternion, without the libraries that take long to load."""
+"""Roll, pitch and yaw as a quaternion, without libraries that are slow to import."""
 
 import math
 

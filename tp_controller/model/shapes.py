@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Shapes that a frame stays inside or outside of; geometry only, without a robot.
+Shapes of regions and obstacles; geometry only, without a robot.
 
-Every shape sits at its own origin. Points (3,) are given in its axes [m]. `inner_radius` is that
-of the largest sphere that it holds [m].
+Every shape is centred at its own origin. Points (3,) are in its axes [m]. `inner_radius` is the
+radius of the largest sphere inside the shape [m].
 """
 
 from collections.abc import Callable
@@ -28,28 +28,28 @@ import numpy as np
 from tp_controller.errors import unknown
 from tp_controller.model.spatial import Array
 
-# Nearer to a centre or an axis than this there is no direction away from it [m].
-CENTRE = 1e-9
-# A larger size is taken for a mistake [m].
-LARGEST = 1e6
+# Distance from a centre or an axis below which the direction away from it is undefined [m].
+CENTRE_RADIUS = 1e-9
+# Largest size of a shape; larger ones are mistakes [m].
+LARGEST_SIZE = 1e6
 
 
 class Sphere:
-    """A sphere around the origin."""
+    """Sphere around the origin."""
 
     def __init__(self, radius: float) -> None:
         self.radius = self.inner_radius = radius
 
     def within(self, point: Array) -> tuple[Array, Array]:
         """
-        Return what has to be bounded for a point to be inside.
+        Return the values that are bounded if a point is inside; see `inner_bounds`.
 
         Returns
         -------
         values : ndarray (m,)
             [m]
         gradients : ndarray (m, 3)
-            Of the values by the point.
+            Gradients of the values with respect to the point.
 
         """
         distance, direction = _from_centre(point)
@@ -61,7 +61,7 @@ class Sphere:
 
     def distance(self, point: Array) -> tuple[float, Array]:
         """
-        Return how far a point is outside the surface.
+        Return the signed distance of a point from the surface, and its gradient.
 
         Returns
         -------
@@ -76,12 +76,12 @@ class Sphere:
 
 
 class HalfSpace:
-    """Everything below the plane z = 0."""
+    """Half-space below the plane z = 0."""
 
     inner_radius = math.inf
 
     def within(self, point: Array) -> tuple[Array, Array]:
-        """Return what has to be bounded for a point to be inside; see `Sphere.within`."""
+        """Return the bounded values and their gradients; see `Sphere.within`."""
         return point[2:], np.array([[0.0, 0.0, 1.0]])
 
     def inner_bounds(self) -> tuple[Array, Array]:
@@ -89,19 +89,19 @@ class HalfSpace:
         return np.array([-np.inf]), np.zeros(1)
 
     def distance(self, point: Array) -> tuple[float, Array]:
-        """Return how far a point is outside, and the gradient; see `Sphere.distance`."""
+        """Return the signed distance and its gradient; see `Sphere.distance`."""
         return point[2], np.array([0.0, 0.0, 1.0])
 
 
 class Box:
-    """A box around the origin, its faces across the axes."""
+    """Box around the origin, with its faces perpendicular to the axes."""
 
     def __init__(self, x: float, y: float, z: float) -> None:
         self.half = 0.5 * np.array([x, y, z])
         self.inner_radius = float(self.half.min())
 
     def within(self, point: Array) -> tuple[Array, Array]:
-        """Return what has to be bounded for a point to be inside; see `Sphere.within`."""
+        """Return the bounded values and their gradients; see `Sphere.within`."""
         return point, np.eye(3)
 
     def inner_bounds(self) -> tuple[Array, Array]:
@@ -109,19 +109,19 @@ class Box:
         return -self.half, self.half
 
     def distance(self, point: Array) -> tuple[float, Array]:
-        """Return how far a point is outside, and the gradient; see `Sphere.distance`."""
+        """Return the signed distance and its gradient; see `Sphere.distance`."""
         return _outside(np.abs(point) - self.half, np.diag(np.where(point < 0.0, -1.0, 1.0)))
 
 
 class Cylinder:
-    """A cylinder around the origin, its axis along z."""
+    """Cylinder around the origin, with its axis along z."""
 
     def __init__(self, radius: float, length: float) -> None:
         self.half = np.array([radius, 0.5 * length])
         self.inner_radius = float(self.half.min())
 
     def within(self, point: Array) -> tuple[Array, Array]:
-        """Return what has to be bounded for a point to be inside; see `Sphere.within`."""
+        """Return the bounded values and their gradients; see `Sphere.within`."""
         reach, away = _from_centre(np.array([point[0], point[1], 0.0]))
         return np.array([reach, point[2]]), np.array([away, [0.0, 0.0, 1.0]])
 
@@ -130,7 +130,7 @@ class Cylinder:
         return np.array([-np.inf, -self.half[1]]), self.half
 
     def distance(self, point: Array) -> tuple[float, Array]:
-        """Return how far a point is outside, and the gradient; see `Sphere.distance`."""
+        """Return the signed distance and its gradient; see `Sphere.distance`."""
         values, gradients = self.within(point)
         side = math.copysign(1.0, values[1])
         return _outside(np.array([values[0], side * values[1]]) - self.half,
@@ -140,32 +140,32 @@ class Cylinder:
 def _from_centre(point: Array) -> tuple[float, Array]:
     """Return the distance of a point from the origin and the direction away from it."""
     distance = math.sqrt(point.dot(point))
-    return distance, point / distance if distance > CENTRE else np.array([1.0, 0.0, 0.0])
+    return distance, point / distance if distance > CENTRE_RADIUS else np.array([1.0, 0.0, 0.0])
 
 
 def _outside(excess: Array, directions: Array) -> tuple[float, Array]:
     """
-    Return the distance from a shape whose sides are at right angles, and its gradient.
+    Return the signed distance from a shape whose sides are at right angles, and its gradient.
 
     Parameters
     ----------
     excess : ndarray (k,)
-        How far the point is beyond each side, negative on the inner side of it [m].
+        Distance of the point from each side, negative on its inner side [m].
     directions : ndarray (k, 3)
         Outward normals of the sides, orthonormal.
 
     """
     beyond = np.maximum(excess, 0.0)
     distance = math.sqrt(beyond.dot(beyond))
-    if distance > CENTRE:
-        # Across an edge or a corner the nearest point is on it.
+    if distance > CENTRE_RADIUS:
+        # Beyond an edge or a corner the nearest point is on it.
         return distance, beyond.dot(directions) / distance
     nearest = int(excess.argmax())
     return float(excess[nearest]), directions[nearest]
 
 
 Shape: TypeAlias = Box | Sphere | Cylinder | HalfSpace
-# {name: (class, what its sizes are)}
+# {name: (class, names of its sizes)}
 SHAPES: dict[str, tuple[Callable[..., Shape], tuple[str, ...]]] = {
     'box': (Box, ('x', 'y', 'z')),
     'sphere': (Sphere, ('radius',)),
@@ -175,9 +175,9 @@ SHAPES: dict[str, tuple[Callable[..., Shape], tuple[str, ...]]] = {
 
 
 def _is_size(value: object) -> bool:
-    """Say whether a value is a positive number, and no mistake."""
+    """Return whether a value is a positive number of at most `LARGEST_SIZE`."""
     return (isinstance(value, Real) and not isinstance(value, bool)
-            and not value <= 0.0 and value <= LARGEST)
+            and not value <= 0.0 and value <= LARGEST_SIZE)
 
 
 def parse_shape(value: object) -> Shape:
@@ -187,7 +187,7 @@ def parse_shape(value: object) -> Shape:
     Raises
     ------
     ValueError
-        Unknown shape, or its sizes are not positive numbers.
+        The shape is unknown, or its sizes are not positive numbers.
 
     """
     if isinstance(value, str):

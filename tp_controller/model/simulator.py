@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A kinematic robot: velocity commands in, a configuration out, with the faults of a real one."""
+"""Kinematic simulator: velocity commands in, configurations out, with imperfections."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -22,25 +22,25 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.errors import RobotError, SettingsError, unknown
-from tp_controller.model.mobile_base import NAMES
+from tp_controller.model.mobile_base import TWIST_NAMES
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, pose, rotation_from_rpy
 from tp_controller.resources import is_number, load_yaml, read_source
 
-# A joint whose limits are nearer to zero than this does not start there, as a share of its range.
+# A joint does not start at zero if that is nearer to a limit than this share of its range.
 START_MARGIN = 0.05
 
 
 @dataclass(frozen=True)
 class SimulatorNoise:
     """
-    What makes the simulated robot less than ideal; nothing does by default.
+    Imperfections of the simulated robot; none by default.
 
     Attributes
     ----------
     noise : float
-        Standard deviation of measured positions [rad or m]; that of a base is moved by as much
-        along and about each of its axes that it has a velocity for.
+        Standard deviation of measured positions [rad or m]; the same along and about each axis of
+        a base that has a velocity.
     delay : float
         Time from a command to its effect [s].
     lag : float
@@ -48,12 +48,12 @@ class SimulatorNoise:
     drop : float
         Share of commands, and of measurements, that get lost, in [0, 1).
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Raises
     ------
     SettingsError
-        All values that are out of range.
+        Values are out of range; the error lists all of them.
 
     """
 
@@ -64,7 +64,7 @@ class SimulatorNoise:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
+        """Validate the ranges."""
         faults = [f'{name} must be a finite number that is not negative, not {value!r}'
                   for name, value in (('noise', self.noise), ('delay', self.delay),
                                       ('lag', self.lag), ('drop', self.drop))
@@ -79,11 +79,11 @@ class SimulatorNoise:
 
 class KinematicSimulator:
     """
-    Integrates velocity commands within the robot's limits.
+    Simulated robot that integrates velocity commands within its limits.
 
     Commands are clipped at the velocity limits, positions stop at the position limits, and the
-    robot stops by itself when no command took effect for `timeout` seconds. A base moves along
-    the arcs that velocities in its own axes make.
+    robot stops by itself if no command took effect for `timeout` seconds. A base moves along the
+    arc of a constant twist in its own axes.
 
     Parameters
     ----------
@@ -99,12 +99,12 @@ class KinematicSimulator:
     q, velocity : ndarray (nq,), ndarray (n,)
         True configuration [rad or m] and velocities [rad/s or m/s].
     now : float
-        Time that was reached [s].
+        Simulated time [s].
 
     Raises
     ------
     RobotError
-        `q` has the wrong shape, is not finite, or its quaternion is none.
+        `q` has the wrong shape, is not finite, or its quaternion does not have norm 1.
     SettingsError
         `timeout` is not positive.
 
@@ -122,7 +122,7 @@ class KinematicSimulator:
         self.reset()
 
     def reset(self, now: float = 0.0) -> None:
-        """Go back to the initial configuration, at rest, at time `now` [s]."""
+        """Reset to the initial configuration, at rest, at time `now` [s]."""
         self.q = self._initial.copy()
         self.velocity = np.zeros(self.robot.n)
         self.now = now
@@ -132,26 +132,26 @@ class KinematicSimulator:
 
     def command(self, velocity: ArrayLike, columns: slice = slice(None)) -> bool:
         """
-        Take a velocity command, now.
+        Accept a velocity command at the current time.
 
         Parameters
         ----------
         velocity : array_like (n,)
             [rad/s or m/s]
         columns : slice
-            The entries that the command is for, all by default: base and joints may be commanded
-            apart, and time out apart. The others are ignored.
+            Entries to command, all by default: base and joints may be commanded separately, and
+            time out separately. The others are ignored.
 
         Returns
         -------
         bool
-            False where the command was lost, see `SimulatorNoise`, or was not finite: a drive
-            does not act on such a command.
+            False if the command was lost, see `SimulatorNoise`, or was not finite: a drive does
+            not act on such a command.
 
         Raises
         ------
         RobotError
-            Wrong shape.
+            The shape is wrong.
 
         """
         target = np.array(velocity, dtype=float)
@@ -166,7 +166,7 @@ class KinematicSimulator:
 
     def step(self, dt: float) -> None:
         """
-        Let `dt` seconds pass.
+        Advance the simulation by `dt` seconds.
 
         Commands take effect, and time out, at their own time within the step.
         """
@@ -184,12 +184,12 @@ class KinematicSimulator:
 
     def measure(self) -> tuple[Array, Array] | None:
         """
-        Return what the robot's sensors say.
+        Return the measured configuration and velocities.
 
         Returns
         -------
         q, velocity : ndarray (nq,), ndarray (n,)
-            Measured configuration, with noise, and velocities. None instead of both where the
+            Measured configuration, with noise, and velocities. None instead of both if the
             message was lost.
 
         """
@@ -197,17 +197,17 @@ class KinematicSimulator:
             return None
         q = self.q.copy()
         if self.noise.noise > 0.0:
-            # Along the path of a velocity, so that an orientation stays one.
+            # Integrated like a velocity, so that an orientation stays valid.
             error = self.noise.noise * self._random.standard_normal(self.robot.n)
             q = self.robot.integrate(q, error, 1.0)
         return q, self.velocity.copy()
 
     def _lost(self) -> bool:
-        """Draw whether a message gets lost."""
+        """Return at random whether a message is lost."""
         return self.noise.drop > 0.0 and self._random.random() < self.noise.drop
 
     def _move(self, dt: float) -> None:
-        """Move for `dt` seconds with the command in force."""
+        """Move for `dt` seconds with the active command."""
         lag = self.noise.lag
         if lag > 0.0:
             # Exact for a first-order drive: the mean velocity over dt, then the one at its end.
@@ -220,7 +220,7 @@ class KinematicSimulator:
         robot = self.robot
         moved = robot.integrate(self.q, mean, dt)
         before, after = robot.positions(self.q), robot.positions(moved)
-        # A robot that starts outside its limits does not jump back, but gets no further.
+        # A robot that starts outside its limits does not jump back, but moves no further out.
         lower, upper = np.minimum(robot.lower, before), np.maximum(robot.upper, before)
         stopped = (after < lower) | (after > upper)
         self.q = moved.copy()
@@ -232,8 +232,8 @@ def start_configuration(robot: Robot) -> Array:
     """
     Return a configuration (nq,) away from all position limits, the base at the root.
 
-    A joint is at zero. Where zero is outside its range, or near a limit, it is in the middle of
-    the range; with a limit on one side only it is as near to zero as that allows.
+    A joint is at zero. If zero is outside its range, or near a limit, it is in the middle of the
+    range; with a limit on one side only it is as near to zero as that allows.
     """
     lower, upper = robot.lower[robot.joint_columns], robot.upper[robot.joint_columns]
     joints = np.clip(np.zeros(len(lower)), lower, upper)
@@ -252,11 +252,11 @@ def initial_positions(source: str | Path, robot: Robot) -> Array:
     Parameters
     ----------
     source : str or pathlib.Path
-        YAML text, a file's path, or ``package://<package>/<path>``. Joints it leaves out start
-        as in `start_configuration`. A base that moves starts at the root, unless some of its
-        ``base_x``, ``base_y`` … ``base_yaw`` say where [m, rad].
+        YAML text, a file's path, or ``package://<package>/<path>``. Missing joints start as in
+        `start_configuration`. A base that moves starts at the root, unless its pose is given by
+        ``base_x``, ``base_y`` … ``base_yaw`` [m, rad].
     robot : Robot
-        Whose joints they are.
+        Robot of the joints.
 
     Returns
     -------
@@ -265,7 +265,7 @@ def initial_positions(source: str | Path, robot: Robot) -> Array:
     Raises
     ------
     RobotError
-        No such file, an unknown joint, or no number.
+        The file is missing, a joint is unknown, or a position is not a number.
 
     """
     try:
@@ -278,7 +278,7 @@ def initial_positions(source: str | Path, robot: Robot) -> Array:
         raise RobotError('initial positions must be a mapping {joint: position}')
     q = start_configuration(robot)
     base = np.zeros(6)
-    axes = {NAMES[row]: row for row in robot.base_reach}
+    axes = {TWIST_NAMES[row]: row for row in robot.base_reach}
     for name, position in positions.items():
         if not (is_number(position) and math.isfinite(position)):
             raise RobotError(f'initial positions: {name} must be a finite number, '

@@ -28,14 +28,14 @@ import pinocchio
 
 Array: TypeAlias = NDArray[np.float64]
 AnyArray = TypeVar('AnyArray', bound=np.ndarray)
-# How far the norm of a quaternion may be from 1 before it is taken for a mistake: numbers typed
-# with two digits pass, an all-zero quaternion or an angle triple does not.
+# Tolerance of the norm of a quaternion: numbers typed with two digits pass, an all-zero quaternion
+# or an angle triple does not.
 QUATERNION_TOLERANCE = 0.05
 ROTATION_TOLERANCE = 1e-3
-# Within this angle of half a turn both ways round are equally short, and noise alone would
-# choose between them [rad].
+# Within this angle of half a turn both directions are equally short, and noise alone would select
+# one of them [rad].
 HALF_TURN_BAND = 0.1
-# [a]× of the unit vectors a, so that a.dot(CROSS) is that of any vector.
+# [a]× of the unit vectors, so that a.dot(CROSS) is [a]× of any vector a.
 CROSS = np.zeros((3, 3, 3))
 for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     CROSS[_i, _j, _k], CROSS[_i, _k, _j] = 1.0, -1.0
@@ -93,7 +93,7 @@ def skews(vectors: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return the cross products of rows (m, 3); several times as fast as numpy for a few."""
+    """Return the cross products of rows (m, 3), several times as fast as numpy for a few rows."""
     return (skews(a) @ b[:, :, np.newaxis])[:, :, 0]
 
 
@@ -103,14 +103,14 @@ def shorter_rotation(vector: Array, previous: Array | None) -> Array:
 
     Up to half a turn the log map gives the shorter rotation. At half a turn both directions are
     equally long. Measurement noise would flip between them, and the robot would not move at all.
-    Within `HALF_TURN_BAND` of it the direction stays the one before.
+    Within `HALF_TURN_BAND` of it the previous direction is kept.
 
     Parameters
     ----------
     vector : ndarray (3,)
         Rotation vector from the log map [rad].
     previous : ndarray (3,) or None
-        Rotation vector that was followed last.
+        Previous rotation vector.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def quaternion_from_rotation(R: Array) -> Array:
 
 def check_rotation(R: Array) -> Array:
     """
-    Return a rotation matrix if it is one.
+    Return a rotation matrix if it is valid.
 
     Raises
     ------
@@ -205,6 +205,6 @@ def inverse_pose(T: Array) -> Array:
 
 
 def read_only(array: AnyArray) -> AnyArray:
-    """Return the array, protected against writing."""
+    """Return the array, made read-only."""
     array.setflags(write=False)
     return array

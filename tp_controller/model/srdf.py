@@ -12,19 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which links may touch, as an SRDF says."""
+"""Disabled collision pairs of an SRDF."""
 
 from pathlib import Path
 
 from tp_controller.resources import load_xml, MOST_XML_CHARACTERS, read_source
 
-# Pinocchio's removeCollisionPairsFromXML removes the same pairs (Panda, UR5, Baxter). But of a
-# file that is none it says "No such node (robot)", and of broken XML "expected >".
+# Pinocchio's removeCollisionPairsFromXML removes the same pairs (Panda, UR5, Baxter). But its
+# error for a file that is no SRDF is "No such node (robot)", and for broken XML "expected >".
 
 
 def srdf_pairs(source: str | Path) -> set[frozenset[str]]:
     """
-    Return the pairs of links that an SRDF says need no check.
+    Return the pairs of links whose collisions an SRDF disables.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def srdf_pairs(source: str | Path) -> set[frozenset[str]]:
     Raises
     ------
     ValueError
-        It cannot be read.
+        The SRDF cannot be read.
 
     """
     try:

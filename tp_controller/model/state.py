@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The robot at one configuration: poses, Jacobians and the centre of mass of its links."""
+"""State of a robot: poses, Jacobians and the centre of mass of its links."""
 
 from collections.abc import Sequence
 
@@ -23,29 +23,28 @@ from tp_controller.errors import RobotError
 from tp_controller.model.kinematics import Kinematics
 from tp_controller.model.spatial import Array, cross, read_only
 
-# Farther is no position [rad or m]; squares and cubes of larger numbers would overflow.
+# Largest position [rad or m]; squares and cubes of larger numbers would overflow.
 LARGEST = 1e9
 
 
 class RobotState:
     """
-    The robot at one configuration, its kinematics evaluated once.
+    State of a robot at one configuration, with its kinematics evaluated once.
 
-    Frames go by name; what was computed for one is stored until the next `update`. All
-    arrays are read-only copies, so they stay true to the configuration they were taken at.
-    `Robot.state` makes one.
+    Frames are identified by name; the results for a frame are cached until the next `update`. All
+    arrays are read-only copies, which later updates do not change. `Robot.state` returns a state.
 
     Attributes
     ----------
     q : ndarray (nq,)
         Configuration [rad or m].
     positions : ndarray (n,)
-        What position limits are about; see `Robot.positions`.
+        Positions that are subject to limits; see `Robot.positions`.
     motion : Motion or None
-        Compiled kinematics at these positions; None where Pinocchio evaluates them.
+        Compiled kinematics at these positions; None if Pinocchio evaluates them.
     velocity : ndarray (n,)
-        That the robot was told to have since the state before, for tasks that look ahead; at rest
-        unless somebody sets it [rad/s or m/s].
+        Velocity commanded since the previous state, for tasks that look ahead; zero unless the
+        caller sets it [rad/s or m/s].
 
     """
 
@@ -56,7 +55,7 @@ class RobotState:
         self._kinematics = kinematics
         self._data = kinematics.model.createData()
         self.motion = kinematics.motion()
-        # Pinocchio's data are those of these positions.
+        # Whether Pinocchio's data are those of these positions.
         self._is_evaluated = False
         self._offset = kinematics.offset
         self._placements: dict[str, tuple[Array, Array, Array]] = {}
@@ -74,12 +73,12 @@ class RobotState:
         q : array_like (nq,)
             Configuration [rad or m].
         passive : array_like (p,), optional
-            Passive positions; unchanged where left out.
+            Passive positions; unchanged by default.
 
         Raises
         ------
         RobotError
-            Wrong shape, not finite or no quaternion; the state stays what it was.
+            Wrong shape, not finite or no quaternion; the state is unchanged.
 
         """
         kinematics, offset, placement = self._kinematics, self._offset, None
@@ -91,7 +90,7 @@ class RobotState:
                 checked = kinematics.base.check(checked)
                 placement = kinematics.base.placement(checked)
         else:
-            # What is compiled checks them itself.
+            # The compiled kinematics validate them.
             checked = _array(q, kinematics.coordinate_names, 'q')
         if self.motion is not None:
             try:
@@ -148,7 +147,7 @@ class RobotState:
         frame : str
             Its name.
         weights : ndarray (6, n)
-            Of the entries of `jacobian`.
+            Weights of the entries of `jacobian`.
 
         Returns
         -------
@@ -161,7 +160,7 @@ class RobotState:
         if expand is not None:
             weights = weights.dot(expand.T)
         v, w, of_v, of_w = J[:3].T, J[3:].T, weights[:3].T, weights[3:].T
-        # Column j of J is (v_j, ω_j). Where motion k comes before motion j it turns both,
+        # Column j of J is (v_j, ω_j). If motion k precedes motion j it turns both,
         # ∂J_j/∂q_k = (ω_k × v_j, ω_k × ω_j); otherwise it moves the frame, by ω_j × v_k.
         turns = cross(v, of_v) + cross(w, of_w)
         shifts = cross(of_v, w)
@@ -185,7 +184,7 @@ class RobotState:
                                                False).reshape(3, -1)
             if kinematics.expand is not None:
                 J = J.dot(kinematics.expand)
-            # Pinocchio leaves out what is fixed to the root.
+            # Pinocchio leaves out the bodies that are fixed to the root.
             still = kinematics.model.inertias[0]
             share = still.mass / kinematics.mass
             self._center_of_mass = (
@@ -194,7 +193,7 @@ class RobotState:
         return self._center_of_mass
 
     def place(self, geometry: pinocchio.GeometryModel, data: pinocchio.GeometryData) -> None:
-        """Place the objects of one of Pinocchio's geometry models, made for this robot."""
+        """Update the placements in one of Pinocchio's geometry models of this robot."""
         pinocchio.updateGeometryPlacements(self._kinematics.model, self._evaluated(), geometry,
                                            data)
 
@@ -224,7 +223,7 @@ class RobotState:
         pinocchio.updateFramePlacement(kinematics.model, data, index)
         J = pinocchio.getFrameJacobian(kinematics.model, data, index,
                                        pinocchio.LOCAL_WORLD_ALIGNED)
-        # That of a model with one coordinate comes without its second dimension.
+        # For a model with one coordinate Pinocchio omits the second dimension.
         return J if J.ndim == 2 else J.reshape(6, 1)
 
     def _place(self, frame: str) -> tuple[Array, Array, Array]:
@@ -234,8 +233,8 @@ class RobotState:
             T = np.empty((4, 4))
             self.motion.place(kinematics.frame_index(frame), T)
         else:
-            # The rotation and translation of a placement are windows into Pinocchio's data,
-            # which the next update changes; this matrix is a copy.
+            # The rotation and translation of a placement are views of Pinocchio's data, which the
+            # next update changes; this matrix is a copy.
             T = pinocchio.updateFramePlacement(
                 kinematics.model, self._evaluated(),
                 kinematics.frame_index(frame)).homogeneous
@@ -245,7 +244,7 @@ class RobotState:
 
 
 def _positions(values: ArrayLike, names: Sequence[str], what: str) -> Array:
-    """Return joint positions as a protected array, one for each name."""
+    """Return joint positions as a read-only array, one for each name."""
     positions = _array(values, names, what)
     if positions.shape != (len(names),):
         raise RobotError(f'{what} needs {len(names)} positions ({", ".join(names)}), '
@@ -257,7 +256,7 @@ def _positions(values: ArrayLike, names: Sequence[str], what: str) -> Array:
 
 
 def _array(values: ArrayLike, names: Sequence[str], what: str) -> Array:
-    """Return numbers as a protected array."""
+    """Return numbers as a read-only array."""
     try:
         return read_only(np.array(values, dtype=float))
     except (TypeError, ValueError, OverflowError) as error:

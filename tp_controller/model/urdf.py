@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reading a URDF: joints, mimic rules, and the model that Pinocchio makes of it."""
+"""URDF parser: joints, mimic rules, and the model in Pinocchio."""
 
 from collections.abc import Mapping
 import copy
@@ -24,11 +24,12 @@ import pinocchio
 from tp_controller.errors import RobotError, unknown
 from tp_controller.resources import load_xml
 
-MOVING = ('revolute', 'continuous', 'prismatic')
-# A URDF has no word for "unlimited"; limits from here on are taken for none at all.
+# Supported types of moving joints.
+MOVING_TYPES = ('revolute', 'continuous', 'prismatic')
+# A URDF cannot express "unlimited"; limits of at least this count as infinite.
 UNLIMITED = 1e9
-# The largest of example-robot-data, TIAGo with two arms, has 130 links and 101 moving joints. What
-# Pinocchio stores for a state grows with the third power of the joints: 100 MB for 150.
+# The largest of example-robot-data, TIAGo with two arms, has 130 links and 101 moving joints.
+# Pinocchio's data of a state grow with the third power of the joints: 100 MB for 150.
 MOST_LINKS, MOST_JOINTS = 1000, 150
 # Name of the joint between the world and a base that moves.
 FREE_FLYER = 'free flyer'
@@ -54,22 +55,22 @@ def moving_joints(tree: Element) -> dict[str, Element]:
     elements = {}
     for joint in tree.findall('joint'):
         kind = joint.get('type')
-        if kind in MOVING:
+        if kind in MOVING_TYPES:
             elements[joint.get('name', '')] = joint
             if len(elements) > MOST_JOINTS:
                 raise RobotError(f'more than {MOST_JOINTS} joints that move: fix those that are '
                                  'not needed')
         elif kind != 'fixed':
             raise RobotError(f'joint {joint.get("name")!r} is of type {kind!r}; '
-                             f'valid: fixed, {", ".join(MOVING)}')
+                             f'valid: fixed, {", ".join(MOVING_TYPES)}')
     return elements
 
 
 def check_tree(tree: Element) -> None:
     """
-    Raise `RobotError` where links and joints make no tree, naming what is wrong.
+    Raise `RobotError` with the cause if links and joints do not form a tree.
 
-    The URDF parser itself only says that the text is not valid.
+    The URDF parser itself only reports that the text is not valid.
     """
     links = _names(tree, 'link')
     _names(tree, 'joint')
@@ -93,7 +94,7 @@ def check_tree(tree: Element) -> None:
 
 
 def _names(tree: Element, what: str) -> dict[str, None]:
-    """Return the names of the links or joints, in order; refuse any that is not its own."""
+    """Return the names of the links or joints, in order; refuse missing and repeated names."""
     names: dict[str, None] = {}
     for element in tree.findall(what):
         name = element.get('name')
@@ -106,27 +107,27 @@ def _names(tree: Element, what: str) -> dict[str, None]:
 
 def build_model(tree: Element, moving_base: bool = False) -> pinocchio.Model:
     """
-    Return Pinocchio's model of a URDF, every moving joint with one coordinate.
+    Return Pinocchio's model of a URDF, with one coordinate for every moving joint.
 
-    A base that moves has a joint of its own before them, which leaves it all freedom.
+    A base that moves has a free-flyer joint before them.
     """
-    # Without shapes, as most of a description is: the parser keeps all other threads waiting.
+    # Drop the shapes, the largest part of a description: the parser blocks all other threads.
     slim = Element('robot', name=tree.get('name') or 'robot')
     for link in tree.findall('link'):
         ElementTree.SubElement(slim, 'link', name=link.get('name', '')).extend(
             link.findall('inertial'))
     slim.extend(copy.deepcopy(tree.findall('joint')))
     for joint in slim.findall('joint'):
-        if joint.get('type') not in MOVING:
+        if joint.get('type') not in MOVING_TYPES:
             continue
         limit = joint.find('limit')
         if limit is None:
             limit = ElementTree.SubElement(joint, 'limit')
-        # The parser insists on both. Limits are read from the description itself.
+        # The parser requires both. Limits are read from the description itself.
         limit.set('effort', '0')
         limit.set('velocity', '0')
         if joint.get('type') == 'continuous':
-            # Pinocchio would hold a continuous joint as cosine and sine and forget its turns.
+            # Pinocchio would store a continuous joint as cosine and sine, without full turns.
             joint.set('type', 'revolute')
             limit.set('lower', repr(-UNLIMITED))
             limit.set('upper', repr(UNLIMITED))
@@ -158,7 +159,7 @@ def mimic_rules(elements: Mapping[str, Element]) -> MimicRules:
 
 
 def resolve_mimic(name: str, rules: MimicRules) -> tuple[str, float, float]:
-    """Return (leader, multiplier, offset) of a joint; itself where it follows no other."""
+    """Return (leader, multiplier, offset) of a joint; the joint itself if it has no leader."""
     multiplier, offset = 1.0, 0.0
     leader, seen = name, set[str]()
     while leader in rules:

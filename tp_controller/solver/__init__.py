@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The method: levels in, velocities out. It knows no robot, no task and no clock."""
+"""Task-priority solver: levels in, velocities out; independent of robot, tasks and clock."""

@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-The nearest point of a polytope, by the dual active-set method of Goldfarb and Idnani (1983).
+Projection onto a polytope by the dual active-set method of Goldfarb and Idnani (1983).
 
-From the point itself, the bound that is violated most becomes active; on the way there, bounds
-whose multipliers would turn negative are dropped. The normals of the active ones are Q R.
+Starting from the point itself, each iteration activates the most violated bound and drops the
+bounds whose multipliers would become negative. The normals of the active bounds are Q R.
 """
 
 import math
@@ -25,16 +25,16 @@ import numpy as np
 from scipy.linalg.lapack import dtrtrs
 from tp_controller.solver.level import Array, norm, ROUNDING
 
-# Squared length of the rest of a normal of length 1 beside the active ones, below which it
-# counts as zero.
+# A normal of length 1 depends linearly on the active ones if the squared length of its component
+# orthogonal to them is below this.
 DEPENDENT = 1e-15
-# What rounding leaves of a bound that is met, as a share of the point.
+# Rounding error of a satisfied bound, relative to the size of the point.
 LAST_DIGIT = 1e-15
 
 
 class ActiveSet:
     """
-    The z (k,) nearest to a point, with lower ≤ A z ≤ upper.
+    Projection of a point onto lower ≤ A z ≤ upper: the nearest z (k,).
 
     Parameters
     ----------
@@ -46,14 +46,14 @@ class ActiveSet:
     def __init__(self, point: Array, A: Array, lower: Array, upper: Array) -> None:
         self._point = point
         square = np.einsum('ij,ij->i', A, A)
-        # What is next to nothing cannot help, and is met or not.
-        nothing = square < ROUNDING ** 2
-        square[nothing] = 1.0
-        # Rows of length 1.
+        # Rows of negligible length are zeroed: z cannot change whether they are satisfied.
+        negligible = square < ROUNDING ** 2
+        square[negligible] = 1.0
+        # Normalise the rows to length 1.
         self._scale = 1.0 / np.sqrt(square)
-        self._rows = A * np.where(nothing, 0.0, self._scale)[:, np.newaxis]
+        self._rows = A * np.where(negligible, 0.0, self._scale)[:, np.newaxis]
         self._lower, self._upper = self._scale * lower, self._scale * upper
-        # Tolerances are those of rows as they were given, or less where their bounds are near.
+        # Tolerances refer to the rows as given, reduced in proportion if both bounds are below 1.
         reach = np.maximum(np.abs(lower), np.abs(upper))
         self._slack = self._scale * np.where(reach > 0.0, np.minimum(reach, 1.0), 1.0)
 
@@ -61,18 +61,18 @@ class ActiveSet:
         """
         Return z (k,) and multipliers (r,): positive at upper bounds, negative at lower ones.
 
-        None where no z is within the bounds, but for a tolerance, or rounding says so.
+        Return None if no z satisfies the bounds within a tolerance, or rounding prevents a result.
         """
         r, k = self._rows.shape
         most = min(r, k)
         self._Q, self._R = np.zeros((k, most)), np.zeros((most, most))
-        # Rows that are active, the signs of their bounds, and their multipliers.
+        # Active rows, the signs of their bounds, and their multipliers.
         self._active: list[int] = []
         self._sides, self._u = np.zeros(most), np.zeros(most)
         self._start()
-        self._left, settled = 10 * (r + k) + 20, False
-        while self._left > 0:
-            self._left -= 1
+        self._iterations_left, settled = 10 * (r + k) + 20, False
+        while self._iterations_left > 0:
+            self._iterations_left -= 1
             beyond, is_upper = self._violations()
             beyond[beyond <= np.maximum(tolerance * self._slack, self._rounding)] = 0.0
             row = int(beyond.argmax()) if r else 0
@@ -88,7 +88,7 @@ class ActiveSet:
         return None
 
     def _violations(self) -> tuple[Array, Array]:
-        """Return by how much z is beyond the bounds (r,), 0 at active ones, and if upper ones."""
+        """Return the violations (r,) of the bounds, 0 if active, and the mask of upper bounds."""
         values = self._rows.dot(self._z)
         over, under = values - self._upper, self._lower - values
         beyond = np.maximum(over, under)
@@ -96,7 +96,7 @@ class ActiveSet:
         return beyond, over > 0.0
 
     def _answer(self) -> tuple[Array, Array] | None:
-        """Return z and the multipliers of the rows as they were given; None for what is none."""
+        """Return z and the multipliers of the rows as given; None if z is not finite."""
         if not math.isfinite(self._z.dot(self._z)):
             return None
         count, multipliers = len(self._active), np.zeros(len(self._rows))
@@ -104,21 +104,21 @@ class ActiveSet:
         return self._z, self._scale * multipliers
 
     def _start(self) -> None:
-        """Begin at the point."""
+        """Reset z to the point that is projected."""
         self._z, self._rounding = self._point, LAST_DIGIT * (1.0 + norm(self._point))
 
     def _enter(self, row: int, side: float, violation: float) -> bool:
-        """Make a bound active; say whether that is possible."""
+        """Activate a bound; return whether that is possible."""
         normal, gained = side * self._rows[row], 0.0
-        while self._left > 0:
-            self._left -= 1
+        while self._iterations_left > 0:
+            self._iterations_left -= 1
             count = len(self._active)
             u = self._u[:count]
             # normal = Q R e + rest
             d, rest = self._split(normal)
-            e = self._over(d)
+            e = self._solve_triangular(d)
             square = float(rest.dot(rest))
-            # How far until a multiplier is zero.
+            # Step length at which the first multiplier becomes zero.
             t, leaving = min(((max(each, 0.0) / slope, index) for index, (each, slope)
                               in enumerate(zip(u.tolist(), e.tolist())) if slope > 0.0),
                              default=(math.inf, -1))
@@ -139,22 +139,22 @@ class ActiveSet:
         return False
 
     def _split(self, w: Array) -> tuple[Array, Array]:
-        """Return what of w (k,) lies along Q, and the rest."""
+        """Return the coordinates of w (k,) in Q, and its component orthogonal to Q."""
         Q = self._Q[:, :len(self._active)]
         along = w.dot(Q)
         rest = w - Q.dot(along)
-        # Twice, or rounding would leave a share.
+        # Orthogonalise twice: one pass leaves rounding errors along Q.
         more = rest.dot(Q)
         return along + more, rest - Q.dot(more)
 
-    def _over(self, b: Array, transposed: bool = False) -> Array:
+    def _solve_triangular(self, b: Array, transposed: bool = False) -> Array:
         """Return R⁻¹ b, or R⁻ᵀ b."""
         count = len(b)
         return dtrtrs(self._R[:count, :count], b, trans=int(transposed))[0] if count else b
 
     def _append(self, row: int, side: float, multiplier: float, d: Array, rest: Array,
                 length: float) -> None:
-        """Add a bound to the active ones."""
+        """Append a bound to the active ones."""
         count = len(self._active)
         self._R[:count, count], self._R[count, count] = d, length
         self._Q[:, count] = rest / length
@@ -162,33 +162,33 @@ class ActiveSet:
         self._active.append(row)
 
     def _drop(self, leaving: int) -> None:
-        """Take a bound out of the active ones."""
+        """Remove a bound from the active ones."""
         count = len(self._active)
         del self._active[leaving]
         for each in (self._sides, self._u):
             each[leaving:count - 1] = each[leaving + 1:count]
-        # One number is below the diagonal in each of the columns after it.
+        # Each column after the removed one has one entry below the diagonal: factor R again.
         turn, R = np.linalg.qr(np.delete(self._R[:count, :count], leaving, axis=1))
         self._R[:count - 1, :count - 1] = R
         self._Q[:, :count - 1] = self._Q[:, :count].dot(turn)
 
     def _settle(self) -> None:
         """
-        Find z and the multipliers from the active bounds alone, since steps add up roundings.
+        Recompute z and the multipliers from the active bounds, without accumulated rounding.
 
-        z = Q y + rest, with Rᵀ y = b, and the rest what Q leaves of the point. Where roundings
-        hid that a multiplier is negative, its bound is dropped.
+        z = Q y + rest, with Rᵀ y = b, and the rest is the component of the point orthogonal to Q.
+        Bounds whose recomputed multipliers are negative are dropped.
         """
         while self._active:
             count = len(self._active)
             rows, sides = self._active, self._sides[:count]
             b = np.where(sides > 0.0, self._upper[rows], -self._lower[rows])
-            y = self._over(b, transposed=True)
+            y = self._solve_triangular(b, transposed=True)
             along, rest = self._split(self._point)
             self._z = self._Q[:, :count].dot(y)
             if count < len(self._point):
                 self._z += rest
-            self._u[:count] = self._over(along - y)
+            self._u[:count] = self._solve_triangular(along - y)
             least = int(self._u[:count].argmin())
             if not self._u[least] < -ROUNDING:
                 self._rounding = LAST_DIGIT * (1.0 + norm(self._z))

@@ -13,20 +13,20 @@
 # limitations under the License.
 
 """
-The loop over the levels: the recursion of lecture 2.2, damped, within bounds.
+Loop over the levels: the recursion of lecture 2.2 with damping and bounds.
 
-x is the velocity that the levels so far agree on, Z what they left free. Each level decomposes
-what it can still move, J Z = U diag(s) Vᵀ with Q = Z V, and takes one damped step ::
+x is the velocity after the levels so far, and Z a basis of their null space. Each level
+decomposes its projected Jacobian, J Z = U diag(s) Vᵀ with Q = Z V, and takes one damped step ::
 
     x ← x + Q a°,   a°_i = s_i d_i / max(s_i² + …, c),   d = Uᵀ (v − J x)     (see `damping`)
 
-if that is allowed. If not, one quadratic program comes as near to it as it can ::
+if that is feasible. Otherwise one quadratic program returns the nearest feasible step ::
 
-    minimise  Σ max(s_i², c) (a_i − a°_i)²   subject to   x + Q a is allowed     (see `qp`)
+    minimise  Σ max(s_i², c) (a_i − a°_i)²   subject to   x + Q a is feasible     (see `qp`)
 
-Then it goes on in what is left, Z ← Z V_null. The first level begins at rest, so that bounds
-that exclude zero change nothing that they do not have to. A level with bounds moves x to where
-they are met, and is a part of what is allowed from then on. No level knows of those below it.
+The remaining null space is Z ← Z V_null. The first level begins at rest, so that bounds that
+exclude zero change its step no more than necessary. A level with bounds moves x to satisfy them;
+its rows constrain all levels below. No level depends on those below it.
 """
 
 from typing import NamedTuple
@@ -50,34 +50,34 @@ from tp_controller.solver.null_space import (
     null_space,
     remaining,
 )
-from tp_controller.solver.polytope import NONE, Polytope
+from tp_controller.solver.polytope import EMPTY, Polytope
 from tp_controller.solver.qp import nearest, regularised
 
-# Rows with bounds of which less than this share is left, by levels above, other rows and joints at
-# their limits, demand no more of the joints than one of that length would [1].
+# If levels above, other rows and joints at their limits leave less than this share of a row with
+# bounds, it demands no more of the joints than a row of that length would [1].
 ROW_DAMPING = 0.1
-# μ² below this share of the largest stiffness is none. Where it is 1e-28 of that, in units that do
-# not suit μ, a program loses all digits of its bounds, and levels above 2 % of what they had.
+# μ² below this share of the largest stiffness counts as 0. A share of 1e-28, in units that do not
+# suit μ, costs a program all digits of its bounds, and levels above 2 % of their velocity.
 SOFTEST = 1e-8
 
 
 class LevelStep(NamedTuple):
     """
-    How one level was carried out, before the levels below it.
+    Result of one level, before the levels below it.
 
     Attributes
     ----------
     velocity : ndarray (n,)
-        After the level.
+        Joint velocities after the level.
     directions : Directions or None
         None for a level with bounds.
     followed : ndarray (rank,)
-        The share of its demand that damping leaves to each direction.
+        Share of the demand that damping leaves in each direction.
     relaxed : ndarray (n, k) or None
-        What the level leaves free, where that includes relaxed directions.
+        Basis of the null space left to the levels below; None without relaxed directions.
     multipliers, row_multipliers : ndarray (n,), (r,), or None
-        Of the bounds on the joints, and on the rows of all levels with bounds down to this one;
-        None where none was active.
+        Multipliers of the joint bounds, and of the rows of all levels with bounds down to this
+        one; None if no bound was active.
     bend : float
         h of this cycle alone (see `damping`).
 
@@ -85,7 +85,7 @@ class LevelStep(NamedTuple):
 
     velocity: Array
     directions: Directions | None = None
-    followed: Array = NONE
+    followed: Array = EMPTY
     relaxed: Array | None = None
     multipliers: Array | None = None
     row_multipliers: Array | None = None
@@ -94,16 +94,16 @@ class LevelStep(NamedTuple):
 
 class BoundedHierarchy:
     """
-    What the levels so far have made of a cycle.
+    State of the recursion after the levels so far.
 
     Attributes
     ----------
     x : ndarray (n,)
-        Velocity that they agree on.
+        Joint velocities.
     Z : ndarray (n, k)
-        What they left free.
+        Basis of the remaining null space.
     allowed : Polytope
-        What x is bound to.
+        Feasible velocities.
 
     """
 
@@ -112,17 +112,17 @@ class BoundedHierarchy:
         self._rest = np.zeros(len(allowed.lower))
         self.x = allowed.clip(self._rest)
         self.Z = identity(len(self.x))
-        # Levels with a demand so far; whether some of what they move was relaxed.
+        # Levels with a demand so far; whether some of their directions were relaxed.
         self._above: list[tuple[Level, Directions]] = []
         self._relaxed = False
 
     @property
     def damping(self) -> Damping:
-        """Return what damps the next level."""
+        """Return the damping of the next level."""
         return self._damping if self._above else self._damping.first
 
     def carry_out(self, level: Level, c: float) -> LevelStep:
-        """Come as near to what a level demands as is allowed, damped by its c."""
+        """Take the step of a level, damped by its c, or the nearest feasible step."""
         directions = decompose(level, self.Z if self._above else None, not self._relaxed)
         gains = self.damping.gains(directions.s, c)
         origin, missing = self._rest, level.v
@@ -130,7 +130,7 @@ class BoundedHierarchy:
             origin, missing = self.x, missing - level.J.dot(self.x)
         step = gains * missing.dot(directions.U)
         if self._take(origin + directions.moving.dot(step)):
-            multipliers = NONE
+            multipliers = EMPTY
         elif level.mode == 'scale':
             multipliers = self._keep_direction(level, directions, gains, c)
         else:
@@ -145,25 +145,25 @@ class BoundedHierarchy:
 
     def _keep_direction(self, level: Level, directions: Directions, gains: Array,
                         c: float) -> Array:
-        """Keep the direction of a level and slow it as little as the bounds allow."""
+        """Scale the step of a level down as little as the bounds allow, in its direction."""
         J, U, s, Q = level.J, directions.U, directions.s, directions.Q
         achieved = U.T.dot(J.dot(self.x))
         if achieved.any():
-            # The path to the demand begins at rest, or as near to it as the bounds allow.
+            # The path to the demand begins at rest, or as near to rest as the bounds allow.
             self._step(self.x, Q, -gains * achieved, s, c)
-        # What bounds left of that is made up for in full: it was damped already.
+        # Undo the feasible part of that step in full: it was damped already.
         moved = U.T.dot(J.dot(self.x)) - achieved
         step = gains * (U.T.dot(level.v) - achieved) - moved / s
         length = norm(step)
         if length == 0.0:
-            return NONE
-        # One direction for the level, and all that do not move it.
+            return EMPTY
+        # One direction for the level, and all directions of its null space.
         D = np.column_stack([Q[:, :len(s)].dot(step / length), Q[:, len(s):]])
         along = s * step / length
         return self._step(self.x, D, np.array([length]), np.array([norm(along)]), c)
 
     def _take(self, x: Array) -> bool:
-        """Move to x (n,) if that is allowed; say whether it was."""
+        """Move to x (n,) if that is feasible; return whether it is."""
         fitting = self.allowed.fitting(x)
         if fitting is None:
             return False
@@ -171,13 +171,13 @@ class BoundedHierarchy:
         return True
 
     def _step(self, origin: Array, Q: Array, step: Array, s: Array, c: float) -> Array:
-        """Move x to `origin` + Q step (rank,), or as near to it as is allowed."""
+        """Move x to `origin` + Q step (rank,) or the nearest feasible x; return multipliers."""
         if self._take(origin + Q[:, :len(step)].dot(step)):
-            return NONE
+            return EMPTY
         return self._come_near(origin, Q, step, s, c)
 
     def _come_near(self, origin: Array, Q: Array, step: Array, s: Array, c: float) -> Array:
-        """Move x as near to `origin` + Q step (rank,) as is allowed; return the multipliers."""
+        """Move to the feasible x nearest to `origin` + Q step (rank,); return the multipliers."""
         rank = len(step)
         if not Q.shape[1]:
             return self._stay()
@@ -187,7 +187,7 @@ class BoundedHierarchy:
         start = target + Q.T.dot(self.allowed.clip(demanded) - demanded)
         least = self.damping.regularisation ** 2
         if least < SOFTEST * stiffness.max():
-            # It would cost the bounds their digits.
+            # A smaller μ² would cost the bounds their digits.
             least = 0.0
         return self._move(origin, Q, regularised(
             stiffness, target, *self.allowed.along(origin, Q), least, start))
@@ -195,7 +195,7 @@ class BoundedHierarchy:
     def _move(self, origin: Array, Q: Array, found: tuple[Array, Array] | None) -> Array:
         """Move x, exactly onto bounds that have a multiplier; return the multipliers."""
         if found is None:
-            # Rounding forbids it.
+            # Rounding prevents a solution.
             return self._stay()
         a, multipliers = found
         self.x = self.allowed.clip(origin + Q.dot(a) + multipliers[:len(self.x)] / ROUNDING)
@@ -203,18 +203,18 @@ class BoundedHierarchy:
         return multipliers
 
     def _stay(self) -> Array:
-        """Leave x where it is; return multipliers that are all zero."""
+        """Leave x unchanged; return multipliers that are all zero."""
         return np.zeros(len(self.x) + len(self.allowed.rows))
 
     def _apart(self, multipliers: Array) -> tuple[Array | None, Array | None]:
-        """Return the multipliers of joints (n,), and those of rows (r,) as they were given."""
+        """Return the multipliers of joints (n,), and of the rows (r,) as given."""
         if not len(multipliers):
             return None, None
         n = len(self.x)
         return multipliers[:n], multipliers[n:] / self.allowed.lengths
 
     def _leave(self, directions: Directions) -> Array | None:
-        """Leave to the levels below what a level hardly moves; return what it relaxes of that."""
+        """Reduce Z to the null space of a level; return Z if it has relaxed directions."""
         region = self._damping.release_region
         self.Z = remaining(directions, region, self._damping.damping or region)
         if self.Z.shape[1] == directions.Q.shape[1] - directions.rank:
@@ -222,10 +222,10 @@ class BoundedHierarchy:
         self._relaxed = True
         return self.Z
 
-    # How what a level pushes against bends (h of `damping`)
+    # Curvature of the constraints on which a level exerts multipliers (h of `damping`)
 
     def _bend(self, level: Level, directions: Directions, multipliers: Array) -> float:
-        """Return h of a level; 0 where it pushes against nothing."""
+        """Return h of a level; 0 if its residual is negligible."""
         missed = level.v - level.J.dot(self.x)
         push = norm(missed)
         if push <= NEGLIGIBLE * norm(level.v):
@@ -234,7 +234,7 @@ class BoundedHierarchy:
         return h + self._bend_against(missed.dot(level.J), multipliers)
 
     def _bend_against(self, force: Array, multipliers: Array) -> float:
-        """Return the part of h from bounds and the levels above, against a force (n,)."""
+        """Return the part of h from bounds and levels above that balance a force (n,)."""
         h = 0.0
         if len(multipliers):
             n = len(force)
@@ -244,7 +244,7 @@ class BoundedHierarchy:
                 h = bend_of_rows(self.allowed.lengths, multipliers[n:])
         softest = (0.5 * self._damping.release_region) ** 2
         for above, its in reversed(self._above):
-            # What this one takes of the force, with the multipliers U mu, and what it leaves.
+            # This level balances a part of the force by the multipliers U mu.
             mu = force.dot(its.moving) / (its.s + softest / its.s)
             h += bend(its.size, norm(mu))
             if its is not self._above[0][1]:
@@ -254,50 +254,50 @@ class BoundedHierarchy:
     # Levels with bounds
 
     def satisfy(self, level: Level, c: float) -> LevelStep:
-        """Satisfy the bounds of a level as far as possible, and keep that; see `carry_out`."""
+        """Satisfy the bounds of a level as far as possible, and add them; see `carry_out`."""
         lengths = np.sqrt((level.J * level.J).sum(axis=1))
         lengths[lengths == 0.0] = 1.0
         rows = level.J / lengths[:, np.newaxis]
         lower, upper = level.lower / lengths, level.upper / lengths
         values = rows.dot(self.x)
-        multipliers = NONE
+        multipliers = EMPTY
         if not within(values, lower, upper):
             multipliers = self._meet(rows, lower - values, upper - values, lengths, c)
             values = rows.dot(self.x)
             lower, upper = np.minimum(lower, values), np.maximum(upper, values)
         self.allowed.add(rows, lower, upper, lengths)
         bend = self._bend_against(self._rest, multipliers) if len(multipliers) else 0.0
-        return LevelStep(self.x, None, NONE, None, *self._apart(multipliers), bend)
+        return LevelStep(self.x, None, EMPTY, None, *self._apart(multipliers), bend)
 
     def _meet(self, rows: Array, lower: Array, upper: Array, lengths: Array,
               c: float) -> Array:
-        """Move x to within bounds on what rows (r, n) gain; return multipliers where it cannot."""
+        """Move x so that the change of rows x is within bounds; return multipliers on failure."""
         G, asked = rows.dot(self.Z), np.maximum(np.maximum(lower, -upper), 0.0)
         if not self._damping.off:
             lower, upper = _reduced(lower, upper, (G * G).sum(axis=1) / ROW_DAMPING ** 2)
-        # Mostly it is possible, and one program finds it; no looser tolerance may.
+        # Mostly the bounds are feasible, and one program suffices, with the tightest tolerance.
         A, least, most = self.allowed.along(self.x, self.Z)
         found = ActiveSet(np.zeros(G.shape[1]), np.concatenate([A, G]),
                           np.concatenate([least, lower]), np.concatenate([most, upper])
                           ).solve(FEASIBLE)
         if found is None:
             return self._miss(G, lower, upper, lengths, c)
-        # A row of which others, and joints at their limits, leave a length s: its multiplier is
-        # what it still lacks / s².
+        # If other rows, and joints at their limits, leave a length s of a row, its multiplier is
+        # its remaining demand / s².
         dearest = asked / ROW_DAMPING ** 2
         costs = np.where(asked > 0.0, np.abs(found[1][-len(G):]), 0.0)
         if np.count_nonzero(costs > dearest) and not self._damping.off:
             self._ease(G, lower, upper, asked, dearest)
         else:
             self._move(self.x, self.Z, found)
-        return NONE
+        return EMPTY
 
     def _ease(self, G: Array, lower: Array, upper: Array, asked: Array, dearest: Array) -> None:
         """
-        Move x towards bounds on what G (r, k) gains, at a multiplier (r,) of at most `dearest`.
+        Move x towards bounds on G a (r,), with slack for multipliers (r,) beyond `dearest`.
 
-        Each row may lack w, from 0 to what it demands: least ‖a‖² + Σ (w + dearest)², which
-        makes the multiplier of a row that lacks something `dearest` + w.
+        The slack w of each row is between 0 and its demand. Minimising ‖a‖² + Σ (w + dearest)²
+        makes the multiplier of a row with slack `dearest` + w.
         """
         A, least, most = self.allowed.along(self.x, self.Z)
         count, k = G.shape
@@ -312,9 +312,9 @@ class BoundedHierarchy:
             self._move(self.x, np.hstack([self.Z, np.zeros((len(self.x), count))]), found)
 
     def _miss(self, G: Array, lower: Array, upper: Array, lengths: Array, c: float) -> Array:
-        """Move x as near as is allowed to bounds that G (r, k) cannot meet; see `_meet`."""
+        """Move x as near as is feasible to bounds that G a (r,) cannot satisfy; see `_meet`."""
         A, least, most = self.allowed.along(self.x, self.Z)
-        # One more variable for each row: what is missing to its bound.
+        # One more variable for each row: its residual.
         count, k = G.shape
         A = np.block([[A, np.zeros((len(A), count))], [G, np.eye(count)]])
         stiffness, target = np.zeros((2, k + count))
@@ -324,13 +324,13 @@ class BoundedHierarchy:
         found = regularised(stiffness, target, A, np.concatenate([least, lower]),
                             np.concatenate([most, upper]), 0.0, target)
         if found is None:
-            # Rounding forbids it: x stays.
-            return NONE
+            # Rounding prevents a solution: x is unchanged.
+            return EMPTY
         slack = np.zeros((len(self.x), count))
         return self._move(self.x, np.hstack([self.Z, slack]), found)
 
     def finish(self, weights: Array | None = None) -> None:
-        """Of what is left, and moves no level, take what makes Σ w_j x_j² smallest."""
+        """Minimise Σ w_j x_j² in the remaining null space of all levels."""
         if self._above and self._above[-1][0].is_identity:
             return
         Z = self.Z
@@ -348,7 +348,7 @@ class BoundedHierarchy:
 
 
 def _reduced(lower: Array, upper: Array, share: Array) -> tuple[Array, Array]:
-    """Return bounds (r,) that demand a share, of at most 1, of what they demand."""
+    """Return bounds (r,) with their demands multiplied by a share of at most 1."""
     share = np.minimum(share, 1.0)
     return share * np.maximum(lower, 0.0) + np.minimum(lower, 0.0), \
         share * np.minimum(upper, 0.0) + np.maximum(upper, 0.0)

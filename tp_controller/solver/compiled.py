@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-Choice of the solver: the compiled core where it was built, else the reference in Python.
+Choice of the solver: the compiled core if it was built, else the reference in Python.
 
-The core does what `tp_controller.solver.solve.solve_cycle` does, in one call. What it cannot solve
-it leaves to the reference, which is counted. The environment variable ``TP_CONTROLLER_SOLVER``
-chooses: ``python``, or ``compiled``, which fails where there is no core.
+The core computes `tp_controller.solver.solve.solve_cycle` in one call. Cycles that it cannot solve
+fall back to the reference and are counted. The environment variable ``TP_CONTROLLER_SOLVER``
+selects the solver: ``python``, or ``compiled``, which fails if there is no core.
 """
 
 from functools import cached_property
@@ -37,19 +37,19 @@ from tp_controller.solver.solution import Solution
 
 VARIABLE = 'TP_CONTROLLER_SOLVER'
 SOLVERS = ('compiled', 'python')
-# More joints, or rows of a level, are left to the reference; as in python_buffers.h.
+# Largest number of joints, and of rows of a level, that the core solves (python_buffers.h).
 MOST = 1000
-# Numbers before the arrays of a step.
+# Numbers that precede the arrays of a step.
 HEAD = Struct('8d')
 
 
 class Core(Protocol):
-    """What a solver of the compiled core does; it keeps its memory from cycle to cycle."""
+    """Interface of a solver of the compiled core, whose buffers are reused in every cycle."""
 
     def solve(self, levels: list[Level], lower: Array | None, upper: Array | None, period: float,
               speed_cap: Array | None, memory: Memory,
               velocity: Array) -> tuple[Memory, bytes | None, float] | None:
-        """Fill in velocities (n,); return what `solve` makes of it, None for the reference."""
+        """Fill in velocities (n,); return memory, record and scale, None for the reference."""
 
 
 def load(wanted: str) -> ModuleType | None:
@@ -59,12 +59,12 @@ def load(wanted: str) -> ModuleType | None:
     Parameters
     ----------
     wanted : str
-        One of `SOLVERS`; empty: the core where it was built.
+        One of `SOLVERS`; empty: the core if it was built.
 
     Raises
     ------
     SolverError
-        There is no such solver, or the core is wanted and was not built.
+        The solver is unknown, or the core is requested and was not built.
 
     """
     if wanted and wanted not in SOLVERS:
@@ -81,16 +81,16 @@ def load(wanted: str) -> ModuleType | None:
 
 
 core = load(os.environ.get(VARIABLE, ''))
-_left = 0
+_fallbacks = 0
 
 
 def running() -> str:
-    """Return which solver runs, one of `SOLVERS`."""
+    """Return the name of the running solver, one of `SOLVERS`."""
     return 'python' if core is None else 'compiled'
 
 
 def fallback_reason() -> str:
-    """Return why the reference runs although nobody chose it; empty if it does not."""
+    """Return the reason for running the reference without being selected; empty if none."""
     if core is not None or os.environ.get(VARIABLE):
         return ''
     return ('the compiled core is missing, so the solver in Python runs, 3 to 9 times as slow; '
@@ -98,16 +98,16 @@ def fallback_reason() -> str:
 
 
 def left_to_the_reference() -> int:
-    """Return how many cycles the compiled core could not solve, since the package was loaded."""
-    return _left
+    """Return the number of cycles that the core could not solve since the package was loaded."""
+    return _fallbacks
 
 
 def core_for(n: int, damping: Damping, weights: Array | None, scaling: str,
              fast: bool = True) -> Core | None:
     """
-    Return a solver of the core for options that were checked; None where it has none for them.
+    Return a solver of the core for validated options; None if the core does not support them.
 
-    With the fast path (`tp_controller.solver.min_norm`), or without.
+    `fast` enables the fast path (`tp_controller.solver.min_norm`).
     """
     if core is None or not 0 < n <= MOST:
         return None
@@ -120,12 +120,12 @@ def core_for(n: int, damping: Damping, weights: Array | None, scaling: str,
 def solve_by_core(solver: Core, n: int, levels: list[Level], lower: Array | None,
                   upper: Array | None, period: float, speed_cap: Array | None,
                   memory: Memory) -> Solution | None:
-    """Return the `Solution` of one cycle; None where the reference has to solve it."""
-    global _left
+    """Return the `Solution` of one cycle; None if the reference has to solve it."""
+    global _fallbacks
     x = np.empty(n)
     found = solver.solve(levels, lower, upper, period, speed_cap, memory, x)
     if found is None:
-        _left += 1
+        _fallbacks += 1
         return None
     memory, record, slowed = found
     if record is None:
@@ -136,13 +136,13 @@ def solve_by_core(solver: Core, n: int, levels: list[Level], lower: Array | None
 
 class Record:
     """
-    How each level was carried out, as solver_object.h wrote it down; see `Record` there.
+    Steps of the levels, read from the record that solver_object.h writes; see `Record` there.
 
     Parameters
     ----------
     record : bytes
-        Doubles: the velocities before uniform scaling, h of each level, where the step of each
-        level begins, then the steps.
+        Doubles: the velocities before uniform scaling, h of each level, the index at which the
+        step of each level begins, then the steps.
     n, count : int
         Number of joints, and of levels.
 
@@ -154,7 +154,7 @@ class Record:
 
     @cached_property
     def _numbers(self) -> Array:
-        """Return the doubles."""
+        """Return the record as an array of doubles."""
         return np.frombuffer(self._record)
 
     def bends(self) -> list[float]:
@@ -169,7 +169,7 @@ class Record:
         return self._found[index]
 
     def _read(self, begin: int) -> LevelStep:
-        """Return the step that begins at a number."""
+        """Return the step that begins at an index of the doubles."""
         *counts, size, bend = HEAD.unpack_from(self._record, 8 * begin)
         m, rank, k, left, has_multipliers, rows = map(int, counts)
         self._at = begin + len(counts) + 2
@@ -183,11 +183,11 @@ class Record:
                          take(rows) if rows >= 0 else None, bend)
 
     def _take(self, size: int) -> Array:
-        """Return the numbers (size,) that are next."""
+        """Return the next numbers (size,)."""
         begin = self._at
         self._at = begin + size
         return self._numbers[begin:self._at]
 
     def _columns(self, rows: int, columns: int) -> Array:
-        """Return the matrix that is next, column by column."""
+        """Return the next matrix (rows, columns), stored column by column."""
         return self._take(rows * columns).reshape(columns, rows).T

@@ -13,28 +13,28 @@
 # limitations under the License.
 
 """
-All damping of the solver: what keeps levels from moves that the robot cannot follow.
+Damping of the solver, which prevents motions that the robot cannot follow.
 
-A level moves the robot along the singular directions q_i of what the levels above have left it
+A level moves the robot along the singular directions q_i of its projected Jacobian
 (`tp_controller.solver.null_space`). For a singular value s and a demand d its step along one is ::
 
     a = s d / max(s² + λ² (1 − s²/ε²), c)
 
-The first term is for directions that hardly move the task. λ acts below the singular region ε
-only, and grows from nothing where a direction enters it.
+The first term damps directions that hardly move the task. λ acts below the singular region ε
+only, and grows from zero where a direction enters it.
 
-The second term is for directions that are curved. In one cycle a level is a plane. In truth it
-bends during a zero-order hold of a period T, and so do the levels above that it pushes against.
-Newton's method would add that bend to s²: it is the Hessian of the Lagrangian (Nocedal and
-Wright, Numerical Optimization, 18.1). Without it, a robot with a goal out of reach reverses in
-every cycle. The solver does not have the Hessian, but a bound: J turns by about ‖J‖ for each
-radian, and by `TURNING` where its rows are short. For a level that misses w, and that pushes with
-the multipliers μ against levels above and ν against rows with bounds, of the length 1, ::
+The second term damps directions with curvature. The solver linearises a level in each cycle. Its
+true constraint curves during a zero-order hold of a period T, and so do those of the levels above
+on which it exerts multipliers. Newton's method would add this curvature to s²: it is the Hessian
+of the Lagrangian (Nocedal and Wright, Numerical Optimization, 18.1). Without it, a robot with a
+goal out of reach reverses in every cycle. The solver does not have the Hessian, but a bound: J
+changes by about ‖J‖ per radian, and by `TURNING` if its rows are short. For a level with the
+residual w, and the multipliers μ of levels above and ν of rows with bounds, of the length 1, ::
 
     h = ‖J‖ ‖w‖ + Σ ‖J_l‖ ‖μ_l‖ + ‖ν‖,        c = κ T h
 
-Where every demand is met, h is zero and the recursion exact. Only a push that lasts makes a robot
-oscillate: h follows with the time constant `MEMORY`, from cycle to cycle.
+If every demand is met, h is zero and the recursion exact. Only lasting multipliers make a robot
+oscillate: h is low-pass filtered with the time constant `MEMORY`, from cycle to cycle.
 """
 
 from dataclasses import dataclass
@@ -44,26 +44,26 @@ import math
 import numpy as np
 from tp_controller.solver.level import Array, norm
 
-# κ: share of the bend that is taken for damping [1]. Goals out of reach shake a robot for ever in
-# 43 of 140 runs with 0, in none with 1 (`benchmarks/calm.py`). With commands two cycles late they
-# do in 3 of 112 with 2, in none with 4.
+# κ: factor of the curvature in the damping [1]. Robots with goals out of reach oscillate for ever
+# in 43 of 140 runs with 0, in 0 with 1 (`benchmarks/calm.py`). With commands two cycles late they
+# oscillate in 3 of 112 runs with 2, in 0 with 4.
 CURVATURE = 4.0
-# A level turns by this for each radian at least, however short its rows are [unit/rad²]: where
-# one row of a tool's position is shortest, at a stretched arm, it turns fastest. A Panda that
-# reaches for a height out of reach swings in every cycle at 2.6 rad/s with 0, at 0.2 rad/s above
-# a posture with 1, and is calm with 2.
+# Minimum change of J per radian, also for short rows [unit/rad²]: at a stretched arm, where one
+# row of a tool's position is shortest, it turns fastest. A Panda that reaches for a height out of
+# reach oscillates in every cycle at 2.6 rad/s with 0, at 0.2 rad/s above a posture with 1, and
+# not at all with 2.
 TURNING = 2.0
-# The same for a row with bounds. A tool that is to come into a region beyond its reach shakes in
-# 245 of 500 cycles with 0.2; with 1 one of 1000 runs of `inequalities.py --types keep_in` gets
-# 0.57 mm deep, with 0.5 none deeper than 0.18 mm.
+# The same for a row with bounds. A tool that is to enter a region beyond its reach oscillates in
+# 245 of 500 cycles with 0.2; with 1 the tool gets 0.57 mm outside in one of 1000 runs of
+# `inequalities.py --types keep_in`, with 0.5 at most 0.18 mm in all.
 ROW_TURNING = 0.5
-# Share of λ, ε and μ that the first level has [1]. That level is to lose little: it misses 1 %
-# more than it must in 23 % of fast states with 1, 7 % with 0.5, 2 % with 0.2 (`loss.py`). The
-# levels below meet singular values of zero wherever they demand what one above prevents:
-# with 0.5 for all, a swap of two levels makes joints jump by 380 rad/s² instead of 4.
+# Share of λ, ε and μ that the first level uses [1]. Its loss should be small: its residual is 1 %
+# larger than necessary in 23 % of fast states with 1, 7 % with 0.5, 2 % with 0.2 (`loss.py`). The
+# levels below have singular values of zero wherever a level above prevents their demand: with 0.5
+# for all levels, swapping two of them makes joints jump by 380 rad/s² instead of 4.
 FIRST = 0.2
-# Time constant with which h follows what a level misses [s]. At the ridge of a manipulability that
-# is maximized, joints slip in 41 of 500 cycles with 0.3, in none with 0.1.
+# Time constant of h [s]. At the ridge of a manipulability that is maximized, joints jump in 41 of
+# 500 cycles with 0.3, in 0 with 0.1.
 MEMORY = 0.1
 # h of each level.
 Memory = tuple[float, ...]
@@ -72,12 +72,12 @@ Memory = tuple[float, ...]
 @dataclass(frozen=True, eq=False)
 class Damping:
     """
-    What damps a level below the first, in the units of J; `first` damps that one.
+    Damping of the levels below the first, in the units of J; `first` is that of the first.
 
     Attributes
     ----------
     damping : float
-        λ; 0: none at all.
+        λ; 0: undamped.
     singular_region : float
         ε; infinite: λ acts everywhere, damped least squares (lecture 2.2), and c nowhere.
     release_region : float
@@ -94,24 +94,24 @@ class Damping:
 
     @cached_property
     def first(self) -> 'Damping':
-        """Return what damps the first level; λ as it is where it acts everywhere."""
+        """Return the damping of the first level, with the full λ if that acts everywhere."""
         share = 1.0 if self.everywhere else FIRST
         return Damping(share * self.damping, share * self.singular_region, self.release_region,
                        FIRST * self.regularisation)
 
     @property
     def off(self) -> bool:
-        """Say whether λ acts nowhere."""
+        """Return whether λ damps no direction."""
         return self.damping == 0.0 or self.singular_region == 0.0
 
     @property
     def everywhere(self) -> bool:
-        """Say whether λ acts everywhere."""
+        """Return whether λ damps all directions."""
         return self.damping > 0.0 and self.singular_region == math.inf
 
     @cached_property
-    def _untouched(self) -> float:
-        """Return the singular value above which nothing is damped by λ or relaxed."""
+    def _undamped_above(self) -> float:
+        """Return the singular value above which λ damps no direction and none is relaxed."""
         return max(0.0 if self.off else self.singular_region, self.release_region)
 
     @cached_property
@@ -122,8 +122,8 @@ class Damping:
         return 1.0 - (self.damping / self.singular_region) ** 2, self.damping ** 2
 
     def spares(self, s: float, c: float) -> bool:
-        """Say whether singular values of at least s are neither damped nor relaxed."""
-        return s >= self._untouched and s * s >= c
+        """Return whether singular values of at least s are neither damped nor relaxed."""
+        return s >= self._undamped_above and s * s >= c
 
     def gains(self, s: Array, c: float) -> Array:
         """Return s / max(s² + λ² (1 − s²/ε²), c) for s (k,), the largest first."""
@@ -135,25 +135,25 @@ class Damping:
             each / max(each * each, k * each * each + added, c) for each in s.tolist()])
 
     def curvature(self, h: float, period: float) -> float:
-        """Return c for a period [s]; 0 where λ acts everywhere."""
+        """Return c for a period [s]; 0 if λ damps all directions."""
         return 0.0 if self.everywhere else CURVATURE * period * h
 
     def follow(self, h: float, now: float, period: float) -> float:
-        """Return the h that the next cycle begins with: this one's, nearer to that of now."""
+        """Return h for the next cycle: low-pass filtered towards its value `now`."""
         if h == now == 0.0:
             return 0.0
         h = now + (h - now) * math.exp(-period / MEMORY)
-        # What damps no direction that λ, or else μ, leaves alone is forgotten.
+        # Drop h if it damps no direction that λ, or else μ, leaves undamped.
         least = self.singular_region if self.damping else self.regularisation
         c = self.curvature(h, period)
         return h if c > (0.0 if now > 0.0 else least ** 2) else 0.0
 
 
 def bend(size: float, push: float) -> float:
-    """Return the part of h that a level has with ‖J‖ = `size` and ‖multipliers‖ = `push`."""
+    """Return the part of h of a level with ‖J‖ = `size` and ‖multipliers‖ = `push`."""
     return max(size, TURNING) * push
 
 
 def bend_of_rows(lengths: Array, multipliers: Array) -> float:
-    """Return the part of h that rows of length 1 have, with these lengths before."""
+    """Return the part of h of rows of length 1, normalised from rows of these lengths."""
     return norm(multipliers * np.maximum(1.0, ROW_TURNING / lengths))

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The base of all errors of the package, and what the solver raises; `tp_controller.errors`."""
+"""Base of all errors of the package, and the error of the solver; see `tp_controller.errors`."""
 
 import difflib
 from typing import Iterable
 
-# What messages show [characters].
+# Longest message, and longest name that a message quotes [characters].
 LONGEST_MESSAGE, LONGEST_NAME = 10_000, 200
 
 
@@ -25,28 +25,28 @@ class TpControllerError(Exception):
     """Base of all errors raised by this package."""
 
     def __str__(self) -> str:
-        """Return the message, cut where it quotes at length what was given."""
+        """Return the message, truncated if it quotes a long input."""
         text = super().__str__()
         return text if len(text) <= LONGEST_MESSAGE else f'{text[:LONGEST_MESSAGE]} …'
 
 
 class SolverError(TpControllerError):
-    """The levels, bounds or weights handed to the solver do not fit together."""
+    """Invalid or inconsistent levels, bounds, weights or options of the solver."""
 
 
 def unknown(what: str, name: object, valid: Iterable[str]) -> str:
-    """Return a message that says what is unknown, what was meant perhaps, and what is valid."""
+    """Return a message with the unknown name, a similar valid name, and all valid names."""
     valid = list(valid)
     return f'unknown {what} {suggestion(name, valid)}; valid: {", ".join(valid) or "none"}'
 
 
 def suggestion(name: object, valid: Iterable[str]) -> str:
-    """Return a name in quotes, with the valid name that was meant perhaps."""
+    """Return a name in quotes, with a similar valid name if there is one."""
     shown = repr(name)
     if len(shown) > LONGEST_NAME:
-        # No name: to compare it with all valid ones would take seconds.
+        # Too long for a name: the comparison with all valid names would take seconds.
         return f'{shown[:LONGEST_NAME]} …'
-    # What is there, and cannot be used all the same, is not what was meant instead.
+    # Do not suggest the name itself: it can be valid, yet not usable here.
     others = [each for each in valid if each != name]
     near = difflib.get_close_matches(str(name), others, n=1)
     return shown + (f' (did you mean {near[0]!r}?)' if near else '')

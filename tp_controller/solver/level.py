@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the solver is given: levels of the hierarchy."""
+"""Levels of the hierarchy: the input of the solver, and its validation."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -25,17 +25,17 @@ from tp_controller.solver.errors import SolverError, unknown
 
 Array = NDArray[np.float64]
 MODES = ('least_squares', 'scale')
-# What counts as nothing, as a share of the whole: rows and directions that levels above have
-# taken, or a residue of 1e-17 towards a joint limit, are rounding. Exact answers agree with the
-# reference to this.
+# Share of the whole that counts as zero: remainders of rows and directions that levels above use,
+# or of 1e-17 towards a joint limit, are rounding errors. Exact answers agree with the reference
+# to this.
 NEGLIGIBLE = 1e-9
-# What a result may be off by rounding alone, as a share of its size.
+# Rounding error of a result, relative to its size.
 ROUNDING = 1e-12
-# What a row may be off its bound, and still be within it [unit/s].
+# Tolerance of a row on its bound [unit/s].
 FEASIBLE = 1e-11
-# Squares of larger numbers would overflow.
-LARGEST = 1e100
-# By what weights may differ: beyond that rounding, not the weights, would decide.
+# Largest number in levels; squares of larger ones would overflow.
+LARGEST_NUMBER = 1e100
+# Largest ratio of two weights; beyond it rounding, not the weights, would decide.
 WEIGHT_RATIO = 1e12
 
 
@@ -49,19 +49,19 @@ class Level:
     J : ndarray (m, n)
         Task Jacobian.
     v : ndarray (m,) or None
-        Desired task velocity; None where there are bounds instead.
+        Desired task velocity; None for a level with bounds.
     mode : str
-        What happens where a limit prevents v. ``least_squares``: the level comes as near to v as
-        it can. ``scale``: it keeps the direction of v, scaled down as little as possible.
+        Behaviour if a limit prevents v. ``least_squares``: the level comes as near to v as
+        possible. ``scale``: it keeps the direction of v, scaled down as little as possible.
     lower, upper : ndarray (m,) or None
-        Bounds on the task velocity; infinite where there is none.
+        Bounds on the task velocity; infinite if a side is unbounded.
     is_identity : bool
         J is the identity: the level demands a velocity of every joint, in their order.
 
     """
 
     J: Array
-    # Who asks a level for its demand or its bounds knows which of them it has.
+    # Callers that read the demand or the bounds of a level have checked which of them it has.
     v: Array = None  # type: ignore[assignment]
     mode: str = 'least_squares'
     lower: Array = None  # type: ignore[assignment]
@@ -71,23 +71,23 @@ class Level:
 
     @classmethod
     def of_joints(cls, v: Array, mode: str = 'least_squares') -> 'Level':
-        """Return the level that demands a velocity v (n,) of every joint."""
+        """Return a level that demands a velocity v (n,) of every joint."""
         return cls(identity(len(v)), v, mode, is_identity=True)
 
     def demanded(self, achieved: Array) -> Array:
-        """Return v (m,), or what is within the bounds and nearest to what is achieved (m,)."""
+        """Return v (m,), or the achieved velocity (m,) clamped to the bounds."""
         if self.v is not None:
             return self.v
         return np.minimum(np.maximum(achieved, self.lower), self.upper)
 
     def meets(self, x: Array) -> bool:
-        """Say whether velocities x (n,) are within the bounds."""
+        """Return whether velocities x (n,) satisfy the bounds."""
         return within(self.J.dot(x), self.lower, self.upper, FEASIBLE)
 
 
 @lru_cache(maxsize=None)
 def identity(n: int) -> Array:
-    """Return the n×n identity, the same read-only array every time."""
+    """Return the n×n identity, a cached read-only array."""
     eye = np.eye(n)
     eye.setflags(write=False)
     return eye
@@ -95,25 +95,25 @@ def identity(n: int) -> Array:
 
 def norm(array: Array) -> float:
     """Return the Frobenius norm."""
-    # Of small arrays BLAS itself is three times as fast as numpy.
+    # For small arrays BLAS itself is three times as fast as numpy.
     return float(dnrm2(array.ravel('K'))) if array.size else 0.0
 
 
 def within(values: Array, lower: Array, upper: Array, tolerance: float = 0.0) -> bool:
-    """Say whether all values are within their bounds, but for a tolerance."""
+    """Return whether all values are within their bounds, up to a tolerance."""
     return not (np.count_nonzero(values > upper + tolerance)
                 or np.count_nonzero(values < lower - tolerance))
 
 
 def check_levels(levels: Iterable[Any]) -> list[Level]:
     """
-    Return levels as a list of `Level`, their shapes and numbers checked.
+    Return levels as a list of `Level`, with validated shapes and numbers.
 
     Raises
     ------
     SolverError
-        It is no sequence, shapes do not fit together, numbers are not finite or beyond
-        `LARGEST`, bounds contradict themselves, or a mode is unknown or cannot be used.
+        `levels` is not a sequence, shapes do not fit together, numbers are not finite or beyond
+        `LARGEST_NUMBER`, bounds contradict themselves, or a mode is unknown or cannot be used.
 
     """
     try:
@@ -137,7 +137,7 @@ def check_levels(levels: Iterable[Any]) -> list[Level]:
 
 
 def check_level(level: Any, name: str) -> Level:
-    """Return one level, its arrays of floats; `SolverError` as in `check_levels`."""
+    """Return one validated level with arrays of floats; `SolverError` as in `check_levels`."""
     if not isinstance(level, Level):
         try:
             level = Level(*level)
@@ -165,7 +165,7 @@ def check_level(level: Any, name: str) -> Level:
         checked, moderate = Level(J, lower=lower, upper=upper), True
     if not (moderate and _moderate(J)):
         raise SolverError(f'{name}: the levels hold numbers that are not finite, or beyond '
-                          f'{LARGEST:g}')
+                          f'{LARGEST_NUMBER:g}')
     return checked
 
 
@@ -176,7 +176,7 @@ def check_bounds(lower: Any, upper: Any, size: int, name: str) -> tuple[Array, A
     Raises
     ------
     SolverError
-        Both sides are missing, a shape is wrong, or nothing lies between them.
+        Both sides are missing, a shape is wrong, or no number lies between them.
 
     """
     if lower is None and upper is None:
@@ -195,8 +195,8 @@ def check_bounds(lower: Any, upper: Any, size: int, name: str) -> tuple[Array, A
 
 
 def _moderate(array: Array) -> bool:
-    """Say whether all numbers are finite and within `LARGEST`."""
-    return bool((np.abs(array) <= LARGEST).all())
+    """Return whether all numbers are finite and within `LARGEST_NUMBER`."""
+    return bool((np.abs(array) <= LARGEST_NUMBER).all())
 
 
 def _array(values: Any, dimensions: int, what: str) -> Array:

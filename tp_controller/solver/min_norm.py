@@ -13,13 +13,13 @@
 # limitations under the License.
 
 """
-The usual case, solved at once: all levels compatible, far from singular, and free of bounds.
+Fast path for the usual case: compatible levels, far from singularities, without active bounds.
 
-Where the rows of all levels, stacked, have full rank, every level can be met exactly and the
-recursion finds the smallest velocity that does so: ζ = Jᵀ (J Jᵀ)⁻¹ v, one Cholesky factorisation
-instead of a singular value decomposition per level; with weights ζ = W⁻¹ Jᵀ (J W⁻¹ Jᵀ)⁻¹ v. A
-closing level that demands a velocity of every joint, J = I, is met as closely as the others allow
-by starting from it: ζ = v_I + Jᵀ (J Jᵀ)⁻¹ (v − J v_I).
+If the stacked rows of all levels have full rank, every level can be met exactly and the recursion
+returns the minimum-norm velocity: ζ = Jᵀ (J Jᵀ)⁻¹ v, one Cholesky factorisation instead of a
+singular value decomposition per level; with weights ζ = W⁻¹ Jᵀ (J W⁻¹ Jᵀ)⁻¹ v. A closing level
+that demands a velocity of every joint, J = I, is met as closely as the others allow by starting
+from its demand: ζ = v_I + Jᵀ (J Jᵀ)⁻¹ (v − J v_I).
 """
 
 from collections.abc import Sequence
@@ -29,19 +29,19 @@ from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 from tp_controller.solver.damping import bend, Damping
 from tp_controller.solver.level import Array, Level, norm
 
-# With singular values below this share of ‖J‖ the squared condition number costs digits: the loop
-# is used [1].
+# Least singular value for the fast path, relative to ‖J‖ [1]. Below it the squared condition
+# number costs digits, and the loop is used.
 WELL_CONDITIONED = 1e-2
-# The same with weights, which cost the levels no digits: Σ w_j x_j² is the least to ten of them.
+# The same for the weighted rows. Weights cost the levels no digits; Σ w_j x_j² has ten of them.
 WELL_WEIGHTED = 1e-3
 
 
 def min_norm(levels: list[Level], n: int, damping: Damping, period: float,
              curved: Sequence[float], weights: Array | None = None) -> Array | None:
     """
-    Return the velocity (n,) of levels with demands, which damping does not touch.
+    Return the velocity (n,) of undamped levels with demands; None if the loop is needed.
 
-    None where the loop is needed. Each level has its c in `curved`; weights are (n,).
+    `curved` has the c of each level; weights are (n,).
     """
     closing = None
     if levels and levels[-1].is_identity:
@@ -69,28 +69,28 @@ def min_norm(levels: list[Level], n: int, damping: Damping, period: float,
 
 
 def _closed(J: Array, v: Array, factor: Array, closing: Array, curvature: float) -> Array | None:
-    """Return the velocity (n,) nearest to that of a closing level; None where that pushes hard."""
+    """Return the velocity (n,) nearest to that of a closing level; None if that is damped."""
     z = dpotrs(factor, v - J.dot(closing))[0]
-    # z are the multipliers of what the closing level pushes, which bends: too much for its step?
+    # z are the multipliers that the closing level exerts; their curvature may damp its step.
     if curvature * norm(z) > 1.0:
         return None
     return closing + J.T.dot(z)
 
 
 def _weighted(J: Array, v: Array, factor: Array, weights: Array) -> Array | None:
-    """Return the velocity (n,) with the smallest Σ w_j x_j²."""
+    """Return the velocity (n,) with the smallest Σ w_j x_j²; None near a singularity."""
     root = np.sqrt(weights)
     weighted = J / root
     factors = _factors(weighted, norm(weighted), WELL_WEIGHTED)
     if factors is None:
         return None
     x = weighted.T.dot(dpotrs(factors[0], v)[0]) / root
-    # What weights of very different size cost in digits is made up for without them.
+    # An unweighted correction restores the digits lost to weights of very different size.
     return x + J.T.dot(dpotrs(factor, v - J.dot(x))[0])
 
 
 def moves_well(J: Array, least: float) -> bool:
-    """Say whether all singular values are at least so large; no where that takes more time."""
+    """Return True if a fast test finds that no singular value is below `least`."""
     factors = _factors(J, norm(J))
     return factors is not None and factors[2] * least <= 1.0
 
@@ -108,7 +108,7 @@ def _factors(J: Array, size: float,
 
 def _factor(J: Array, size: float, levels: list[Level], damping: Damping,
             curved: Sequence[float]) -> Array | None:
-    """Return R of J Jᵀ = Rᵀ R, ‖J‖ = size; None where J is damped, or near a singularity."""
+    """Return R of J Jᵀ = Rᵀ R, ‖J‖ = size; None if J is damped, or near a singularity."""
     factors = _factors(J, size)
     if factors is None:
         return None
@@ -121,7 +121,7 @@ def _factor(J: Array, size: float, levels: list[Level], damping: Damping,
 def _undamped(levels: list[Level], inverse: Array, damping: Damping,
               curved: Sequence[float]) -> bool:
     """
-    Say whether no singular value of any projected level is damped.
+    Return whether all singular values of the projected levels are undamped.
 
     The diagonal blocks of the Cholesky factor R belong to the projected levels,
     R_iiᵀ R_ii = J̄_i J̄_iᵀ, and those of its inverse are their inverses: the smallest singular

@@ -13,14 +13,14 @@
 # limitations under the License.
 
 """
-What a level can move, and what it leaves to the levels below: the recursion of lecture 2.2.
+Null-space recursion of lecture 2.2: directions and null space of each level.
 
-It solves, from ζ = 0 and P = I, for each level i from the highest priority on::
+From ζ = 0 and P = I, it computes for each level i, the highest priority first::
 
     J̄ = J_i P,    ζ ← ζ + J̄^# (v_i − J_i ζ),    P ← P − J̄⁺ J̄
 
-Here P = Z Zᵀ, where the orthonormal columns of Z span what is left free. That is the same
-recursion in fewer coordinates, and rounding errors do not add up::
+Here P = Z Zᵀ, where the orthonormal columns of Z span the null space. That is the same recursion
+in fewer coordinates, without accumulation of rounding errors::
 
     J_i Z = U diag(s) Vᵀ,    ζ ← ζ + Z V diag(s)⁻¹ Uᵀ (v_i − J_i ζ),    Z ← Z V_null
 """
@@ -36,7 +36,7 @@ from tp_controller.solver.level import Array, identity, Level, NEGLIGIBLE, norm
 
 class Directions(NamedTuple):
     """
-    J Z = U diag(s) Vᵀ, without what counts as zero.
+    Singular value decomposition J Z = U diag(s) Vᵀ, truncated to its numerical rank.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Directions(NamedTuple):
     s : ndarray (rank,)
         Their singular values, the largest first.
     Q : ndarray (n, k)
-        Z V: the motions of the joints that belong to `U`, then those that do not move the task.
+        Z V: the motions of the joints that belong to `U`, then those of the null space.
     size : float
         ‖J‖, Frobenius norm.
 
@@ -68,12 +68,12 @@ class Directions(NamedTuple):
 
     @property
     def smallest(self) -> float:
-        """Return the m-th singular value; 0 where there are fewer."""
+        """Return the m-th singular value; 0 if there are fewer."""
         return float(self.s[-1]) if 0 < len(self.s) == len(self.U) else 0.0
 
 
 def decompose(level: Level, Z: Array | None = None, orthonormal: bool = True) -> Directions:
-    """Return the `Directions` of a level on what Z (n, k) spans; None: on everything."""
+    """Return the `Directions` of a level in the span of Z (n, k); None: of all motions."""
     size = norm(level.J)
     if Z is None:
         J_bar = level.J
@@ -86,24 +86,24 @@ def decompose(level: Level, Z: Array | None = None, orthonormal: bool = True) ->
     if level.is_identity and orthonormal:
         return Directions(J_bar, np.ones(columns), J_bar, size)
     U, s, V = singular_values(J_bar)
-    # Not measured by J Z itself: of a level that repeats the one above, J Z is rounding errors
-    # only, and their inverse would be a velocity of 1e16.
+    # Relative to ‖J‖, not to ‖J Z‖: for a level that repeats the one above, J Z has only rounding
+    # errors, and their inverse would be a velocity of 1e16.
     least = NEGLIGIBLE * size
     rank = len(s) if s[-1] > least else int(np.count_nonzero(s > least))
     if Z is not None:
-        # In the order of V, whose columns lie side by side.
+        # Stored like V, column by column.
         V = Z if columns == 1 else V.T.dot(Z.T).T
     return Directions(U[:, :rank], s[:rank], V, size)
 
 
 def remaining(directions: Directions, region: float = 0.0, damping: float = 0.0) -> Array:
     """
-    Return what a level leaves free (n, k').
+    Return a basis of the null space that a level leaves (n, k').
 
-    These are the motions that do not move it, orthonormal, and before them those along directions
-    with a singular value below `region`, relaxed smoothly. Where a level keeps the share k of one
-    it is shortened to λ √((1 − k) / k), at most 1, with λ = `damping`: what is damped by λ alone
-    follows that by 1 − k.
+    Its last columns are the motions that do not move the level, orthonormal. Before them are the
+    directions with a singular value below `region`, relaxed smoothly. If the level keeps the
+    share k of a direction, its column is shortened to λ √((1 − k) / k), at most 1, with
+    λ = `damping`: a level below that is damped by λ alone follows it by 1 − k.
     """
     s, Q, rank = directions.s, directions.Q, directions.rank
     free = Q[:, rank:]
@@ -117,7 +117,7 @@ def remaining(directions: Directions, region: float = 0.0, damping: float = 0.0)
 
 
 def null_space(levels: list[Level], n: int) -> Array:
-    """Return an orthonormal basis (n, k) of what moves no level at all."""
+    """Return an orthonormal basis (n, k) of the null space of all levels."""
     Z = identity(n)
     for level in levels:
         Z = remaining(decompose(level, Z))
@@ -125,13 +125,13 @@ def null_space(levels: list[Level], n: int) -> Array:
 
 
 def singular_values(J_bar: Array) -> tuple[Array, Array, Array]:
-    """Return U, s and V; U at least as wide as s is long."""
+    """Return U, s and V; U has at least as many columns as s has entries."""
     if J_bar.shape[1] == 1:
         size = norm(J_bar)
         U_T, s, V = J_bar.T / (size or 1.0), np.array([size]), identity(1)
         failed = not math.isfinite(size)
     else:
-        # Transposed, what is stored row by row needs no copy.
+        # The transpose of a matrix that is stored row by row needs no copy.
         V, s, U_T, failed = lapack.dgesdd(J_bar.T)
     if failed:
         raise SolverError('the levels hold numbers that are not finite')

@@ -12,40 +12,40 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The velocities that are allowed: bounds on the joints, and rows of levels with bounds."""
+"""Feasible velocities: bounds on the joints, and rows of levels with bounds."""
 
 import numpy as np
 from tp_controller.solver.level import Array, FEASIBLE, identity, norm, ROUNDING, within
 
-NONE = np.zeros(0)
+EMPTY = np.zeros(0)
 
 
 class Polytope:
     """
-    The velocities x with lower ≤ x ≤ upper and row_lower ≤ rows x ≤ row_upper.
+    Polytope of the velocities x with lower ≤ x ≤ upper and row_lower ≤ rows x ≤ row_upper.
 
     Attributes
     ----------
     lower, upper : ndarray (n,)
         Bounds on the joints.
     rows, row_lower, row_upper : ndarray (r, n), (r,), (r,)
-        Rows of length 1, or tolerances would mean something else for every row.
+        Rows, normalised to length 1 so that one tolerance fits all.
     lengths : ndarray (r,)
-        Of the rows as they were given.
+        Lengths of the rows as given.
 
     """
 
     def __init__(self, lower: Array, upper: Array) -> None:
         self.lower, self.upper = lower, upper
-        self.rows, self.lengths = identity(len(lower))[:0], NONE
-        self.row_lower = self.row_upper = NONE
+        self.rows, self.lengths = identity(len(lower))[:0], EMPTY
+        self.row_lower = self.row_upper = EMPTY
 
     def clip(self, x: Array) -> Array:
-        """Return x (n,) within the bounds on the joints."""
+        """Return x (n,) clamped to the bounds on the joints."""
         return np.minimum(np.maximum(x, self.lower), self.upper)
 
     def fitting(self, x: Array) -> Array | None:
-        """Return x (n,) without what rounding put beyond its bounds; None if it is farther off."""
+        """Return x (n,) clamped to its bounds; None if it violates them by more than rounding."""
         clipped = self.clip(x)
         excess = norm(clipped - x)
         if excess and excess > ROUNDING * norm(x):
@@ -56,12 +56,12 @@ class Polytope:
         return clipped
 
     def narrow(self, cap: Array, x: Array) -> None:
-        """Allow speeds of at most `cap` (n,); where x uses more already, just that."""
+        """Limit speeds to `cap` (n,), or to the speed of x if that is higher."""
         self.lower = np.minimum(np.maximum(self.lower, -cap), x)
         self.upper = np.maximum(np.minimum(self.upper, cap), x)
 
     def widen(self, x: Array) -> None:
-        """Allow x (n,), which its rows may be off by the tolerance of a program."""
+        """Widen the row bounds to include x (n,), which may exceed them by a tolerance."""
         if len(self.rows):
             values = self.rows.dot(x)
             self.row_lower = np.minimum(self.row_lower, values)
@@ -75,7 +75,7 @@ class Polytope:
         self.lengths = np.concatenate([self.lengths, lengths])
 
     def along(self, origin: Array, Q: Array) -> tuple[Array, Array, Array]:
-        """Return A (n + r, k) and bounds on A a, which `origin` + Q a has to keep."""
+        """Return A (n + r, k) and the bounds on A a for which `origin` + Q a is feasible."""
         A, lower, upper = Q, self.lower - origin, self.upper - origin
         if len(self.rows):
             values = self.rows.dot(origin)

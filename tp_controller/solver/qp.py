@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The quadratic programs of levels that meet bounds.
+Quadratic programs of levels with active bounds.
 
 A level moves by Q a. Its program, for stiffnesses k_i ≥ 0 and a target a°, is ::
 
@@ -21,15 +21,15 @@ A level moves by Q a. Its program, for stiffnesses k_i ≥ 0 and a target a°, i
 
 Directions with k = 0 cost nothing. The answer may then lie in a corner of the bounds, and jump to
 another corner in the next cycle. Therefore no stiffness is below μ². The added stiffness pulls
-towards the step cut off at the bounds. That is mostly the nearest velocity that is allowed: the
-answer is hardly biased, and nothing jumps where a bound becomes active. For an exact answer the
-program is solved again from there, with ever smaller μ: the proximal point algorithm
-(Rockafellar, 1976). Softer directions than the last μ still lag behind: `refined` finishes.
+towards the step clamped to the bounds. That is mostly the nearest feasible velocity: the answer
+is hardly biased, and it does not jump when a bound becomes active. For an exact answer the
+program is solved again from there, with decreasing μ: the proximal point algorithm
+(Rockafellar, 1976). Directions softer than the last μ still lag behind: `refined` finishes them.
 
-In coordinates scaled by √k a program looks for the nearest point of a polytope (`active_set`).
-That is taken for empty where rows of A that all but coincide contradict each other by rounding:
-joints that can only move together, each at its limit. A looser tolerance tells those from the ones
-that are.
+In coordinates scaled by √k a program is a projection onto a polytope (`active_set`). The polytope
+appears empty if nearly parallel rows of A contradict each other by rounding: joints that can only
+move together, each at its limit. A looser tolerance distinguishes such a polytope from an empty
+one.
 """
 
 import numpy as np
@@ -44,13 +44,13 @@ from tp_controller.solver.level import (
 )
 from tp_controller.solver.null_space import decompose
 
-# Tolerance on bounds; the next one where rounding defeats this. In a million cycles
+# Tolerances on bounds; the next one is used if rounding prevents a solution. In a million cycles
 # (`closed_loops.py`) three programs stay unsolved: their levels add nothing in that cycle. A
-# larger last one lets levels disturb those above by as much.
+# larger last tolerance lets levels disturb those above by as much.
 TOLERANCES = (FEASIBLE, 1e-9, 1e-7, 1e-6)
 # μ² for an exact answer, as shares of the largest stiffness, one after the other; `refined` does
-# the rest. Of 1,500 fast states (`loss.py`) two programs are unsolved where it begins with 1e-6.
-# More of them only take time: a hierarchy twice as long with 1e-2, 1e-4, 1e-6, 1e-8 and 1e-8.
+# the rest. If the sequence begins with 1e-6, two programs of 1,500 fast states (`loss.py`) stay
+# unsolved. A longer one only takes time: with 1e-2, 1e-4, 1e-6, 1e-8 and 1e-8 twice as much.
 EXACT = np.array([1e-2, 1e-6])
 
 Answer = tuple[Array, Array]
@@ -61,9 +61,9 @@ def regularised(stiffness: Array, target: Array, A: Array, lower: Array, upper: 
     """
     Return the a (k,) that minimises Σ stiffness_i (a_i − target_i)² within bounds on A a.
 
-    Besides multipliers (r,): positive at upper bounds, negative at lower ones, else zero. `least`
-    is μ², 0 is exact; what is missing to it pulls to `start` at first: the nearer to the answer,
-    the better. None where rounding forbids it.
+    Multipliers (r,) are the second value: positive at upper bounds, negative at lower ones, else
+    zero. `least` is μ², 0 is exact; the added stiffness first pulls towards `start`, which is best
+    near the answer. Return None if rounding prevents a solution.
     """
     exact = least == 0.0
     softest = EXACT * (stiffness[stiffness.argmax()] or 1.0) if exact else (least,)
@@ -73,7 +73,7 @@ def regularised(stiffness: Array, target: Array, A: Array, lower: Array, upper: 
         share = stiffness / stiff
         found = nearest(stiff, start + share * (target - start), A, lower, upper)
         if found is not None:
-            # Where rounding defeats the next one, this is as near as it gets.
+            # The nearest answer if rounding prevents a solution of the next program.
             answer, start = found, found[0]
         if not np.count_nonzero(share < 1.0):
             return answer
@@ -90,7 +90,7 @@ def refined(stiffness: Array, target: Array, A: Array, lower: Array, upper: Arra
     The primal active-set method (Nocedal and Wright, Numerical Optimization, 16.5): minimise on
     the face of the bounds that have a multiplier, stop at the first other bound and add it, or
     drop the bound with the most negative multiplier. Between soft and stiff directions its size
-    says little: each of these bounds is dropped once, until one brings the minimum down.
+    is a poor criterion: each of these bounds is dropped once, until one reduces the minimum.
     """
     a, multipliers = answer
     lengths = np.sqrt((A * A).sum(axis=1))
@@ -123,8 +123,8 @@ def refined(stiffness: Array, target: Array, A: Array, lower: Array, upper: Arra
 
 
 def _step(Z: Array, root: Array, missed: Array) -> Array:
-    """Return the shortest Z y for which ‖missed − diag(root) Z y‖ is least."""
-    # Transposed it is wide: the core, too, first shortens it by reflections.
+    """Return the shortest Z y that minimises ‖missed − diag(root) Z y‖."""
+    # The transpose is wide: the core, too, first shortens it by reflections.
     free = decompose(Level(Z.T * root))
     rank = int(np.count_nonzero(free.s > NEGLIGIBLE * norm(root)))
     shares = missed.dot(free.Q[:, :rank]) / free.s[:rank]
@@ -133,7 +133,7 @@ def _step(Z: Array, root: Array, missed: Array) -> Array:
 
 def _first_bound(rows: Array, lower: Array, upper: Array, a: Array, step: Array,
                  sides: Array) -> tuple[float, int, float]:
-    """Return the share of a step up to the first bound that is not active, its row and side."""
+    """Return the share of a step up to the first inactive bound, its row and side."""
     values, gained = rows.dot(a), rows.dot(step)
     moving = (sides == 0.0) & (np.abs(gained) > ROUNDING * norm(step))
     distance = np.where(gained > 0.0, upper - values, lower - values)
@@ -144,8 +144,8 @@ def _first_bound(rows: Array, lower: Array, upper: Array, a: Array, step: Array,
 
 def nearest(stiffness: Array, centre: Array, A: Array, lower: Array,
             upper: Array) -> Answer | None:
-    """Return what `regularised` does, for stiffnesses that are all positive."""
-    # In its largest stiffness a program is the same whatever units the rows have.
+    """Return the answer of `regularised` for positive stiffnesses."""
+    # Relative to its largest stiffness, a program is independent of the units of the rows.
     unit = stiffness[stiffness.argmax()]
     root = np.sqrt(stiffness / unit)
     found = nearest_point(root * centre, np.divide(A, root, order='C'), lower, upper)
@@ -156,8 +156,8 @@ def nearest_point(point: Array, A: Array, lower: Array, upper: Array) -> Answer 
     """
     Return the z (k,) of the polytope lower ≤ A z ≤ upper that is nearest to a point (k,).
 
-    Besides multipliers (r,), z = point − Aᵀ multipliers. None where no z is within the bounds to
-    one of `TOLERANCES`, or rounding says so.
+    Multipliers (r,) are the second value, z = point − Aᵀ multipliers. Return None if no z
+    satisfies the bounds to one of `TOLERANCES`, or rounding prevents a solution.
     """
     polytope = ActiveSet(point, A, lower, upper)
     for tolerance in TOLERANCES:

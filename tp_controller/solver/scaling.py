@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Uniform velocity scaling: all joints are slowed by the same factor (lecture 4)."""
+"""Uniform velocity scaling: one factor for all joints (lecture 4)."""
 
 import numpy as np
 from tp_controller.solver.level import Array, NEGLIGIBLE
@@ -21,14 +21,14 @@ from tp_controller.solver.level import Array, NEGLIGIBLE
 def scale_uniformly(velocity: Array, lower: Array,
                     upper: Array) -> tuple[Array, float, int | None]:
     """
-    Slow all joints by the same factor until each is within its bounds (lecture 4).
+    Scale all joints by the same factor until each is within its bounds (lecture 4).
 
     In lecture 4 the bounds are symmetric, s = max |ζ_i| / ζ_i,max. Here each velocity is compared
-    with the bound on its own side. Where the bounds of a joint exclude zero, as while it brakes,
-    the slowest motion they allow takes the place of rest.
+    with the bound on its own side. If the bounds of a joint exclude zero, as while it brakes, the
+    slowest velocity within them replaces zero.
 
-    Returned are the velocity (n,), exactly within the bounds, 1/s in [0, 1], and the index of the
-    joint that decided it.
+    Return the velocity (n,), exactly within the bounds, 1/s in [0, 1], and the index of the
+    limiting joint.
     """
     slowest = _slowest(lower, upper)
     change = velocity - slowest
@@ -42,8 +42,7 @@ def scale_uniformly(velocity: Array, lower: Array,
     np.divide(allowed, change, out=ratios, where=too_fast)
     limiting = int(ratios.argmin())
     scale = float(ratios[limiting])
-    # The products may miss their bounds by one rounding; these two lines take that away and no
-    # more.
+    # The products may violate their bounds by one rounding error: correct only that.
     scaled = np.clip(slowest + scale * change, lower, upper)
     scaled[limiting] = bound[limiting]
     return scaled, scale, limiting
@@ -51,9 +50,9 @@ def scale_uniformly(velocity: Array, lower: Array,
 
 def enlarged(velocity: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
     """
-    Return bounds that `scale_uniformly` shortens to `lower` and `upper` for a velocity (n,).
+    Return bounds that `scale_uniformly` reduces to `lower` and `upper` for a velocity (n,).
 
-    Within them the bounds of levels make no joint so fast that all are slowed more for it.
+    Within them no bounds of levels make a joint so fast that all joints are scaled further.
     """
     share = scale_uniformly(velocity, lower, upper)[1] or 1.0
     slowest = _slowest(lower, upper)

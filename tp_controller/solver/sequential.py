@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The sequential form, slides (50) and (51): for comparison only (docs/sequential.md)."""
+"""Sequential form, slides (50) and (51): for comparison only (docs/sequential.md)."""
 
 import numpy as np
 from tp_controller.solver.level import Array, Level
@@ -23,10 +23,10 @@ def sequential(levels: list[Level], n: int) -> Array:
     """
     Return the joint velocities (n,) of successive projection.
 
-    Each level is inverted as if it were alone, and projected on what the levels above it, each
-    alone, leave free: ζ ← ζ + P J⁺ v, P ← P (I − J⁺ J). The first priority is kept. Lower levels
-    are not met even where they could be, for two reasons: nothing accounts for what the levels
-    above already do to them, and a product of projectors is none unless they commute.
+    Each level is inverted on its own, and projected onto the null spaces of the levels above it,
+    each on its own: ζ ← ζ + P J⁺ v, P ← P (I − J⁺ J). The first priority is kept. Lower levels
+    are not met even if they could be, for two reasons: the velocities that the levels above cause
+    are not subtracted, and a product of projectors is a projector only if they commute.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the solver returns."""
+"""Solution of the solver, with the results of its levels."""
 
 from functools import cached_property
 from typing import Protocol
@@ -26,9 +26,9 @@ from tp_controller.solver.polytope import Polytope
 
 class LevelSolution:
     """
-    How far one level was carried out, and what limited it.
+    Result of one level: velocity, residual, limits and disturbance.
 
-    Everything is computed when it is read, from what the solver knows already.
+    Every value is computed on access, from the results of the solver.
 
     """
 
@@ -37,17 +37,17 @@ class LevelSolution:
 
     @cached_property
     def _step(self) -> LevelStep:
-        """Return how it was carried out."""
+        """Return the step of the level."""
         return self._solution.step(self._index)
 
     @cached_property
     def achieved(self) -> Array:
-        """Return J q_dot (m,), with the velocity that was returned."""
+        """Return J q_dot (m,) at the velocity of the solution."""
         return self._level.J.dot(self._solution.velocity)
 
     @property
     def wanted(self) -> Array:
-        """Return the demand (m,); of a level with bounds, the one nearest to `achieved`."""
+        """Return the demand (m,); for a level with bounds, `achieved` clamped to them."""
         return self._level.demanded(self.achieved)
 
     @property
@@ -60,29 +60,29 @@ class LevelSolution:
         """Return the joint velocities (n,) after this level, before those below and scaling."""
         return self._step.velocity
 
-    # What the level can do without bounds
+    # Velocity without bounds
 
     @property
     def rank(self) -> int:
         """
-        Return how many directions of the level the levels above left it.
+        Return the rank of the level in the null space of the levels above.
 
-        0 for a level with bounds, which takes none away.
+        0 for a level with bounds, which does not reduce the null space.
         """
         return 0 if self._step.directions is None else self._step.directions.rank
 
     @property
     def smallest_singular_value(self) -> float:
         """
-        Return the m-th singular value of J P, P the projector on what the levels above left.
+        Return the m-th singular value of J P, P the null-space projector of the levels above.
 
-        It is 0 where the level cannot move in some direction at all, small near a singularity.
+        It is 0 if the level cannot move in some direction at all, small near a singularity.
         """
         return 0.0 if self._step.directions is None else self._step.directions.smallest
 
     @property
     def unreachable(self) -> Array:
-        """Return the part of `wanted` (m,) that the level could not have without bounds either."""
+        """Return the part of `wanted` (m,) that is unreachable even without bounds."""
         if self._step.directions is None:
             return np.zeros(len(self.wanted))
         missing = self.wanted
@@ -91,14 +91,14 @@ class LevelSolution:
         U = self._step.directions.U
         return missing - U.dot(self._step.followed * U.T.dot(missing))
 
-    # What limited it
+    # Limits of the level
 
     @cached_property
     def scale(self) -> float:
         """
-        Return the share, in [0, 1], of the velocity it would have that bounds leave the level.
+        Return the share, in [0, 1], that bounds leave of the velocity without them.
 
-        Along the direction of that velocity; before the levels below.
+        It is measured along the direction of that velocity, before the levels below.
         """
         if self._solution.slowed < 1.0:
             return self._solution.slowed
@@ -116,16 +116,16 @@ class LevelSolution:
         """
         Return the multipliers of the bounds on the joints (n,), zero where none is active.
 
-        Positive for an upper bound, negative for a lower one. Widening the bound by ε lets
-        ½ ‖residual‖² of the level, as it was before the levels below, fall by abs(multiplier) ε.
-        With uniform scaling only the joint that decided it has one, ±1.
+        Positive for an upper bound, negative for a lower one. Widening the bound by ε reduces
+        ½ ‖residual‖² of the level, before the levels below, by abs(multiplier) ε. With uniform
+        scaling only the limiting joint has a multiplier, ±1.
         """
         found = self._step.multipliers
         return np.zeros(len(self.velocity)) if found is None else found
 
     @cached_property
     def limited_by(self) -> list[int]:
-        """Return the joints whose bounds limit it, as indices, the strongest first."""
+        """Return the indices of the joints whose bounds limit the level, the strongest first."""
         if self._step.multipliers is None:
             return []
         size = list(map(abs, self._step.multipliers.tolist()))
@@ -143,7 +143,7 @@ class LevelSolution:
         """
         Return the multipliers (m,) of the levels with bounds that limit this one, by index.
 
-        Levels above it, or the level itself; signs as for `multipliers`.
+        They are levels above it, or the level itself; signs as for `multipliers`.
         """
         found: dict[int, Array] = {}
         first = 0
@@ -157,20 +157,20 @@ class LevelSolution:
                 first += len(level.J)
         return found
 
-    # What the levels below do to it
+    # Disturbance by the levels below
 
     @property
     def disturbance(self) -> Array:
-        """Return what the levels below add to the task velocity (m,)."""
+        """Return the task velocity (m,) that the levels below add."""
         return self._level.J.dot(self._added())
 
     @property
     def disturbance_bound(self) -> float:
         """
-        Return the most that the levels below may add, as a norm; 0 where nothing is relaxed.
+        Return an upper bound of the norm of the disturbance; 0 without relaxed directions.
 
-        It is the largest singular value of the level on what it left them, below
-        `release_region`, times the speed of the joints that they add.
+        It is the largest singular value of the level in the null space left to them, below
+        `release_region`, times the norm of the joint velocities that they add.
         """
         if self._step.relaxed is None:
             return 0.0
@@ -187,27 +187,27 @@ class LevelSolution:
 
 
 class Steps(Protocol):
-    """How each level was carried out, written down by the compiled core."""
+    """Steps of the levels, recorded by the compiled core."""
 
     def step(self, index: int) -> LevelStep:
         """Return the step of a level."""
 
     def bends(self) -> list[float]:
-        """Return `LevelStep.bend` of each."""
+        """Return `LevelStep.bend` of each level."""
 
 
 class Solution:
     """
-    The answer of the solver.
+    Solution of the levels in one cycle.
 
     Attributes
     ----------
     velocity : ndarray (n,)
         Joint velocities (quasi-velocities where a base is involved).
     memory : tuple of float
-        What the cycle leaves to the next one: h of each level (`tp_controller.solver.damping`).
+        State for the next cycle: h of each level (`tp_controller.solver.damping`).
     hierarchy : list of Level
-        What was to be solved.
+        Levels that were solved.
     whole, slowed : ndarray (n,), float
         Velocities before uniform scaling, and its factor; `velocity` and 1 without it.
 
@@ -226,19 +226,19 @@ class Solution:
                         self.slowed)
 
     def step(self, index: int) -> LevelStep:
-        """Return how a level was carried out."""
+        """Return the step of a level."""
         if self._steps is None or isinstance(self._steps, list):
             return self.steps[index]
         return self._steps.step(index)
 
     @cached_property
     def steps(self) -> list[LevelStep]:
-        """Return how each level was carried out."""
+        """Return the steps of all levels."""
         if isinstance(self._steps, list):
             return self._steps
         if self._steps is not None:
             return [self._steps.step(index) for index in range(len(self.hierarchy))]
-        # Nothing was damped and no bound active.
+        # No direction was damped, and no bound active.
         infinite = np.full(len(self.velocity), np.inf)
         recursion = BoundedHierarchy(Polytope(-infinite, infinite), Damping())
         return [LevelStep(recursion.x) if level.v is None else recursion.carry_out(level, 0.0)
@@ -258,7 +258,7 @@ class Solution:
             step.multipliers is not None for step in self.steps)
 
     def singular_values_alone(self, index: int) -> Array:
-        """Return the singular values of a level as if there were no other."""
+        """Return the singular values of a level on its own."""
         return np.asarray(np.linalg.svd(self.hierarchy[index].J, compute_uv=False), float)
 
     @property
@@ -268,12 +268,12 @@ class Solution:
 
     @property
     def limiting(self) -> int | None:
-        """Return the joint whose bound limits most; None where none does."""
+        """Return the index of the joint whose bound limits most; None if no bound limits."""
         if not self.bounded:
             return None
         return next((level.limited_by[0] for level in self.levels if level.limited_by), None)
 
     @cached_property
     def levels(self) -> tuple[LevelSolution, ...]:
-        """Return what was wanted, achieved and possible, level by level."""
+        """Return the results of all levels."""
         return tuple(LevelSolution(index, self) for index in range(len(self.hierarchy)))

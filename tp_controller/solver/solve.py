@@ -15,9 +15,9 @@
 """
 The task-priority solver: levels in, velocities out.
 
-A fast path where all levels can be met (`min_norm`), else one loop over the levels
-(`bounded_hierarchy`), and uniform scaling after it where that is chosen (`scaling`). What one
-cycle has to remember for the next is a value that goes in and comes out.
+A fast path if all levels can be met (`min_norm`), else one loop over the levels
+(`bounded_hierarchy`), and uniform scaling after it if that is selected (`scaling`). The state
+between two cycles is an argument and part of the result.
 """
 
 from collections.abc import Iterable
@@ -35,7 +35,7 @@ from tp_controller.solver.level import (
     Array,
     check_bounds,
     check_levels,
-    LARGEST,
+    LARGEST_NUMBER,
     Level,
     WEIGHT_RATIO,
 )
@@ -55,8 +55,8 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
     """
     Return the joint velocities that carry out prioritized tasks.
 
-    Every level is met as well as the levels above it allow, in the sense of least squares, and
-    among what is left the smallest velocity is taken. An empty list gives no motion.
+    Every level is met as well as the levels above it allow, in the least-squares sense. Among the
+    remaining solutions the one of minimum norm is returned. An empty list gives no motion.
 
     Parameters
     ----------
@@ -70,34 +70,34 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
         Bounds on the velocity, lower ≤ upper. They may exclude zero.
     weights : array_like (n,), optional
         Cost of moving each joint, all positive: the higher, the less the joint is used
-        (lecture 4). Only their ratios matter. Of the velocities that carry out all levels equally
-        well, the solution minimises Σ w_j q_dot_j²; how well they do it, weights do not change.
+        (lecture 4). Only their ratios matter. Among the velocities that carry out all levels
+        equally well, the solution minimises Σ w_j q_dot_j². Weights do not change the residuals.
     damping : float
         λ of the damped inverse s / (s² + λ²), in the units of J; 0 is exact and undamped. The
         first level has a fifth of it, and of the singular region unless that is infinite.
     scaling : str
-        What is done where a velocity exceeds its bounds. ``redistribute``: every level is solved
-        within them; other joints move instead, and lower levels are limited before higher
-        ones. ``uniform``: all velocities are divided by the same factor until the bounds hold
+        Method if a velocity exceeds its bounds. ``redistribute``: every level is solved within
+        them; other joints move instead, and lower levels are limited before higher ones.
+        ``uniform``: all velocities are divided by the same factor until the bounds are satisfied
         (lecture 4), which keeps the direction of every task.
     singular_region : float
         Only directions whose singular value s is below this, in the units of J, are damped, by
-        λ² (1 − (s / singular_region)²), which grows from nothing where they enter it. Infinite:
+        λ² (1 − (s / singular_region)²), which grows from zero where they enter it. Infinite:
         all directions are damped by λ², damped least squares (lecture 2.2).
     release_region : float
         Directions whose singular value is below this, in the units of J, are relaxed: left to
         the levels below, smoothly. 0: never.
     regularisation : float
-        With bounds: what keeps the answer from jumping from one corner of them to another, in
+        With bounds: μ, which prevents jumps of the answer from one corner of them to another, in
         the units of J; the first level has a fifth of it. 0 is exact.
     period : float
-        Zero-order hold of the velocity [s]. Levels that push against what bends in this time
-        are damped accordingly (`tp_controller.solver.damping`). 0: not at all.
+        Zero-order hold of the velocity [s]. Levels that exert multipliers are damped according
+        to the curvature in this time (`tp_controller.solver.damping`). 0: not at all.
     speed_cap : array_like (n,), optional
         With ``redistribute``: speed up to which the levels below the first may use a joint.
     memory : tuple, optional
-        `Solution.memory` of the cycle before, for the same levels; where they have changed, as
-        much of it as belongs to the first ones that have not.
+        `Solution.memory` of the previous cycle, for the same levels; if they have changed, its
+        entries for the unchanged first levels.
 
     Returns
     -------
@@ -135,7 +135,7 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
 @dataclass(frozen=True, eq=False)
 class Options:
     """
-    What is the same in every cycle, checked.
+    Validated options, constant over the cycles.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class Options:
     scaling: str = 'uniform'
 
     def __post_init__(self) -> None:
-        """Check everything."""
+        """Validate all options."""
         _check_numbers(**asdict(self.damping))
         if self.scaling not in SCALINGS:
             raise SolverError(unknown('scaling', self.scaling, SCALINGS))
@@ -166,17 +166,17 @@ class Options:
             object.__setattr__(self, 'weights', _check_weights(self.weights, self.n))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs; a core cannot be copied."""
+        """Return the fields for a copy; a core cannot be copied."""
         return {item.name: getattr(self, item.name) for item in fields(self)}
 
     @cached_property
     def core(self) -> Core | None:
-        """Return what solves cycles with these options; None for the reference."""
+        """Return the compiled solver for these options; None for the reference."""
         return core_for(self.n, self.damping, self.weights, self.scaling)
 
     @cached_property
     def undamped(self) -> 'Options':
-        """Return the same without damping or relaxed directions."""
+        """Return the options without damping or relaxed directions."""
         return replace(self, damping=Damping(regularisation=self.damping.regularisation))
 
 
@@ -193,7 +193,7 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
     lower, upper : ndarray (n,) or None
         Bounds on the velocity, both or none.
     options : Options
-        What is the same in every cycle.
+        Options that are constant over the cycles.
     period, speed_cap, memory
         See `solve`.
 
@@ -214,7 +214,7 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
 def solve_by_reference(levels: list[Level], lower: Array | None, upper: Array | None,
                        options: Options, period: float, speed_cap: Array | None = None,
                        memory: Memory = ()) -> Solution:
-    """Return what `solve_cycle` does, by what is written in Python."""
+    """Return the solution of `solve_cycle`, computed in Python."""
     damping = options.damping
     if lower is None or upper is None:
         lower, upper = np.full(options.n, -np.inf), np.full(options.n, np.inf)
@@ -233,7 +233,7 @@ def solve_by_reference(levels: list[Level], lower: Array | None, upper: Array | 
 
 def _fast(levels: list[Level], lower: Array, upper: Array, options: Options,
           period: float, speed_cap: Array | None, curved: list[float]) -> Array | None:
-    """Return the velocity (n,) where no bound is active and nothing is damped, else None."""
+    """Return the velocity (n,) of the fast path; None if a level is damped or a bound active."""
     demands = [level for level in levels if level.v is not None]
     bounded = [level for level in levels if level.v is None]
     curved = [c for level, c in zip(levels, curved) if level.v is not None]
@@ -249,7 +249,7 @@ def _fast(levels: list[Level], lower: Array, upper: Array, options: Options,
 
 def _loop(levels: list[Level], lower: Array, upper: Array, options: Options,
           speed_cap: Array | None, curved: list[float]) -> tuple[Array, list[LevelStep]]:
-    """Return the velocity (n,), and how each level was carried out."""
+    """Return the velocity (n,), and the step of each level."""
     allowed = Polytope(lower, upper)
     hierarchy = BoundedHierarchy(allowed, options.damping)
     steps = []
@@ -270,10 +270,10 @@ def _loop(levels: list[Level], lower: Array, upper: Array, options: Options,
 
 def _uniform(levels: list[Level], lower: Array, upper: Array, options: Options, period: float,
              memory: Memory, curved: list[float]) -> Solution:
-    """Return the solution with all joints slowed alike (lecture 4)."""
+    """Return the solution with all joints scaled alike (lecture 4)."""
     least, most = np.full((2, len(lower)), [[-np.inf], [np.inf]])
     if any(level.v is None for level in levels):
-        # No bounds of levels are worth slowing the joints more than the demands need.
+        # Bounds of levels must not slow the joints more than the demands do.
         demands = [level for level in levels if level.v is not None]
         free, _ = _loop(demands, least, most, options, None,
                         [c for level, c in zip(levels, curved) if level.v is not None])
@@ -290,21 +290,21 @@ def _uniform(levels: list[Level], lower: Array, upper: Array, options: Options, 
 
 def _remembered(steps: list[LevelStep], memory: Memory, damping: Damping,
                 period: float) -> Memory:
-    """Return what is remembered after these steps."""
+    """Return the memory after these steps."""
     return tuple([damping.follow(h, step.bend, period) for step, h in zip(steps, memory)])
 
 
 def _check_numbers(**numbers: object) -> None:
-    """Raise `SolverError` unless all are finite and not negative; one region may be infinite."""
+    """Raise `SolverError` unless all are finite and ≥ 0; the singular region may be infinite."""
     for name, value in numbers.items():
-        most = math.inf if name == 'singular_region' else LARGEST
+        most = math.inf if name == 'singular_region' else LARGEST_NUMBER
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) \
                 or not 0.0 <= _as_float(value) <= most:
             raise SolverError(f'{name} must be a number that is not negative, not {value!r}')
 
 
 def _as_float(value: Any) -> float:
-    """Return a number as a float, NaN where that cannot hold it."""
+    """Return a number as a float; NaN if it is beyond the range of floats."""
     try:
         return float(value)
     except OverflowError:

@@ -374,7 +374,7 @@ def test_edge_touches_with_both_ends(other):
 
 @pytest.mark.parametrize('share, count', [(0.9, 4), (1.1, 2)])
 def test_side_is_flat_up_to_a_height_of_its_far_end(share, count):
-    angle = math.asin(share * geometry.FLAT / 0.4)
+    angle = math.asin(share * geometry.PATCH_TOLERANCE / 0.4)
     near = lying(shapes.Box(0.4, 0.2, 0.1), shapes.HalfSpace(), (0.0, angle, 0.0))
     assert near.corners == list(range(1 + count))
 
@@ -443,7 +443,7 @@ def test_distances_do_not_depend_on_how_many_pairs_are_checked_at_once(size, mon
             for task in tasks for _ in range(20)]
 
     batches, at_once = found()
-    monkeypatch.setattr(geometry, 'BATCH', size)
+    monkeypatch.setattr(geometry, 'PAIRS_PER_BATCH', size)
     more, in_parts = found()
     assert batches == [1, 1, 1] and min(more) > 1
     assert sum(len(seen.value) for seen in at_once) > 300
@@ -454,7 +454,7 @@ def test_distances_do_not_depend_on_how_many_pairs_are_checked_at_once(size, mon
 
 
 def test_obstacles_that_change_give_what_new_ones_do_and_leave_the_others_alone(monkeypatch):
-    monkeypatch.setattr(geometry, 'BATCH', 4)
+    monkeypatch.setattr(geometry, 'PAIRS_PER_BATCH', 4)
     task, rng = make('obstacles', arm(), distance=0.1), np.random.default_rng(5)
     there, kept = {}, 0
     for step in range(60):

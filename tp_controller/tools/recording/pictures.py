@@ -30,7 +30,7 @@ from tp_controller.tools.recording.robots import (
     path_of,
     tool_frames,
 )
-from tp_controller.untrusted import LONGEST, plain
+from tp_controller.untrusted import LONGEST_TEXT, plain
 
 # More goals than these would hide the curves, and more curves each other.
 MOST_CHANGES, MOST_CURVES = 40, 100
@@ -113,7 +113,7 @@ def _error_curves(history: History) -> tuple[
               if np.nan_to_num(values[:, column]).max(initial=0.0) > 0.0][:MOST_CURVES]
     if not curves:
         return None
-    texts = [_label(text, LONGEST) for text in history.texts]
+    texts = [_label(text, LONGEST_TEXT) for text in history.texts]
     # A task that was not in the stack had no reason.
     reasons = {_label(task): [texts[code] for code in np.nan_to_num(
         codes[:, column]).astype(int).tolist()]

@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 from tp_controller.model.spatial import Array, rotation_from_rpy
-from tp_controller.model.urdf import MOVING
+from tp_controller.model.urdf import MOVING_TYPES
 from tp_controller.tasks.aim import pose_along
 from tp_controller.tools.view.lathe import drum, foot, limb, pointer
 from tp_controller.tools.view.meshes import Mesh
@@ -73,7 +73,7 @@ class _Skeleton:
         self._turns = {_child(joint): rotation_from_rpy(*vector(joint.find('origin'), 'rpy'))
                        for joint in joints}
         self._parents = {_child(joint): _parent(joint) for joint in joints}
-        self._moved = {_child(joint) for joint in joints if joint.get('type') in MOVING}
+        self._moved = {_child(joint) for joint in joints if joint.get('type') in MOVING_TYPES}
         self._carrying = {link for each in self._moved for link in self._above(each)}
         self._length = max(map(self._reach, ('', *self._offsets)))
         self._radius = min(max(THICKNESS * self._length, THINNEST), THICKEST)
