@@ -26,7 +26,7 @@ from tp_controller.ros.loop.base_topics import ODOMETRY_QOS, OdometryBuffer, pla
 from tp_controller.ros.loop.joint_state_buffer import JointStateBuffer
 
 # Timeout that every message satisfies, however old [s].
-EVER = sys.float_info.max
+NO_TIMEOUT = sys.float_info.max
 
 
 class ConfigurationBuffer:
@@ -69,13 +69,13 @@ class ConfigurationBuffer:
                                placement_of(message), now)
 
     def configuration(self, now: float) -> Array | None:
-        """Return the configuration (nq,), or None until every joint and the base are known."""
+        """Return q (nq,), or None until every joint and the base are known."""
         joints = self._joints.q
         if not np.isfinite(joints).all():
             return None
         if self._odometry is None:
             return joints.copy()
-        if self._odometry.missing(now, EVER):
+        if self._odometry.missing(now, NO_TIMEOUT):
             return None
         return self._odometry.configuration(joints)
 
