@@ -87,6 +87,7 @@ class WatchdogNode(ClosableNode):
         values = declare(self, PARAMETERS)
         if values['base'] not in BASES:
             raise SettingsError([unknown('base', values['base'], BASES)])
+        self._timeout = values['timeout']
         self._watched = {topic: CommandTimeout(values['timeout']) for topic in (TOPIC, 'cmd_vel')}
         # {topic: zeros in the size of the last command}
         self._zeros: dict[str, Float64MultiArray | Twist] = {}
@@ -133,7 +134,8 @@ class WatchdogNode(ClosableNode):
             if self._watched[topic].is_due(time.monotonic()):
                 for _ in range(LAST_ZEROS):
                     publisher.publish(self._zeros[topic])
-                self.get_logger().warning(f'no command on {publisher.topic_name} any more: zeros')
+                self.get_logger().warning(f'no command on {publisher.topic_name} for '
+                                          f'{self._timeout:g} s; publishing zeros')
 
 
 main = partial(run, WatchdogNode, NAME)

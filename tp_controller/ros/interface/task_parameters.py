@@ -112,7 +112,7 @@ class TaskParameters:
         declare(self._node, [entry.spec for entry in entries.values()])
         strange = sorted(set(self._started_with) - set(self._declared))
         if strange:
-            self._log.warning('parameters, ignored, of what no task of the stack has: '
+            self._log.warning('Ignoring parameters that no task of the stack has: '
                               f'{", ".join(strange)}')
 
     def check(self, given: Mapping[str, Any]) -> None:

@@ -66,7 +66,8 @@ def state_events(deadline: float, figures: Figures, log: Log) -> SubscriptionEve
         log.warning(f'no joint state for {deadline:g} s (parameter state_deadline)', 'deadline')
 
     def incompatible(info: QoSRequestedIncompatibleQoSInfo) -> None:
-        log.warning('a publisher of joint states is not heard: it offers no deadline of '
-                    f'{deadline:g} s or less (parameter state_deadline)', 'no deadline')
+        log.warning('incompatible QoS: a publisher of joint states offers no deadline of '
+                    f'{deadline:g} s or less (parameter state_deadline); its messages are dropped',
+                    'no deadline')
 
     return SubscriptionEventCallbacks(deadline=missed, incompatible_qos=incompatible)
