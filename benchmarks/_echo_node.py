@@ -24,7 +24,7 @@ from std_msgs.msg import Float64MultiArray
 from tp_controller.ros.loop.commands import TOPIC
 from tp_controller.ros.loop.deadlines import state_qos
 from tp_controller.ros.middleware import set_up_fast_dds
-from tp_controller.ros.runner import LONG, make_executor
+from tp_controller.ros.runner import make_executor, SPIN_SECONDS
 
 
 def main():
@@ -38,7 +38,7 @@ def main():
                              state_qos(0.0))
     executor = make_executor(node.context)
     executor.add_node(node)
-    executor.spin_until_future_complete(Future(executor=executor), LONG)
+    executor.spin_until_future_complete(Future(executor=executor), SPIN_SECONDS)
 
 
 if __name__ == '__main__':

@@ -429,7 +429,7 @@ def status():
     controller = Controller(robot, stack)
     report = controller.update(robot.neutral(), 0.0).report
     message = diagnostics(Time(), NODE, '', report, controller,
-                          {'tool': GoalRecord(listeners={'goal': 1})}, Figures(0.01).told(),
+                          {'tool': GoalRecord(listeners={'goal': 1})}, Figures(0.01).as_text(),
                           lambda: None)
     rows = [(of, f'`{value.key}`', STATUS[value.key])
             for of, entry in zip(('node', 'task'), message.status) for value in entry.values]

@@ -45,7 +45,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import ColorRGBA  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from tp_controller.errors import TpControllerError  # noqa: E402
-from tp_controller.ros.client.status_monitor import Heard  # noqa: E402
+from tp_controller.ros.client.status_monitor import ControllerStatus  # noqa: E402
 from tp_controller.tools.cli.status import table  # noqa: E402
 from tp_controller.tools.recording import robots as recorded_robots  # noqa: E402
 from tp_controller.tools.recording.history import History  # noqa: E402
@@ -294,7 +294,7 @@ def test_the_page_goes_on_whatever_the_network_says(made_up, messages):
         made_up.update()
     assert stop_works(made_up)
     rows = made_up.client.status.status
-    shown = table({CONTROLLER: Heard(rows[0].message, {
+    shown = table({CONTROLLER: ControllerStatus(rows[0].message, {
         row.name: {value.key: value.value for value in row.values} for row in rows[1:]}, 0.0)})
     assert shown.replace('\n', '').isprintable()
     drawn = made_up.page._robot.state.q

@@ -37,7 +37,7 @@ from robots import PLANAR_DH
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tp_controller import Robot
-from tp_controller.ros.watchdog_node import Guard
+from tp_controller.ros.watchdog_node import CommandTimeout
 from tp_controller.tools.demos.processes import NodeProcess
 from visualization_msgs.msg import MarkerArray
 
@@ -484,18 +484,18 @@ def test_a_watchdog_that_is_killed_or_suspended_stops_the_robot(start, listener,
 
 
 def test_a_guard_is_due_once_for_each_time_that_motion_stops():
-    guard = Guard(0.2)
+    guard = CommandTimeout(0.2)
     assert not guard.is_due(0.0)
-    guard.hear(True, 1.0)
+    guard.note(True, 1.0)
     assert [guard.is_due(1.0 + 0.05 * step) for step in range(8)] == [False] * 5 + [True] + [
         False] * 2
-    guard.hear(True, 2.0)
-    guard.hear(False, 2.1)
+    guard.note(True, 2.0)
+    guard.note(False, 2.1)
     assert not any(guard.is_due(2.0 + 0.05 * step) for step in range(20))
 
 
 def test_a_guard_that_stood_still_itself_listens_first():
-    guard = Guard(0.2)
-    guard.hear(True, 1.0)
+    guard = CommandTimeout(0.2)
+    guard.note(True, 1.0)
     assert not guard.is_due(1.05) and not guard.is_due(5.0)
     assert not guard.is_due(5.15) and guard.is_due(5.25)

@@ -30,7 +30,7 @@ DEADLINE = 60.0
 
 
 def test_figures_before_any_cycle_are_unknown_and_have_their_keys():
-    told = Figures(0.01).told()
+    told = Figures(0.01).as_text()
     assert told['cycles'] == told['overruns'] == told['stalls'] == '0'
     assert {value for key, value in told.items() if '[' in key} == {'nan'}
 
@@ -45,7 +45,7 @@ def test_figures_are_of_the_last_cycles():
         # Two answers of a hundred are late.
         figures.add(start, start + 0.001 * (1.0 + (cycle == 7)),
                     start - (0.002 if cycle % 50 else 0.005))
-    told = figures.told()
+    told = figures.as_text()
     assert told['cycles'] == str(2 * CYCLES)
     assert float(told['rate [Hz]']) == pytest.approx(100.0)
     assert float(told['cycle median [ms]']) == pytest.approx(1.0)
@@ -62,7 +62,7 @@ def test_overruns_are_cycles_that_are_a_period_late_or_longer_than_one(starts, t
     figures = Figures(0.01)
     for start in starts:
         figures.add(start, start + took, start)
-    assert figures.told()['overruns'] == str(overruns)
+    assert figures.as_text()['overruns'] == str(overruns)
 
 
 def test_the_watchdog_barks_only_after_its_timeout():

@@ -85,8 +85,8 @@ def goal(robot, domain):
     return lambda *arguments: command_line(domain, 'goal', *arguments)
 
 
-class Heard(NamedTuple):
-    """What `tp_controller.ros.client.status_monitor.Heard` is, where there is no ROS."""
+class ControllerStatus(NamedTuple):
+    """Stand-in for `tp_controller.ros.client.status_monitor.ControllerStatus` without ROS."""
 
     head: str
     tasks: dict
@@ -313,7 +313,8 @@ def test_a_table_shows_silence_errors_and_reasons():
                       'goal warning': 'out of reach'},
              'mobile': {'level': '2', 'error [1]': '0.01', 'status': 'satisfied'},
              'elbow': {'level': '3', 'error [m]': 'nan', 'status': 'stopped'}}
-    heard = {'left/arm': Heard('running', tasks, 0.1), 'arm': Heard('running', {}, 61.4)}
+    heard = {'left/arm': ControllerStatus('running', tasks, 0.1),
+             'arm': ControllerStatus('running', {}, 61.4)}
     assert table(heard) == """\
 /left/arm: running
   task           level    error                    status     reason
@@ -330,7 +331,7 @@ def test_a_table_shows_what_others_wrote_without_acting_on_it():
     """Whatever a node of the domain writes into its status."""
     tasks = {'tool\x1b[2J': {'level': '1\r', 'error [m]': 'abc', 'status': 'x\ny',
                              'reason': '\u202eback'}}
-    text = table({'arm\x07': Heard('\x1b]52;c;aGk=\x07', tasks, 0.1)})
+    text = table({'arm\x07': ControllerStatus('\x1b]52;c;aGk=\x07', tasks, 0.1)})
     assert text.replace('\n', '').isprintable() and len(text.splitlines()) == 3
     assert 'tool\ufffd[2J' in text and 'abc' not in text
 

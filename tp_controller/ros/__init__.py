@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Everything ROS: parameters, messages and the nodes."""
+"""ROS interface: parameters, messages and nodes."""
 
 from typing import Any, TypeAlias
 
-# What rosidl generates has neither types nor a common base class.
+# Classes that rosidl generates have neither types nor a common base class.
 Message: TypeAlias = Any

@@ -28,11 +28,11 @@ DEPTH = 10
 
 class AdaptiveSubscription:
     """
-    Hears every publisher of a topic.
+    Subscription that is compatible with every publisher of a topic.
 
-    A reliable subscription does not hear best-effort publishers, and a best-effort one may lose
-    messages of any publisher. The topic is therefore heard best-effort from the first publisher
-    on that needs it, and reliably before.
+    A reliable subscription is incompatible with best-effort publishers, and a best-effort one may
+    lose messages of any publisher. The subscription is therefore reliable until the first
+    best-effort publisher appears, and best-effort from then on.
 
     Parameters
     ----------
@@ -49,28 +49,28 @@ class AdaptiveSubscription:
     def __init__(self, node: Node, kind: type, topic: str,
                  take: Callable[[Message], object]) -> None:
         self._node, self._kind, self._topic, self._take = node, kind, topic, take
-        # The last one counts. It cannot be closed by its own event, which it would take along.
+        # The last one is in use. A subscription cannot be destroyed within its own event callback.
         self._open: list[Subscription] = []
         self._subscribe(ReliabilityPolicy.RELIABLE)
 
     def close(self) -> None:
-        """Close the topic."""
+        """Destroy the subscriptions."""
         while self._open:
             self._node.destroy_subscription(self._open.pop())
 
     def _subscribe(self, reliability: ReliabilityPolicy) -> None:
-        """Open one more subscription."""
+        """Create another subscription."""
         self._open.append(self._node.create_subscription(
             self._kind, self._topic, partial(self._on_message, len(self._open)),
             QoSProfile(depth=DEPTH, reliability=reliability),
             event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._on_incompatible)))
 
     def _on_incompatible(self, _: object) -> None:
-        """Hear a publisher that has been found, too."""
+        """Subscribe as best effort, too, once an incompatible publisher appears."""
         if len(self._open) == 1:
             self._subscribe(ReliabilityPolicy.BEST_EFFORT)
 
     def _on_message(self, index: int, message: Message) -> None:
-        """Take a message of the subscription that counts."""
+        """Pass on a message of the subscription in use."""
         if index == len(self._open) - 1:
             self._take(message)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Subscriptions whose messages are only decoded where they are not too long."""
+"""Subscriptions with a bound on the size of messages that are deserialized."""
 
 from collections.abc import Callable
 
@@ -22,14 +22,14 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from tp_controller.ros import Message
 
-# Longest message; in memory it may take up to thirty times as much [bytes].
-LONGEST = 1 << 20
+# Largest message; deserialized it may take up to thirty times as much memory [bytes].
+LARGEST_MESSAGE = 1 << 20
 
 
 def subscribe(node: Node, kind: type, topic: str, callback: Callable[[Message], object],
-              qos: QoSProfile | int, longest: int = LONGEST) -> Subscription:
+              qos: QoSProfile | int, longest: int = LARGEST_MESSAGE) -> Subscription:
     """
-    Subscribe to a topic; messages that are too long or damaged are dropped.
+    Subscribe to a topic; drop messages that are too large or damaged.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def subscribe(node: Node, kind: type, topic: str, callback: Callable[[Message], 
         try:
             message = deserialize_message(data, kind)
         except Exception:
-            # Each middleware has errors of its own for data that are damaged.
+            # Each middleware raises its own errors for damaged data.
             return
         callback(message)
 

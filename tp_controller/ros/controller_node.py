@@ -50,12 +50,12 @@ from tp_controller.ros.loop.realtime import prepare
 from tp_controller.ros.loop.shared_controller import SharedController
 from tp_controller.ros.loop.watchdog import Watchdog
 from tp_controller.ros.parameters import (
+    accept_numbers,
     declare,
     fixed_faults,
     names_in,
     ROBOT,
     Spec,
-    take_numbers,
     TASKS,
     warn_unknown,
 )
@@ -64,7 +64,7 @@ from tp_controller.solver.compiled import fallback_reason, running
 from tp_controller.tasks.stack import Stack
 
 NAME = 'tp_controller'
-# Of one machine that Linux can be configured for.
+# Largest number of processors that Linux can be configured for.
 MOST_PROCESSORS = 8192
 PARAMETERS = (
     *ROBOT,
@@ -121,33 +121,34 @@ PARAMETERS = (
     Spec('processor', -1, 'the only processor that this thread runs on; -1: any', '', -1,
          MOST_PROCESSORS - 1, True),
     Spec('lock_memory', False, 'lock the memory of the process', fixed=True),
-    # A collection of all that the imports leave takes 50 ms, in which nothing is commanded: once
-    # in 10 s while a stack is read 50 times a second.
+    # A collection of the objects that the imports leave takes 50 ms without a command: once in
+    # 10 s while a stack is read 50 times a second.
     Spec('freeze_garbage', True, 'let the garbage collector leave alone what is there at the '
          'start', fixed=True),
     Spec('status_rate', 10.0, 'status and marker messages per second', 'Hz', 0.1, 1000.0, True),
     *SETTINGS,
 )
-# How often other nodes are looked for, and those of the same name [s].
-LOOK_SECONDS, NAMES_SECONDS = 0.1, 0.5
+# Polling periods of the node graph: other publishers of commands, nodes of the same name [s].
+GRAPH_SECONDS, NAMESAKE_SECONDS = 0.1, 0.5
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STOPPED = 'stopped; call ~/start to go on'
-IGNORED = 'another description has arrived; deactivate, clean up and configure the node to take it'
+IGNORED_DESCRIPTION = ('another description has arrived; deactivate, clean up and configure the '
+                       'node to take it')
 NO_ROBOT = 'no robot description yet'
 NOT_CONFIGURED = 'not configured; configure and activate the node'
 
 
 class ControllerNode(LifecycleNodeMixin, ClosableNode):
     """
-    Surrounds the loop: parameters, goals, services, stacks, descriptions and status.
+    Node around the loop: parameters, goals, services, stacks, descriptions and status.
 
-    What takes long happens here, and is handed to the loop between two of its cycles. Each has a
-    node and a thread of its own; see `beside`.
+    Long operations run here, and their results are passed to the loop between two of its cycles.
+    The loop has a node and a thread of its own; see `beside`.
 
     Attributes
     ----------
     loop_node : rclpy.node.Node
-        That the loop runs on; somebody has to spin it, too.
+        Node that the loop runs on; it has to be spun, too.
 
     """
 
@@ -159,11 +160,11 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._limits = LimitParameters(self, adjustable=True)
         self.loop_node = Node(
             f'{self.get_name()}_loop', context=self.context, namespace=self.get_namespace(),
-            # Topics get their names from this node, whatever they are remapped to.
+            # Names of topics are resolved, and remapped, by this node.
             use_global_arguments=False, start_parameter_services=False, enable_rosout=False,
             parameter_overrides=[Parameter('use_sim_time',
                                            value=self.get_parameter('use_sim_time').value)])
-        # Made once there is a robot, all at once.
+        # Created together, once there is a robot.
         self._loop: ControlLoop | None = None
         self._controller: SharedController | None = None
         self._topics: TaskTopics | None = None
@@ -180,13 +181,13 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self.loop_node.create_service(Trigger, self.resolve_service_name('~/stop'), self._on_stop)
         for name, callback in (('start', self._on_start), ('reload', self._on_reload)):
             self.create_service(Trigger, f'~/{name}', callback)
-        take_numbers(self)
+        accept_numbers(self)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(LOOK_SECONDS, self._look_for_others, clock=steady)
-        self.create_timer(NAMES_SECONDS, self._look_for_namesakes, clock=steady)
-        self._refuse_strange_transitions()
+        self.create_timer(GRAPH_SECONDS, self._check_other_nodes, clock=steady)
+        self.create_timer(NAMESAKE_SECONDS, self._check_namesakes, clock=steady)
+        self._refuse_invalid_transitions()
         self._reporter.leave(NOT_CONFIGURED)
         if self._values['autostart']:
             self._begin()
@@ -194,7 +195,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._log.flush()
 
     def _begin(self) -> None:
-        """Configure and activate the node, or raise what is wrong."""
+        """Configure and activate the node, or raise the error."""
         self.trigger_configure()
         if self._fault is not None:
             raise self._fault
@@ -202,51 +203,51 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
 
     @contextmanager
     def beside(self, failed: Callable[[BaseException], None]) -> Iterator[None]:
-        """Let the loop, and what watches over it, run on threads of their own."""
-        watchdog = Watchdog(self._values['watchdog_timeout'], self._silence, self._bark)
+        """Run the loop and its watchdog on threads of their own."""
+        watchdog = Watchdog(self._values['watchdog_timeout'], self._silence, self._on_timeout)
         with spinning(self.loop_node, failed, self._prepare), watchdog.watching():
             yield
 
     def _prepare(self) -> None:
-        """Prepare the thread of the loop, or say what is not permitted."""
+        """Prepare the thread of the loop, and log refused settings."""
         values = self._values
         for fault in prepare(values['realtime_priority'], values['processor'],
                              values['lock_memory'], values['freeze_garbage']):
             self._log.warning(fault)
 
     def halt(self, reason: str) -> None:
-        """Command zeros for the last time, and say why, whatever the other threads do."""
-        # Whoever makes or activates a loop from now on finds it stopped.
+        """Command zeros for the last time and report the reason, even if other threads hang."""
+        # A loop that is created or activated from now on is stopped.
         self._ending = reason
-        self._hold()
+        self._update_hold()
         if self.context.ok():
             if self._loop is not None:
                 self._loop.deactivate(reason)
-            self._reporter.say(reason)
+            self._reporter.publish_reason(reason)
 
     def close(self, reason: str) -> None:
-        """Command zeros for the last time, and say why, unless ROS has ended already."""
+        """Command zeros for the last time and report the reason, unless ROS has shut down."""
         if self._loop is not None and self.context.ok():
             self._loop.deactivate(reason)
             self._reporter.publish()
-            # What has not arrived when the process ends may never do so.
+            # Messages that have not arrived when the process ends may be lost.
             self._loop.commands.wait()
         self._log.flush()
 
     def destroy_node(self) -> None:
-        """End the node, and the one of the loop."""
+        """Destroy the node and the node of the loop."""
         self._reporter.close()
         self.loop_node.destroy_node()
         super().destroy_node()
 
     def _silence(self) -> float:
-        """Return for how long the loop has not completed anything [s]."""
+        """Return the time since the last progress of the loop [s]; 0 without a loop."""
         return self._loop.silence() if self._loop is not None else 0.0
 
-    def _bark(self) -> None:
+    def _on_timeout(self) -> None:
         """Command zeros in place of the loop."""
         if self._loop is not None:
-            self._loop.bark()
+            self._loop.on_timeout()
 
     # Lifecycle ----------------------------------------------------------------------------
 
@@ -255,7 +256,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._fault = None
         try:
             self._settings = self._settings_of(self._values)
-            # Faults of the parameters alone are not put off until there is a robot.
+            # Faults of the parameters are reported at once, with or without a robot.
             read_inputs(self._values, self.resolve_topic_name)
             self._reporter.leave(NO_ROBOT)
             robot = self._make_robot()
@@ -280,23 +281,23 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Command zeros, and then nothing any more."""
+        """Command zeros for the last time."""
         self._deactivate()
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget robot and stack, so that others can be configured."""
+        """Discard robot and stack, so that others can be configured."""
         self._clean_up()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Command zeros, and forget robot and stack."""
+        """Command zeros for the last time, and discard robot and stack."""
         self._deactivate()
         self._clean_up()
         return TransitionCallbackReturn.SUCCESS
 
-    def _refuse_strange_transitions(self) -> None:
-        """Answer that a transition that is none from here has failed, instead of ending."""
+    def _refuse_invalid_transitions(self) -> None:
+        """Report an invalid transition as failed, instead of ending the node."""
         change = self._service_change_state.callback
 
         def refusing(request: ChangeState.Request,
@@ -310,21 +311,21 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._service_change_state.callback = refusing
 
     def _activate(self) -> None:
-        """Let the loop command velocities, if there is one yet."""
+        """Activate the loop, if it exists."""
         if self._loop is not None and self._competitors is not None and self._active:
             self._competitors.activate()
             self._loop.activate()
-            self._hold()
+            self._update_hold()
 
     def _deactivate(self) -> None:
-        """Stop the robot, and command nothing any more."""
+        """Stop the robot, and deactivate the loop."""
         self._active = False
         if self._loop is not None and self._controller is not None:
             self._loop.come_to_rest(INACTIVE)
             if not self._values['keep_goals']:
                 with suppress(EvaluationError):  # reported when the task is evaluated
                     self._controller.forget_goals()
-        self._hold()
+        self._update_hold()
 
     def _clean_up(self) -> None:
         """Close everything that depends on the robot."""
@@ -343,8 +344,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._configured, self._stack_fault = False, ''
         self._reporter.leave(NOT_CONFIGURED)
 
-    def _hold(self) -> None:
-        """Tell the loop what somebody has to change before the robot moves."""
+    def _update_hold(self) -> None:
+        """Pass to the loop the condition that has to be resolved before the robot moves."""
         if self._loop is not None:
             self._loop.hold = self._ending or (
                 INACTIVE if not self._active else STOPPED if self._stopped else self._stack_fault)
@@ -352,23 +353,23 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
     # Robot --------------------------------------------------------------------------------
 
     def _settings_of(self, values: Mapping[str, Any]) -> Settings:
-        """Return the settings that parameter values make."""
+        """Return the settings of parameter values."""
         rate = self._values['rate']
         return settings_from(values, 1.0 / rate if rate > 0.0 else self._values['state_timeout'],
                              '1/rate' if rate > 0.0 else 'state_timeout, because rate is 0')
 
     def _make_robot(self, description: str | None = None) -> Robot | None:
-        """Return the robot, None without a description."""
+        """Return the robot, or None without a description."""
         return robot_from(self._limits, self._values, description,
                           names_in(self._values['joints']))
 
     def _on_description(self, message: String) -> None:
-        """Take the first usable description from the topic."""
+        """Use the first valid description on the topic."""
         if self._loop is not None:
-            ignored = IGNORED if message.data != self._taken else ''
+            ignored = IGNORED_DESCRIPTION if message.data != self._taken else ''
             self._loop.figures.ignored_description = ignored
             if ignored:
-                self._log.warning(f'topic robot_description: {IGNORED}')
+                self._log.warning(f'topic robot_description: {IGNORED_DESCRIPTION}')
             return
         try:
             robot = self._make_robot(message.data)
@@ -380,7 +381,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
             self._log.error(f'topic robot_description: {in_words(error)}')
 
     def _set_robot(self, robot: Robot) -> None:
-        """Make everything that depends on the robot."""
+        """Create the objects that depend on the robot."""
         for limit, what in ((np.inf, 'no velocity limit for'),
                             (0.0, 'the velocity limit is zero, so nothing moves, for')):
             names = [name for name, given in zip(robot.velocity_names, robot.velocity)
@@ -406,13 +407,13 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
     # Stack and parameters -----------------------------------------------------------------
 
     def _load_stack(self) -> None:
-        """Read the stack of the parameter, or say what is wrong with it."""
+        """Read the stack of the parameter, or log its fault."""
         try:
             self._use_stack(self._read_stack(self._values['stack']))
         except Exception as error:
             self._stack_fault = f'no valid stack: {in_words(error)}'
             self._log.error(self._stack_fault)
-        self._hold()
+        self._update_hold()
 
     def _read_stack(self, source: str) -> Stack:
         """Return the stack of a parameter's value."""
@@ -425,7 +426,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         return stack
 
     def _use_stack(self, stack: Stack) -> None:
-        """Carry out a stack."""
+        """Put a stack into force."""
         if self._controller is None or self._topics is None or self._task_parameters is None:
             return
         self._controller.replace_stack(stack, self._settings)
@@ -433,18 +434,18 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._topics.follow_stack()
         self._task_parameters.follow_stack()
         self._reporter.follow_stack()
-        self._hold()
+        self._update_hold()
         names = ' > '.join(', '.join(task.name for task in group) for group in stack.groups)
         self._log.info(f'stack: {names or "empty"}', 'stack')
         for task in stack.tasks.values():
             for remark in task.remarks:
                 self._log.warning(f'task {task.name}: {remark}')
-            # Else the period is only the longest one.
+            # At rate 0 the period is only an upper bound.
             if self._values['rate'] > 0.0:
                 self._task_parameters.warn(task.name)
 
     def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Refuse what the method would refuse; what it knows nothing of is not its business."""
+        """Refuse values that the method refuses; ignore parameters of others."""
         given = {parameter.name: parameter.value for parameter in parameters}
         values = {**self._values, **given}
         faults = fixed_faults(self, given) if self._configured else []
@@ -455,7 +456,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
             if self._controller is not None and self._task_parameters is not None:
                 stack = self._controller.stack
                 if 'stack' in given:
-                    # Kept, since a file may be another one the next time it is read.
+                    # Kept, since the file may change until it is read again.
                     self._checked_stack = stack = self._read_stack(values['stack'])
                     if stack.text != self._controller.stack.text:
                         _refuse_with_stack(given)
@@ -479,7 +480,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         stack = self._checked_stack if 'stack' in changed else None
         self._limits.apply(changed, self._controller)
         try:
-            # As it was is what the tasks' goals have been sent for; ~/reload starts afresh.
+            # An unchanged text keeps the goals sent since; ~/reload reads the targets again.
             if stack is not None and stack.text != self._controller.stack.text:
                 self._use_stack(stack)
             else:
@@ -487,18 +488,18 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
                     self._controller.settings = self._settings
                     self._task_parameters.apply(changed)
         except Exception as error:
-            # Of a task: what it has checked may still fail.
+            # Raised by a task; a value that it has accepted may still fail.
             self._log.error(f'parameters {", ".join(changed)}: {in_words(error)}')
 
     # Others, services ---------------------------------------------------------------------
 
-    def _look_for_others(self) -> None:
-        """Look for nodes that publish commands, too, listen to them, or allow motion."""
+    def _check_other_nodes(self) -> None:
+        """Check for nodes that publish or receive commands, or allow motion."""
         if self._loop is not None and self._competitors is not None and self._active:
             self._loop.permits.look(self, self._log)
             self._competitors.look()
 
-    def _look_for_namesakes(self) -> None:
+    def _check_namesakes(self) -> None:
         """Report nodes of the same name."""
         own = self.get_name(), self.get_namespace()
         count = self.get_node_names_and_namespaces().count(own) - 1
@@ -507,9 +508,9 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._namesakes = count
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Stop, until ~/start."""
+        """Stop the robot until ~/start."""
         self._stopped = True
-        self._hold()
+        self._update_hold()
         if self._loop is not None and self._active and not self._loop.deceleration:
             self._loop.commands.interrupt()
         response.success, response.message = True, 'stopped'
@@ -517,7 +518,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """
-        Go on after ~/stop, or after a fault that is over.
+        Resume after ~/stop, or after a fault that is over.
 
         Tasks without a goal keep the values they have now.
         """
@@ -535,18 +536,18 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         if self._competitors is not None:
             self._competitors.restart()
         self._stopped = False
-        self._hold()
+        self._update_hold()
         response.success, response.message = True, 'started'
         return response
 
     def _lasting(self) -> str:
-        """Return what stopped the robot and is not over yet, if anything."""
+        """Return the fault that stopped the robot and lasts, if any."""
         if self._loop is None or self._competitors is None or not self._active:
             return ''
         return self._competitors.fault() or self._loop.lasting()
 
     def _on_reload(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Read the stack file again; one with faults leaves the stack as it is."""
+        """Read the stack file again; a file with faults leaves the stack unchanged."""
         try:
             self._use_stack(self._read_stack(self._values['stack']))
             response.success, response.message = True, 'stack reloaded'
@@ -556,7 +557,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
 
 
 def _refuse_with_stack(given: Mapping[str, object]) -> None:
-    """Refuse parameters of tasks together with another stack, which may not have the tasks."""
+    """Refuse task parameters together with another stack, which may lack these tasks."""
     names = [name for name in given if name.startswith(TASKS)]
     if names:
         raise SettingsError([f'set the stack first, and then {", ".join(names)}'])

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A log that nobody waits for."""
+"""Log whose callers never wait for the output."""
 
 from collections import deque
 from collections.abc import Callable
@@ -23,13 +23,13 @@ import time
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from tp_controller.untrusted import plain
 
-# What repeats is written once in this time [s].
+# Shortest time between two messages of one cause [s].
 REPEAT_SECONDS = 1.0
-# How much can wait to be written, and how many causes are told apart.
+# Largest number of queued messages, and of causes that are distinguished.
 LARGEST_QUEUE, MOST_CAUSES = 200, 100
-# Longest text that is written [characters].
-LONGEST = 20_000
-# In rclpy each severity needs a line of its own.
+# Longest text of a message [characters].
+LONGEST_TEXT = 20_000
+# rclpy needs a call site of its own for each severity.
 WRITERS: dict[str, Callable[[RcutilsLogger, str], object]] = {
     'info': lambda logger, text: logger.info(text),
     'warning': lambda logger, text: logger.warning(text),
@@ -38,62 +38,62 @@ WRITERS: dict[str, Callable[[RcutilsLogger, str], object]] = {
 
 
 @dataclass
-class Written:
-    """When something was written, and what came since, how often."""
+class CauseRecord:
+    """State of one cause: time of the last output, and messages since then."""
 
     at: float = -math.inf
-    more: int = 0
+    pending: int = 0
     severity: str = ''
     text: str = ''
 
 
 class Log:
     """
-    Takes sentences from any thread at once, and writes them when `flush` is called.
+    Log that accepts messages from any thread without waiting, and writes them in `flush`.
 
-    What comes again and again, by its cause, is written once a second and counted.
+    Repeated messages of one cause are written once in `REPEAT_SECONDS`, and counted.
 
     Parameters
     ----------
     logger : rclpy.impl.rcutils_logger.RcutilsLogger
-        Where it goes.
+        Logger of the node.
 
     """
 
     def __init__(self, logger: RcutilsLogger) -> None:
         self._logger = logger
         self._queue: deque[tuple[str, str, str]] = deque(maxlen=LARGEST_QUEUE)
-        self._written: dict[str, Written] = {}
+        self._written: dict[str, CauseRecord] = {}
 
     def info(self, text: str, cause: str = '') -> None:
-        """Say what is as it should be; `cause` is the text by default."""
+        """Log information; `cause` is the text by default."""
         self._queue.append(('info', text, cause or text))
 
     def warning(self, text: str, cause: str = '') -> None:
-        """Say what may be wrong."""
+        """Log a warning."""
         self._queue.append(('warning', text, cause or text))
 
     def error(self, text: str, cause: str = '') -> None:
-        """Say what is wrong."""
+        """Log an error."""
         self._queue.append(('error', text, cause or text))
 
     def flush(self) -> None:
-        """Write what is due."""
+        """Write the messages that are due."""
         now = time.monotonic()
         while self._queue:
             severity, text, cause = self._queue.popleft()
-            written = self._written.setdefault(cause, Written())
-            written.more, written.severity, written.text = written.more + 1, severity, text
+            written = self._written.setdefault(cause, CauseRecord())
+            written.pending, written.severity, written.text = written.pending + 1, severity, text
             self._write(written, now)
         for written in self._written.values():
             self._write(written, now)
         if len(self._written) > MOST_CAUSES:
             self._written.clear()
 
-    def _write(self, written: Written, now: float) -> None:
-        """Write what came last from one cause, unless that is not due."""
-        if written.more and now - written.at >= REPEAT_SECONDS:
-            more = f' ({written.more} times)' if written.more > 1 else ''
-            # Texts of others may be in it.
-            WRITERS[written.severity](self._logger, plain(written.text, LONGEST) + more)
-            written.at, written.more = now, 0
+    def _write(self, written: CauseRecord, now: float) -> None:
+        """Write the last message of a cause, if it is due."""
+        if written.pending and now - written.at >= REPEAT_SECONDS:
+            more = f' ({written.pending} times)' if written.pending > 1 else ''
+            # It may contain text from other nodes.
+            WRITERS[written.severity](self._logger, plain(written.text, LONGEST_TEXT) + more)
+            written.at, written.pending = now, 0

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameters: declared with description, unit and range, refused with the reason."""
+"""Parameters: declaration with description, unit and range, and validation with reasons."""
 
 from array import array
 from collections.abc import Mapping, Sequence
@@ -37,17 +37,17 @@ from tp_controller.errors import SettingsError, suggestion
 from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
 from tp_controller.resources import load_yaml
 
-# What ROS tools show of a parameter that cannot change.
+# Constraint that ROS tools show for a parameter that cannot change.
 FIXED = 'fixed while the node is configured'
-# Weights of robots with any number of joints.
+# Default weights, for any number of joints.
 EQUAL = [1.0]
-# What stands for the empty list.
+# Values that replace the empty list, which has no type.
 EMPTY: Mapping[str, list[float] | list[str]] = {
     'weights': EQUAL, 'joints': [''], 'command_joints': ['']}
 LISTS = (Parameter.Type.STRING, Parameter.Type.STRING_ARRAY, Parameter.Type.INTEGER_ARRAY)
-# Start of the names of the joints' limits.
+# Prefix of the joint limits.
 LIMITS = 'limits.'
-# Start of the names of the tasks' gains and tolerances.
+# Prefix of gains and tolerances of the tasks.
 TASKS = 'tasks.'
 EXAMPLES = {
     'DOUBLE': 'a number, such as 1.0', 'INTEGER': 'an integer, such as 1',
@@ -59,7 +59,7 @@ EXAMPLES = {
 @dataclass(frozen=True)
 class Spec:
     """
-    One parameter.
+    Definition of a parameter.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Spec:
     fixed : bool
         Fixed while the node is configured.
     why : str
-        What the range follows from; else empty.
+        Origin of the range, or empty.
 
     """
 
@@ -119,9 +119,9 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     Parameters
     ----------
     node : rclpy.node.Node
-        Node that gets them.
+        Node that declares them.
     specs : sequence of Spec
-        What to declare; what is declared already is only read.
+        Parameters; those that are declared already are only read.
 
     Returns
     -------
@@ -158,22 +158,22 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
 
 
 def wrong_type(name: str, kind: Parameter.Type, given: object) -> str:
-    """Return what is wrong with a value of another type."""
+    """Return the fault of a value of the wrong type."""
     shown = given.tolist() if isinstance(given, array) else given
     return f'parameter {name} must be {EXAMPLES.get(kind.name, kind.name)}, not {shown!r}'
 
 
 def _out_of_range(name: str, lower: float, upper: float, given: object, why: str) -> str:
-    """Return what is wrong with a number out of range, and why that is its range."""
+    """Return the fault of a number out of range, with the origin of the range."""
     return f'parameter {name} must be from {lower:g} to {upper:g}, not {given!r}' \
            + (f' ({why})' if why else '')
 
 
-def take_numbers(node: Node) -> None:
+def accept_numbers(node: Node) -> None:
     """
-    Take whatever says a number for doubles of a node from now on; see `as_type`.
+    Accept integers and text as numbers for doubles of a node; see `as_type`.
 
-    What ROS refuses, before any callback, is refused in words that say what is valid.
+    Values that ROS refuses before any callback are refused with a message that names valid ones.
     """
     def as_declared(parameters: Sequence[Parameter]) -> list[Parameter]:
         return [as_type(parameter, node.get_parameter_or(parameter.name).type_)
@@ -198,7 +198,7 @@ def take_numbers(node: Node) -> None:
 
 
 def _refusals(node: Node, parameter: Parameter) -> list[str]:
-    """Return why ROS refuses a value of a declared parameter, if it does."""
+    """Return the faults for which ROS refuses a value of a declared parameter."""
     descriptor = node.describe_parameter(parameter.name)
     kind = Parameter.Type(descriptor.type)
     if parameter.type_ is not kind:
@@ -213,10 +213,10 @@ def _refusals(node: Node, parameter: Parameter) -> list[str]:
 
 def as_type(parameter: Parameter, kind: Parameter.Type) -> Parameter:
     """
-    Return a parameter with the type that it is declared with, where that is possible.
+    Return a parameter converted to its declared type, where possible.
 
-    Integers are numbers, too, and ``ros2 param load`` sends ``.inf`` and ``1.0e-05`` as text. The
-    empty list, which has no type there, stands for all joints, or equal weights, as the default
+    Integers are valid numbers, and ``ros2 param load`` sends ``.inf`` and ``1.0e-05`` as text. The
+    empty list, which has no type in ROS, stands for all joints, or equal weights, as the default
     does.
     """
     name, value = parameter.name, parameter.value
@@ -227,7 +227,7 @@ def as_type(parameter: Parameter, kind: Parameter.Type) -> Parameter:
                 Parameter.Type.STRING, Parameter.Type.INTEGER):
             return Parameter(name, kind, float(value))
         if kind is Parameter.Type.DOUBLE_ARRAY and parameter.type_ in LISTS:
-            # Infinite ones make it a list of text, 1e-05 among others makes it a text.
+            # ROS parses lists with inf as text arrays, and lists with 1e-05 as text.
             numbers = load_yaml(value) if isinstance(value, str) else value
             return Parameter(name, kind, list(map(float, numbers)))
     except (ValueError, TypeError):
@@ -236,7 +236,7 @@ def as_type(parameter: Parameter, kind: Parameter.Type) -> Parameter:
 
 
 def fixed_faults(node: Node, given: Mapping[str, object]) -> list[str]:
-    """Return what is wrong with values that are to be set: fixed ones have to stay."""
+    """Return the faults of new values: fixed parameters must keep their values."""
     return [f'parameter {name} is {node.get_parameter(name).value!r}, {FIXED}'
             for name, value in given.items()
             if node.has_parameter(name) and not _equal(node.get_parameter(name).value, value)
@@ -245,14 +245,14 @@ def fixed_faults(node: Node, given: Mapping[str, object]) -> list[str]:
 
 
 def _equal(one: object, other: object) -> bool:
-    """Say whether two values are equal; ``ros2 param load`` changes the white space of text."""
+    """Return whether two values are equal; ``ros2 param load`` changes white space in text."""
     if isinstance(one, str) and isinstance(other, str):
         return one.split() == other.split()
     return one == other
 
 
 def keep_fixed(node: Node) -> None:
-    """Refuse other values of fixed parameters of a node from now on."""
+    """Refuse changes of the fixed parameters of a node from now on."""
     def check(parameters: Sequence[Parameter]) -> SetParametersResult:
         faults = fixed_faults(node, {parameter.name: parameter.value for parameter in parameters})
         return SetParametersResult(successful=not faults, reason='; '.join(faults))
@@ -261,13 +261,13 @@ def keep_fixed(node: Node) -> None:
 
 
 def names_in(value: Sequence[str]) -> list[str] | None:
-    """Return the names in a parameter; None, where an empty one stands for all."""
+    """Return the names in a parameter, or None where an empty name stands for all."""
     return None if list(value) == [''] else list(value)
 
 
 def warn_unknown(node: Node) -> None:
-    """Say which parameters were given a value but do not exist: ROS ignores them silently."""
-    # Limits and parameters of tasks are looked at once the robot and its stack are there.
+    """Warn of values for parameters that do not exist: ROS ignores them silently."""
+    # Limits and task parameters are checked once the robot and its stack exist.
     names = [name for name in node._parameter_overrides if not node.has_parameter(name)
              and not name.startswith((LIMITS, TASKS, 'qos_overrides.'))]
     if names:

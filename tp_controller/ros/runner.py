@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Running a node: one loop, clean ends, plain words instead of tracebacks."""
+"""Running of a node: executor, signals, and error messages instead of tracebacks."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -40,44 +40,44 @@ from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.ros.signals import SignalWatch
 
 HELP_WIDTH = 95
-# A terminal that is closed and Ctrl-\\ end a node as Ctrl-C does.
+# Closing the terminal and Ctrl-\\ end a node as Ctrl-C does.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 NAMES = {number.value: number.name for number in SIGNALS}
-# EventsExecutor.spin() waits with a deadline that overflows and burns a core; a long finite one
-# does not [s].
-LONG = 1e8
-# How long a thread is waited for, and the name of those that are [s].
-PATIENCE_SECONDS, BESIDE = 1.0, 'beside'
-# How long a node takes at most to end after a signal, and its exit status if it does not [s].
-ENDING_SECONDS, STUCK = 5.0, 1
-# After how long it is logged that a callback has not returned since a signal [s].
+# Timeout of the executor [s]: the infinite one of EventsExecutor.spin() overflows and burns a
+# core.
+SPIN_SECONDS = 1e8
+# Timeout for joining a thread of `spinning` [s], and the name of these threads.
+JOIN_SECONDS, THREAD_NAME = 1.0, 'beside'
+# Time from a signal to the forced end of the process [s], and its exit status then.
+ENDING_SECONDS, FORCED_STATUS = 5.0, 1
+# Time from a signal after which a callback that has not returned is logged [s].
 HANGING_SECONDS = 0.1
-# How long a thread that is busy in Python may hold up the others [s]; Python's own is 5 ms.
+# Longest time that one busy Python thread delays the others [s]; Python's default is 5 ms.
 SWITCH_SECONDS = 1e-4
-# What Fast DDS sends over, unless the environment says so already. Through shared memory, its
-# default, a process that hears the robot and is suspended (Ctrl-Z, a debugger) may hold a lock
-# that every sender waits for: in 2 of 40 pauses of a simulator the controller stood still as long
-# as it did, over UDP in none. UDP takes 2 to 3 % more of a processor at 1 kHz.
+# Transport of Fast DDS, unless the environment sets it. With shared memory, the default, a
+# suspended subscriber (Ctrl-Z, a debugger) may own a lock that every sender waits for: in 2 of 40
+# pauses of a simulator the controller stood still for as long, over UDP in none. UDP takes 2 to
+# 3 % more of a processor at 1 kHz.
 TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4'
 
 
 class ClosableNode(Node, ABC):
-    """A node that `run` can run."""
+    """Base class of nodes that `run` runs."""
 
     @abstractmethod
     def close(self, reason: str) -> None:
-        """Act for the last time, while publishing still works, and say why the node ends."""
+        """Act for the last time, while publishing still works, and report why the node ends."""
 
     def halt(self, reason: str) -> None:
         """
-        Stop what moves, and say why, before `close` or in its place.
+        Stop all motion and report the reason, before `close` or in its place.
 
-        Called from any thread, whatever hangs on the others: it may wait for nothing, and call no
-        code of a task. Nothing may move afterwards.
+        Called from any thread, even if others hang: it must neither wait nor call code of a task.
+        Nothing may move afterwards.
         """
 
     def beside(self, failed: Callable[[BaseException], None]) -> AbstractContextManager[None]:
-        """Return what runs on other threads meanwhile; it calls `failed` if that ends."""
+        """Return the context that runs other threads; it calls `failed` if one of them fails."""
         return nullcontext()
 
 
@@ -93,12 +93,12 @@ def make_executor(context: Context | None = None) -> Executor:
 def run(make_node: Callable[[], ClosableNode], name: str,
         args: list[str] | None = None) -> int:
     """
-    Run a node until a signal ends it, or say how it is started.
+    Run a node until a signal ends it, or print its help.
 
     Parameters
     ----------
     make_node : callable
-        Returns the node; it has a method `close`, called while publishing still works.
+        Returns the node; its method `close` is called while publishing still works.
     name : str
         Name for messages before the node exists.
     args : list of str, optional
@@ -121,7 +121,7 @@ def run(make_node: Callable[[], ClosableNode], name: str,
     try:
         init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:
-        # Bad ROS arguments, which have several types of errors.
+        # Invalid ROS arguments raise several types of errors.
         get_logger(name).fatal(str(error).splitlines()[0])
         return 1
     node, reason = None, 'ended'
@@ -139,15 +139,15 @@ def run(make_node: Callable[[], ClosableNode], name: str,
         if node is not None:
             node.close(reason)
             if _is_stuck():
-                # It would be waited for in vain, and with it everything that it uses.
-                os._exit(STUCK)
+                # Joining the thread, and destroying the objects that it uses, would block.
+                os._exit(FORCED_STATUS)
             node.destroy_node()
         try_shutdown()
     return 0
 
 
 def _help(module: ModuleType) -> str:
-    """Return how the node of a module is started, and its parameters."""
+    """Return the help of a node module: usage and parameters."""
     name = Path(module.__file__ or '').stem
     lines = [f'usage: {name} [--ros-args -p NAME:=VALUE --params-file FILE -r FROM:=TO ...]', '',
              *wrap((module.__doc__ or '').strip(), HELP_WIDTH), '', 'parameters:']
@@ -163,7 +163,7 @@ def _help(module: ModuleType) -> str:
 
 class Ending:
     """
-    Ends a node from any thread.
+    Shutdown of a node, requested from any thread.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ class Ending:
     Attributes
     ----------
     reason : str
-        Why the node has to end; empty while it goes on.
+        Reason of the shutdown; empty while the node runs.
 
     """
 
@@ -184,7 +184,7 @@ class Ending:
         self._returned = threading.Event()
 
     def follow(self, node: ClosableNode, spun: Future) -> None:
-        """End a node from now on, which spins until a future is done."""
+        """Set the node to end, and the future that ends its spinning."""
         self._node, self._spun = node, spun
         if self.reason:
             self._act()
@@ -199,11 +199,11 @@ class Ending:
                 f'process is ended by force after {ENDING_SECONDS:g} s')
 
     def note_return(self) -> None:
-        """Note that the main thread hangs in no callback: it ends the node now."""
+        """Record that the main thread hangs in no callback: it ends the node now."""
         self._returned.set()
 
     def _act(self) -> None:
-        """Stop what moves, and then let the main thread end the node, if it can."""
+        """Stop all motion, and then request the main thread to end the node."""
         node, spun = self._node, self._spun
         if node is not None and spun is not None:
             try:
@@ -214,13 +214,13 @@ class Ending:
 
 def _catch_signals(ending: Ending) -> None:
     """
-    Let signals end the node, until the end of the process.
+    Install the signal handling that ends the node, until the end of the process.
 
-    rclpy's own handlers shut the context down at once, when no zero can be published any more.
+    rclpy's own handlers shut the context down at once, before zeros can be published.
     """
     for number in SIGNALS:
         signal.signal(number, lambda *_: None)
-    SignalWatch(SIGNALS, STUCK, ending.begin, ENDING_SECONDS).start()
+    SignalWatch(SIGNALS, FORCED_STATUS, ending.begin, ENDING_SECONDS).start()
 
 
 @contextmanager
@@ -232,11 +232,11 @@ def spinning(node: Node, failed: Callable[[BaseException], None],
     Parameters
     ----------
     node : rclpy.node.Node
-        The node.
+        Node to spin.
     failed : callable
-        Called with what ends it.
+        Called with the exception that ends it.
     first : callable
-        Called on that thread before anything else.
+        Called on that thread before spinning.
 
     """
     executor = make_executor(node.context)
@@ -252,19 +252,19 @@ def spinning(node: Node, failed: Callable[[BaseException], None],
         except BaseException as error:
             failed(error)
 
-    thread = threading.Thread(target=spin, name=BESIDE, daemon=True)
+    thread = threading.Thread(target=spin, name=THREAD_NAME, daemon=True)
     thread.start()
     try:
         yield
     finally:
         ended.set_result(None)
-        thread.join(PATIENCE_SECONDS)
+        thread.join(JOIN_SECONDS)
         if not thread.is_alive():
             executor.shutdown()
 
 
 def _spin(node: ClosableNode, ending: Ending) -> str:
-    """Spin until a signal arrives or somebody shuts the context down; return which."""
+    """Spin until a signal or a shutdown of the context; return the reason."""
     executor = make_executor(node.context)
     executor.add_node(node)
     ended = Future(executor=executor)
@@ -284,13 +284,13 @@ def _spin_until(ended: Future, executor: Executor) -> None:
     """Spin until a future is done."""
     while not ended.done():
         try:
-            executor.spin_until_future_complete(ended, LONG)
+            executor.spin_until_future_complete(ended, SPIN_SECONDS)
         except InvalidHandle:
-            # A call that was sent before a new stack closed its service cannot be answered
-            # any more, and is no reason to end.
+            # A call that was sent before a new stack closed its service cannot be answered.
+            # The node goes on.
             continue
 
 
 def _is_stuck() -> bool:
-    """Return whether a thread that was to end still runs, as in a task that never returns."""
-    return any(thread.name == BESIDE for thread in threading.enumerate())
+    """Return whether a thread still runs after its timeout, as in a task that never returns."""
+    return any(thread.name == THREAD_NAME for thread in threading.enumerate())

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Signals that end a process: never in the middle of a message, and whatever hangs."""
+"""Signal handling: shutdown between two messages, even if other threads hang."""
 
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -24,20 +24,20 @@ import threading
 import time
 from typing import Any
 
-ENDING = (signal.SIGINT, signal.SIGTERM)
-# A launch repeats Ctrl-C at once: only signals that come later are a demand of their own [s].
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# Time in which a repeated signal is ignored [s]: a launch repeats Ctrl-C at once.
 REPEAT_SECONDS = 1.0
-# Written in place of a signal, of which none is 0.
+# Value written to the pipe by `close`; no signal has this number.
 CLOSED = 0
 
 
 class SignalWatch:
     """
-    Reads signals on a thread of its own, whatever hangs on the others.
+    Signal reader on a thread of its own, independent of threads that hang.
 
     The signals need handlers in Python, which run on the main thread, if at all. A further signal
     ends the process at once, but not sooner than `REPEAT_SECONDS` after the first one. C code that
-    holds the interpreter lock holds this thread up, too.
+    owns the interpreter lock delays this thread, too.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class SignalWatch:
     act : callable, optional
         Called with the number of the first signal.
     limit : float, optional
-        Time from the first signal to the forced end of the process [s]; by default it is only
-        ended by a further signal.
+        Time from the first signal to the forced end of the process [s]; by default only a further
+        signal ends it.
 
     """
 
@@ -63,14 +63,14 @@ class SignalWatch:
         self._thread = threading.Thread(target=self._watch, name='signals', daemon=True)
 
     def start(self) -> None:
-        """Watch from now on; only the main thread may call this."""
+        """Start watching; only the main thread may call this."""
         os.set_blocking(self._writer, False)
         # A handler in Python would run only once the main thread returns from C++.
         self._before = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
         self._thread.start()
 
     def close(self) -> None:
-        """Watch no more."""
+        """Stop watching."""
         signal.set_wakeup_fd(self._before)
         os.write(self._writer, bytes([CLOSED]))
         self._thread.join()
@@ -78,27 +78,27 @@ class SignalWatch:
         os.close(self._writer)
 
     def _watch(self) -> None:
-        """Act on the first signal, and end the process by force where that is due."""
+        """Act on the first signal, and end the process by force when due."""
         first = self._read(None)
         if first == CLOSED:
             return
         began = time.monotonic()
         if self._act is not None:
-            # Not on this thread: what it waits for may hang, too.
+            # On a thread of its own, since it may hang, too.
             threading.Thread(target=self._act, args=(first,), daemon=True).start()
         end = None if self._limit is None else began + self._limit
         if self._read(end) != CLOSED and not self._closes(began + REPEAT_SECONDS):
             os._exit(self._status)
 
     def _closes(self, end: float) -> bool:
-        """Return whether this is closed before a time [s]."""
+        """Return whether `close` is called before a time [s]."""
         while (number := self._read(end)) is not None:
             if number == CLOSED:
                 return True
         return False
 
     def _read(self, end: float | None) -> int | None:
-        """Return the next signal or `CLOSED`; None where none comes until a time [s]."""
+        """Return the next signal or `CLOSED`, or None if none arrives before a time [s]."""
         while True:
             left = None if end is None else 1e3 * max(end - time.monotonic(), 0.0)
             if not self._arrived.poll(left):
@@ -111,11 +111,11 @@ class SignalWatch:
 @contextmanager
 def uninterrupted() -> Iterator[None]:
     """
-    Hold the signals that end a command back until the block has ended.
+    Defer the signals that end a command until the block has ended.
 
-    Their handlers raise an exception wherever the program is. In the middle of an executor that
-    leaves a message that was taken and not handled, and a coroutine that nothing awaits. Only the
-    main thread has handlers; in others this does nothing.
+    Their handlers raise an exception at any point of the program. Within an executor, a message
+    that was taken would stay unhandled, and a coroutine unawaited. Only the main thread has
+    handlers; in other threads this does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -123,7 +123,7 @@ def uninterrupted() -> Iterator[None]:
     arrived: list[int] = []
     before: dict[int, Any] = {
         number: signal.signal(number, lambda each, _: arrived.append(each))
-        for number in ENDING}
+        for number in END_SIGNALS}
     try:
         yield
     finally:
@@ -134,7 +134,7 @@ def uninterrupted() -> Iterator[None]:
 
 
 def _handle(number: int, handler: Any) -> None:
-    """Let a handler have its signal; sent once more, `SignalWatch` would count it twice."""
+    """Call the handler of a signal; sent again, `SignalWatch` would count it twice."""
     if callable(handler):
         handler(number, sys._getframe())
     else:

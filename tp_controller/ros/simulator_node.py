@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The simulator node: a kinematic robot behind the topics of a real one."""
+"""The simulator node: a kinematic robot with the topics of a real one."""
 
 from array import array
 from collections.abc import Sequence
@@ -41,12 +41,12 @@ from tp_controller.ros.loop.base_topics import fill_odometry, twist_of
 from tp_controller.ros.loop.deadlines import promise
 from tp_controller.ros.loop.state_checks import LimitCheck
 from tp_controller.ros.parameters import (
+    accept_numbers,
     declare,
     keep_fixed,
     names_in,
     ROBOT,
     Spec,
-    take_numbers,
     warn_unknown,
 )
 from tp_controller.ros.runner import ClosableNode, run
@@ -78,12 +78,12 @@ PARAMETERS = (
          True),
     Spec('seed', 0, 'seed of noise and loss, not negative', fixed=True),
 )
-# How far the simulation may fall behind before it stops catching up [s].
-LARGEST_GAP = 0.2
+# Delay of the simulation beyond which it stops catching up [s].
+LARGEST_DELAY = 0.2
 
 
 class SimulatorNode(ClosableNode):
-    """Integrates commands and publishes joint states, at its own pace."""
+    """Node that integrates commands and publishes joint states, on its own timer."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, **options)
@@ -96,8 +96,8 @@ class SimulatorNode(ClosableNode):
         self._simulator = KinematicSimulator(
             self._robot,
             initial_positions(values['initial_positions'] or '{}', self._robot),
-            # The timeout protects against a dead controller, so it runs on the wall clock,
-            # whatever the speed of the simulation.
+            # The timeout protects against a dead controller, so it runs on the wall clock at
+            # any speed of the simulation.
             values['command_timeout'] * self._speed,
             SimulatorNoise(values['noise'], values['delay'], values['lag'], values['drop'],
                            values['seed']))
@@ -111,7 +111,7 @@ class SimulatorNode(ClosableNode):
         self._tf = TfBroadcast(self) if values['publish_tf'] and robot.moves else None
         self._connect()
         keep_fixed(self)
-        take_numbers(self)
+        accept_numbers(self)
         warn_unknown(self)
         self.get_logger().info(
             f'simulating {self._robot.name} ({len(self._robot.joint_names)} joints, base '
@@ -122,14 +122,14 @@ class SimulatorNode(ClosableNode):
         """Do nothing: the robot stops by itself."""
 
     def _check_names(self, names: Sequence[str]) -> Sequence[str]:
-        """Return the names of the commanded joints if they are ones of the robot, each once."""
+        """Return the names of the commanded joints; raise unless they are joints, each once."""
         if not set(names) <= set(self._robot.joint_names) or len(set(names)) < len(names):
             raise RobotError('parameter command_joints must be some of the joints, each once '
                              f'({", ".join(self._robot.joint_names)}), not {", ".join(names)}')
         return names
 
     def _warn_outside(self) -> None:
-        """Warn of a start outside the position limits, from where no controller moves a robot."""
+        """Warn of a start outside the position limits, where no controller moves a robot."""
         robot, rows = self._robot, self._robot.joint_columns
         fault = LimitCheck(robot.joint_names, robot.lower[rows], robot.upper[rows], 0.0).outside(
             self._simulator.q[robot.joint_rows])
@@ -165,23 +165,23 @@ class SimulatorNode(ClosableNode):
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_command(self, message: Float64MultiArray) -> None:
-        """Take a command."""
+        """Apply a command to the joints."""
         if len(message.data) != len(self._commanded):
             self.get_logger().error(
                 f'command ignored: {len(message.data)} velocities for '
                 f'{len(self._commanded)} joints', throttle_duration_sec=1.0)
             return
         self._velocity[self._commanded] = message.data
-        self._take(self._robot.joint_columns, 'command')
+        self._apply(self._robot.joint_columns, 'command')
 
     def _on_base_command(self, message: Twist) -> None:
-        """Take a command for the base; what it cannot move is ignored."""
+        """Apply a command to the base; ignore components that it cannot move in."""
         base = slice(0, self._robot.joint_columns.start)
         self._velocity[base] = self._robot.base_velocities(twist_of(message))
-        self._take(base, 'cmd_vel')
+        self._apply(base, 'cmd_vel')
 
-    def _take(self, columns: slice, what: str) -> None:
-        """Hand those of the velocities that came in to the simulator."""
+    def _apply(self, columns: slice, what: str) -> None:
+        """Pass the received velocities to the simulator."""
         if not np.isfinite(self._velocity[columns]).all():
             self.get_logger().error(f'{what} ignored: a velocity is not a finite number',
                                     throttle_duration_sec=1.0)
@@ -189,23 +189,23 @@ class SimulatorNode(ClosableNode):
         self._simulator.command(self._velocity, columns)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Go back to the start."""
-        # Time goes on: it must not run backwards for those who read it.
+        """Reset the robot to its initial positions."""
+        # Time goes on: it must be monotonic for its subscribers.
         self._simulator.reset(self._simulator.now)
         response.success = True
         return response
 
     def _on_timer(self) -> None:
-        """Make all the steps that are due, and publish each."""
+        """Simulate all steps that are due, and publish each."""
         now = time.monotonic()
         due = (now - self._start_time) * self._speed / self._dt
         behind = due - self._steps_since_start
-        if behind * self._dt / self._speed > LARGEST_GAP:
+        if behind * self._dt / self._speed > LARGEST_DELAY:
             self.get_logger().warning('the simulation cannot keep up with its speed',
                                       throttle_duration_sec=5.0)
             self._steps_since_start = math.floor(due) - 1
-        # Commands, services and signals wait meanwhile, so this must end.
-        while self._steps_since_start + 1 <= due and time.monotonic() - now < LARGEST_GAP:
+        # Bounded in time: commands, services and signals wait meanwhile.
+        while self._steps_since_start + 1 <= due and time.monotonic() - now < LARGEST_DELAY:
             self._steps_since_start += 1
             self._simulator.step(self._dt)
             self._publish()

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Commands zeros where commands that move the robot stop coming, whatever became of their node."""
+"""The watchdog node: publishes zeros when the commands of a moving robot stop arriving."""
 
 from array import array
 from functools import partial
@@ -30,12 +30,12 @@ from tp_controller.model.mobile_base import BASES
 from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
 from tp_controller.ros.loop.base_topics import twist_of
 from tp_controller.ros.loop.commands import LAST_ZEROS, TOPIC
-from tp_controller.ros.loop.other_publishers import BEAT_SECONDS, BEATS, WATCHDOG
+from tp_controller.ros.loop.other_publishers import HEARTBEAT, HEARTBEAT_SECONDS, WATCHDOG
 from tp_controller.ros.parameters import (
+    accept_numbers,
     declare,
     keep_fixed,
     Spec,
-    take_numbers,
     warn_unknown,
 )
 from tp_controller.ros.runner import ClosableNode, run
@@ -49,9 +49,9 @@ PARAMETERS = (
 )
 
 
-class Guard:
+class CommandTimeout:
     """
-    Knows whether commands that move a robot have stopped coming.
+    Timeout of the commands that move a robot.
 
     Parameters
     ----------
@@ -61,34 +61,35 @@ class Guard:
     """
 
     def __init__(self, timeout: float) -> None:
-        self._timeout, self._heard, self._checked = timeout, math.inf, math.inf
+        self._timeout, self._received, self._checked = timeout, math.inf, math.inf
 
-    def hear(self, moves: bool, now: float) -> None:
-        """Take a command, at a time [s]."""
-        self._heard = now if moves else math.inf
+    def note(self, moves: bool, now: float) -> None:
+        """Record a command received at a time [s]."""
+        self._received = now if moves else math.inf
 
     def is_due(self, now: float) -> bool:
-        """Return whether zeros have to be commanded, once for each time that motion stops."""
+        """Return whether zeros are due: once each time that commands stop during motion."""
         if now - self._checked > self._timeout:
-            # This node itself stood still: what came meanwhile waits to be heard.
-            self._heard = max(self._heard, now)
+            # This node itself stood still: messages may be waiting in its queues.
+            self._received = max(self._received, now)
         self._checked = now
-        due = now - self._heard > self._timeout
+        due = now - self._received > self._timeout
         if due:
-            self._heard = math.inf
+            self._received = math.inf
         return due
 
 
 class WatchdogNode(ClosableNode):
-    """Listens to commands, and publishes zeros on the same topics where they stop coming."""
+    """Node that receives commands, and publishes zeros on the same topics when they stop."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, **options)
         values = declare(self, PARAMETERS)
         if values['base'] not in BASES:
             raise SettingsError([unknown('base', values['base'], BASES)])
-        self._watched = {topic: Guard(values['timeout']) for topic in (TOPIC, 'cmd_vel')}
-        # As many as the last command had.
+        self._timeout = values['timeout']
+        self._watched = {topic: CommandTimeout(values['timeout']) for topic in (TOPIC, 'cmd_vel')}
+        # {topic: zeros in the size of the last command}
         self._zeros: dict[str, Float64MultiArray | Twist] = {}
         self._out = {}
         for topic, kind, take in ((TOPIC, Float64MultiArray, self._on_command),
@@ -97,43 +98,44 @@ class WatchdogNode(ClosableNode):
                 continue
             self._out[topic] = self.create_publisher(kind, topic, 10)
             AdaptiveSubscription(self, kind, topic, take)
-        # Of the topics as they are called after a remapping.
-        self._pulses = [self.create_publisher(String, publisher.topic_name + BEATS, 10)
+        # Their names follow the remapped topics.
+        self._pulses = [self.create_publisher(String, publisher.topic_name + HEARTBEAT, 10)
                         for publisher in self._out.values()]
         self._name = String(data=self.get_fully_qualified_name())
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in ((values['timeout'] / 4.0, self._on_timer),
-                                 (BEAT_SECONDS, self._beat)):
+                                 (HEARTBEAT_SECONDS, self._publish_heartbeat)):
             self.create_timer(period, callback, clock=steady)
         keep_fixed(self)
-        take_numbers(self)
+        accept_numbers(self)
         warn_unknown(self)
 
     def close(self, reason: str) -> None:
-        """Do nothing: whoever commands the robot goes on."""
+        """Do nothing: the controller goes on."""
 
     def _on_command(self, message: Float64MultiArray) -> None:
-        """Take velocities of joints."""
+        """Record a command for the joints."""
         self._zeros[TOPIC] = Float64MultiArray(data=array('d', bytes(8 * len(message.data))))
-        self._watched[TOPIC].hear(any(message.data), time.monotonic())
+        self._watched[TOPIC].note(any(message.data), time.monotonic())
 
     def _on_base_command(self, message: Twist) -> None:
-        """Take velocities of a base."""
+        """Record a command for the base."""
         self._zeros['cmd_vel'] = Twist()
-        self._watched['cmd_vel'].hear(bool(twist_of(message).any()), time.monotonic())
+        self._watched['cmd_vel'].note(bool(twist_of(message).any()), time.monotonic())
 
-    def _beat(self) -> None:
-        """Let controllers know that this node is there, and does not hang."""
+    def _publish_heartbeat(self) -> None:
+        """Publish the heartbeat, by which controllers detect this node."""
         for publisher in self._pulses:
             publisher.publish(self._name)
 
     def _on_timer(self) -> None:
-        """Publish zeros where they are due."""
+        """Publish zeros on the topics where they are due."""
         for topic, publisher in self._out.items():
             if self._watched[topic].is_due(time.monotonic()):
                 for _ in range(LAST_ZEROS):
                     publisher.publish(self._zeros[topic])
-                self.get_logger().warning(f'no command on {publisher.topic_name} any more: zeros')
+                self.get_logger().warning(f'no command on {publisher.topic_name} for '
+                                          f'{self._timeout:g} s; publishing zeros')
 
 
 main = partial(run, WatchdogNode, NAME)

@@ -216,7 +216,7 @@ def test_what_the_node_was_started_with_goes_before_every_stack(harness, tmp_pat
                'tasks.both.tolerance.m': 0.25}
     assert rig.values() == started
     rig.spin_until_command(0.5 * VELOCITY)
-    assert 'of what no task of the stack has: tasks.both.tolerance.km, tasks.later.gain' in log()
+    assert 'that no task of the stack has: tasks.both.tolerance.km, tasks.later.gain' in log()
     assert rig.change({'tasks.swing.gain': 0.75}) == ''
     rig.spin_until_command(0.75 * VELOCITY)
     assert harness.trigger('reload').success

@@ -103,7 +103,7 @@ def test_a_publisher_that_promises_no_deadline_is_named_and_not_heard(any_harnes
 
     def told():
         written.append(log())
-        return 'a publisher of joint states is not heard: it offers no deadline' in ''.join(
+        return 'incompatible QoS: a publisher of joint states offers no deadline' in ''.join(
             written)
 
     any_harness.spin_until(told, meanwhile=arm.publish)

@@ -99,7 +99,7 @@ def test_names_that_change_all_the_time_neither_confuse_nor_fill_the_memory(buff
     for number in range(1000):
         assert buffer.put(['a', f'other{number}', 'b'], [number, 7.0, -number], 0.0) == ''
         np.testing.assert_array_equal(buffer.q, [number, -number])
-    assert len(buffer._plans) <= 100
+    assert len(buffer._layouts) <= 100
 
 
 # Contradictions -------------------------------------------------------------------------------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The other side of the controller's topics: sends goals, listens to the status."""
+"""Client of a controller: sends goals, receives the status."""
 
 from collections.abc import Callable, Iterable, Mapping
 import time
@@ -48,22 +48,21 @@ from tp_controller.ros.client.received_status import received
 from tp_controller.ros.signals import uninterrupted
 from tp_controller.untrusted import count
 
-# What a message is filled with, by the names that `FIELDS` lists.
+# Parts of a goal, by the names that `FIELDS` lists.
 Fields = Mapping[str, Any]
 
-# How long to wait, on leaving, for goals to arrive: at the controller, and, if it has answered, at
-# all others that listen [s].
+# Timeouts on closing for the acknowledgement of goals: by the controller, and, once it has
+# answered, by all other subscribers [s].
 LEAVE_SECONDS, OTHERS_SECONDS = 5.0, 2.0
-# How often a condition is looked at: that a topic is found, nobody says.
+# Polling period [s]; ROS does not signal topic discovery.
 POLL_SECONDS = 0.02
-# How much is taken at once, where more may come all the time.
-MOST_WAITING = 100
-# How long others that listen to a goal are waited for: one that was killed a moment ago is counted
-# for a while [s].
-SETTLE_SECONDS = 2.0
-# What stands for the answers to goals where the task is not there.
-ABSENT = '', ''
-# What of a goal each message can carry, and must.
+# Largest number of callbacks run at once, since more may become ready all the time.
+MOST_CALLBACKS = 100
+# Timeout for other subscribers of a goal [s]: one that was just killed is counted for a while.
+SUBSCRIBER_SECONDS = 2.0
+# Answers to goals while the status has no such task.
+NO_ANSWERS = '', ''
+# Parts of a goal that each message can carry, and must.
 FIELDS: dict[type, tuple[str, ...]] = {
     PointStamped: ('xyz',),
     Vector3Stamped: ('xyz',),
@@ -75,7 +74,7 @@ FIELDS: dict[type, tuple[str, ...]] = {
 
 
 def type_name(kind: type) -> str:
-    """Return the name of a message type, as the graph has it."""
+    """Return the name of a message type in the graph."""
     return f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
 
 
@@ -84,16 +83,16 @@ TYPES: dict[str, type] = {type_name(kind): kind for kind in FIELDS}
 
 class Client:
     """
-    A node that talks to a running controller.
+    Node that communicates with a running controller.
 
     Parameters
     ----------
     controller : str
         Name of the controller node.
     context : rclpy.context.Context, optional
-        Context that is initialised already; one of its own by default.
+        Initialised context; by default the client creates its own.
     names : dict, optional
-        {part of a goal: what messages call it}; the names that `send` takes by default.
+        {part of a goal: name in messages}; by default the argument names of `send`.
 
     Raises
     ------
@@ -108,7 +107,7 @@ class Client:
         self._own = context is None
         self._context = context or new_context()
         self.controller = controller.strip('/')
-        # Neither log topic nor parameters: each costs time to open.
+        # No log topic or parameters: each takes time to open.
         self.node = Node('tp_client', context=self._context, use_global_arguments=False,
                          enable_rosout=False, start_parameter_services=False)
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -116,7 +115,7 @@ class Client:
         self._publishers: dict[tuple[str, str], Publisher] = {}
         self._services: dict[str, RosClient] = {}
         self._last: tuple[Publisher, Message] | None = None
-        # Publishers of messages, and how long to wait on leaving until these have arrived [s].
+        # {publisher: timeout on closing until its messages are acknowledged [s]}
         self._pending: dict[Publisher, float] = {}
         self.status: DiagnosticArray | None = None
         try:
@@ -126,7 +125,7 @@ class Client:
             raise
 
     def close(self) -> None:
-        """Leave, once everything that was sent has arrived."""
+        """Close the client once all sent messages are acknowledged."""
         for publisher, seconds in self._pending.items():
             publisher.wait_for_all_acked(Duration(seconds=seconds))
         self._executor.shutdown()
@@ -139,18 +138,18 @@ class Client:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave."""
+        """Close the client."""
         self.close()
 
     def spin(self, seconds: float) -> None:
-        """Take what arrives, for at most `seconds`."""
+        """Process incoming messages for at most `seconds`."""
         with uninterrupted():
             self._executor.spin_once(timeout_sec=seconds)
 
     def catch_up(self) -> None:
-        """Take all that has arrived, and wait for nothing."""
+        """Process all messages that have arrived, without waiting."""
         with uninterrupted():
-            for _ in range(MOST_WAITING):
+            for _ in range(MOST_CALLBACKS):
                 try:
                     handler, _, _ = self._executor.wait_for_ready_callbacks(timeout_sec=0.0)
                 except TimeoutException:
@@ -166,14 +165,14 @@ class Client:
         Parameters
         ----------
         condition : callable
-            Asked after everything that arrives, and at least fifty times a second.
+            Evaluated after each message, and at least fifty times a second.
         seconds : float
-            How long to wait at most.
+            Timeout [s].
 
         Returns
         -------
         bool
-            Whether it came to hold.
+            True once the condition holds, False after the timeout.
 
         """
         end = time.monotonic() + seconds
@@ -185,7 +184,7 @@ class Client:
         return True
 
     def tasks(self) -> dict[str, dict[str, type]]:
-        """Return {task: {topic: message type}} of the goal topics that the graph shows."""
+        """Return {task: {topic: message type}} of the goal topics in the graph."""
         prefix = f'/{self.controller}/'
         found: dict[str, dict[str, type]] = {}
         for topic, types in self.node.get_topic_names_and_types():
@@ -196,7 +195,7 @@ class Client:
         return found
 
     def task_names(self) -> list[str]:
-        """Return the names of all tasks by priority, as the status has them."""
+        """Return the names of all tasks in the status, by priority."""
         return [status.name.partition(': ')[2] for status in self.status.status[1:]] \
             if self.status else []
 
@@ -211,7 +210,7 @@ class Client:
         frame : str
             Frame that the goal is expressed in; the task's reference by default.
         wait : float
-            How long to look for the controller [s].
+            Timeout for the controller [s].
         **fields
             ``xyz`` [m, or a direction], ``quat_xyzw``, ``joints`` {name: position}, ``velocities``
             {name: velocity}, ``linear`` [m/s], ``angular`` [rad/s].
@@ -219,7 +218,7 @@ class Client:
         Raises
         ------
         GoalError
-            The controller or task is not there, the task takes something else, or the
+            The controller or task does not exist, the task takes another type of goal, or the
             controller refused the goal.
 
         """
@@ -240,42 +239,42 @@ class Client:
             raise GoalError(f'the controller does not answer on {publisher.topic_name}')
         if not self.wait(lambda: self.task_status(task), wait):
             raise GoalError(f'the controller sends no status of task {task!r}')
-        # Whoever records is to hear it, too. The controller, which has been here for longer, may
-        # know of somebody whom this node has not found yet.
+        # Recorders are to receive it, too. The controller, which has been running for longer, may
+        # know of subscribers that this node has not discovered yet.
         self.wait(lambda: publisher.get_subscription_count() >= max(
-            self.node.count_subscribers(publisher.topic_name), self._listeners(task, topic)),
-            SETTLE_SECONDS)
+            self.node.count_subscribers(publisher.topic_name), self._count_listeners(task, topic)),
+            SUBSCRIBER_SECONDS)
         before = self._answers(task)
         self._last = publisher, message
         self._pending[publisher] = LEAVE_SECONDS
         publisher.publish(message)
-        if not self.wait(lambda: self._answers(task) not in (ABSENT, before), wait):
+        if not self.wait(lambda: self._answers(task) not in (NO_ANSWERS, before), wait):
             raise GoalError(f'the controller did not answer the goal for task {task!r}')
         self._pending[publisher] = OTHERS_SECONDS
         if self._answers(task)[1] != before[1]:
             raise GoalError(f'refused: {self.task_status(task).get("last refusal", "")}')
 
     def publish(self, task: str, topic: str, message: Message) -> None:
-        """Publish on a topic of a task, and wait for nothing."""
+        """Publish on a topic of a task, without waiting."""
         self._publisher(task, topic, type(message)).publish(message)
 
     def call(self, kind: type, name: str, request: Message) -> Future | None:
         """
-        Call a service of the controller, and wait for nothing.
+        Call a service of the controller, without waiting.
 
         Parameters
         ----------
         kind : type
-            Of the service.
+            Type of the service.
         name : str
-            Below the name of the controller, as ``stop``.
+            Name below that of the controller, such as ``stop``.
         request : object
-            What it is asked.
+            Request message.
 
         Returns
         -------
         rclpy.task.Future or None
-            Done once it has answered; None where it is not there.
+            Done once the service has answered; None if the service is not available.
 
         """
         service = self.service(kind, name)
@@ -288,16 +287,16 @@ class Client:
         Parameters
         ----------
         node, name : str
-            Of the node, and of its parameter.
+            Names of the node and of its parameter.
         value : object
-            Of the parameter.
+            New value.
         wait : float
-            How long to wait for the node, and for its answer [s].
+            Timeout for the node, and for its answer [s].
 
         Returns
         -------
         bool
-            Whether the node has taken it.
+            True if the node has accepted it.
 
         """
         service = self.node.create_client(SetParameters, f'/{node}/set_parameters')
@@ -308,13 +307,13 @@ class Client:
         return self.wait(future.done, wait) and future.result().results[0].successful
 
     def service(self, kind: type, name: str) -> RosClient:
-        """Return the client of a service of the controller, made at the first use."""
+        """Return the client of a service of the controller, created on first use."""
         if name not in self._services:
             self._services[name] = self.node.create_client(kind, f'/{self.controller}/{name}')
         return self._services[name]
 
     def repeat(self) -> None:
-        """Publish once more what was sent last; no answer is waited for."""
+        """Publish the last goal again, without waiting for an answer."""
         if self._last is not None:
             publisher, message = self._last
             self._pending[publisher] = LEAVE_SECONDS
@@ -322,19 +321,19 @@ class Client:
 
     def turning(self, joints: Iterable[str], wait: float = 10.0) -> set[str]:
         """
-        Return those of some joints that turn; the others slide.
+        Return the revolute ones of some joints; the others are prismatic.
 
         Parameters
         ----------
         joints : iterable of str
             Driven joints.
         wait : float
-            How long to wait for the controller [s].
+            Timeout for the controller [s].
 
         Raises
         ------
         GoalError
-            The controller does not answer, or has not all of these joints.
+            The controller does not answer, or lacks some of these joints.
 
         """
         names = list(joints)
@@ -342,7 +341,7 @@ class Client:
                                           f'/{self.controller}/describe_parameters')
         if not self.wait(service.service_is_ready, wait):
             raise GoalError(absence(f'/{self.controller}'))
-        # The unit stands in the description of a limit.
+        # The description of a limit contains its unit.
         future = service.call_async(DescribeParameters.Request(
             names=[f'limits.{name}.lower' for name in names]))
         self.wait(future.done, wait)
@@ -360,28 +359,28 @@ class Client:
         return {}
 
     def _answers(self, task: str) -> tuple[str, str]:
-        """Return how many goals of a task were accepted and refused, or `ABSENT`."""
+        """Return the numbers of accepted and refused goals of a task, or `NO_ANSWERS`."""
         status = self.task_status(task)
         return (status.get('goals accepted', ''), status.get('goals refused', ''))
 
-    def _listeners(self, task: str, topic: str) -> int:
-        """Return how many the controller knows of that listen to a topic of a task."""
+    def _count_listeners(self, task: str, topic: str) -> int:
+        """Return the number of subscribers of a task topic that the controller has counted."""
         return count(self.task_status(task).get(f'{topic} listeners', ''))
 
     def stop_reason(self) -> str:
-        """Return why the controller commands zeros; empty while it runs."""
+        """Return the reason for which the controller commands zeros; empty while it runs."""
         head = self.status.status[0].message if self.status else 'no status yet'
         return '' if head == 'running' else head
 
     def _publisher(self, task: str, topic: str, kind: type) -> Publisher:
-        """Return the publisher of a topic, made at the first use."""
+        """Return the publisher of a topic, created on first use."""
         if (task, topic) not in self._publishers:
             self._publishers[task, topic] = self.node.create_publisher(
                 kind, f'/{self.controller}/{task}/{topic}', 10)
         return self._publishers[task, topic]
 
     def _absence(self, task: str, topic: str, fields: Fields) -> str:
-        """Return what is missing where a topic of a task was not found."""
+        """Return the error message for a topic of a task that was not found."""
         tasks = self.tasks()
         names = self.task_names() or sorted(tasks)
         if not names:
@@ -392,12 +391,12 @@ class Client:
                 f'{", ".join(sorted(tasks.get(task, []))) or "none"}')
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        """Keep the latest status."""
+        """Store the latest status."""
         self.status = message
 
 
 def new_context() -> Context:
-    """Return a context that is initialised; `TpControllerError` if ROS cannot start here."""
+    """Return an initialised context; raise `TpControllerError` if ROS cannot start here."""
     context = Context()
     try:
         init(context=context, args=[])
@@ -407,16 +406,16 @@ def new_context() -> Context:
 
 
 def absence(names: str) -> str:
-    """Return that nodes of some names, or of any name, are not there."""
+    """Return the error message for nodes, of some names or any, that are not running."""
     return (f'no node {f"{names} " if names else ""}with tasks is running (ROS_DOMAIN_ID and '
             "ROS_AUTOMATIC_DISCOVERY_RANGE must be the same as the controller's)")
 
 
 def subscribe_status(node: Node, controller: str,
                      callback: Callable[[DiagnosticArray], None], depth: int = 10) -> None:
-    """Subscribe to the status of a controller; `TpControllerError` if that is no valid name."""
+    """Subscribe to the status of a controller; raise `TpControllerError` for an invalid name."""
     def take(message: DiagnosticArray) -> None:
-        # Other nodes have topics of this name and type, too.
+        # Other nodes may have topics of this name and type, too.
         if message.status and message.status[0].name == controller:
             callback(received(message))
 
@@ -434,7 +433,7 @@ def make_message(task: str, kind: type, fields: Fields,
     Parameters
     ----------
     task : str
-        For what is said of a fault.
+        Name for error messages.
     kind : type
         Message type.
     fields : dict
@@ -445,7 +444,7 @@ def make_message(task: str, kind: type, fields: Fields,
     Raises
     ------
     GoalError
-        `fields` is not what the message carries.
+        `fields` does not match the parts of the message.
 
     """
     allowed = FIELDS[kind]
@@ -462,7 +461,7 @@ def make_message(task: str, kind: type, fields: Fields,
 
 
 def _listed(fields: Iterable[str], names: Mapping[str, str] | None, word: str = ' and ') -> str:
-    """Return what messages call parts of a goal."""
+    """Return the names of parts of a goal, as messages show them."""
     return word.join((names or {}).get(field, field) for field in fields)
 
 

@@ -26,7 +26,7 @@ from tp_controller.ros.loop.base_topics import ODOMETRY_QOS, OdometryBuffer, pla
 from tp_controller.ros.loop.joint_state_buffer import JointStateBuffer
 
 # Timeout that every message satisfies, however old [s].
-EVER = sys.float_info.max
+NO_TIMEOUT = sys.float_info.max
 
 
 class ConfigurationBuffer:
@@ -75,7 +75,7 @@ class ConfigurationBuffer:
             return None
         if self._odometry is None:
             return joints.copy()
-        if self._odometry.missing(now, EVER):
+        if self._odometry.missing(now, NO_TIMEOUT):
             return None
         return self._odometry.configuration(joints)
 

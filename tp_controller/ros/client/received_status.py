@@ -12,25 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The status of a controller as others receive it: of bounded size, and fit to be shown."""
+"""Sanitization of a received status: bounded size and printable text."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from tp_controller.untrusted import plain
 
-# Largest number of tasks, and of entries of each.
+# Largest number of tasks, and of entries per task.
 MOST_TASKS, MOST_VALUES = 200, 64
 # Longest name [characters].
 LONGEST_NAME = 256
 
 
 def received(message: DiagnosticArray) -> DiagnosticArray:
-    """Return a status with texts that can be shown, and without what is beyond its bounds."""
+    """Return a status with printable text, cut to the bounds of its size."""
     message.status = [_shown(status) for status in message.status[:MOST_TASKS + 1]]
     return message
 
 
 def _shown(status: DiagnosticStatus) -> DiagnosticStatus:
-    """Return the entry of the controller, or of a task, in texts that can be shown."""
+    """Return the entry of the controller, or of a task, with printable text."""
     status.name, status.message = plain(status.name, LONGEST_NAME), plain(status.message)
     status.values = status.values[:MOST_VALUES]
     for value in status.values:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Listens to the status of several controllers, or of all that there are."""
+"""Monitor of the status of several controllers, or of all in the graph."""
 
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
@@ -26,18 +26,18 @@ STATUS = '/status'
 STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 
 
-class Heard(NamedTuple):
+class ControllerStatus(NamedTuple):
     """
-    What was heard of a controller.
+    Latest status of a controller.
 
     Attributes
     ----------
     head : str
-        ``running``, or why it commands zeros.
+        ``running``, or the reason for zero commands.
     tasks : dict
         {task: {key: value}}, by priority.
     age : float
-        Since when there was no message [s].
+        Time since the last message [s].
 
     """
 
@@ -48,12 +48,12 @@ class Heard(NamedTuple):
 
 class Watch:
     """
-    A node that listens to controllers.
+    Node that receives the status of controllers.
 
     Parameters
     ----------
     names : collection of str
-        Names of controller nodes, with their namespaces; all that are found if there are none.
+        Names of controller nodes, with their namespaces; if empty, all that are found.
     clock : callable
         Returns a time [s].
 
@@ -64,7 +64,7 @@ class Watch:
         self._names = [name.strip('/') for name in names]
         self._clock = clock
         self._client = Client(self._names[0]) if self._names else Client()
-        self._heard: dict[str, tuple[DiagnosticArray, float]] = {}
+        self._received: dict[str, tuple[DiagnosticArray, float]] = {}
         self._followed: set[str] = set()
         for name in self._names:
             self._follow(name)
@@ -74,47 +74,47 @@ class Watch:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave."""
+        """Close the client."""
         self._client.close()
 
     def wait(self, seconds: float) -> bool:
-        """Listen until all controllers that were named, or any one, are heard; return whether."""
+        """Wait until all named controllers, or any, have sent a status; return False otherwise."""
         return self._client.wait(self._complete, seconds)
 
     def listen(self, seconds: float) -> None:
-        """Listen for so long."""
+        """Receive status messages for a time [s]."""
         self._client.wait(lambda: self._complete() and False, seconds)
 
     def missing(self) -> list[str]:
-        """Return the controllers that were named and not heard."""
-        return [name for name in self._names if name not in self._heard]
+        """Return the named controllers without a received status."""
+        return [name for name in self._names if name not in self._received]
 
-    def heard(self) -> dict[str, Heard]:
-        """Return {controller: Heard}."""
+    def statuses(self) -> dict[str, ControllerStatus]:
+        """Return {controller: ControllerStatus}."""
         now = self._clock()
         found = {}
-        for name, (message, arrived) in sorted(self._heard.items()):
+        for name, (message, arrived) in sorted(self._received.items()):
             head, *tasks = message.status
-            found[name] = Heard(head.message, {
+            found[name] = ControllerStatus(head.message, {
                 status.name.partition(': ')[2]: {value.key: value.value
                                                  for value in status.values}
                 for status in tasks}, now - arrived)
         return found
 
     def _complete(self) -> bool:
-        """Look for controllers where none are named; return whether those wanted are heard."""
+        """Find controllers if none are named; return whether all expected ones have sent."""
         if not self._names:
             for topic, types in self._client.node.get_topic_names_and_types():
                 if topic.endswith(STATUS) and types == [STATUS_TYPE]:
                     self._follow(topic.removesuffix(STATUS).strip('/'))
-        return bool(self._heard) and not self.missing()
+        return bool(self._received) and not self.missing()
 
     def _follow(self, name: str) -> None:
-        """Listen to a controller."""
+        """Subscribe to the status of a controller."""
         if name not in self._followed:
             self._followed.add(name)
             subscribe_status(self._client.node, name, partial(self._on_status, name))
 
     def _on_status(self, name: str, message: DiagnosticArray) -> None:
-        """Keep the latest status."""
-        self._heard[name] = message, self._clock()
+        """Store the latest status."""
+        self._received[name] = message, self._clock()

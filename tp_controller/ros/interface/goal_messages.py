@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Goal messages become arrays, one entry for each kind of goal."""
+"""Conversion of goal messages to arrays, with one entry for each type of goal."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ Named = dict[str, float] | list[float] | None
 @dataclass(frozen=True)
 class GoalMessage:
     """
-    How a kind of goal comes in.
+    Message type and topic of a type of goal.
 
     Attributes
     ----------
@@ -53,12 +53,12 @@ class GoalMessage:
     topic : str
         Last part of the topic, after the name of the task.
     goal, feed_forward : callable
-        Return the goal, the feed-forward velocity, of a message; None where it has none.
+        Return the goal, or the feed-forward velocity, of a message; None if it has none.
     framed : bool
-        The header's frame says what the goal is expressed in.
+        The frame of the header is the one that the goal is expressed in.
     parts : callable
-        Returns (frame, goal) for each part of a message whose parts are in frames of their own;
-        None where there is one goal.
+        Returns (frame, goal) for each part of a message whose parts have frames of their own;
+        None for a message with one goal.
 
     """
 
@@ -71,7 +71,7 @@ class GoalMessage:
 
 
 def _nothing(message: Message) -> None:
-    """Return None: the message says nothing of the kind."""
+    """Return None: the message has no such content."""
     return None
 
 
@@ -106,7 +106,7 @@ def _twist(message: TwistStamped) -> Twist:
 
 
 def _named(names: Sequence[str], values: Sequence[float], what: str) -> Named:
-    """Return {joint: value}, the plain values where there are no names, None without values."""
+    """Return {joint: value}, the values alone without names, or None without values."""
     if not len(values):
         return None
     if not names:
@@ -133,12 +133,12 @@ def _obstacles(message: MarkerArray) -> Parts:
     """
     Return (frame, {name: obstacle}) for each frame of a `MarkerArray`.
 
-    An obstacle goes by its namespace, or namespace/id where the id is not 0.
+    The name of an obstacle is its namespace, or namespace/id if the id is not 0.
 
     Raises
     ------
     GoalError
-        A marker that is no obstacle; nothing of the message is taken then.
+        A marker is not a valid obstacle; the whole message is ignored then.
 
     """
     placed: dict[str, tuple[str, dict[str, Any] | None]] = {}
@@ -179,7 +179,7 @@ def _obstacle(name: str, marker: Marker) -> dict[str, Any]:
                         '2 (sphere), 3 (cylinder)')
     obstacle = {'shape': shape, 'at': _pose(marker)}
     lifetime = marker.lifetime.sec + 1e-9 * marker.lifetime.nanosec
-    # A marker without a lifetime is there until it is deleted.
+    # Without a lifetime the obstacle exists until it is deleted.
     return {**obstacle, 'lifetime': lifetime} if lifetime else obstacle
 
 
@@ -199,13 +199,12 @@ FEED_FORWARD = {
 
 def messages_of(task: Task | type[Task]) -> list[GoalMessage]:
     """
-    Return how a task is told what to do.
+    Return the goal messages that a task accepts.
 
     Parameters
     ----------
     task : Task or type
-        A task, or a type of tasks: one whose keys decide about its goals has those of its
-        defaults.
+        A task, or a type of tasks: where keys determine the goals, those of the default keys.
 
     Returns
     -------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Goals that can be dragged in RViz."""
+"""Interactive markers for goals in RViz."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -34,37 +34,37 @@ from visualization_msgs.msg import (
 )
 
 TOPIC, GOAL = '~/interactive_goals', 'goal'
-# How long the arrows are [m].
-SIZE = 0.15
-# Beyond this a goal has moved [m, or of rotation matrices].
-MOVED = 1e-6
-# Quaternions (w, x, y, z) that turn x to each axis, along and about which a goal is dragged.
-SQUARE = 0.5 ** 0.5
-DIRECTIONS = {'x': (SQUARE, SQUARE, 0.0, 0.0), 'z': (SQUARE, 0.0, SQUARE, 0.0),
-              'y': (SQUARE, 0.0, 0.0, SQUARE)}
+# Length of the arrows [m].
+ARROW_LENGTH = 0.15
+# Smallest change of a goal pose that moves its marker [m, or 1 in rotation matrices].
+LEAST_CHANGE = 1e-6
+# Quaternions (w, x, y, z) that rotate x to each axis, along and about which a goal is dragged.
+ROOT_HALF = 0.5 ** 0.5
+DIRECTIONS = {'x': (ROOT_HALF, ROOT_HALF, 0.0, 0.0), 'z': (ROOT_HALF, 0.0, ROOT_HALF, 0.0),
+              'y': (ROOT_HALF, 0.0, 0.0, ROOT_HALF)}
 
 
 class InteractiveGoals:
     """
-    Has a marker to be dragged for every task whose goal is a pose or a point.
+    Interactive markers, one for every task with a pose or point as goal.
 
-    What is dragged is handed on as the goal message that it stands for. Without the package
-    ``interactive_markers`` nothing is there.
+    A dragged marker is passed on as a goal message. Without the package ``interactive_markers``
+    there are no markers.
 
     Parameters
     ----------
     node : rclpy.node.Node
         Node that the topics belong to, below ``~/interactive_goals``.
     warn : callable
-        Told in a sentence if the package is there and does not work.
+        Called with a message if the package is installed but does not work.
 
     """
 
     def __init__(self, node: Node, warn: Callable[[str], object]) -> None:
-        # Of interactive_markers, which may be missing.
+        # Server of interactive_markers, which may be missing.
         self._server: Any = None
         self._take: Callable[[str, str, Message], object] | None = None
-        # {task: (root frame, type of its goals, where the marker is)}
+        # {task: (root frame, type of its goals, pose of the marker)}
         self._shown: dict[str, tuple[str, type, Array]] = {}
         try:
             from interactive_markers import InteractiveMarkerServer
@@ -72,28 +72,28 @@ class InteractiveGoals:
         except ImportError:
             return
         except Exception as error:
-            # Of a package of others, which nobody has to have.
+            # Raised by an optional third-party package.
             warn(f'goals cannot be dragged in RViz: {in_words(error)}')
 
     @property
     def watched(self) -> bool:
-        """Return whether anybody shows the markers."""
+        """Return whether the markers have a subscriber."""
         return self._server is not None and self._server.update_pub.get_subscription_count() > 0
 
     def close(self) -> None:
-        """Remove everything."""
+        """Remove the markers."""
         if self._server is not None:
             self._server.shutdown()
             self._server = None
 
     def follow(self, take: Callable[[str, str, Message], object] | None) -> None:
-        """Hand goals to a function of the task, its topic and a message; to none for None."""
+        """Pass goals to a function of the task, its topic and a message; None: to none."""
         self._take = take
 
     def show(self, root: str, tasks: Mapping[str, Task],
              sketches: Mapping[str, list[Sketch]]) -> None:
         """
-        Put the markers where the goals are.
+        Update the markers to the poses of the goals.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class InteractiveGoals:
         tasks : mapping
             {name: Task}
         sketches : mapping
-            {name: sketches} of those that are shown.
+            {name: sketches} of the tasks to show.
 
         """
         there = {}
@@ -116,18 +116,18 @@ class InteractiveGoals:
             before = self._shown.get(name)
             if before is None or before[:2] != (frame, kind):
                 self._server.insert(_marker(name, frame, kind, T), feedback_callback=self._on_drag)
-            elif np.abs(before[2] - T).max() > MOVED:
+            elif np.abs(before[2] - T).max() > LEAST_CHANGE:
                 self._server.setPose(name, to_pose(T))
         self._shown = there
         self._server.applyChanges()
 
     def _on_drag(self, feedback: InteractiveMarkerFeedback) -> None:
-        """Take a goal that was dragged."""
+        """Pass on a dragged goal."""
         shown = self._shown.get(feedback.marker_name)
         if feedback.event_type != InteractiveMarkerFeedback.POSE_UPDATE or shown is None:
             return
         frame, kind, _ = shown
-        # The marker is not where it was put: it goes back there if the goal is refused.
+        # The marker has left its pose: it moves back there if the goal is refused.
         self._shown[feedback.marker_name] = frame, kind, np.full((4, 4), np.inf)
         if self._take is not None:
             message = kind(header=feedback.header)
@@ -139,21 +139,21 @@ class InteractiveGoals:
 
 
 def _kind(task: Task | None) -> type | None:
-    """Return the type of the goal messages of a task, None where nobody can drag them."""
+    """Return the goal message type of a task, or None if its goals cannot be dragged."""
     kinds = [] if task is None else [entry.kind for entry in messages_of(task)
                                      if entry.topic == GOAL]
     return next((kind for kind in kinds if kind in (PoseStamped, PointStamped)), None)
 
 
 def _goal(parts: list[Sketch]) -> Array | None:
-    """Return the pose T_root_goal, as (4, 4), of a sketch; None where it has none."""
+    """Return T_root_goal, as (4, 4), of a sketch, or None without a goal."""
     return next((part.T for part in parts if isinstance(part, Triad) and part.part == GOAL), None)
 
 
 def _marker(name: str, root: str, kind: type, T: Array) -> InteractiveMarker:
-    """Return a marker with arrows to move it, and rings to turn it if it is a pose."""
-    marker = InteractiveMarker(name=name, description=name, scale=SIZE, pose=to_pose(T))
-    # Without a stamp RViz answers in this frame.
+    """Return a marker with arrows for translation, and rings for rotation of a pose."""
+    marker = InteractiveMarker(name=name, description=name, scale=ARROW_LENGTH, pose=to_pose(T))
+    # Without a stamp RViz replies in this frame.
     marker.header.frame_id = root
     modes = {'move': InteractiveMarkerControl.MOVE_AXIS}
     if kind is PoseStamped:

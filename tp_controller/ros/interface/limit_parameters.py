@@ -24,7 +24,7 @@ from tp_controller.model.limits import BASE_LIMIT_KEYS, LIMIT_KEYS
 from tp_controller.model.robot import Robot
 from tp_controller.ros.parameters import declare, LIMITS, Spec
 
-# By velocity and key.
+# {velocity: {key: limit}}
 Limits = dict[str, dict[str, float]]
 
 VELOCITY = '.velocity'
@@ -34,15 +34,15 @@ RAISING = 'for a higher one deactivate and clean up the node, set it, and config
 
 class LimitParameters:
     """
-    Has ``limits.<joint>.<limit>`` for the joints of a robot, and for the velocities of its base.
+    Parameters ``limits.<joint>.<limit>`` of the joints of a robot, and the velocities of its base.
 
-    They begin with the limits of the description. Those that differ from it replace them, and are
-    kept for the next robot.
+    Their initial values are the limits of the description. Values that differ replace them, and
+    are kept for the next robot.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        Node that gets them.
+        Node that declares them.
     adjustable : bool
         Velocity limits can be lowered at any time.
 
@@ -55,7 +55,7 @@ class LimitParameters:
 
     def declare(self, robot: Robot) -> Limits:
         """
-        Declare the parameters of a robot, and no others.
+        Declare the parameters of a robot, and undeclare all others.
 
         Returns
         -------
@@ -65,12 +65,12 @@ class LimitParameters:
         Raises
         ------
         SettingsError
-            The node was started with limits that the robot does not have.
+            The node was started with limits that the robot lacks.
 
         """
         specs = [self._spec(robot, row, key) for row, name in enumerate(robot.velocity_names)
                  for key in (LIMIT_KEYS if name in robot.joint_names else BASE_LIMIT_KEYS)]
-        self._refuse_strange(robot, specs)
+        self._refuse_unknown(robot, specs)
         before = self._undeclare()
         changed = {name: value for name, value in before.items()
                    if value != self._described.get(name)}
@@ -81,7 +81,7 @@ class LimitParameters:
                                             f'have: {", ".join(gone)}')
         for spec in specs:
             if spec.name in before:
-                # What was set since the start goes before what the node was started with.
+                # Values set since the start override those that the node was started with.
                 self._node.declare_parameter(spec.name, changed.get(spec.name, spec.default),
                                              spec.descriptor(), ignore_override=True)
         limits: Limits = {}
@@ -92,14 +92,14 @@ class LimitParameters:
         return limits
 
     def check(self, given: Mapping[str, Any], controller: Controller) -> None:
-        """Raise `SettingsError` if a controller cannot have the velocity limits among values."""
+        """Raise `SettingsError` if a controller refuses the velocity limits among values."""
         try:
             controller.check_velocity_limits(_velocities(given))
         except SettingsError as error:
             raise SettingsError([f'{fault}; {RAISING}' for fault in error.faults]) from error
 
     def apply(self, given: Mapping[str, Any], controller: Controller) -> None:
-        """Act on the velocity limits among values that were checked."""
+        """Apply the velocity limits among checked values."""
         controller.set_velocity_limits(_velocities(given))
 
     def _spec(self, robot: Robot, row: int, key: str) -> Spec:
@@ -111,8 +111,8 @@ class LimitParameters:
                     f'{key} limit of {name}; changed, it replaces the one in the description'
                     f'{when}', unit + UNIT_ENDINGS.get(key, ''), fixed=not adjustable)
 
-    def _refuse_strange(self, robot: Robot, specs: Sequence[Spec]) -> None:
-        """Raise `SettingsError` if the node was started with limits that a robot has not."""
+    def _refuse_unknown(self, robot: Robot, specs: Sequence[Spec]) -> None:
+        """Raise `SettingsError` if the node was started with limits that a robot lacks."""
         strange = {name for name in self._node._parameter_overrides
                    if name.startswith(LIMITS)} - {spec.name for spec in specs}
         if strange:
@@ -138,7 +138,7 @@ def robot_from(limits: LimitParameters, values: Mapping[str, Any],
     Parameters
     ----------
     limits : LimitParameters
-        Get a parameter for each limit of each joint.
+        Declares a parameter for each limit of each joint.
     values : dict
         Values of `ROBOT`.
     description : str, optional
@@ -154,7 +154,7 @@ def robot_from(limits: LimitParameters, values: Mapping[str, Any],
     Raises
     ------
     RobotError, SettingsError
-        What is wrong with the description or a limit.
+        The description or a limit is invalid.
 
     """
     if not values['robot'] and not values['robot_description'] and description is None:
@@ -184,7 +184,7 @@ def _velocities(given: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _base_limits(robot: Robot) -> str:
-    """Return which limits of a base there are, as the end of a list."""
+    """Return the limits of a base as the end of a list, or an empty string."""
     names = robot.velocity_names[:robot.joint_columns.start]
     if not names:
         return ''

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What can be drawn of the tasks, as markers for RViz and for whatever else shows them."""
+"""Markers of the tasks, for RViz and other viewers."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -43,7 +43,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 Rgba = tuple[float, float, float, float]
 
-# {part: colour, size}; of lines the size is their width [m].
+# Colours of the parts (RGBA).
 ORANGE, BLUE, GREY = (0.84, 0.37, 0.0, 1.0), (0.2, 0.6, 1.0, 1.0), (0.6, 0.6, 0.6, 0.8)
 COLOURS: dict[str, Rgba] = {
     'goal': ORANGE, 'frame': BLUE, 'error': ORANGE, 'turn': ORANGE, 'axis': BLUE, 'sight': GREY,
@@ -51,37 +51,39 @@ COLOURS: dict[str, Rgba] = {
 ALLOWED, FORBIDDEN = (0.2, 0.8, 0.3, 0.2), (0.9, 0.3, 0.15, 0.45)
 AXIS_COLOURS: tuple[Rgba, ...] = ((0.9, 0.1, 0.1, 1.0), (0.1, 0.7, 0.1, 1.0),
                                   (0.2, 0.3, 0.95, 1.0))
-# Of the axes of a goal; those of other frames are half as long and wide [m].
+# Widths and sizes [m]; axes of frames other than the goal are half as long and wide.
 AXES_WIDTH, LINE_WIDTH, DOT_SIZE, BALL_SIZE, TEXT_SIZE = 0.008, 0.004, 0.03, 0.024, 0.03
-# How far the text of a line is above its middle at most, besides its own height [m].
+# Largest distance of the text of a line above its middle, besides its own height [m].
 MOST_LIFT = 2.0 * TEXT_SIZE
-# Diameter of the shaft and head of an arrow, and length of the head at most [m].
-ARROW, HEAD_SHARE = (0.006, 0.015, 0.03), 0.4
-# A half-space is drawn as a plate: how far it goes, and how thick it is [m].
+# Diameters of shaft and head of an arrow, and largest length of the head [m], also as a share of
+# the arrow [1].
+ARROW_SIZE, HEAD_SHARE = (0.006, 0.015, 0.03), 0.4
+# Edge length and thickness of the plate that represents a half-space [m].
 PLATE = (2.0, 0.002)
-CORNERS = 24
+# Number of corners on the rim of a cone.
+RIM_CORNERS = 24
 GOAL = 'goal'
-# Of one marker.
+# Largest number of points of a marker.
 MOST_POINTS = 2000
-# How long markers stay if no others come: so many periods, and no less [s].
-PERIODS, SHORTEST_LIFE = 3.0, 1.0
+# Lifetime of the markers: in periods, and at least [s].
+LIFE_PERIODS, SHORTEST_LIFE = 3.0, 1.0
 
 
 class Markers:
     """
-    Turns sketches into markers, and deletes those of what is not there any more.
+    Converter of sketches to markers, with deletion of outdated ones.
 
     Parameters
     ----------
     period : float
         Time from one message to the next [s].
     refused : callable
-        Told the name of a task that cannot be drawn, and why.
+        Called with the name of a task that cannot be drawn, and the reason.
 
     """
 
     def __init__(self, period: float, refused: Callable[[str, str], object]) -> None:
-        life = max(SHORTEST_LIFE, PERIODS * period)
+        life = max(SHORTEST_LIFE, LIFE_PERIODS * period)
         self._life = Duration(sec=int(life), nanosec=int(life % 1.0 * 1e9))
         self._refused = refused
         self._shown: dict[tuple[str, int], None] = {}
@@ -89,7 +91,7 @@ class Markers:
     def message(self, stamp: Time, root: str,
                 sketches: Mapping[str, Iterable[Sketch]]) -> MarkerArray:
         """
-        Return all markers, and the deletion of those that the last message had and this one not.
+        Return all markers, and deletions of those that only the last message had.
 
         Parameters
         ----------
@@ -106,7 +108,8 @@ class Markers:
 
         """
         array = MarkerArray(markers=[
-            marker for name, parts in sketches.items() for marker in self._of_task(name, parts)])
+            marker for name, parts in sketches.items()
+            for marker in self._task_markers(name, parts)])
         for marker in array.markers:
             marker.lifetime = self._life
         shown = {(marker.ns, marker.id): None for marker in array.markers}
@@ -117,20 +120,20 @@ class Markers:
             marker.header.frame_id, marker.header.stamp = root, stamp
         return array
 
-    def _of_task(self, name: str, parts: Iterable[Sketch]) -> list[Marker]:
-        """Return the markers of a task; nothing where they cannot be made."""
+    def _task_markers(self, name: str, parts: Iterable[Sketch]) -> list[Marker]:
+        """Return the markers of a task, or an empty list if they are invalid."""
         found, numbers = [], Counter[str]()
         try:
             for part in parts:
                 for marker in _MAKERS[type(part)](part):
                     marker.ns = f'{name}/{part.part}'
-                    # What is no text cannot be published.
+                    # Raises an error for text that cannot be published.
                     marker.ns.encode()
                     marker.id = numbers[marker.ns]
                     numbers[marker.ns] += 1
                     found.append(marker)
         except Exception as error:
-            # What a type of another package returns may be anything.
+            # Task types of other packages may return anything.
             self._refused(name, f'its sketch cannot be drawn: {in_words(error)}')
             return []
         return found
@@ -153,7 +156,7 @@ def _marker(kind: int, T: ArrayLike, colour: Rgba, size: Sequence[float],
 
 
 def _axes(sketch: Triad) -> list[Marker]:
-    """Return the axes of a frame: x red, y green, z blue; those of a goal are around a ball."""
+    """Return the axes of a frame: x red, y green, z blue; a goal has a ball at its origin."""
     share = 1.0 if sketch.part == GOAL else 0.5
     marker = _marker(Marker.LINE_LIST, sketch.T, (1.0, 1.0, 1.0, 1.0),
                      (share * AXES_WIDTH, 0.0, 0.0), _axis_points(share * AXES_LENGTH))
@@ -174,7 +177,7 @@ def _arrow(sketch: Arrow) -> list[Marker]:
     way = _checked(sketch.end, (3,)) - _checked(sketch.start, (3,))
     length = math.sqrt(way.dot(way))
     return [_marker(Marker.ARROW, _at(sketch.start), _colour(sketch.part),
-                    (*ARROW[:2], min(ARROW[2], HEAD_SHARE * length)),
+                    (*ARROW_SIZE[:2], min(ARROW_SIZE[2], HEAD_SHARE * length)),
                     [Point(), _to_point(way)])]
 
 
@@ -219,23 +222,23 @@ def _gaps(sketch: Gaps) -> list[Marker]:
     distances = _checked(sketch.distances, (len(starts),))
     shares = np.clip((distances - sketch.least) / (sketch.within - sketch.least), 0.0, 1.0)
     colours = [_traffic_light(share) for share in shares.tolist()]
-    # Points are in the root, as there are several lines.
+    # Points are in the root frame, as there are several lines.
     lines = _marker(Marker.LINE_LIST, np.eye(4), colours[0], (LINE_WIDTH, 0.0, 0.0),
                     _to_points(np.stack([starts, ends], axis=1).reshape(-1, 3)))
     lines.colors = [_to_colour(colour) for colour in colours for _ in range(2)]
     nearest = int(distances.argmin())
-    text = _marker(Marker.TEXT_VIEW_FACING, _at(_beside(starts[nearest], ends[nearest])),
+    text = _marker(Marker.TEXT_VIEW_FACING, _at(_text_position(starts[nearest], ends[nearest])),
                    colours[nearest], (0.0, 0.0, TEXT_SIZE))
     text.text = f'{distances[nearest]:.3f} m'
     return [lines, text]
 
 
-def _beside(start: Array, end: Array) -> Array:
+def _text_position(start: Array, end: Array) -> Array:
     """
-    Return where the text of a line is (3,): above it, or below one that rises to its start.
+    Return the position of the text of a line (3,): above it, or below one that rises to its start.
 
-    A text is as large as a short line; on the line nothing of that would be seen. Of a long steep
-    line there is enough to see on both sides of the text.
+    A text is as large as a short line, and would hide it. A long steep line is visible on both
+    sides of the text.
     """
     way, middle = start - end, 0.5 * (start + end)
     lift = min(0.5 * abs(way[2]), MOST_LIFT) + TEXT_SIZE
@@ -255,21 +258,21 @@ def _axis_points(length: float) -> list[Point]:
 
 @lru_cache(maxsize=1)
 def _axis_colours() -> list[ColorRGBA]:
-    """Return the colour of each end."""
+    """Return the colours of the ends of three axes."""
     return [_to_colour(colour) for colour in AXIS_COLOURS for _ in range(2)]
 
 
 def _surface(half_angle: float, length: float) -> Array:
     """Return the corners (3 k, 3) of triangles from the tip of a cone to its rim [m]."""
-    angles = np.linspace(0.0, 2.0 * math.pi, CORNERS + 1)
+    angles = np.linspace(0.0, 2.0 * math.pi, RIM_CORNERS + 1)
     across = length * math.sin(half_angle)
     rim = np.column_stack([across * np.cos(angles), across * np.sin(angles),
-                           np.full(CORNERS + 1, length * math.cos(half_angle))])
-    return np.stack([np.zeros((CORNERS, 3)), rim[:-1], rim[1:]], axis=1).reshape(-1, 3)
+                           np.full(RIM_CORNERS + 1, length * math.cos(half_angle))])
+    return np.stack([np.zeros((RIM_CORNERS, 3)), rim[:-1], rim[1:]], axis=1).reshape(-1, 3)
 
 
 def _colour(part: str) -> Rgba:
-    """Return the colour of a part; of names after a slash none is special."""
+    """Return the colour of a part; suffixes after a slash have no effect."""
     return COLOURS.get(part.partition('/')[0], GREY)
 
 
@@ -279,7 +282,7 @@ def _traffic_light(share: float) -> Rgba:
 
 
 def _checked(values: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return finite numbers of a shape, any length where it is -1; or ValueError."""
+    """Return finite numbers of a shape, with -1 for any length; raise ValueError otherwise."""
     array = np.asarray(values, dtype=float)
     if array.ndim != len(shape) or any(
             size not in (-1, given) for size, given in zip(shape, array.shape)):
@@ -290,7 +293,7 @@ def _checked(values: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 def _at(p: ArrayLike) -> Array:
-    """Return the pose (4, 4) of a point in the axes of the root."""
+    """Return the pose (4, 4) at a point, with the axes of the root."""
     return pose(np.eye(3), _checked(p, (3,)))
 
 

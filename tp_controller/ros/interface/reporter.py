@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tells how the tasks and the loop do: status, diagnostics and markers."""
+"""Reporting of tasks and loop: status, diagnostics and markers."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -36,16 +36,16 @@ from tp_controller.ros.loop.shared_controller import SharedController
 from tp_controller.tasks.sketch import Sketch
 from visualization_msgs.msg import MarkerArray
 
-# How long a sentence waits at most until it is written [s].
+# Longest delay of a log message [s].
 FLUSH_SECONDS = 0.05
-# How long a status waits at most for a cycle that knows of all goals: they may come all the time.
-LONGEST_WAIT = 0.2
+# Longest time that a status waits for a cycle with all goals [s]: they may arrive all the time.
+LONGEST_STATUS_WAIT = 0.2
 DIAGNOSTICS_SECONDS = 1.0
 
 
 class Reporter:
     """
-    Publishes what is going on, beside the loop.
+    Publisher of status, diagnostics and markers, beside the loop.
 
     Parameters
     ----------
@@ -54,12 +54,12 @@ class Reporter:
     rate : float
         Status and marker messages per second.
     log : Log
-        Written by this.
+        Log that this flushes.
 
     Attributes
     ----------
     reason : str
-        Why zeros are commanded while there is no loop.
+        Reason for zero commands while there is no loop.
 
     """
 
@@ -75,9 +75,9 @@ class Reporter:
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._numbers = TaskNumbers(node)
         self._drawn = node.create_publisher(MarkerArray, '~/markers', 10)
-        self._markers = Markers(1.0 / rate, self._undrawn)
+        self._markers = Markers(1.0 / rate, self._log_undrawn)
         self._sketcher: Sketcher | None = None
-        # {task: why it cannot be drawn}, of those that were named.
+        # {task: reason for which it cannot be drawn}, of those in the log.
         self._faults: dict[str, str] = {}
         self._goals = InteractiveGoals(node, log.warning)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -87,42 +87,42 @@ class Reporter:
 
     def follow(self, controller: SharedController, loop: ControlLoop,
                topics: TaskTopics) -> None:
-        """Report about a loop from now on."""
+        """Set the loop to report on."""
         self._controller, self._loop, self._topics = controller, loop, topics
-        # Made now: that may take as long as many cycles.
-        self._sketcher = Sketcher(controller.robot, self._undrawn)
+        # Created now, since it may take as long as many cycles.
+        self._sketcher = Sketcher(controller.robot, self._log_undrawn)
         self._goals.follow(topics.take)
 
     def follow_stack(self) -> None:
-        """Report about the tasks of another stack from now on."""
+        """Update the tasks to those of another stack."""
         self._faults = {}
         if self._controller is not None:
             self._numbers.follow(self._controller.stack.tasks)
 
     def leave(self, reason: str) -> None:
-        """Report that there is no loop."""
+        """Report that there is no loop, for a reason."""
         self._numbers.follow(())
         self._controller = self._loop = self._topics = self._sketcher = None
         self._goals.follow(None)
         self.reason = reason
 
     def publish(self) -> None:
-        """Publish status, numbers and markers, each where somebody listens."""
+        """Publish status, numbers and markers, each if it has subscribers."""
         self._waits_since = math.inf
-        self._tell(self._status)
+        self._publish_status(self._status)
         self._numbers.publish(self._reports)
         self._draw()
 
-    def say(self, reason: str) -> None:
-        """Publish why zeros are commanded, and nothing about the tasks, which may hang."""
-        self._status.publish(self._of(reason, None, None, {}))
+    def publish_reason(self, reason: str) -> None:
+        """Publish the reason for zero commands, without the tasks, which may hang."""
+        self._status.publish(self._make_status(reason, None, None, {}))
 
     def close(self) -> None:
-        """Remove what others still show."""
+        """Remove the interactive markers."""
         self._goals.close()
 
     def _draw(self) -> None:
-        """Show what there is to those who look, and not any more what there was."""
+        """Publish markers, and deletions of outdated ones, if they have subscribers."""
         watched, dragged = self._drawn.get_subscription_count() > 0, self._goals.watched
         if not (watched or dragged):
             return
@@ -137,71 +137,71 @@ class Reporter:
 
     def _sketches(self, sketcher: Sketcher, controller: SharedController
                   ) -> Mapping[str, list[Sketch]]:
-        """Return what can be drawn; while the robot is stopped somebody else may move it."""
+        """Return the sketches; a stopped robot may be moved by other means."""
         loop = self._loop
         try:
             return sketcher.sketch(controller, loop.place() if loop and loop.stop_reason else None)
         except RobotError:
-            # As of joint states that no cycle would accept either; the status has the reason.
+            # Invalid joint states, for example; the status has the reason.
             return {}
 
-    def _undrawn(self, task: str, reason: str) -> None:
-        """Say why a task cannot be drawn, once."""
+    def _log_undrawn(self, task: str, reason: str) -> None:
+        """Log the reason for which a task cannot be drawn, once."""
         if self._faults.get(task) != reason:
             self._faults[task] = reason
             self._log.warning(f'task {task} is not drawn: {reason}')
 
-    def _tell(self, publisher: Publisher) -> None:
-        """Publish the status, which takes as long as some cycles, where somebody listens."""
+    def _publish_status(self, publisher: Publisher) -> None:
+        """Publish the status, which takes as long as some cycles, if it has subscribers."""
         if publisher.get_subscription_count():
             message = self._message()
             self._wait()
             publisher.publish(message)
 
     def _wait(self) -> None:
-        """Wait until nothing that comes next holds up a cycle."""
+        """Wait for a gap between two cycles."""
         if self._loop is not None:
             self._loop.gaps.wait()
 
     def _message(self) -> DiagnosticArray:
-        """Return the status, made in parts between the cycles."""
+        """Return the status, built in parts between the cycles."""
         self._wait()
         loop, records = self._loop, self._records()
         self._wait()
-        return self._of(loop.stop_reason if loop else self.reason, loop.report if loop else None,
-                        self._controller, records)
+        return self._make_status(loop.stop_reason if loop else self.reason,
+                                 loop.report if loop else None, self._controller, records)
 
-    def _of(self, reason: str, report: Report | None, controller: SharedController | None,
-            records: Mapping[str, GoalRecord]) -> DiagnosticArray:
-        """Return the status with a reason for zeros, and what is known about the tasks."""
+    def _make_status(self, reason: str, report: Report | None, controller: SharedController | None,
+                     records: Mapping[str, GoalRecord]) -> DiagnosticArray:
+        """Return the status with a reason for zeros, and reports of the tasks."""
         loop = self._loop
-        figures = (loop.figures if loop else Figures(math.inf)).told()
+        figures = (loop.figures if loop else Figures(math.inf)).as_text()
         self._wait()
         return diagnostics(self._node.get_clock().now().to_msg(), self._name, reason, report,
                            controller, records, figures, self._wait)
 
     def _reports(self) -> Sequence[TaskReport]:
-        """Return what is known about every task."""
+        """Return the reports of all tasks."""
         loop = self._loop
         return task_reports(loop.stop_reason if loop else self.reason,
                             loop.report if loop else None, self._controller)
 
     def _records(self) -> Mapping[str, GoalRecord]:
-        """Return what came in for each task, and who listens to it."""
+        """Return the goal records of all tasks, with the numbers of subscribers."""
         if self._topics is None:
             return {}
         self._topics.count_listeners()
         return self._topics.records
 
     def _on_status(self) -> None:
-        """Publish the status; with a new goal after the next cycle, which reports about it."""
+        """Publish the status; after a new goal wait for the next cycle, which reports on it."""
         now = boot_time()
         self._waits_since = min(self._waits_since, now)
-        if self._is_current() or now - self._waits_since > LONGEST_WAIT:
+        if self._is_current() or now - self._waits_since > LONGEST_STATUS_WAIT:
             self.publish()
 
     def _is_current(self) -> bool:
-        """Return whether the last report knows of everything that came in."""
+        """Return whether the last report includes all received goals."""
         loop, topics = self._loop, self._topics
         return loop is None or topics is None or bool(loop.stop_reason) \
             or loop.reported > topics.changed
@@ -213,5 +213,5 @@ class Reporter:
             self._on_status()
 
     def _on_diagnostics(self) -> None:
-        """Publish the status for those who look at all nodes."""
-        self._tell(self._diagnostics)
+        """Publish the status on /diagnostics."""
+        self._publish_status(self._diagnostics)

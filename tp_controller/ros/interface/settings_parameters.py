@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameters that the method has, as those of a node."""
+"""Settings of the method as node parameters."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -23,7 +23,7 @@ from tp_controller.control.settings import Settings
 from tp_controller.errors import SettingsError
 from tp_controller.ros.parameters import EQUAL, Spec
 
-# What belongs to the method is described there, once.
+# Names, descriptions and ranges are defined by the fields of Settings.
 SETTINGS = tuple(
     Spec(item.name, EQUAL if item.name == 'weights' else item.default,
          item.metadata['description']
@@ -44,12 +44,12 @@ def settings_from(values: Mapping[str, Any], period: float, origin: str) -> Sett
     period : float
         [s]
     origin : str
-        Where the period comes from, as no parameter bears its name.
+        Origin of the period, which is not a parameter.
 
     Raises
     ------
     SettingsError
-        Values that are refused.
+        Invalid values.
 
     """
     given = {spec.name: values[spec.name] for spec in SETTINGS}

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The report of a cycle as messages."""
+"""Conversion of the report of a cycle to messages."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -39,19 +39,19 @@ def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | 
     stamp : builtin_interfaces.msg.Time
         Time of the message.
     node_name : str
-        Start of the name of each entry.
+        Prefix of the name of each entry.
     stop_reason : str
-        Why zeros are commanded; empty while the tasks are carried out.
+        Reason for zero commands; empty while the tasks are executed.
     report : Report or None
-        Of the last cycle.
+        Report of the last cycle.
     controller : Controller or None
-        Whose tasks are told where no report is about them.
+        Source of the tasks if there is no report on them.
     records : dict
         {task: GoalRecord}
     figures : dict
-        {key: value} of the loop.
+        {key: value} of the loop statistics.
     wait : callable
-        Called between the parts: what limits a task is one, its texts another.
+        Called between parts of the work, such as the causes that limit a task, and its text.
 
     Returns
     -------
@@ -79,14 +79,14 @@ def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | 
 
 def task_reports(stop_reason: str, report: Report | None,
                  controller: Controller | None) -> Sequence[TaskReport]:
-    """Return what is known about every task; see `diagnostics`."""
+    """Return the reports of all tasks; see `diagnostics`."""
     if report is not None and not stop_reason:
         return report.tasks
     return stopped_reports(controller.stack) if controller else ()
 
 
 def _gain_warning(controller: Controller | None, task: str) -> str:
-    """Return what is doubtful about the gain of a task, which may be of an earlier stack."""
+    """Return the gain warning of a task, which may belong to an earlier stack."""
     try:
         return controller.gain_warning(task) if controller else ''
     except GoalError:
@@ -94,7 +94,7 @@ def _gain_warning(controller: Controller | None, task: str) -> str:
 
 
 def _goal_values(record: GoalRecord) -> list[KeyValue]:
-    """Return what came in for a task."""
+    """Return the entries of a goal record."""
     return [_value('goals accepted', record.accepted), _value('goals refused', record.refused),
             _value('last refusal', record.refusal), _value('goal warning', record.warning),
             *(_value(f'{topic} listeners', count) for topic, count in record.listeners.items())]
@@ -103,7 +103,7 @@ def _goal_values(record: GoalRecord) -> list[KeyValue]:
 def _task_status(node_name: str, task: TaskReport, record: GoalRecord,
                  wait: Callable[[], None]) -> DiagnosticStatus:
     """Return the status of one task."""
-    # This finds what limits the task.
+    # Computes the causes that limit the task.
     status = task.status
     wait()
     values = [_value('type', task.type_name), _value('level', task.level or 'disabled'),

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How each task does, as numbers that can be plotted."""
+"""Numeric reports of the tasks, for plotting."""
 
 from collections.abc import Callable, Collection, Iterable
 import math
@@ -23,13 +23,13 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from tp_controller.control.report import TaskReport
 
 TOPIC = 'numbers'
-# Between the names of the numbers.
+# Separator of the names of the numbers.
 SEPARATOR = ', '
 
 
 class TaskNumbers:
     """
-    Publishes ``~/<task>/numbers`` for every task of a stack, where somebody listens.
+    Publisher of ``~/<task>/numbers`` for every task of a stack with subscribers.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class TaskNumbers:
         self._publishers: dict[str, Publisher] = {}
 
     def follow(self, names: Collection[str]) -> None:
-        """Have a topic for each of some tasks, and no others."""
+        """Create topics for some tasks, and destroy those of all others."""
         for name in set(self._publishers) - set(names):
             self._node.destroy_publisher(self._publishers.pop(name))
         for name in names:
@@ -52,22 +52,22 @@ class TaskNumbers:
                     Float64MultiArray, f'~/{name}/{TOPIC}', 10)
 
     def publish(self, reports: Callable[[], Iterable[TaskReport]]) -> None:
-        """Publish what reports say of the tasks that somebody listens for, if any."""
-        heard = {name: publisher for name, publisher in self._publishers.items()
-                 if publisher.get_subscription_count()}
-        if heard:
+        """Publish the reports of the tasks whose topics have subscribers."""
+        subscribed = {name: publisher for name, publisher in self._publishers.items()
+                      if publisher.get_subscription_count()}
+        if subscribed:
             stamp = 1e-9 * self._node.get_clock().now().nanoseconds
             for report in reports():
-                if report.name in heard:
-                    heard[report.name].publish(numbers(report, stamp))
+                if report.name in subscribed:
+                    subscribed[report.name].publish(numbers(report, stamp))
 
 
 def numbers(report: TaskReport, stamp: float) -> Float64MultiArray:
     """
-    Return what is known about a task, always in the same layout.
+    Return the report of a task as numbers in a constant layout.
 
-    Its one dimension has the names of all numbers as its label. What is not known, because the
-    task is disabled or the robot is stopped, is NaN. No message of common_interfaces has a header
+    The label of its one dimension contains the names of all numbers. Unknown numbers, while the
+    task is disabled or the robot is stopped, are NaN. No message of common_interfaces has a header
     and named numbers, so the time [s] is the last number.
     """
     named: dict[str, float] = {}

@@ -41,7 +41,7 @@ from tp_controller.tasks.task import Task
 
 @dataclass(frozen=True)
 class TaskParameter:
-    """One parameter: the gain of a task, or with a unit its tolerance."""
+    """Parameter for the gain of a task, or, with a unit, for its tolerance."""
 
     spec: Spec
     task: str
@@ -50,18 +50,18 @@ class TaskParameter:
 
 class TaskParameters:
     """
-    Has ``tasks.<task>.gain`` and ``tasks.<task>.tolerance`` for every task of a stack.
+    Parameters ``tasks.<task>.gain`` and ``tasks.<task>.tolerance`` of every task of a stack.
 
-    They begin with the values of the stack; one that the node was started with goes before those
-    of every stack. A gain is one number or has one for each row, as in the stack. Where a task has
-    several units each has a tolerance, such as ``tasks.<task>.tolerance.rad``.
+    Their initial values are those of the stack; values that the node was started with override
+    those of every stack. A gain is one number or has one for each row, as in the stack. A task
+    with several units has a tolerance for each, such as ``tasks.<task>.tolerance.rad``.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        Node that gets them.
+        Node that declares them.
     controller : Controller
-        Gets what is set.
+        Controller that the values are passed to.
     log : Log
 
     """
@@ -75,12 +75,12 @@ class TaskParameters:
 
     def start_with(self, stack: Stack) -> None:
         """
-        Give the tasks of a stack the values that the node was started with.
+        Set the tasks of a stack to the values that the node was started with.
 
         Raises
         ------
         SettingsError
-            All that the tasks cannot have.
+            All values that the tasks refuse.
 
         """
         faults: list[str] = []
@@ -105,19 +105,19 @@ class TaskParameters:
             raise SettingsError(faults)
 
     def follow_stack(self) -> None:
-        """Have the parameters of the stack in force, and no others; equal ones stay."""
+        """Declare the parameters of the current stack only; unchanged ones stay."""
         entries = _entries(self._controller.stack, self._controller.settings.period)
         self._undeclare(name for name in self._declared if not self._stays(name, entries))
         self._declared = entries
         declare(self._node, [entry.spec for entry in entries.values()])
         strange = sorted(set(self._started_with) - set(self._declared))
         if strange:
-            self._log.warning('parameters, ignored, of what no task of the stack has: '
+            self._log.warning('Ignoring parameters that no task of the stack has: '
                               f'{", ".join(strange)}')
 
     def check(self, given: Mapping[str, Any]) -> None:
-        """Raise `SettingsError` if some of {parameter: value} cannot be set."""
-        for entry, value in self._among(given):
+        """Raise `SettingsError` if some of {parameter: value} are refused."""
+        for entry, value in self._select(given):
             task = self._controller.stack.tasks[entry.task]
             if entry.unit:
                 check_tolerance(task, {entry.unit: value})
@@ -125,8 +125,8 @@ class TaskParameters:
                 check_gain(task, _plain(value), self._controller.settings.period)
 
     def apply(self, given: Mapping[str, Any]) -> None:
-        """Act on {parameter: value} that were checked."""
-        for entry, value in self._among(given):
+        """Apply {parameter: value} that were checked."""
+        for entry, value in self._select(given):
             if entry.unit:
                 self._controller.set_tolerance(entry.task, {entry.unit: value})
             else:
@@ -134,33 +134,33 @@ class TaskParameters:
                 self.warn(entry.task)
 
     def warn(self, task: str) -> None:
-        """Log what is doubtful about the gain of a task."""
+        """Log the gain warning of a task, if any."""
         warning = self._controller.gain_warning(task)
         if warning:
             self._log.warning(f'task {task}: {warning}')
 
     def close(self) -> None:
-        """Undeclare them."""
+        """Undeclare all parameters."""
         self._undeclare(self._declared)
         self._declared = {}
 
     def _undeclare(self, names: Iterable[str]) -> None:
-        """Undeclare some of them."""
+        """Undeclare some parameters."""
         for name in names:
-            # One that was refused when it was to be declared is not there.
+            # A parameter whose declaration was refused does not exist.
             if self._node.has_parameter(name):
                 self._node.undeclare_parameter(name)
 
     def _stays(self, name: str, entries: Mapping[str, TaskParameter]) -> bool:
-        """Return whether a parameter is what it would be if it were declared anew."""
+        """Return whether a parameter equals its new declaration."""
         if name not in entries or not self._node.has_parameter(name):
             return False
         before, after = self._declared[name].spec, entries[name].spec
         return replace(before, default=after.default) == after \
             and _plain(self._node.get_parameter(name).value) == after.default
 
-    def _among(self, given: Mapping[str, Any]) -> Iterator[tuple[TaskParameter, Any]]:
-        """Yield those of {parameter: value} that belong to a task."""
+    def _select(self, given: Mapping[str, Any]) -> Iterator[tuple[TaskParameter, Any]]:
+        """Yield the entries of {parameter: value} that belong to a task."""
         for name, value in given.items():
             if name in self._declared:
                 yield self._declared[name], value
@@ -182,7 +182,7 @@ def _entries_of(task: Task, period: float) -> Iterator[TaskParameter]:
                                  described['gain'], lower=0.0, upper=min(MAX_NUMBER, largest),
                                  why=f'at most {why}' if why else ''), task.name)
     if 'tolerance' in described:
-        # What follows says how several units are written in YAML.
+        # The rest describes the YAML syntax for several units.
         description = described['tolerance'].partition(':')[0]
         for _, unit, tolerance in task.groups:
             ending = f'.{unit}' if len(task.groups) > 1 else ''
@@ -192,5 +192,5 @@ def _entries_of(task: Task, period: float) -> Iterator[TaskParameter]:
 
 
 def _plain(value: Any) -> float | list[float]:
-    """Return a number or a list, whatever array ROS has made of it."""
+    """Return a number, or a list from any array of ROS."""
     return value if isinstance(value, float) else list(value)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The topics and the service that each task of a stack has."""
+"""Topics and service of each task of a stack."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
@@ -35,26 +35,26 @@ from tp_controller.ros.log import Log
 from tp_controller.tasks.collision import ALL_OBSTACLES
 from tp_controller.tasks.task_errors import accept
 
-# Time to the next try where a topic could not be opened [s], and how many tries are strange.
+# Period of retries to open a topic [s], and number of failures that is logged.
 REOPEN_PERIOD = 0.02
-WORRYING = 100
+LOGGED_FAILURES = 100
 
 
 @dataclass
 class GoalRecord:
     """
-    What came in for a task.
+    Goals received for a task.
 
     Attributes
     ----------
     accepted, refused : int
-        How many goals were.
+        Numbers of goals.
     refusal : str
-        Why the last one was refused.
+        Reason of the last refusal.
     warning : str
-        What is probably a mistake in the last one that was accepted.
+        Probable mistake in the last accepted goal.
     listeners : dict
-        {topic: how many subscriptions it has, this one and those of others}, as last counted.
+        {topic: number of its subscriptions, including this one}, at the last count.
 
     """
 
@@ -67,14 +67,14 @@ class GoalRecord:
 
 class TaskTopics:
     """
-    Takes goals and feed-forward velocities for the tasks of a controller.
+    Subscriptions to goals and feed-forward velocities of the tasks of a controller.
 
     Parameters
     ----------
     node : rclpy.node.Node
         Node that the topics belong to, below ``~/<task>/``.
     controller : Controller
-        Gets the goals.
+        Controller that the goals are passed to.
     clock : callable
         Returns the time of receipt [s].
     log : Log
@@ -84,7 +84,7 @@ class TaskTopics:
     records : dict
         {task: GoalRecord}, in order of priority.
     changed : float
-        When something came in last [s].
+        Time of the last accepted message [s].
 
     """
 
@@ -93,7 +93,7 @@ class TaskTopics:
         self._node, self._controller, self._clock = node, controller, clock
         self._log = log
         self._frames = TfFrames(node, controller.robot.root)
-        # By task and topic: the type, and what closes it.
+        # {(task, topic): (type, function that closes it)}
         self._open: dict[tuple[str, str], tuple[type, Callable[[], object]]] = {}
         self._needed: dict[tuple[str, str], type] = {}
         self._again = node.create_timer(REOPEN_PERIOD, self._open_missing,
@@ -103,7 +103,7 @@ class TaskTopics:
         self.changed = -math.inf
 
     def follow_stack(self) -> None:
-        """Open what the tasks of the stack need, and close what no task needs any more."""
+        """Open the topics of the tasks of the stack, and close all others."""
         self.records = {name: self.records.get(name, GoalRecord())
                         for name in self._controller.stack.tasks}
         self._needed = {}
@@ -117,24 +117,24 @@ class TaskTopics:
             _, close = self._open.pop(key)
             close()
         self._refusals = 0
-        # A topic cannot have another type before the executor has dropped what was closed.
+        # A topic cannot change its type before the executor has dropped the closed one.
         self._open_missing(later=closed)
 
     def take(self, name: str, topic: str, message: Message) -> None:
         """
-        Take a goal or a feed-forward velocity, or say why not.
+        Pass on a goal or a feed-forward velocity, or log its refusal.
 
         Parameters
         ----------
         name, topic : str
-            The task, and the last part of its topic that the message is of.
+            The task, and the last part of the topic of the message.
         message : Message
-            As `messages_of` has it for that topic; others are left out.
+            Of the type in `messages_of` for that topic; other types are ignored.
 
         """
         kind, _ = self._open.get((name, topic), (None, None))
         if kind is not type(message):
-            # It was sent before the stack changed.
+            # The message was sent before the stack changed.
             return
         task = self._controller.stack.tasks[name]
         entry, = (entry for entry in messages_of(task) if entry.topic == topic)
@@ -149,7 +149,7 @@ class TaskTopics:
             self._log.error(f'goal for task {name} refused: {record.refusal}', f'refused {name}')
 
     def count_listeners(self) -> None:
-        """Count who listens to each topic of a task: whoever sends can wait for all of them."""
+        """Count the subscribers of each topic of a task, for senders that wait for all of them."""
         for record in self.records.values():
             record.listeners = {}
         for (name, topic), (kind, _) in self._open.items():
@@ -158,7 +158,7 @@ class TaskTopics:
                     f'{self._node.get_fully_qualified_name()}/{name}/{topic}')
 
     def close(self) -> None:
-        """Close everything."""
+        """Close all topics."""
         self._needed = {}
         self._node.destroy_timer(self._again)
         for _, close in self._open.values():
@@ -166,14 +166,14 @@ class TaskTopics:
         self._open = {}
 
     def _open_missing(self, later: Collection[tuple[str, str]] = ()) -> None:
-        """Open what is needed and not open yet; what cannot be opened is tried again soon."""
+        """Open the missing topics; retry soon after a failure."""
         for key, kind in self._needed.items():
             if key not in self._open and key not in later:
                 try:
                     self._open[key] = kind, self._make(*key, kind)
                 except RCLError as error:
                     self._refusals += 1
-                    if self._refusals == WORRYING:
+                    if self._refusals == LOGGED_FAILURES:
                         self._log.error(f'cannot open ~/{"/".join(key)}: {error}')
         if len(self._open) < len(self._needed):
             self._again.reset()
@@ -181,7 +181,7 @@ class TaskTopics:
             self._again.cancel()
 
     def _make(self, name: str, topic: str, kind: type) -> Callable[[], object]:
-        """Open one topic or service; return what closes it."""
+        """Open a topic or service; return the function that closes it."""
         if kind is SetBool:
             service = self._node.create_service(kind, f'~/{name}/{topic}',
                                                 partial(self._on_enable, name))
@@ -191,7 +191,7 @@ class TaskTopics:
 
     def _on_enable(self, name: str, request: SetBool.Request,
                    response: SetBool.Response) -> SetBool.Response:
-        """Take a task into the stack or leave it out."""
+        """Enable or disable a task."""
         try:
             self._controller.enable(name, request.data)
         except Exception as error:
@@ -203,14 +203,14 @@ class TaskTopics:
         return response
 
     def _warn(self, name: str, remarks: Collection[str]) -> None:
-        """Note what is probably a mistake in a goal; of a stream, say it once."""
+        """Record the remarks about a goal; log them once for a stream of goals."""
         record, warning = self.records[name], '; '.join(remarks)
         if warning and warning != record.warning:
             self._log.warning(f'goal for task {name}: {warning}', f'warned {name}')
         record.warning = warning
 
     def _hand_on(self, name: str, entry: GoalMessage, message: Message) -> Collection[str]:
-        """Hand the content of a message to the controller; return remarks about it."""
+        """Pass the content of a message to the controller; return remarks about it."""
         if entry.parts is not None:
             self._take_parts(name, entry.parts(message))
             return ()
@@ -220,7 +220,7 @@ class TaskTopics:
         frame = self._frame(message.header.frame_id) if entry.framed else None
         now = self._clock()
         if goal is not None and feed_forward is not None:
-            # A message is taken as a whole or not at all.
+            # A message is accepted as a whole or not at all.
             task = self._controller.stack.tasks[name]
             accept(task, task.parse_feed_forward, feed_forward)
         remarks: Collection[str] = ()
@@ -231,7 +231,7 @@ class TaskTopics:
         return remarks
 
     def _take_parts(self, name: str, parts: Parts) -> None:
-        """Hand parts (frame, goal) to the controller, all of them or none."""
+        """Pass parts (frame, goal) to the controller, all of them or none."""
         if not parts:
             raise GoalError('the message has no goal or velocity for this task')
         task = self._controller.stack.tasks[name]
@@ -240,7 +240,7 @@ class TaskTopics:
         accept(task, task.parse_goal,
                {key: value for _, goal in placed for key, value in goal.items()})
         now = self._clock()
-        # What is in other frames may still be refused where no joint positions are known.
+        # Goals in other frames may still be refused while joint positions are unknown.
         placed.sort(key=lambda part: part[0] is None)
         cleared = any(ALL_OBSTACLES in goal for _, goal in placed)
         for place, goal in placed:
@@ -250,7 +250,7 @@ class TaskTopics:
             cleared = False
 
     def _frame(self, frame: str) -> str | NDArray[np.float64] | None:
-        """Return a frame as the controller takes it: None, a name or a pose in the root."""
+        """Return a frame for the controller: None, a name or a pose in the root."""
         if not frame or frame in self._controller.robot.frame_names:
             return frame or None
         return self._frames.pose(frame)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames that are not on the robot, and where its base is, through tf2 where it is installed."""
+"""Lookup of frames outside the robot, and broadcast of its base, with tf2 if installed."""
 
 from typing import Any
 
@@ -26,13 +26,13 @@ from tp_controller.errors import GoalError, SettingsError
 from tp_controller.model.spatial import pose, rotation_from_quaternion
 from tp_controller.tasks.keys import finite_vector
 
-# The time that means the latest transform there is.
+# Time stamp that requests the latest transform.
 LATEST = Time()
 
 
 class TfFrames:
     """
-    Looks up where a foreign frame is; listens to tf from the first question on.
+    Lookup of the poses of foreign frames; subscribes to tf at the first lookup.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class TfFrames:
 
     def __init__(self, node: Node, root: str) -> None:
         self._node, self._root = node, root
-        # Of tf2_ros, which may be missing.
+        # Buffer of tf2_ros, which may be missing.
         self._buffer: Any = None
 
     def pose(self, frame: str) -> NDArray[np.float64]:
@@ -79,7 +79,7 @@ class TfFrames:
 
 class TfBroadcast:
     """
-    Publishes odometry as tf, for whatever shows a robot whose base moves.
+    Publisher of odometry as tf, for viewers of a robot with a mobile base.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The base of a robot behind its topics: odometry in, velocities of the base out."""
+"""Topics of a mobile base: odometry in, velocities of the base out."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -31,27 +31,27 @@ from tp_controller.ros.loop.odometry_check import OdometryCheck
 from tp_controller.ros.loop.state_checks import Dropped, FollowCheck
 from tp_controller.tasks.pose import parse_pose
 
-# More messages than a queue holds: what arrives meanwhile can wait.
-MOST_WAITING = 100
-# Of messages that may have waited for longer only the newest is used [s]. On a busy machine
-# (load 5) with 2 ms in its place 1 to 8 % of the states at 1 kHz, and 2 to 4 % at 2 kHz, get no
-# answer; with 10 ms at most 0.1 and 0.3 %.
-LONGEST_WAIT = 10e-3
-# As joint states: what is lost need not be repeated, the next one is newer.
+# Largest number of messages taken at once, more than a queue stores: later ones can wait.
+MOST_QUEUED = 100
+# Time in a queue after which only the newest message is used [s]. On a busy machine (load 5), with
+# 2 ms instead 1 to 8 % of the states at 1 kHz, and 2 to 4 % at 2 kHz, get no command; with 10 ms
+# at most 0.1 and 0.3 %.
+LONGEST_QUEUE_TIME = 10e-3
+# As of joint states: lost messages need not be repeated, the next one is newer.
 ODOMETRY_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class OdometryBuffer:
     """
-    The latest pose of a base that moves, and when it was received.
+    Buffer of the latest base pose and its time of receipt.
 
-    Odometry may be that of any frame that is fixed to the base. The base velocities that are
-    published are then those of the same frame, because its driver expects them so.
+    Odometry may describe any frame that is fixed to the base. The published base velocities are
+    then those of the same frame, as its driver expects.
 
     Parameters
     ----------
     robot : Robot
-        Whose base it is.
+        Robot that the base belongs to.
 
     Attributes
     ----------
@@ -70,22 +70,22 @@ class OdometryBuffer:
 
     def put(self, frame: str, child: str, placement: Sequence[float], now: float) -> str:
         """
-        Take odometry.
+        Store the pose of an odometry message.
 
         Parameters
         ----------
         frame, child : str
-            Frame of the placement and frame that is there; empty for the root of the robot and
-            its base.
+            Frame that the placement is expressed in and frame that it describes; empty for the
+            root of the robot and its base.
         placement : sequence of float
             x, y, z [m] and a quaternion ``xyzw``.
         now : float
-            Time of receipt, or when the pose was true as far as a stamp tells [s].
+            Time of receipt, or time of the measurement according to the stamp [s].
 
         Returns
         -------
         str
-            What is wrong with it, and it is ignored then; else empty.
+            Fault for which the message is ignored, or empty.
 
         """
         child = child or self._robot.base_frame
@@ -103,20 +103,20 @@ class OdometryBuffer:
         return ''
 
     def discard(self) -> None:
-        """Take what was heard so far for too old."""
+        """Mark the stored pose as outdated."""
         self._received = -np.inf
 
     def missing(self, now: float, timeout: float) -> bool:
-        """Return whether nothing was heard for `timeout` seconds."""
+        """Return whether no pose was received for `timeout` seconds."""
         return now - self._received > timeout
 
     def configuration(self, joints: Array) -> Array:
-        """Return where base and driven joints are (nq,)."""
+        """Return the configuration of base and driven joints, (nq,)."""
         return self._robot.configuration(joints, self.T_root_base)
 
     def twist(self, velocity: Array) -> Array:
         """
-        Return the twist of the frame that the odometry is about, in its own axes.
+        Return the twist of the frame that the odometry describes, in its own axes.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class OdometryBuffer:
 
 class MovingBase:
     """
-    Listens to the odometry of a base, and commands its velocities.
+    Odometry subscription and velocity publisher of a mobile base.
 
     Parameters
     ----------
@@ -149,13 +149,13 @@ class MovingBase:
     topic : callable
         Returns the full name of a topic.
     robot : Robot
-        Whose base it is.
+        Robot that the base belongs to.
     qos : rclpy.qos.QoSProfile
-        What is promised to receivers.
+        Quality of service offered to subscribers.
     check : OdometryCheck
-        Of the odometry.
+        Plausibility check of the odometry.
     follow : FollowCheck
-        Of the axes of the base.
+        Check that the axes of the base follow their commands.
 
     """
 
@@ -170,22 +170,22 @@ class MovingBase:
         self._dropped = Dropped()
 
     def listen(self, arrived: Callable[[Odometry], None]) -> None:
-        """Listen; `arrived` hands odometry to `put` where it is to be taken."""
+        """Subscribe to odometry; `arrived` passes messages on to `put`."""
         self._odometry = self._node.create_subscription(Odometry, self._topic('odom'), arrived,
                                                         ODOMETRY_QOS)
 
     def configuration(self, joints: Array) -> Array:
-        """Return where base and driven joints are (nq,)."""
+        """Return the configuration of base and driven joints, (nq,)."""
         return self._buffer.configuration(joints)
 
     def stop_reason(self, now: float, timeout: float) -> str:
-        """Return why the base cannot move; empty if nothing speaks against it."""
+        """Return the reason for which the base must not move, or an empty string."""
         if not self._buffer.missing(now, timeout):
             return ''
         return f'no odometry{self._dropped.remark(now, timeout)}'
 
     def publish(self, velocity: Array) -> None:
-        """Command the base's part of velocities (n,)."""
+        """Publish the base components of velocities (n,)."""
         self._commands.publish(self._buffer.twist(velocity))
 
     @property
@@ -195,17 +195,17 @@ class MovingBase:
 
     @property
     def contradiction(self) -> str:
-        """Return the first jump of the odometry since `forget`; empty where there was none."""
+        """Return the first jump of the odometry since `forget`, or an empty string."""
         return self._check.contradiction
 
     def waiting(self) -> Iterator[Odometry]:
-        """Take the odometry that waits if the last one has waited for too long."""
-        if self._check.delay > LONGEST_WAIT and self._odometry is not None:
+        """Yield the queued odometry if the last message was delayed for too long."""
+        if self._check.delay > LONGEST_QUEUE_TIME and self._odometry is not None:
             yield from waiting(self._odometry)
 
     def put(self, message: Odometry, now: float, clock: float) -> str:
         """
-        Take odometry.
+        Check odometry and store its pose.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ class MovingBase:
         Returns
         -------
         str
-            What is wrong with it, and it is ignored then; else empty.
+            Fault for which the message is ignored, or empty.
 
         """
         stamp = message.header.stamp
@@ -234,23 +234,23 @@ class MovingBase:
         return fault
 
     def follows(self, velocity: Array, now: float) -> str:
-        """Return which axis does not follow velocities (n,) commanded now, if any."""
+        """Return the fault of an axis that does not follow velocities (n,) now, if any."""
         return self._follow.check(self._check.travel, velocity[self._columns], now)
 
     def rest(self) -> None:
-        """Let the next motion begin from rest."""
+        """Restart the check of motion: the next motion begins from rest."""
         self._follow.forget()
 
     def forget(self) -> None:
-        """Forget the jumps."""
+        """Clear the recorded jump."""
         self._check.forget()
 
     def lasting(self, now: float) -> str:
-        """Return the jump that was noticed within the last second, if any."""
+        """Return the jump detected within the last second, if any."""
         return self._check.lasting(now)
 
     def discard(self) -> None:
-        """Discard the odometry received so far, and what waits to be received."""
+        """Discard the odometry received so far, including queued messages."""
         if self._odometry is not None:
             for _ in waiting(self._odometry):
                 pass
@@ -258,14 +258,14 @@ class MovingBase:
         self._check.discard()
 
     def close(self) -> None:
-        """Give the topics up."""
+        """Destroy the subscription and the publisher."""
         if self._odometry is not None:
             self._node.destroy_subscription(self._odometry)
         self._commands.close()
 
 
 class FixedBase:
-    """Null object in the place of `MovingBase` for a base that stands still."""
+    """Null object in place of `MovingBase` for a fixed base."""
 
     def listen(self, arrived: Callable[[Odometry], None]) -> None:
         """Do nothing."""
@@ -275,7 +275,7 @@ class FixedBase:
         return joints
 
     def stop_reason(self, now: float, timeout: float) -> str:
-        """Return that nothing speaks against motion."""
+        """Return an empty string: the base never prevents motion."""
         return ''
 
     def publish(self, velocity: Array) -> None:
@@ -283,13 +283,13 @@ class FixedBase:
 
     @property
     def publishers(self) -> list[NumbersPublisher]:
-        """Return that nothing is published."""
+        """Return an empty list."""
         return []
 
     contradiction = ''
 
     def waiting(self) -> Iterator[Odometry]:
-        """Return that nothing waits."""
+        """Return an empty iterator."""
         return iter(())
 
     def put(self, message: Odometry, now: float, clock: float) -> str:
@@ -297,7 +297,7 @@ class FixedBase:
         return ''
 
     def follows(self, velocity: Array, now: float) -> str:
-        """Return that every axis follows."""
+        """Return an empty string: every axis follows."""
         return ''
 
     def rest(self) -> None:
@@ -307,7 +307,7 @@ class FixedBase:
         """Do nothing."""
 
     def lasting(self, now: float) -> str:
-        """Return that nothing has jumped."""
+        """Return an empty string: there is no jump."""
         return ''
 
     def discard(self) -> None:
@@ -318,10 +318,10 @@ class FixedBase:
 
 
 def waiting(subscription: Subscription) -> Iterator[Any]:
-    """Take what waits in the queue of a subscription, the oldest first."""
+    """Take and yield the queued messages of a subscription, oldest first."""
     with subscription.handle:
         take, kind = subscription.handle.take_message, subscription.msg_type
-        for _ in range(MOST_WAITING):
+        for _ in range(MOST_QUEUED):
             taken = take(kind, subscription.raw)
             if taken is None:
                 return
@@ -329,7 +329,7 @@ def waiting(subscription: Subscription) -> Iterator[Any]:
 
 
 def fill_twist(message: Twist, twist: Array) -> None:
-    """Put a twist (6,) into a message."""
+    """Write a twist (6,) to a message."""
     linear, angular = message.linear, message.angular
     linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = twist.tolist()
 
@@ -347,7 +347,7 @@ def placement_of(message: Odometry) -> Sequence[float]:
 
 
 def fill_odometry(message: Odometry, placement: Array, twist: Array) -> None:
-    """Put a placement (7,) and a twist (6,) into a message."""
+    """Write a placement (7,) and a twist (6,) to a message."""
     point, turn = message.pose.pose.position, message.pose.pose.orientation
     point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w = placement.tolist()
     fill_twist(message.twist.twist, twist)

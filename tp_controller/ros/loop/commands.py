@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Velocities out: to the joints and to the base, from any thread."""
+"""Publication of velocity commands for joints and base, from any thread."""
 
 from collections.abc import Callable
 from threading import Lock
@@ -28,15 +28,15 @@ from tp_controller.ros.loop.base_topics import FixedBase, MovingBase
 from tp_controller.ros.loop.numbers_publisher import NumbersPublisher
 
 TOPIC = 'velocity_controller/commands'
-# How long the last zero may take to arrive when the node ends [s].
+# Timeout for the acknowledgement of the last zeros when the node ends [s].
 LAST_ZERO_SECONDS = 0.5
-# A message may get lost.
+# Number of final zero commands, since a message may get lost.
 LAST_ZEROS = 3
 
 
 class Commands:
     """
-    Publishes the velocities of a cycle, unless somebody has interrupted it.
+    Publisher of the velocities of a cycle, unless the cycle has been interrupted.
 
     Parameters
     ----------
@@ -49,14 +49,14 @@ class Commands:
         The driven joints in the order of the commands.
     base : MovingBase or FixedBase
     qos : rclpy.qos.QoSProfile
-        What is promised to receivers.
+        Quality of service offered to subscribers.
 
     Attributes
     ----------
     joints : NumbersPublisher
-        Of the velocities of the joints.
+        Publisher of the joint velocities.
     interruptions : int
-        How often `interrupt` was called: what a cycle notes when it begins.
+        Number of calls of `interrupt`; a cycle reads it when it begins.
     silent : bool
         Nothing is published, not even zeros, because another node commands the robot.
 
@@ -80,7 +80,7 @@ class Commands:
 
     def publish(self, velocity: Array, noted: int) -> bool:
         """
-        Command velocities (n,) of a cycle that noted so many interruptions when it began.
+        Publish velocities (n,) of a cycle that read `noted` interruptions when it began.
 
         Returns whether they were published: after an interruption they are not.
         """
@@ -91,30 +91,30 @@ class Commands:
             return True
 
     def zeros(self) -> None:
-        """Command no motion."""
+        """Publish zeros."""
         with self._gate:
             self._put(self._zeros)
 
     def interrupt(self, times: int = 1) -> None:
-        """Command no motion, and let the cycle that is under way command nothing any more."""
+        """Publish zeros, and prevent the current cycle from publishing velocities."""
         with self._gate:
             self.interruptions += 1
             for _ in range(times):
                 self._put(self._zeros)
 
     def withdraw(self) -> None:
-        """Command no motion for the last time, and leave the robot to another node."""
+        """Publish zeros for the last time, and leave the robot to another node."""
         if not self.silent:
             self.interrupt(LAST_ZEROS)
             self.silent = True
 
     def wait(self) -> None:
-        """Wait until the last command has arrived, for a while."""
+        """Wait until the last command is acknowledged, for at most `LAST_ZERO_SECONDS`."""
         for publisher in self.publishers:
             publisher.wait_for_all_acked(Duration(seconds=LAST_ZERO_SECONDS))
 
     def close(self) -> None:
-        """Give the topics up."""
+        """Destroy the publishers."""
         self._base.close()
         self.joints.close()
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The loop: joint states and odometry in, velocities out, and nothing else."""
+"""The control loop: joint states and odometry in, velocities out."""
 
 from collections.abc import Callable
 import math
@@ -32,7 +32,7 @@ from tp_controller.errors import EvaluationError, in_words, RobotError, TpContro
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.ros.log import Log
-from tp_controller.ros.loop.base_topics import FixedBase, LONGEST_WAIT, MovingBase, waiting
+from tp_controller.ros.loop.base_topics import FixedBase, LONGEST_QUEUE_TIME, MovingBase, waiting
 from tp_controller.ros.loop.commands import Commands, LAST_ZEROS
 from tp_controller.ros.loop.cycle_scheduling import Gaps
 from tp_controller.ros.loop.deadlines import promise, state_events, state_qos
@@ -46,15 +46,15 @@ from tp_controller.ros.loop.state_checks import FollowCheck, Following, LimitChe
 from tp_controller.ros.loop.stop_reasons import Stops
 from tp_controller.ros.parameters import names_in
 
-# A shorter silence of the loop is not told from the jitter of a busy machine [s].
+# Shortest silence of the loop that counts as a stall [s]: less is jitter of a busy machine.
 SHORTEST_STALL = 0.05
-# A shorter time between two cycles is none in which nothing waited [s].
+# Idle time after which the queue counts as empty [s].
 SHORTEST_PAUSE = 1e-4
-# Longest time that a ramped stop takes [s].
+# Longest duration of a ramped stop [s].
 LONGEST_RAMP = 2.0
-# Commanded motion of a base, per tolerated jump of its odometry, from which it has to follow: a
-# correction by the whole tolerance must not hide that it does.
-CORRECTED = 1.5
+# Smallest commanded motion of a base that is checked, relative to the tolerated jump of its
+# odometry [1]: a correction by the whole tolerance must not hide that the base follows.
+FOLLOW_RATIO = 1.5
 LATE_CYCLE = 'no cycle was completed within watchdog_timeout'
 INACTIVE = 'inactive; activate the node to go on'
 
@@ -63,7 +63,7 @@ def boot_time() -> float:
     """
     Return the time since the machine was booted [s].
 
-    Nobody can set this clock, and it goes on while the machine is suspended.
+    This clock cannot be set, and it goes on while the machine is suspended.
     """
     return time.clock_gettime(CLOCK)
 
@@ -75,9 +75,9 @@ class ControlLoop:
     """
     Runs a controller, by a timer or once per joint state.
 
-    Whenever something is missing it commands zeros, and `stop_reason` says what. It runs on the
-    thread that spins its node. Everything else may happen on other threads meanwhile: they leave
-    what they want in `hold`, in `stops` and in the controller.
+    It commands zeros whenever an input is missing, and gives the reason in `stop_reason`. It runs
+    on the thread that spins its node. Other threads act on it through `hold`, `stops` and the
+    controller.
 
     Parameters
     ----------
@@ -93,25 +93,25 @@ class ControlLoop:
     Attributes
     ----------
     hold : str
-        What somebody has to change before the robot moves; empty where nothing has to.
+        Condition that has to be resolved by the user before the robot moves, or empty.
     unmet : str
-        A requirement that is not met; empty where none is.
+        Requirement that is not met, or empty.
     permits : Permits
         Inputs that allow motion.
     deceleration : float
-        Of a ramped stop [rad/s² or m/s²]; 0: zeros at once.
+        Deceleration of a ramped stop [rad/s² or m/s²]; 0: zeros at once.
     active : bool
-        Anything is commanded at all.
+        Commands are published at all.
     stop_reason : str
-        Why zeros are commanded; empty while the tasks are carried out.
+        Reason for which zeros are commanded; empty while the tasks are executed.
     report : Report or None
-        Of the last cycle that carried the tasks out.
+        Report of the last cycle that executed the tasks.
     reported : float
-        When that began [s].
+        Start of that cycle [s].
     figures : Figures
-        Of the cycles.
+        Statistics of the cycles.
     gaps : Gaps
-        Between the cycles.
+        Idle times between the cycles.
 
     """
 
@@ -122,7 +122,7 @@ class ControlLoop:
         self._period = 1.0 / self._rate if self._rate > 0.0 else self._timeout
         robot = controller.robot
         names = _ordered(robot, names_in(values['command_joints']))
-        self._watch_over(robot, values)
+        self._make_checks(robot, values)
         qos, deadline = promise(values['command_deadline']), values['state_deadline']
         self._base = self._make_base(topic, qos, values) if robot.moves else FixedBase()
         self.commands = Commands(node, topic, robot, names, self._base, qos)
@@ -137,22 +137,22 @@ class ControlLoop:
         self.figures = Figures(1.0 / self._rate if self._rate > 0.0 else math.inf)
         self.gaps = Gaps()
         self._resting, self._noted = True, 0
-        self._heard = self.completed = self._received = self._last_cycle = boot_time()
-        # When the loop had nothing to do last.
-        self._busy_since = self._heard
+        self._last_callback = self.completed = self._received = self._last_cycle = boot_time()
+        # Last time at which the loop was idle.
+        self._busy_since = self._last_callback
         self._simulated = node.get_parameter('use_sim_time').value
-        self._last_robot_time = self._robot_time(self._heard)
+        self._last_robot_time = self._robot_time(self._last_callback)
         self._stall = max(self._timeout, SHORTEST_STALL)
-        # Everything else has to be there: the thread of the node may call at once. Before
-        # `activate` it is told to wait.
+        # Created last: the thread of the node may call back at once. The callbacks return
+        # until `activate`.
         self._states = node.create_subscription(
             JointState, topic('joint_states'), self._on_joint_state, state_qos(deadline),
             event_callbacks=state_events(deadline, self.figures, log), raw=True)
         self._base.listen(self._on_odometry)
         self._timers = self._start_timers(values['watchdog_timeout'])
 
-    def _watch_over(self, robot: Robot, values: dict[str, Any]) -> None:
-        """Make what takes joint states, and what tells whether they can be true."""
+    def _make_checks(self, robot: Robot, values: dict[str, Any]) -> None:
+        """Create the buffer of joint states and the checks of plausibility."""
         rows = robot.joint_columns
         lower, upper = robot.lower[rows], robot.upper[rows]
         endless = np.isinf(upper - lower) & np.array(
@@ -173,15 +173,15 @@ class ControlLoop:
         names = robot.velocity_names[:robot.joint_columns.start]
         late = self._timeout if values['check_stamps'] else math.inf
         follow = FollowCheck(names, np.zeros(len(names), dtype=bool), Following(
-            values['follow_window'], distance=max(0.05, CORRECTED * tolerance), excess=tolerance))
+            values['follow_window'], distance=max(0.05, FOLLOW_RATIO * tolerance),
+            excess=tolerance))
         return MovingBase(self._node, topic, robot, qos, OdometryCheck(robot, late, tolerance),
                           follow)
 
     def _start_timers(self, watchdog_timeout: float) -> list[Timer]:
-        """Start the cycle, and what watches over it on the steady clock."""
+        """Start the timers of the cycle, and of its supervision on the steady clock."""
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        # Neither a joint state nor simulated time may come any more: then nothing else would
-        # command zeros.
+        # If neither joint states nor simulated time arrive, only this timer commands zeros.
         timers = [self._node.create_timer(min(self._timeout, watchdog_timeout) / 2.0, self._watch,
                                           clock=steady)]
         if self._rate > 0.0:
@@ -190,9 +190,9 @@ class ControlLoop:
         return timers
 
     def close(self) -> None:
-        """Give topics and timers up."""
+        """Destroy topics and timers."""
         if self.active:
-            # As in a ramped stop that is under way.
+            # During a ramped stop, for example.
             self.deactivate(INACTIVE)
         self.permits.close()
         for timer in self._timers:
@@ -202,74 +202,74 @@ class ControlLoop:
 
     @property
     def limit_tolerance(self) -> float:
-        """Return by how much a joint may be beyond a position limit [rad or m]."""
+        """Return the tolerated distance of a joint beyond a position limit [rad or m]."""
         return self._limits.tolerance
 
     @limit_tolerance.setter
     def limit_tolerance(self, tolerance: float) -> None:
         self._limits.tolerance = tolerance
 
-    # What others may call -----------------------------------------------------------------
+    # Interface for other threads -----------------------------------------------------------
 
     def silence(self) -> float:
-        """Return for how long nothing has been completed [s]."""
+        """Return the time since the last progress of the loop [s]; 0 while inactive."""
         return boot_time() - self.completed if self.active else 0.0
 
-    def bark(self) -> None:
-        """Command zeros in place of the loop, which does not answer."""
+    def on_timeout(self) -> None:
+        """Command zeros in place of the loop, which does not respond."""
         self.stops.interrupt(LATE_CYCLE, boot_time())
         self.commands.interrupt()
-        self._tell(LATE_CYCLE)
+        self._set_stop_reason(LATE_CYCLE)
 
     def activate(self) -> None:
-        """Command something from now on, by what is received from now on."""
+        """Activate the loop, which uses messages received from now on."""
         self._buffer.discard()
         self._base.discard()
-        self._heard = self.completed = boot_time()
+        self._last_callback = self.completed = boot_time()
         self.active, self._ending = True, ''
 
     def deactivate(self, reason: str) -> None:
-        """Command zeros for the last time, at once, and say why."""
+        """Command zeros for the last time, at once, and set the reason."""
         self.active, self.stop_reason, self._ending = False, reason, ''
         self.commands.interrupt(LAST_ZEROS)
 
     def come_to_rest(self, reason: str) -> None:
-        """Deactivate the loop after a ramped stop, at once where there is nothing to ramp."""
+        """Deactivate the loop after a ramped stop, or at once at rest."""
         if self.deceleration and self.active and not self._resting:
             self.hold, self._ending = reason, reason
         else:
             self.deactivate(reason)
 
     def place(self) -> tuple[Array, Array] | None:
-        """Return where the robot is by what was heard last, as `Controller.configuration`."""
+        """Return the last received configuration, as `Controller.configuration` does."""
         joints = self._buffer.q.copy()
         if not np.isfinite(joints).all():
             return None
         return self._base.configuration(joints), self._buffer.passive.copy()
 
     def lasting(self) -> str:
-        """Return what speaks against starting the robot now, if anything."""
+        """Return the reason for which the robot must not start now, or an empty string."""
         now = boot_time()
-        # Where something is missing the robot would move once it is back, whenever that is.
+        # Without an input the robot would move as soon as the input returns, at any later time.
         return self._buffer.lasting(now) or self._base.lasting(now) or self._unknown(now) \
             or self.unmet or self.permits.refusal() or self._limits.outside(self._buffer.q)
 
     def restart(self) -> None:
-        """Forget the faults that are over, and let tasks without a goal stay where they are."""
+        """Clear the faults that are over; tasks without a goal keep their current values."""
         self._controller.restart()
         self._buffer.forget()
         self._base.forget()
         self._forget_motion()
         self.stops.latched = ''
 
-    # What comes in ------------------------------------------------------------------------
+    # Inputs -------------------------------------------------------------------------------
 
     def _robot_time(self, now: float) -> float:
-        """Return the time that passes for the robot [s]: a simulation may have its own."""
+        """Return the time on the clock of the robot [s]: a simulation may have its own."""
         return self._node.get_clock().now().nanoseconds * 1e-9 if self._simulated else now
 
     def _on_joint_state(self, raw: bytes) -> None:
-        """Take joint positions, all that wait; without a timer they start the cycle."""
+        """Store all queued joint positions; without a timer they start the cycle."""
         if not self.active or self._stood_still():
             return
         self._put(raw)
@@ -280,15 +280,15 @@ class ControlLoop:
             self._cycle()
 
     def _is_behind(self) -> bool:
-        """Say whether joint states may have waited for longer than they should."""
+        """Return whether joint states may have been queued for too long."""
         now = self._received
         pause = now - self.completed
         if pause >= SHORTEST_PAUSE:
             self._busy_since = now
-        return max(pause, now - self._busy_since, self._buffer.delay) > LONGEST_WAIT
+        return max(pause, now - self._busy_since, self._buffer.delay) > LONGEST_QUEUE_TIME
 
     def _put(self, raw: bytes) -> None:
-        """Take joint positions, or say why not."""
+        """Store the positions of a serialized joint state, or log why it is ignored."""
         self._received = now = boot_time()
         try:
             names, positions, stamp = self._reader.read(raw)
@@ -301,15 +301,15 @@ class ControlLoop:
             self._log.warning(f'joint state ignored: {fault}', 'joint state')
 
     def _contradict(self, source: JointStateBuffer | MovingBase | FixedBase) -> None:
-        """Stop, until ~/start, if positions have jumped while the robot moved."""
+        """Stop until ~/start if positions have jumped while the robot moved."""
         if source.contradiction and self.stops.moved:
             self.stops.latch(source.contradiction)
         elif source.contradiction:
-            # As of a driver that publishes zeros before it has read any position.
+            # A driver may publish zeros before it has read any position, for example.
             source.forget()
 
     def _on_odometry(self, message: Odometry) -> None:
-        """Take odometry; it starts the cycle without a timer and without driven joints."""
+        """Store odometry; it starts the cycle without a timer and without driven joints."""
         if not self.active or self._stood_still():
             return
         received = boot_time()
@@ -321,7 +321,7 @@ class ControlLoop:
             self._cycle()
 
     def _put_odometry(self, message: Odometry) -> bool:
-        """Take odometry and return True, or log why not."""
+        """Store odometry and return True, or log why it is ignored."""
         now = boot_time()
         fault = self._base.put(message, now, self._robot_time(now))
         self._contradict(self._base)
@@ -336,13 +336,13 @@ class ControlLoop:
 
     def _stood_still(self) -> bool:
         """
-        Return whether this is the first to run after everything stood still for too long.
+        Return whether this is the first callback after the node stood still for too long.
 
-        Then what waits in queues is old, the robot has stopped by itself or has gone on as it
-        was told last, and everything begins anew from where it is.
+        Queued messages are then old, and the robot has stopped by itself or has followed its last
+        command. The loop discards its inputs and starts again from the current configuration.
         """
         now = boot_time()
-        silence, self._heard = now - self._heard, now
+        silence, self._last_callback = now - self._last_callback, now
         if silence <= self._stall:
             return False
         for _ in waiting(self._states):
@@ -353,24 +353,24 @@ class ControlLoop:
         self._log.warning(f'the node stood still for {silence:.2g} s', 'stall')
         self.stops.interrupt(f'the node stood still for longer than {self._stall:g} s', now)
         self._zeros()
-        self._tell(self._find_stop_reason(now))
+        self._set_stop_reason(self._find_stop_reason(now))
         self.completed = now
         return True
 
     # The cycle ----------------------------------------------------------------------------
 
     def _cycle(self) -> None:
-        """Command velocities, or zeros where something is missing."""
+        """Run a cycle: command velocities, or zeros if an input is missing."""
         now = boot_time()
         robot_time = self._robot_time(now)
         elapsed = robot_time - self._last_robot_time
         self._last_cycle, self._last_robot_time = now, robot_time
         noted = self.commands.interruptions
         if not self.active:
-            # The last zeros have been commanded since this cycle was called.
+            # The loop was deactivated, with its last zeros, after this callback began.
             return
         if noted != self._noted:
-            # Others have commanded zeros since: the motion begins from rest.
+            # Another thread has commanded zeros since: the motion begins from rest.
             self._noted = noted
             self._rest()
         reason = self._find_stop_reason(now)
@@ -380,7 +380,7 @@ class ControlLoop:
         reason = reason or self._command(now, robot_time, elapsed, noted)
         if reason and not self._slow_down(now, robot_time, elapsed, noted):
             self._zeros()
-        self._tell(reason)
+        self._set_stop_reason(reason)
         if self._ending and self._resting:
             self.deactivate(self._ending)
         self.completed = boot_time()
@@ -388,7 +388,7 @@ class ControlLoop:
         self.gaps.begin(self.completed)
 
     def _command(self, now: float, robot_time: float, elapsed: float, noted: int) -> str:
-        """Command velocities; return why not, else nothing."""
+        """Command velocities; return the reason if that fails, else an empty string."""
         try:
             command = self._controller.update(self._base.configuration(self._buffer.q), now,
                                               self._buffer.passive, elapsed)
@@ -397,7 +397,7 @@ class ControlLoop:
             return self._find_stop_reason(now)
         except TpControllerError as error:
             return str(error)
-        except Exception as error:  # of a task that somebody else wrote
+        except Exception as error:  # raised by a user-defined task
             self.stops.latch(in_words(error), abrupt=False)
             self._log.error(traceback.format_exc(), in_words(error))
             return self._find_stop_reason(now)
@@ -412,10 +412,10 @@ class ControlLoop:
         return self._find_stop_reason(now + took) or 'interrupted'
 
     def _slow_down(self, now: float, robot_time: float, elapsed: float, noted: int) -> bool:
-        """Command the next velocity of a ramped stop; return whether there is one."""
+        """Command the next velocity of a ramped stop; return False once it is over."""
         if self._resting or not self.deceleration or self.stops.abrupt or self._unknown(now):
             return False
-        # No ramp lasts longer, however small its deceleration was chosen.
+        # No ramp lasts longer than LONGEST_RAMP, at any deceleration.
         fastest = float(np.abs(self._controller.velocity).max(initial=0.0))
         self._ramp = max(self._ramp, self.deceleration, fastest / LONGEST_RAMP)
         velocity = self._controller.slow_down(self._base.configuration(self._buffer.q), now,
@@ -426,13 +426,13 @@ class ControlLoop:
         return True
 
     def _check_start(self) -> None:
-        """Stop, until ~/start, if a joint is outside of its limits before it is moved."""
+        """Stop until ~/start if a joint is outside its limits before it moves."""
         fault = self._limits.outside(self._buffer.q)
         if fault:
             self.stops.latch(fault)
 
     def _check_motion(self, velocity: Array, now: float) -> None:
-        """Stop, until ~/start, if the robot does not follow or passes a limit."""
+        """Stop until ~/start if the robot does not follow or passes a limit."""
         q, joints = self._buffer.q, velocity[self._controller.robot.joint_columns]
         share = self.permits.speed
         fault = self._limits.passed(q) or self._follow.check(q, share * joints, now) \
@@ -441,27 +441,27 @@ class ControlLoop:
             self.stops.latch(fault)
 
     def _zeros(self) -> None:
-        """Command no motion."""
+        """Command zeros."""
         self._rest()
         self.commands.zeros()
 
     def _rest(self) -> None:
-        """Let the next motion begin from rest."""
+        """Reset the state of motion: the next motion begins from rest."""
         self._ramp = 0.0
         if not self._resting:
-            # Nothing is to be followed meanwhile.
+            # There is no command to follow meanwhile.
             self._forget_motion()
             self._resting = True
         self._controller.halt(boot_time())
 
     def _forget_motion(self) -> None:
-        """Let the checks of motion begin anew."""
+        """Restart the checks of motion."""
         self._limits.forget()
         self._follow.forget()
         self._base.rest()
 
-    def _tell(self, reason: str) -> None:
-        """Log why the robot is stopped, or that it moves again, where that has changed."""
+    def _set_stop_reason(self, reason: str) -> None:
+        """Set the stop reason; log a change of it, or that the robot moves again."""
         if reason == self.stop_reason:
             return
         self.stop_reason = reason
@@ -477,15 +477,15 @@ class ControlLoop:
                 f'the limit nearest to zero: {", ".join(unheard)}')
 
     def _find_stop_reason(self, now: float) -> str:
-        """Return why zeros are commanded; empty if nothing speaks against motion."""
+        """Return the reason for zero commands, or an empty string if motion is possible."""
         return self.hold or self.stops.reason(self._missing(now), now)
 
     def _missing(self, now: float) -> str:
-        """Return what has not arrived for too long, or is not allowed now; empty if nothing."""
+        """Return the input that is late, or the permit that is missing, or an empty string."""
         return self._unknown(now) or self.unmet or self.permits.reason(now)
 
     def _unknown(self, now: float) -> str:
-        """Return which positions have not arrived for too long; empty if all are known."""
+        """Return the positions that are late, or an empty string if all are known."""
         missing = self._buffer.missing(now, self._timeout)
         if missing:
             return f'no joint states of {", ".join(missing)}' \
@@ -493,28 +493,28 @@ class ControlLoop:
         return self._base.stop_reason(now, self._timeout)
 
     def _watch(self) -> None:
-        """Command zeros if the cycle has not done anything for too long."""
+        """Command zeros if no cycle has run for too long."""
         if not self.active or self._stood_still():
             return
         now = boot_time()
         silence = now - self._last_cycle
         if silence > self._timeout:
             reason = self._find_stop_reason(now)
-            # A cycle may well be longer than the joint states may be old.
+            # A cycle may be longer than `state_timeout`.
             if not reason and silence > 2.0 * self._period:
                 if not self._simulated:
-                    # The timer is only late, as on a machine that has too much to do.
+                    # Only the timer is late, as on an overloaded machine.
                     self._cycle()
                     return
                 reason = 'simulated time (/clock) stands still'
             if reason:
                 self._zeros()
-                self._tell(reason)
+                self._set_stop_reason(reason)
         self.completed = now
 
 
 def _ordered(robot: Robot, names: list[str] | None) -> list[str]:
-    """Return the driven joints in the order of the commands, and check that all are named."""
+    """Return the driven joints in the order of the commands; raise unless all are named."""
     names = names or list(robot.joint_names)
     if sorted(names) != sorted(robot.joint_names):
         raise RobotError('parameter command_joints must be the driven joints in some order '

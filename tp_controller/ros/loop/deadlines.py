@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What publishers promise about their messages: how often they come, and that somebody lives."""
+"""Quality of service of commands and joint states: deadlines and liveliness."""
 
 from rclpy.duration import Duration
 from rclpy.event_handler import (
@@ -24,15 +24,15 @@ from rclpy.qos import LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from tp_controller.ros.log import Log
 from tp_controller.ros.loop.loop_statistics import Figures
 
-# After this receivers that request it are told that the process does not live any more [s].
+# Lease duration of the liveliness: time after which subscribers that request it are notified [s].
 LEASE_SECONDS = 0.5
 
 
 def promise(deadline: float) -> QoSProfile:
     """
-    Return what is promised to the receivers of commands, or of joint states.
+    Return the quality of service offered to subscribers of commands, or of joint states.
 
-    One that requests nothing gets the messages as from any publisher.
+    Subscribers without a request receive the messages as from any publisher.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ def promise(deadline: float) -> QoSProfile:
 
 
 def state_qos(deadline: float) -> QoSProfile:
-    """Return what is requested of joint states: a deadline [s], unless it is 0."""
-    # They need no repetition, and there may be several publishers in one cycle.
+    """Return the requested quality of service of joint states, with a deadline [s] unless 0."""
+    # Lost messages need not be repeated, and several publishers may send in one cycle.
     qos = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
     if deadline > 0.0:
         qos.deadline = Duration(seconds=deadline)
@@ -57,7 +57,7 @@ def state_qos(deadline: float) -> QoSProfile:
 
 
 def state_events(deadline: float, figures: Figures, log: Log) -> SubscriptionEventCallbacks | None:
-    """Return what counts missed deadlines, and says who cannot be heard; None without one."""
+    """Return callbacks that count missed deadlines and log incompatible publishers, if any."""
     if deadline <= 0.0:
         return None
 
@@ -66,7 +66,8 @@ def state_events(deadline: float, figures: Figures, log: Log) -> SubscriptionEve
         log.warning(f'no joint state for {deadline:g} s (parameter state_deadline)', 'deadline')
 
     def incompatible(info: QoSRequestedIncompatibleQoSInfo) -> None:
-        log.warning('a publisher of joint states is not heard: it offers no deadline of '
-                    f'{deadline:g} s or less (parameter state_deadline)', 'no deadline')
+        log.warning('incompatible QoS: a publisher of joint states offers no deadline of '
+                    f'{deadline:g} s or less (parameter state_deadline); its messages are dropped',
+                    'no deadline')
 
     return SubscriptionEventCallbacks(deadline=missed, incompatible_qos=incompatible)

@@ -31,30 +31,30 @@ from tp_controller.ros.loop.state_checks import (
 from tp_controller.tasks.keys import MAX_NUMBER
 
 Rows = NDArray[np.intp]
-# Longer pauses count as this [s]: a joint may be anywhere then.
-LONG = 1e6
+# Upper bound of the time between two positions [s]: after it a joint may be anywhere.
+LONGEST_PAUSE = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class MessageLayout:
     """
-    What is the same in every message of a publisher.
+    Constant properties of the messages of a publisher.
 
     Attributes
     ----------
     source, rows : ndarray of int, or slice
-        Where in a message the joints are, and where they go.
+        Indices of the joints in a message, and in the buffer.
     driven, of_driven : ndarray of int, or slice
-        Where those go that are driven, and which of `source` they are.
+        Indices of the driven joints in the buffer, and among `source`.
     passable : list of float
-        How far each of `source` may move between two messages, however soon one comes after the
-        other, at most 1: whatever moves farther is looked at closely.
+        Motion of each of `source` that is possible between two messages at any interval, at
+        most 1; larger motion is checked in full.
     whole : bool
-        It is about all driven joints.
+        The message contains all driven joints.
     twice : str
         Joints that are named twice.
     age : StampAge
-        How old its messages are.
+        Age of the messages.
 
     """
 
@@ -69,47 +69,47 @@ class Plan:
 
 
 @dataclass(eq=False)
-class Heard:
+class Receipt:
     """
-    When positions of the same message were heard.
+    Times of the positions of one message.
 
     Attributes
     ----------
     received : float
-        On the clock of timeouts [s].
+        Time of receipt on the clock of timeouts [s].
     measured : float
-        On the clock of the robot [s].
-    true : float
-        When they were true, on the clock of timeouts, as far as stamps tell [s].
+        Time of receipt on the clock of the robot [s].
+    valid_at : float
+        Time of the measurement on the clock of timeouts, according to the stamp [s].
 
     """
 
     received: float = -math.inf
     measured: float = -math.inf
-    true: float = -math.inf
+    valid_at: float = -math.inf
 
 
 class JointStateBuffer(Contradicting):
     """
-    The latest position of every joint, and when it was received.
+    Joint-state buffer: latest position of every joint and its time of receipt.
 
-    Names are sorted out once per publisher; other joints are ignored.
+    Names are resolved once per publisher; other joints are ignored.
 
     Parameters
     ----------
     driven, passive : sequence of str
         Names of the joints.
     passive_start : sequence of float
-        Where the passive joints are before their first message [rad or m].
+        Positions of the passive joints before their first message [rad or m].
     speeds : ndarray (n,), optional
-        Velocity limits of the driven joints [rad/s or m/s]; a joint that moves faster contradicts
-        itself. Infinite where there is none.
+        Velocity limits of the driven joints [rad/s or m/s], infinite without a limit; faster
+        motion is a contradiction.
     endless : ndarray (n,) of bool, optional
-        Which of them turn without end, so that whole turns are no motion.
+        Marks joints that turn without end, so that whole turns are no motion.
     late : float
-        By how much messages may be late [s]. Older ones, by their stamps, are ignored.
+        Largest delay of messages [s]. Older ones, by their stamps, are ignored.
     tolerance : float
-        What a position may be off [rad or m].
+        Tolerated error of a position [rad or m].
 
     Attributes
     ----------
@@ -134,43 +134,43 @@ class JointStateBuffer(Contradicting):
         self._n = len(driven)
         self._numbers = np.arange(len(self._names))
         self._positions = np.array([math.nan] * len(driven) + list(passive_start), dtype=float)
-        # Of each joint.
-        self._heard = [Heard()] * len(self._names)
+        # Times of the position of each joint.
+        self._receipts = [Receipt()] * len(self._names)
         self.q = self._positions[:self._n]
         self.passive = self._positions[self._n:]
-        # When the oldest positions had been received that were taken last.
+        # Time of the last positions that `take_complete` has reported.
         self._taken = -math.inf
-        # When the last message came if it was about all driven joints, and of when that is true.
-        self._whole = self._surely = -math.inf
-        self._plans: dict[tuple[str, ...], Plan] = {}
+        # Times of receipt and measurement of the last message if it contains all driven joints.
+        self._whole = self._whole_valid = -math.inf
+        self._layouts: dict[tuple[str, ...], MessageLayout] = {}
         self._speeds = np.full(self._n, math.inf) if speeds is None else speeds
         self._endless = np.zeros(self._n, dtype=bool) if endless is None else endless
         self._turns = bool(self._endless.any())
         self._late, self._tolerance = late, tolerance
-        # Time that a position may be late by, and after which it is compared again.
+        # Tolerated delay of a position, and age at which the reference is replaced.
         self._slack = min(late, 1.0)
         self._history = History(self._slack)
         self.delay = 0.0
         self.dropped = Dropped()
         self._clock = -math.inf
-        # Who spoke last, when, where in its messages the joints are, and their positions then.
-        self._speaker: Plan | None = None
-        self._spoken = Heard()
+        # Last publisher: layout, times, indices of its joints in a message, last positions.
+        self._latest: MessageLayout | None = None
+        self._latest_receipt = Receipt()
         self._window = slice(0)
         self._last: Sequence[float] = ()
         self._reference: Sequence[float] = ()
 
     def discard(self) -> None:
-        """Take what was heard of driven joints for too old; where they are next is no jump."""
-        self._heard[:self._n] = [Heard()] * self._n
-        self._whole = self._surely = -math.inf
-        self._speaker = None
+        """Mark the positions of driven joints as outdated; the next ones are no jump."""
+        self._receipts[:self._n] = [Receipt()] * self._n
+        self._whole = self._whole_valid = -math.inf
+        self._latest = None
         self._history.clear()
 
     def put(self, names: Sequence[str], positions: Sequence[float] | Array, now: float,
             stamp: float = 0.0, received: float | None = None) -> str:
         """
-        Take a message.
+        Store the positions of a message.
 
         Parameters
         ----------
@@ -181,139 +181,142 @@ class JointStateBuffer(Contradicting):
         now : float
             Time of receipt [s].
         stamp : float
-            Of the message [s]; 0: none.
+            Stamp of the message [s]; 0: none.
         received : float, optional
-            Time of receipt on the clock that stamps are of, where that is another one [s].
+            Time of receipt on the clock of the stamps, by default `now` [s].
 
         Returns
         -------
         str
-            What is wrong with the message, which is ignored then; else empty.
+            Fault for which the message is ignored, or empty.
 
         """
-        fault = self._take(tuple(names), positions, now, stamp,
-                           now if received is None else received)
+        fault = self._put(tuple(names), positions, now, stamp,
+                          now if received is None else received)
         self.dropped.note(fault, now)
         return fault
 
-    def _take(self, names: tuple[str, ...], positions: Sequence[float] | Array, now: float,
-              stamp: float, clock: float) -> str:
-        """Take a message; see `put`."""
+    def _put(self, names: tuple[str, ...], positions: Sequence[float] | Array, now: float,
+             stamp: float, clock: float) -> str:
+        """Store the positions of a message; see `put`."""
         if len(positions) != len(names):
             return f'{len(names)} joints with {len(positions)} positions'
-        plan = self._plans.get(names)
-        if plan is None:
-            plan = self._plan(names)
-        if plan.twice:
-            return f'{plan.twice} is named twice'
+        layout = self._layouts.get(names)
+        if layout is None:
+            layout = self._make_layout(names)
+        if layout.twice:
+            return f'{layout.twice} is named twice'
         if clock < self._clock:
-            # It was set back, as that of a simulation.
-            for heard in self._heard:
-                heard.measured = -math.inf
+            # The clock was set back, as that of a simulation.
+            for receipt in self._receipts:
+                receipt.measured = -math.inf
             self._history.clear()
-            plan = self._plan(names)
+            layout = self._make_layout(names)
         self._clock = clock
-        # A clock that has not begun says nothing about stamps.
-        fault = plan.age.fault(stamp, clock) if clock > 0.0 else ''
-        self.delay = plan.age.delay
-        return fault or self._take_positions(plan, positions, now, clock)
+        # Stamps cannot be checked with a clock that has not started.
+        fault = layout.age.fault(stamp, clock) if clock > 0.0 else ''
+        self.delay = layout.age.delay
+        return fault or self._put_positions(layout, positions, now, clock)
 
-    def _take_positions(self, plan: Plan, positions: Sequence[float] | Array, now: float,
-                        clock: float) -> str:
-        """Take the positions of a message; return what is wrong with them, or nothing."""
-        if self._is_usual(plan, positions, clock):
-            if not plan.age.overtaken:
+    def _put_positions(self, layout: MessageLayout, positions: Sequence[float] | Array, now: float,
+                       clock: float) -> str:
+        """Store valid positions of a message; return their fault, or an empty string."""
+        if self._is_usual(layout, positions, clock):
+            if not layout.age.overtaken:
                 self._last = tuple(positions[self._window])
-                self._positions[plan.rows] = self._last
-                self._note(plan, self._spoken, now, clock)
+                self._positions[layout.rows] = self._last
+                self._note(layout, self._latest_receipt, now, clock)
             return ''
-        values = np.asarray(positions, dtype=float)[plan.source]
+        values = np.asarray(positions, dtype=float)[layout.source]
         known = np.abs(values) <= MAX_NUMBER
-        if not known[plan.of_driven].all():
-            bad = ', '.join(self._names[row] for row in self._numbers[plan.rows][~known])
+        if not known[layout.of_driven].all():
+            bad = ', '.join(self._names[row] for row in self._numbers[layout.rows][~known])
             return f'position not finite, or beyond {MAX_NUMBER:g}: {bad}'
-        self._check_motion(plan, values, now, clock)
-        if plan.age.overtaken:
+        self._check_motion(layout, values, now, clock)
+        if layout.age.overtaken:
             return ''
-        # Some drivers know no position of joints that are not theirs to drive.
-        rows, heard = self._numbers[plan.rows][known], Heard()
+        # Some drivers send NaN for joints that they do not drive.
+        rows, receipt = self._numbers[layout.rows][known], Receipt()
         self._positions[rows] = values[known]
-        # Complete before others see it: they may ask what is missing at any time.
-        self._note(plan, heard, now, clock)
+        # Complete before other threads see it: they may call `missing` at any time.
+        self._note(layout, receipt, now, clock)
         for row in rows.tolist():
-            self._heard[row] = heard
+            self._receipts[row] = receipt
         if self._history.is_due(clock):
             self._history.replace(self.q, self._measured(), clock)
-        self._speaker = None
-        if isinstance(plan.source, slice) and known.all():
-            self._speaker, self._spoken = plan, heard
-            self._window, self._last = plan.source, values.tolist()
-            self._reference = self._references(plan)
+        self._latest = None
+        if isinstance(layout.source, slice) and known.all():
+            self._latest, self._latest_receipt = layout, receipt
+            self._window, self._last = layout.source, values.tolist()
+            self._reference = self._references(layout)
         return ''
 
-    def _is_usual(self, plan: Plan, positions: Sequence[float] | Array, clock: float) -> bool:
-        """Return whether the last publisher goes on, and no joint has moved far since."""
-        if plan is not self._speaker or self._history.is_due(clock):
+    def _is_usual(self, layout: MessageLayout, positions: Sequence[float] | Array,
+                  clock: float) -> bool:
+        """Return whether the publisher is the last one, and no joint has moved far since."""
+        if layout is not self._latest or self._history.is_due(clock):
             return False
         for position, last, reference, most in zip(positions[self._window], self._last,
-                                                   self._reference, plan.passable):
+                                                   self._reference, layout.passable):
             if not (-most <= position - last <= most
                     and -most <= position - reference <= most):
                 return False
         return True
 
-    def _references(self, plan: Plan) -> Sequence[float]:
+    def _references(self, layout: MessageLayout) -> Sequence[float]:
         """Return the reference positions of the joints of a message."""
         positions = self._positions.copy()
         positions[:self._n] = self._history.positions
-        references: list[float] = positions[plan.rows].tolist()
+        references: list[float] = positions[layout.rows].tolist()
         return references
 
-    def _note(self, plan: Plan, heard: Heard, now: float, clock: float) -> None:
-        """Note when positions were heard."""
-        heard.received, heard.measured, heard.true = now, clock, now - plan.age.age
-        self._whole, self._surely = (now, heard.true) if plan.whole else (-math.inf, -math.inf)
+    def _note(self, layout: MessageLayout, receipt: Receipt, now: float, clock: float) -> None:
+        """Record the times of the positions of a message."""
+        receipt.received, receipt.measured, receipt.valid_at = now, clock, now - layout.age.age
+        self._whole, self._whole_valid = (now, receipt.valid_at) if layout.whole \
+            else (-math.inf, -math.inf)
 
     def missing(self, now: float, timeout: float) -> list[str]:
         """Return the driven joints whose positions are older than `timeout` seconds."""
         oldest = now - timeout
-        if self._surely >= oldest:
+        if self._whole_valid >= oldest:
             return []
-        return [name for name, heard in zip(self._names, self._heard[:self._n])
-                if heard.true < oldest]
+        return [name for name, receipt in zip(self._names, self._receipts[:self._n])
+                if receipt.valid_at < oldest]
 
     def unheard(self) -> list[str]:
-        """Return the passive joints that nothing was ever heard of."""
-        return [name for name, heard in zip(self._names[self._n:], self._heard[self._n:])
-                if heard.received == -math.inf]
+        """Return the passive joints without a received position."""
+        return [name for name, receipt in zip(self._names[self._n:], self._receipts[self._n:])
+                if receipt.received == -math.inf]
 
     def take_complete(self) -> bool:
-        """Return True once after every driven joint got a new position."""
+        """Return True once after each set of new positions of all driven joints."""
         if self._whole > self._taken:
             self._taken = self._whole
             return True
-        received = [heard.received for heard in self._heard[:self._n]]
+        received = [receipt.received for receipt in self._receipts[:self._n]]
         if min(received, default=math.inf) <= self._taken:
             return False
         self._taken = max(received, default=-math.inf)
         return True
 
-    def _check_motion(self, plan: Plan, values: Array, now: float, clock: float) -> None:
-        """Notice joints that are farther away than they can have moved since they were heard."""
-        rows = plan.driven
+    def _check_motion(self, layout: MessageLayout, values: Array, now: float,
+                      clock: float) -> None:
+        """Detect joints that moved farther than possible since their last positions."""
+        rows = layout.driven
         measured = self._measured()
-        self._compare(plan, values[plan.of_driven] - self._positions[rows], clock - measured[rows],
-                      now)
+        self._compare(layout, values[layout.of_driven] - self._positions[rows],
+                      clock - measured[rows], now)
         if self._history.positions is not None:
             since = np.asarray(self._history.measured)[rows]
-            self._compare(plan, values[plan.of_driven] - self._history.positions[rows],
+            self._compare(layout, values[layout.of_driven] - self._history.positions[rows],
                           clock - since, now)
 
-    def _compare(self, plan: Plan, moved: Array, passed: Array, now: float) -> None:
-        """Notice joints that moved farther in a time than their velocity limits allow."""
-        rows = plan.driven
+    def _compare(self, layout: MessageLayout, moved: Array, passed: Array, now: float) -> None:
+        """Detect joints that moved farther in a time than their velocity limits allow."""
+        rows = layout.driven
         moved = np.abs(motion(moved, self._endless[rows]) if self._turns else moved)
-        passed = np.minimum(passed, LONG)
+        passed = np.minimum(passed, LONGEST_PAUSE)
         jumped = moved > self._speeds[rows] * (passed + self._slack) + self._tolerance
         if jumped.any():
             which = int(np.argmax(jumped))
@@ -322,30 +325,30 @@ class JointStateBuffer(Contradicting):
                              f'in {passed[which]:.2g} s', now)
 
     def _measured(self) -> Array:
-        """Return when the positions of the driven joints were measured (n,) [s]."""
-        return np.array([heard.measured for heard in self._heard[:self._n]])
+        """Return the measurement times of the positions of the driven joints (n,) [s]."""
+        return np.array([receipt.measured for receipt in self._receipts[:self._n]])
 
-    def _plan(self, names: tuple[str, ...]) -> Plan:
-        """Return what is sorted out once for a publisher."""
+    def _make_layout(self, names: tuple[str, ...]) -> MessageLayout:
+        """Return the layout of the messages of a new publisher."""
         found = [(index, self._rows[name]) for index, name in enumerate(names)
                  if name in self._rows]
         rows = np.array([row for _, row in found], dtype=np.intp)
         driven = rows[rows < self._n]
         speeds = [*self._speeds.tolist(), *[math.inf] * len(self.passive)]
         twice = [name for name in self._rows if names.count(name) > 1]
-        # A publisher that changes its names all the time must not fill the memory.
-        if len(self._plans) >= 100:
-            self._plans.clear()
-        self._plans[names] = Plan(
+        # Bounds the memory if a publisher changes its names all the time.
+        if len(self._layouts) >= 100:
+            self._layouts.clear()
+        self._layouts[names] = MessageLayout(
             _sliced(np.array([index for index, _ in found], dtype=np.intp)), _sliced(rows),
             _sliced(driven), _sliced(np.flatnonzero(rows < self._n)),
             [min(speeds[row] * self._slack + self._tolerance, 1.0) for row in rows],
             len(driven) == self._n, ', '.join(twice), StampAge(self._late))
-        return self._plans[names]
+        return self._layouts[names]
 
 
 def _sliced(rows: Rows) -> Rows | slice:
-    """Return rows as a slice where they follow each other, which is quicker."""
+    """Return consecutive rows as a slice, which is faster."""
     if len(rows) and (np.diff(rows) == 1).all():
         return slice(int(rows[0]), int(rows[-1]) + 1)
     return rows

@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Joint states as they are on the wire.
+Reader of serialized joint states (CDR).
 
-Making Python objects of a joint state takes 40 µs where that happens once a millisecond, a tenth
-of the cycle. Its names hardly ever change, and its positions lie there as doubles.
+Deserialization of a joint state takes 40 µs when it runs once a millisecond, a tenth of the cycle.
+Its names hardly ever change, and its positions are stored as doubles.
 """
 
 from collections.abc import Sequence
@@ -32,22 +32,22 @@ LITTLE_ENDIAN = b'\x00\x01'
 HEADER = 4
 STAMP = struct.Struct('<iI')
 COUNT = struct.Struct('<I')
-# Where the frame and the names begin: what is the same in every message of a publisher.
+# Offset of frame and names, which are the same in every message of a publisher [bytes].
 BEGIN = HEADER + STAMP.size
-# How many publishers are remembered.
-MOST_KNOWN = 10
+# Largest number of publishers in the cache.
+LARGEST_CACHE = 10
 
 
 class JointStateReader:
-    """Reads serialized joint states; the names of the last publishers are remembered."""
+    """Reader of serialized joint states with a cache of the names of each publisher."""
 
     def __init__(self) -> None:
-        # How frame and names lie in a message, what is there then, and the names.
+        # Layout of frame and names in a message, their values, and the names.
         self._known: list[tuple[struct.Struct, tuple[object, ...], tuple[str, ...]]] = []
 
     def read(self, raw: bytes) -> tuple[Sequence[str], Sequence[float], float]:
         """
-        Return what is in a serialized joint state.
+        Return the content of a serialized joint state.
 
         Parameters
         ----------
@@ -74,8 +74,8 @@ class JointStateReader:
         return tuple(message.name), message.position, stamp.sec + 1e-9 * stamp.nanosec
 
     def _remember(self, raw: bytes, message: JointState) -> None:
-        """Remember how a message lies in memory, if it does so as it should."""
-        # What is between the fields may be anything.
+        """Cache the layout of a message, if it is as expected."""
+        # The padding between the fields may have any value.
         fields, end = ['<'], BEGIN - HEADER
         for text in (message.header.frame_id, None, *message.name):
             size = len(text.encode()) + 1 if text is not None else 0
@@ -86,14 +86,14 @@ class JointStateReader:
         end = BEGIN + layout.size
         if raw.startswith(LITTLE_ENDIAN) and len(raw) >= end + COUNT.size \
                 and np.array_equal(_doubles(raw, end), message.position, equal_nan=True):
-            # Names that change all the time must not fill the memory.
-            if len(self._known) >= MOST_KNOWN:
+            # Bounds the memory if names change all the time.
+            if len(self._known) >= LARGEST_CACHE:
                 self._known.clear()
             self._known.append((layout, layout.unpack_from(raw, BEGIN), tuple(message.name)))
 
 
 def _doubles(raw: bytes, at: int) -> tuple[float, ...]:
-    """Return the sequence of doubles whose count is at an index."""
+    """Return the sequence of doubles whose length is stored at an offset."""
     count, = COUNT.unpack_from(raw, at)
     begin = at + COUNT.size
     begin += -(begin - HEADER) % 8 if count else 0

@@ -12,24 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How the loop does: how often it runs, how long it takes, and what went wrong."""
+"""Statistics of the loop: rate, durations, latencies and faults."""
 
 import numpy as np
 from tp_controller.model.spatial import Array
 from tp_controller.solver.compiled import left_to_the_reference, running
 
-# What percentiles are of: the last so many cycles.
+# Number of last cycles that percentiles are computed from.
 CYCLES = 1000
 
 
 class Figures:
     """
-    Counts cycles and their times; written by the loop, read by whoever reports.
+    Counters and times of the cycles, written by the loop and read by the reporter.
 
     Parameters
     ----------
     period : float
-        Time between two cycles that is meant [s]; infinite where joint states set the pace.
+        Nominal time between two cycles [s]; infinite if joint states start the cycles.
 
     Attributes
     ----------
@@ -37,16 +37,15 @@ class Figures:
     overruns : int
         Cycles that began more than a period late, or took longer than a period.
     stalls : int
-        How often the whole loop stood still.
+        Number of stalls of the whole loop.
     missed_deadlines : int
-        How often joint states came later than `state_deadline`.
+        Number of joint states later than `state_deadline`.
     other_publishers : int
         Number of other nodes that publish the same commands.
     listeners, watchdogs : int
         Number of nodes, and of watchdogs, that listen to the commands.
     ignored_description : str
-        What to do about a robot description that has arrived and is not in use; empty where none
-        has.
+        Hint about a received robot description that is not in use, or empty.
 
     """
 
@@ -60,19 +59,19 @@ class Figures:
         self._last_start = np.inf
 
     def add(self, start: float, end: float, received: float) -> None:
-        """Count a cycle with its start, its end, and when its joint states had arrived [s]."""
+        """Add a cycle with its start, its end, and the time of receipt of its joint states [s]."""
         if start - self._last_start > 2.0 * self._period or end - start > self._period:
             self.overruns += 1
         self._last_start = start
         self._times[self.cycles % CYCLES] = start, end - start, end - received
         self.cycles += 1
 
-    def told(self) -> dict[str, str]:
-        """Return {key: value as text}, of the last cycles; always the same keys."""
+    def as_text(self) -> dict[str, str]:
+        """Return {key: value as text} of the last cycles, always with the same keys."""
         times: Array = self._times[:min(self.cycles, CYCLES)].copy()
         starts = times[:, 0]
         span = np.ptp(starts) if len(starts) > 1 else np.nan
-        # The loop waits meanwhile: sorted once, for all of them.
+        # Sorted once for all percentiles: the loop waits meanwhile.
         took, latency = np.sort(times[:, 1:], axis=0).T
         return {'cycles': str(self.cycles),
                 'rate [Hz]': f'{(len(starts) - 1) / span if span > 0.0 else np.nan:.4g}',
@@ -86,7 +85,7 @@ class Figures:
 
 
 def _milliseconds(what: str, times: Array) -> dict[str, str]:
-    """Return median, 99th percentile and maximum of times [s], which are sorted, as text."""
+    """Return median, 99th percentile and maximum of sorted times [s] as text."""
     shares = {'median': 0.5, 'p99': 0.99, 'max': 1.0}
     values = times[[round(share * (len(times) - 1)) for share in shares.values()]] \
         if len(times) else np.full(len(shares), np.nan)

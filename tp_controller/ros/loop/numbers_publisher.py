@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A publisher of messages that end with numbers, serialized once."""
+"""Publisher of messages that end with numbers, serialized once."""
 
 from collections import deque
 
@@ -24,13 +24,13 @@ from rclpy.serialization import serialize_message
 from tp_controller.model.spatial import Array
 from tp_controller.ros import Message
 
-# Messages that are remembered: more than may be under way.
-REMEMBERED = 50
+# Largest number of recent messages that are recognized as own: more than may be in transit.
+RECENT_MESSAGES = 50
 
 
 class NumbersPublisher:
     """
-    Publishes numbers as the end of a message that is otherwise always the same.
+    Publisher of numbers at the end of an otherwise constant message.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class NumbersPublisher:
         self._view = np.frombuffer(self._message, dtype='<f8',
                                    offset=len(self._message) - 8 * count)
         self._publisher = node.create_publisher(self.kind, topic, qos)
-        self._recent: deque[bytes] = deque(maxlen=REMEMBERED)
+        self._recent: deque[bytes] = deque(maxlen=RECENT_MESSAGES)
 
     def publish(self, numbers: Array) -> None:
         """Publish numbers (count,)."""
@@ -70,13 +70,13 @@ class NumbersPublisher:
         self._publisher.publish(message)
 
     def is_own(self, message: bytes) -> bool:
-        """Return whether a serialized message was published here of late."""
+        """Return whether a serialized message is one of the last published here."""
         return message in self._recent
 
     def wait_for_all_acked(self, timeout: Duration) -> None:
-        """Wait until every subscriber has the last message."""
+        """Wait until every subscriber has acknowledged the last message."""
         self._publisher.wait_for_all_acked(timeout)
 
     def close(self) -> None:
-        """Give the topic up."""
+        """Destroy the publisher."""
         self._node.destroy_publisher(self._publisher)

@@ -24,14 +24,14 @@ from tp_controller.ros.loop.state_checks import Contradicting, History, StampAge
 
 class OdometryCheck(Contradicting):
     """
-    Checks odometry as `JointStateBuffer` checks joint states.
+    Checks of odometry, as `JointStateBuffer` checks joint states.
 
     Localisation may correct itself: a pose may be off by `tolerance` at any time.
 
     Parameters
     ----------
     robot : Robot
-        Robot whose base it is.
+        Robot that the base belongs to.
     late : float
         Age by the stamps from which odometry is dropped [s].
     tolerance : float
@@ -51,7 +51,7 @@ class OdometryCheck(Contradicting):
         self._history = History(self._slack)
         bases = slice(robot.joint_columns.start)
         limits, units = robot.velocity[bases], np.array(robot.velocity_units[bases])
-        # Of all directions together.
+        # Limits of the norms of linear and angular velocity.
         self._speeds = [math.sqrt(limits[units == unit].dot(limits[units == unit]))
                         for unit in ('m', 'rad')]
         self.travel = np.zeros(bases.stop)
@@ -61,7 +61,7 @@ class OdometryCheck(Contradicting):
 
     @property
     def age(self) -> float:
-        """Return the age of the last pose that was taken, by its stamp [s]."""
+        """Return the age of the last accepted pose by its stamp [s]."""
         return self._age.age
 
     @property
@@ -71,42 +71,42 @@ class OdometryCheck(Contradicting):
 
     @property
     def is_overtaken(self) -> bool:
-        """Return whether a newer message came before the last one."""
+        """Return whether the last message is older than one before it."""
         return self._age.overtaken
 
     def discard(self) -> None:
-        """Forget where the base was; the next pose is no jump."""
+        """Discard the last pose; the next one is no jump."""
         self._T = None
         self._history.clear()
 
     def fault(self, stamp: float, clock: float) -> str:
         """
-        Return what is wrong with the stamp of a message; empty where nothing is.
+        Return the fault of the stamp of a message, or an empty string.
 
         Parameters
         ----------
         stamp : float
-            Of the message [s]; 0: none.
+            Stamp of the message [s]; 0: none.
         clock : float
             Time of receipt on the clock of the robot [s].
 
         """
         if clock < self._clock:
-            # It was set back, as that of a simulation.
+            # The clock was set back, as that of a simulation.
             self._age = StampAge(self._age.limit)
             self.discard()
         self._clock = clock
-        # A clock that has not begun says nothing about stamps.
+        # Stamps cannot be checked with a clock that has not started.
         return self._age.fault(stamp, clock) if clock > 0.0 else ''
 
     def take(self, T: Array, now: float) -> None:
         """
-        Compare a pose with those before, and add to the travel.
+        Compare a pose with earlier ones, and update the travel.
 
         Parameters
         ----------
         T : ndarray (4, 4)
-            Pose of the base, of the message that `fault` was asked about.
+            Pose of the base in the message that `fault` has checked.
         now : float
             Time of receipt on the clock of timeouts [s].
 
@@ -124,7 +124,7 @@ class OdometryCheck(Contradicting):
             self._history.replace(T, clock, clock)
 
     def _compare(self, displacement: Array, passed: float, now: float) -> None:
-        """Notice a displacement (6,) that is larger than the velocity limits allow."""
+        """Detect a displacement (6,) that is larger than the velocity limits allow."""
         for part, speed, unit in zip((displacement[:3], displacement[3:]), self._speeds,
                                      ('m', 'rad')):
             moved = math.sqrt(part.dot(part))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Other nodes at the topics of the commands: those that publish, too, and those that listen."""
+"""Other nodes on the command topics: publishers and subscribers."""
 
 from collections import defaultdict, deque
 from functools import partial
@@ -28,39 +28,39 @@ from tp_controller.ros.log import Log
 from tp_controller.ros.loop.control_loop import boot_time, ControlLoop
 from tp_controller.ros.loop.numbers_publisher import NumbersPublisher
 
-# Ending of the names of nodes that watch over the commands of others.
+# Suffix of the names of watchdog nodes.
 WATCHDOG = 'watchdog'
-# Ending of the topics on which watchdogs publish their names, how often, and after how long
-# without one a watchdog counts as gone [s]: ROS knows of a node that was killed for 20 s more.
-BEATS, BEAT_SECONDS, LATE_BEAT_SECONDS = '/watchdog', 0.1, 1.0
-# Names that are remembered: whoever publishes others all the time must not fill the memory.
+# Heartbeat of a watchdog: suffix of its topic, period, and time without one after which the
+# watchdog counts as gone [s]; the graph of ROS lists a killed node for 20 s more.
+HEARTBEAT, HEARTBEAT_SECONDS, LATE_HEARTBEAT_SECONDS = '/watchdog', 0.1, 1.0
+# Largest number of watchdog names: bounds the memory if names change all the time.
 MOST_NAMES = 100
-# Name that ROS gives to nodes whose name is not known yet.
+# Name that ROS shows for nodes that are not identified yet.
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
-# Time in which others are discovered before the first command, until when this node counts as
-# the newcomer after its activation, and for how long a command of others forbids a start [s].
+# Time for discovery of others before the first command; time after its activation in which this
+# node counts as the newcomer; time for which a command of others prevents a start [s].
 LISTEN_SECONDS, NEW_SECONDS, RECENT_SECONDS = 0.5, 2.0, 1.0
-# As many commands of others stop the robot, however far apart: one alone may have been under way,
-# or sent by hand.
-FOREIGN = 2
+# Number of commands of others that stops the robot, at any interval: a single one may have been in
+# transit, or sent by hand.
+FOREIGN_COMMANDS = 2
 LOOKING = 'looking for other nodes that publish commands'
-# A lost command need not be repeated.
-HEARING = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
+# Quality of service of the subscriptions to commands of others: lost ones need not be repeated.
+FOREIGN_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class Competitors:
     """
-    Keeps two nodes from commanding one robot, and counts those that listen to the commands.
+    Supervision of the command topics: exclusive commands, and counts of their subscribers.
 
-    A newcomer that finds another publisher of its commands stays silent. A node that receives
-    commands of another one while it is active stops, reports it, and stays silent. Both last until
-    ~/start, which is refused while commands of the other one arrive; after it the next one of them
-    stops the robot. Once the other one has gone, zeros are published again.
+    A newcomer that finds another publisher of its commands stays silent. An active node that
+    receives commands of another one stops, reports it, and stays silent. Both last until ~/start,
+    which is refused while commands of the other node arrive; after it the next of them stops the
+    robot. Once the other node has gone, zeros are published again.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        Node that looks for others.
+        Node that queries the graph.
     loop_node : rclpy.node.Node
         Node of the loop, whose thread receives the commands of others.
     loop : ControlLoop
@@ -77,66 +77,67 @@ class Competitors:
         self._required = requirements['require_listener'], requirements['require_watchdog']
         self._made = self._since = boot_time()
         self._others: dict[str, tuple[str, ...]] = {}
-        self._heard: dict[str, Subscription] = {}
-        # When commands of others were received, of each topic, while there are others.
-        self._foreign: defaultdict[str, deque[float]] = defaultdict(partial(deque, maxlen=FOREIGN))
-        # When another publisher was found last.
+        self._subscriptions: dict[str, Subscription] = {}
+        # Times of receipt of commands of others, by topic, while there are others.
+        self._foreign: defaultdict[str, deque[float]] = defaultdict(
+            partial(deque, maxlen=FOREIGN_COMMANDS))
+        # Time at which another publisher was last discovered.
         self._found = 0.0
-        # When each watchdog has published its name, by the topic that it watches over.
+        # Times of the last heartbeats: {(topic, watchdog): time [s]}.
         self._beats: dict[tuple[str, str], float] = {}
         self._pulses = [loop_node.create_subscription(
-            String, publisher.topic + BEATS, partial(self._on_beat, publisher.topic), 10)
+            String, publisher.topic + HEARTBEAT, partial(self._on_heartbeat, publisher.topic), 10)
             for publisher in loop.commands.publishers]
         if self._exclusive:
             loop.commands.silent, loop.unmet = True, LOOKING
 
     def activate(self) -> None:
-        """Count as the newcomer from now on."""
+        """Treat this node as the newcomer from now on."""
         self._since = boot_time()
         self._others = {}
         self._foreign.clear()
         self.look()
 
     def look(self) -> None:
-        """Look for others; called regularly while the node is active."""
+        """Update the list of other nodes; called regularly while the node is active."""
         now, loop = boot_time(), self._loop
         if self._exclusive and now - self._made < LISTEN_SECONDS:
             return
         for publisher in loop.commands.publishers:
-            self._look_at(publisher, now)
+            self._find_others(publisher, now)
         loop.figures.other_publishers = max(map(len, self._others.values()), default=0)
         loop.unmet = self._find_unmet()
         if loop.commands.silent and not any(self._others.values()):
             loop.commands.silent = False
 
     def restart(self) -> None:
-        """Publish again; `fault` has been asked before."""
+        """Publish again; the caller has checked `fault`."""
         self._loop.commands.silent = False
 
     def fault(self) -> str:
-        """Return who else commands the robot now; empty if nobody does."""
-        # One that has just been found may not have been received yet.
+        """Return the warning about others that command the robot now, or an empty string."""
+        # Commands of a node that was just discovered may not have arrived yet.
         last = max([self._found, *(times[-1] for times in list(self._foreign.values())
-                                   if len(times) == FOREIGN)])
+                                   if len(times) == FOREIGN_COMMANDS)])
         if boot_time() - last > RECENT_SECONDS:
             return ''
         return next((_publishing(names, topic) for topic, names in self._others.items() if names),
                     '')
 
     def close(self) -> None:
-        """Stop listening."""
-        for subscription in (*self._heard.values(), *self._pulses):
+        """Destroy the subscriptions."""
+        for subscription in (*self._subscriptions.values(), *self._pulses):
             self._loop_node.destroy_subscription(subscription)
-        self._heard, self._pulses = {}, []
+        self._subscriptions, self._pulses = {}, []
 
-    def _look_at(self, publisher: NumbersPublisher, now: float) -> None:
-        """Look for other publishers of a topic."""
+    def _find_others(self, publisher: NumbersPublisher, now: float) -> None:
+        """Find the other publishers of a topic."""
         topic, names = publisher.topic, tuple[str, ...]()
-        # Cheap, and mostly the answer: there is no other.
+        # A cheap query, which is mostly enough: there is no other.
         if self._node.count_publishers(topic) > 1:
             found = sorted(map(_name, self._node.get_publishers_info_by_topic(topic)))
             if _full_name(self._loop_node) in found:
-                # Once: another node may have the same name.
+                # Removed once: another node may have the same name.
                 found.remove(_full_name(self._loop_node))
             names = tuple(name for name in found if not name.endswith((WATCHDOG, UNKNOWN)))
         if len(names) > len(self._others.get(topic, ())):
@@ -145,25 +146,26 @@ class Competitors:
         self._others[topic] = names
         if not self._exclusive:
             return
-        # Who moves already is no newcomer. A base may have a joystick or a planner beside it that
-        # is silent meanwhile.
+        # A node that already moves the robot is no newcomer. A base may share its topic with a
+        # joystick or a planner that is silent meanwhile.
         is_new = now - self._since < NEW_SECONDS and self._loop.reported < self._since
         if names and is_new and publisher is self._loop.commands.joints:
             self._stop(names, topic)
-        if names and topic not in self._heard:
-            self._heard[topic] = self._loop_node.create_subscription(
-                publisher.kind, topic, lambda raw: self._hear(publisher, raw), HEARING, raw=True)
-        elif not names and topic in self._heard:
-            self._loop_node.destroy_subscription(self._heard.pop(topic))
+        if names and topic not in self._subscriptions:
+            self._subscriptions[topic] = self._loop_node.create_subscription(
+                publisher.kind, topic, lambda raw: self._on_foreign(publisher, raw), FOREIGN_QOS,
+                raw=True)
+        elif not names and topic in self._subscriptions:
+            self._loop_node.destroy_subscription(self._subscriptions.pop(topic))
             self._foreign.pop(topic, None)
 
-    def _hear(self, publisher: NumbersPublisher, raw: Any) -> None:
-        """Receive a serialized command, on the thread of the loop."""
+    def _on_foreign(self, publisher: NumbersPublisher, raw: Any) -> None:
+        """Record a serialized command of another node, on the thread of the loop."""
         if publisher.is_own(raw):
             return
         times, names = self._foreign[publisher.topic], self._others.get(publisher.topic)
         times.append(boot_time())
-        if len(times) == FOREIGN and names and self._loop.active:
+        if len(times) == FOREIGN_COMMANDS and names and self._loop.active:
             self._stop(names, publisher.topic)
 
     def _stop(self, names: tuple[str, ...], topic: str) -> None:
@@ -172,8 +174,8 @@ class Competitors:
         self._loop.commands.withdraw()
 
     def _find_unmet(self) -> str:
-        """Count those that listen to the commands; return which requirement is not met."""
-        listeners, watchdogs = zip(*map(self._listening, self._loop.commands.publishers))
+        """Count the subscribers of the commands; return the requirement that is not met."""
+        listeners, watchdogs = zip(*map(self._count_subscribers, self._loop.commands.publishers))
         figures = self._loop.figures
         figures.listeners, figures.watchdogs = min(listeners), min(watchdogs)
         for required, counts, what in zip(self._required, (listeners, watchdogs),
@@ -183,8 +185,8 @@ class Competitors:
                     return f'no {what} {publisher.topic}'
         return ''
 
-    def _listening(self, publisher: NumbersPublisher) -> tuple[int, int]:
-        """Return how many nodes, and how many watchdogs, listen to a topic."""
+    def _count_subscribers(self, publisher: NumbersPublisher) -> tuple[int, int]:
+        """Return the numbers of nodes, and of watchdogs, that subscribe to a topic."""
         own = _full_name(self._loop_node)
         names = {_name(info) for info
                  in self._node.get_subscriptions_info_by_topic(publisher.topic)} - {own}
@@ -192,17 +194,17 @@ class Competitors:
         return len(names - watchdogs), self._count_alive(watchdogs, publisher.topic)
 
     def _count_alive(self, watchdogs: set[str], topic: str) -> int:
-        """Return how many watchdogs of a topic are there: the names of others tell nothing."""
+        """Return the number of live watchdogs of a topic; other names are ignored."""
         if not watchdogs:
             return 0
         now, beating = boot_time(), set(map(_name, self._node.get_publishers_info_by_topic(
-            topic + BEATS)))
+            topic + HEARTBEAT)))
         return sum(name not in beating
-                   or now - self._beats.get((topic, name), -math.inf) < LATE_BEAT_SECONDS
+                   or now - self._beats.get((topic, name), -math.inf) < LATE_HEARTBEAT_SECONDS
                    for name in watchdogs)
 
-    def _on_beat(self, topic: str, message: String) -> None:
-        """Note that a watchdog is there, on the thread of the loop."""
+    def _on_heartbeat(self, topic: str, message: String) -> None:
+        """Record the heartbeat of a watchdog, on the thread of the loop."""
         if len(self._beats) >= MOST_NAMES:
             self._beats.clear()
         self._beats[topic, message.data] = boot_time()
@@ -219,6 +221,6 @@ def _full_name(node: Node) -> str:
 
 
 def _publishing(names: tuple[str, ...], topic: str) -> str:
-    """Return the warning that others publish commands, too."""
+    """Return the warning about other publishers of commands."""
     listed = ', '.join(name.removesuffix('_loop') for name in names)
     return f'{listed} {"publishes" if len(names) == 1 else "publish"} on {topic}, too'

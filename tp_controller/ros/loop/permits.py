@@ -50,23 +50,23 @@ OPERATORS: Mapping[str, Callable[[float, float], bool]] = {
     '==': operator.eq, '!=': operator.ne, '>=': operator.ge, '<=': operator.le,
     '>': operator.gt, '<': operator.lt}
 CONDITION = re.compile(r'\s*([\w/~]+)(?::([\w.]+))?\s*(?:(==|!=|>=|<=|>|<)\s*(\S+))?\s*')
-# Field of a message where none is named.
+# Default field of a message.
 DATA = 'data'
 BOOL = 'std_msgs/msg/Bool'
-# What is received of a topic: type, reliability and durability.
+# Properties of a subscription: type, reliability and durability.
 Offer = tuple[str, ReliabilityPolicy, DurabilityPolicy]
 
 
 class Input:
     """
-    The latest number on a topic.
+    Latest number on a topic.
 
     Parameters
     ----------
     topic : str
         Full name.
     field : str
-        Of the message, with dots.
+        Field of the message, with dots.
     kind : str
         Type of the message; empty for any type with the field.
 
@@ -75,9 +75,9 @@ class Input:
     value : float
         NaN before the first message.
     received : float
-        When it was received [s].
+        Time of its receipt [s].
     fault : str
-        Why the topic cannot be received as it is published; empty where it can.
+        Reason for which the topic cannot be received as it is published, or empty.
 
     """
 
@@ -85,17 +85,17 @@ class Input:
         self.topic, self.field, self._kind = topic, field, kind
         self._subscription: Subscription | None = None
         self._offer: Offer | None = None
-        # Ids of the publishers that were found last.
+        # Ids of the publishers found in the last query.
         self._publishers: set[bytes] = set()
         self.fault = ''
         self.forget()
 
     def forget(self) -> None:
-        """Forget what was received."""
+        """Discard the received value."""
         self.value, self.received = math.nan, -math.inf
 
     def look(self, graph: Node, node: Node, clock: Callable[[], float]) -> None:
-        """Subscribe as the publishers publish, and forget those that have gone."""
+        """Subscribe with the properties of the publishers; discard the value of vanished ones."""
         found = graph.get_publishers_info_by_topic(self.topic)
         before, self._publishers = self._publishers, {bytes(info.endpoint_gid) for info in found}
         replaced = bool(before) and not before & self._publishers
@@ -103,7 +103,7 @@ class Input:
             self.forget()
         offer = _offer(found)
         if found and (replaced or offer is None or offer != self._offer):
-            # Of a new subscription the last value of a latched topic is received again.
+            # A new subscription receives the last value of a latched topic again.
             self.close(node)
             self.fault = self._subscribe(offer, found, node, clock)
             self._offer = offer
@@ -118,22 +118,22 @@ class Input:
 
     def _subscribe(self, offer: Offer | None, found: Sequence[TopicEndpointInfo], node: Node,
                    clock: Callable[[], float]) -> str:
-        """Subscribe to what is offered; return why that is not possible."""
+        """Subscribe with offered properties; return the fault if that is not possible."""
         types = sorted({info.topic_type for info in found})
-        told = f'{self.topic} is published as {" and ".join(types)}'
+        published = f'{self.topic} is published as {" and ".join(types)}'
         if offer is None:
-            return f'{told}; only one type can be received'
+            return f'{published}; only one type can be received'
         if self._kind and offer[0] != self._kind:
-            return f'{told}; it must be {self._kind}'
+            return f'{published}; it must be {self._kind}'
         package, _, name = offer[0].split('/')
         try:
             kind = getattr(import_module(f'{package}.msg'), name)
         except (ImportError, AttributeError) as error:
-            return f'{told}, which cannot be read: {error}'
+            return f'{published}, which cannot be read: {error}'
         try:
             float(operator.attrgetter(self.field)(kind()))
         except (AttributeError, TypeError, ValueError):
-            return (f'{told}, which has no number {self.field!r}; '
+            return (f'{published}, which has no number {self.field!r}; '
                     f'its fields: {", ".join(kind.get_fields_and_field_types()) or "none"}')
         self._subscription = node.create_subscription(
             kind, self.topic, partial(self._take, clock),
@@ -141,17 +141,17 @@ class Input:
         return ''
 
     def _take(self, clock: Callable[[], float], message: Any) -> None:
-        """Take a message."""
+        """Store the number of a message."""
         self.value = float(operator.attrgetter(self.field)(message))
         self.received = clock()
 
 
 def _offer(found: Sequence[TopicEndpointInfo]) -> Offer | None:
-    """Return what suits all publishers; None where they publish several types."""
+    """Return properties compatible with all publishers, or None if their types differ."""
     profiles = [info.qos_profile for info in found]
     if len({info.topic_type for info in found}) != 1:
         return None
-    # Of a latched topic the last value is received, too.
+    # Transient local, so that the last value of a latched topic is received, too.
     latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in profiles)
     reliable = all(qos.reliability == ReliabilityPolicy.RELIABLE for qos in profiles)
     return (found[0].topic_type,
@@ -173,7 +173,7 @@ class Condition:
     Raises
     ------
     SettingsError
-        The text is no condition.
+        The text is not a valid condition.
 
     """
 
@@ -188,12 +188,12 @@ class Condition:
             raise SettingsError([f'permit_topics: {text!r} is no condition; valid: topic, '
                                  'topic:field or topic:field == number'])
         self._holds = OPERATORS[sign or '>']
-        # The value of a state that is compared so may change all the time.
+        # With <, <=, > or >= the value may change all the time: the bound is reported.
         self._bound = f'{sign} {value}' if sign and sign[0] in '<>' else ''
         self.input = Input(_resolved('permit_topics', topic, resolve), field or DATA)
 
     def fault(self) -> str:
-        """Return why motion is not allowed; empty if it is."""
+        """Return the reason for which the condition forbids motion, or an empty string."""
         found = self.input
         if found.fault:
             return found.fault
@@ -207,7 +207,7 @@ class Condition:
 
 class Permits:
     """
-    The inputs that allow motion.
+    Inputs that allow motion.
 
     The enable switch stops the robot while it is off. A state of the robot that is lost
     after the first motion, as in a protective stop, stops it until ~/start.
@@ -247,7 +247,7 @@ class Permits:
         return min(max(self._scaling.value / self._full, 0.0), 1.0)
 
     def look(self, graph: Node, log: Log) -> None:
-        """Look for the publishers of the inputs, by another node; called regularly."""
+        """Update the subscriptions with the graph of another node; called regularly."""
         for each in self._inputs:
             before = each.fault
             each.look(graph, self._node, self._clock)
@@ -255,7 +255,7 @@ class Permits:
                 log.error(each.fault)
 
     def reason(self, now: float) -> str:
-        """Return why motion is not allowed; empty if it is. A state that is lost latches."""
+        """Return the reason for which motion is not allowed, or empty; a lost state latches."""
         if not self._inputs:
             return ''
         fault = self.refusal()
@@ -265,16 +265,16 @@ class Permits:
         return fault or unread or self._switched_off(now)
 
     def refusal(self) -> str:
-        """Return which state of the robot forbids a start; empty if none does."""
+        """Return the state of the robot that prevents a start, or an empty string."""
         return next(filter(None, (condition.fault() for condition in self._conditions)), '')
 
     def close(self) -> None:
-        """Unsubscribe from everything."""
+        """Destroy the subscriptions."""
         for each in self._inputs:
             each.close(self._node)
 
     def _switched_off(self, now: float) -> str:
-        """Return why the enable switch counts as off; empty if it is on."""
+        """Return the reason for which the enable switch counts as off, or an empty string."""
         switch = self._enable
         if switch is None:
             return ''
@@ -300,7 +300,7 @@ def read_inputs(values: Mapping[str, Any], resolve: Callable[[str], str]
     Raises
     ------
     SettingsError
-        A permit is no condition, or the same number of a topic is named twice.
+        A permit is not a valid condition, or the same number of a topic is named twice.
 
     """
     enable, scaling = (

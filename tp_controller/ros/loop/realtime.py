@@ -19,41 +19,41 @@ import ctypes
 import gc
 import os
 
-# <sys/mman.h>: everything that is and will be in memory.
+# <sys/mman.h>: all pages that are, and will be, mapped.
 MCL_CURRENT, MCL_FUTURE = 1, 2
 
 
 def prepare(priority: int, processor: int, lock_memory: bool, freeze: bool) -> list[str]:
     """
-    Prepare this thread, and what it shares with others, for regular cycles.
+    Prepare this thread, and its process, for regular cycles.
 
     Parameters
     ----------
     priority : int
-        Of the scheduling policy FIFO, from 1; 0 leaves the policy as it is.
+        Priority of the scheduling policy FIFO, from 1; 0 leaves the policy unchanged.
     processor : int
-        The only one that the thread runs on; -1: any.
+        The only processor that the thread runs on; -1: any.
     lock_memory : bool
-        Nothing of the process is written to disk while other processes need memory.
+        Prevent swapping of the memory of the process.
     freeze : bool
-        Python's garbage collector leaves alone what is there now.
+        Exclude the existing objects from Python's garbage collection.
 
     Returns
     -------
     list of str
-        What the operating system does not permit, and what it takes.
+        Settings that the operating system refuses, with the permission that each needs.
 
     """
     faults = []
     if priority:
-        faults.append(_refused(
+        faults.append(_apply(
             'realtime_priority', 'a limit for rtprio in /etc/security/limits.conf or CAP_SYS_NICE',
             lambda: os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))))
     if processor >= 0:
-        faults.append(_refused('processor', 'a processor of this machine, allowed for the process',
-                               lambda: os.sched_setaffinity(0, {processor})))
+        faults.append(_apply('processor', 'a processor of this machine, allowed for the process',
+                             lambda: os.sched_setaffinity(0, {processor})))
     if lock_memory:
-        faults.append(_refused(
+        faults.append(_apply(
             'lock_memory', 'a limit for memlock in /etc/security/limits.conf or CAP_IPC_LOCK',
             _lock_memory))
     if freeze:
@@ -69,8 +69,8 @@ def _lock_memory() -> None:
         raise OSError(number, os.strerror(number))
 
 
-def _refused(parameter: str, needed: str, setting: Callable[[], object]) -> str:
-    """Return why something cannot be set; empty where it was."""
+def _apply(parameter: str, needed: str, setting: Callable[[], object]) -> str:
+    """Apply a setting; return the fault if it is refused, or an empty string."""
     try:
         setting()
     except (OSError, ValueError) as error:

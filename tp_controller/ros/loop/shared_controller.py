@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A controller that several threads may use at the same time."""
+"""Thread-safe controller."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -25,9 +25,9 @@ Arguments = ParamSpec('Arguments')
 Result = TypeVar('Result')
 
 
-def _alone(method: Callable[Concatenate[Any, Arguments], Result]
-           ) -> Callable[Concatenate['SharedController', Arguments], Result]:
-    """Return a method of `Controller` that waits until no other runs."""
+def _locked(method: Callable[Concatenate[Any, Arguments], Result]
+            ) -> Callable[Concatenate['SharedController', Arguments], Result]:
+    """Return a method of `Controller` that acquires the lock."""
     @wraps(method)
     def call(self: 'SharedController', *arguments: Arguments.args,
              **keys: Arguments.kwargs) -> Result:
@@ -38,15 +38,15 @@ def _alone(method: Callable[Concatenate[Any, Arguments], Result]
 
 class SharedController(Controller):
     """
-    A `Controller` whose methods run one at a time, whichever threads call them.
+    `Controller` whose methods run one at a time, called from any thread.
 
-    Each takes microseconds, up to that of a cycle. What takes long, such as reading a stack, is
-    done before.
+    Each takes microseconds, up to the time of a cycle. Long operations, such as reading a stack,
+    are done before.
 
     Attributes
     ----------
     lock : threading.RLock
-        For whoever needs several calls to act in the same cycle.
+        Lock for several calls that act in the same cycle.
 
     """
 
@@ -54,16 +54,16 @@ class SharedController(Controller):
         self.lock = RLock()
         super().__init__(*arguments, **keys)
 
-    update = _alone(Controller.update)
-    halt = _alone(Controller.halt)
-    slow_down = _alone(Controller.slow_down)
-    forget_goals = _alone(Controller.forget_goals)
-    restart = _alone(Controller.restart)
-    replace_stack = _alone(Controller.replace_stack)
-    set_goal = _alone(Controller.set_goal)
-    set_feed_forward = _alone(Controller.set_feed_forward)
-    enable = _alone(Controller.enable)
-    set_gain = _alone(Controller.set_gain)
-    set_velocity_limits = _alone(Controller.set_velocity_limits)
-    set_tolerance = _alone(Controller.set_tolerance)
-    configuration = _alone(Controller.configuration)
+    update = _locked(Controller.update)
+    halt = _locked(Controller.halt)
+    slow_down = _locked(Controller.slow_down)
+    forget_goals = _locked(Controller.forget_goals)
+    restart = _locked(Controller.restart)
+    replace_stack = _locked(Controller.replace_stack)
+    set_goal = _locked(Controller.set_goal)
+    set_feed_forward = _locked(Controller.set_feed_forward)
+    enable = _locked(Controller.enable)
+    set_gain = _locked(Controller.set_gain)
+    set_velocity_limits = _locked(Controller.set_velocity_limits)
+    set_tolerance = _locked(Controller.set_tolerance)
+    configuration = _locked(Controller.configuration)

@@ -15,8 +15,8 @@
 """
 Plausibility checks of joint states and odometry: age, jumps, limits, following.
 
-Everything here is numbers in and sentences out. An implausible message is dropped; the
-consequence for the robot is decided in `tp_controller.ros.loop.stop_reasons`.
+The checks return faults as text. An implausible message is dropped; the consequence for the robot
+is decided in `tp_controller.ros.loop.stop_reasons`.
 """
 
 from collections import deque
@@ -27,16 +27,16 @@ import numpy as np
 from numpy.typing import NDArray
 from tp_controller.model.spatial import Array, wrap_angle
 
-# For how long the smallest delay of a publisher is remembered [s]: clocks that drift apart by
-# 1 % stay unnoticed, a queue that grows by 4 % does not.
-REMEMBERED = 5.0
-# After how long stamps that are off by a constant time are taken as another clock [s].
-RELEARNED = 2.0
-# Duration for which a contradiction, or a message that was dropped, counts as one that lasts [s].
-LASTING = 1.0
-# A longer step between two cycles, as a share of the window in which a robot has to follow, is a
-# leap of the clock. It is so short that a robot which did not move meanwhile follows all the same.
-LEAP = 0.5
+# Time over which the smallest delay of a publisher is taken [s]: a clock drift of 1 % stays
+# undetected, a queue that grows by 4 % does not.
+OFFSET_SECONDS = 5.0
+# Time after which stamps with a constant offset are accepted as another clock [s].
+NEW_CLOCK_SECONDS = 2.0
+# Time for which a contradiction, or a dropped message, counts as lasting [s].
+LASTING_SECONDS = 1.0
+# Longest step between two cycles, relative to the window in which a robot has to follow [1]; a
+# longer one is a step of the clock. A robot at rest for as long still counts as following.
+LARGEST_CLOCK_STEP = 0.5
 
 
 def motion(change: Array, endless: NDArray[np.bool_]) -> Array:
@@ -46,11 +46,11 @@ def motion(change: Array, endless: NDArray[np.bool_]) -> Array:
 
 class StampAge:
     """
-    How old messages of one publisher are by their stamps, although its clock may be any.
+    Age of the messages of one publisher by their stamps, with an unknown clock offset.
 
-    The clock's offset is the smallest difference between receipt and stamp of late. Stamps that
-    are off by a constant time for `RELEARNED` seconds come from a clock that was set, unless they
-    go on from where they were: then the messages are late, for however long they are.
+    The offset is the smallest recent difference between receipt and stamp. Stamps with a constant
+    error for `NEW_CLOCK_SECONDS` come from a clock that was set, unless they are continuous: then
+    the messages are late, for any duration.
 
     Parameters
     ----------
@@ -62,11 +62,11 @@ class StampAge:
     limit : float
         See above.
     age : float
-        Of the last message that was not too old [s].
+        Age of the last message that was not too old [s].
     delay : float
         Age of the last message, even if it was too old [s].
     overtaken : bool
-        A newer one had come before that.
+        A newer message had arrived before the last one.
 
     """
 
@@ -74,25 +74,25 @@ class StampAge:
         self.limit, self.age, self.overtaken = limit, 0.0, False
         self.delay = 0.0
         self._newest = -math.inf
-        # The last stamp, of whatever message, and whether stamps have made a step since one that
-        # was believed, as those of messages that are late do not.
+        # Last stamp of any message, and whether stamps have made a step since the last accepted
+        # one; those of late messages do not.
         self._seen, self._stepped = -math.inf, False
-        # Smallest differences of two halves of the time that is remembered.
+        # Smallest differences in the two halves of OFFSET_SECONDS.
         self._older = self._newer = math.inf
         self._turned = -math.inf
-        # Where stamps are off: since when, and between which differences.
+        # Start, smallest and largest difference of stamps with an error.
         self._off: tuple[float, float, float] | None = None
 
     def fault(self, stamp: float, received: float) -> str:
         """
-        Return what is wrong with a stamp; empty where nothing is.
+        Return the fault of a stamp, or an empty string.
 
         Parameters
         ----------
         stamp : float
-            Of the message [s]; 0 where it has none.
+            Stamp of the message [s]; 0: none.
         received : float
-            When it was received [s].
+            Time of receipt [s].
 
         """
         if stamp == 0.0 or math.isinf(self.limit):
@@ -105,7 +105,7 @@ class StampAge:
         self._stepped |= stamp < self._seen - 0.5 * self.limit or age < -self.limit
         self._seen = stamp
         if abs(age) > self.limit and not self._is_another_clock(difference, received):
-            # Without the age, which every message has another one of: a status stays the same.
+            # Without the age, which differs in every message: a status stays the same.
             return f'older than {self.limit:g} s by its stamp' if age > 0.0 \
                 else f'stamped more than {self.limit:g} s ahead of the ones before'
         if abs(age) > self.limit:
@@ -118,49 +118,50 @@ class StampAge:
         return ''
 
     def _remember(self, difference: float, received: float) -> None:
-        """Keep the smallest differences."""
-        if received - self._turned > 0.5 * REMEMBERED:
+        """Update the smallest differences."""
+        if received - self._turned > 0.5 * OFFSET_SECONDS:
             self._older, self._newer, self._turned = self._newer, math.inf, received
         self._newer = min(self._newer, difference)
 
     def _is_another_clock(self, difference: float, received: float) -> bool:
-        """Say whether stamps have been off by the same time for long enough."""
+        """Return whether stamps have had a constant error for long enough."""
         since, least, most = self._off or (received, difference, difference)
         least, most = min(least, difference), max(most, difference)
         if most - least > self.limit:
             since, least, most = received, difference, difference
         self._off = since, least, most
-        return self._stepped and received - since >= RELEARNED
+        return self._stepped and received - since >= NEW_CLOCK_SECONDS
 
 
 class Dropped:
-    """Why the last message was dropped that was dropped."""
+    """Fault of the last dropped message."""
 
     def __init__(self) -> None:
         self._fault, self._at = '', -math.inf
 
     def note(self, fault: str, now: float) -> None:
-        """Keep the fault of a message at a time [s]; an empty one is none."""
+        """Store the fault of a message at a time [s]; ignore an empty one."""
         if fault:
             self._fault, self._at = fault, now
 
     def remark(self, now: float, timeout: float) -> str:
         """
-        Return the fault in brackets, if it was within `timeout` seconds; else nothing.
+        Return the fault in brackets if it is at most `timeout` seconds old, or an empty string.
 
-        Messages that come less often are remembered for `LASTING`: the remark would come and go.
+        It is shown for at least `LASTING_SECONDS`, so that rare messages do not make it flicker.
         """
-        return f' (ignored: {self._fault})' if now - self._at <= max(timeout, LASTING) else ''
+        recent = now - self._at <= max(timeout, LASTING_SECONDS)
+        return f' (ignored: {self._fault})' if recent else ''
 
 
 class Contradicting:
     """
-    Base class of checks that notice positions which contradict each other.
+    Base class of checks that detect contradictory positions.
 
     Attributes
     ----------
     contradiction : str
-        The first that was noticed since `forget`; empty where there was none.
+        First contradiction since `forget`, or empty.
 
     """
 
@@ -168,21 +169,21 @@ class Contradicting:
         self.contradiction, self._contradicted = '', -math.inf
 
     def forget(self) -> None:
-        """Forget the contradiction."""
+        """Clear the contradiction."""
         self.contradiction = ''
 
     def lasting(self, now: float) -> str:
-        """Return the contradiction that was noticed within the last second, if any."""
-        return self.contradiction if now - self._contradicted < LASTING else ''
+        """Return the contradiction detected within the last second, if any."""
+        return self.contradiction if now - self._contradicted < LASTING_SECONDS else ''
 
     def _contradict(self, what: str, now: float) -> None:
-        """Keep a contradiction; the first one is reported."""
+        """Record a contradiction; the first one is reported."""
         self.contradiction, self._contradicted = self.contradiction or what, now
 
 
 class History:
     """
-    Reference positions of some time ago, against which slow drift becomes visible.
+    Earlier reference positions that reveal slow drift.
 
     Consecutive messages may each deviate by the whole allowance. Compared with a position that
     is up to `age` seconds old, they may do so only once in that time.
@@ -195,7 +196,7 @@ class History:
     Attributes
     ----------
     positions : ndarray or None
-        Of the reference; None before the first.
+        Positions of the reference; None before the first.
     measured : ndarray or float
         Times of the measurements [s].
 
@@ -211,18 +212,18 @@ class History:
         self.positions, self._since = None, -math.inf
 
     def is_due(self, now: float) -> bool:
-        """Return whether the reference is to be replaced, because it is old or there is none."""
+        """Return whether the reference is missing, or old enough to be replaced."""
         return not 0.0 <= now - self._since < self._age
 
     def replace(self, positions: Array, measured: Array | float, now: float) -> None:
-        """Take a copy of positions as the reference from now on."""
+        """Store a copy of positions as the new reference."""
         self.positions, self.measured, self._since = positions.copy(), measured, now
 
 
 @dataclass(frozen=True)
 class Following:
     """
-    Definition of a robot that does not follow its commands.
+    Thresholds for a robot that does not follow its commands.
 
     Attributes
     ----------
@@ -249,16 +250,16 @@ class Following:
 
 class LimitCheck:
     """
-    Position limits that are passed in motion, or violated before it begins.
+    Check of position limits: violated before motion, or passed in motion.
 
     Parameters
     ----------
     names : tuple of str
-        Of the driven joints.
+        Names of the driven joints.
     lower, upper : ndarray (n,)
         Their position limits [rad or m].
     tolerance : float
-        Distance beyond a limit from which it counts [rad or m].
+        Tolerated distance beyond a limit [rad or m].
 
     Attributes
     ----------
@@ -274,13 +275,13 @@ class LimitCheck:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: the next positions need not follow from the ones before."""
-        # A joint that starts outside, within the tolerance, is led back.
+        """Restart the check: the next positions may be unrelated to the last ones."""
+        # A joint that starts outside, within the tolerance, may move back.
         self._inside = np.zeros(len(self._names), dtype=bool)
         self._all_inside = False
 
     def outside(self, q: Array) -> str:
-        """Return the joint that is outside of its limits by more than the tolerance, if any."""
+        """Return the fault of a joint outside its limits by more than the tolerance, if any."""
         beyond = np.maximum(q - self._upper, self._lower - q)
         if not (beyond > self.tolerance).any():
             return ''
@@ -289,7 +290,7 @@ class LimitCheck:
                 f'{self._lower[joint]:.4g} … {self._upper[joint]:.4g}: wrong unit or offset?')
 
     def passed(self, q: Array) -> str:
-        """Return the joint that has passed a limit since it was inside, if any; q (n,)."""
+        """Return the fault of a joint that was inside and has passed a limit, if any; q (n,)."""
         if self._all_inside and self._is_inside(q.tolist()):
             return ''
         beyond = np.maximum(q - self._upper, self._lower - q)
@@ -302,7 +303,7 @@ class LimitCheck:
         return f'{self._names[joint]} has passed its position limit, at {q[joint]:.4g}'
 
     def _is_inside(self, positions: list[float]) -> bool:
-        """Return whether all joints are within their limits; quicker than numpy for a few."""
+        """Return whether all joints are within their limits; faster than numpy for few joints."""
         for position, (lower, upper) in zip(positions, self._ranges):
             if not lower <= position <= upper:
                 return False
@@ -311,19 +312,19 @@ class LimitCheck:
 
 class FollowCheck:
     """
-    Whether joints, or the axes of a base, move as they are commanded.
+    Check that joints, or the axes of a base, follow their commands.
 
     Parameters
     ----------
     names : tuple of str
-        Of the joints or axes.
+        Names of the joints or axes.
     endless : ndarray (n,) of bool
         Marks joints that turn without end.
     following : Following
 
     """
 
-    # Samples in a window, and windows in the one for slow motion.
+    # Number of samples in a window, and length of the window for slow motion in windows.
     SAMPLES, SLOW = 20, 5
 
     def __init__(self, names: tuple[str, ...], endless: NDArray[np.bool_],
@@ -333,7 +334,7 @@ class FollowCheck:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: the next positions need not follow from the ones before."""
+        """Restart the check: the next positions may be unrelated to the last ones."""
         self._samples: deque[tuple[Array, Array, float]] = deque(
             maxlen=1 + self.SLOW * self.SAMPLES + self._late)
         self._commanded = np.zeros(len(self._names))
@@ -342,7 +343,7 @@ class FollowCheck:
 
     def check(self, q: Array, velocity: Array, now: float) -> str:
         """
-        Return the first joint that does not follow; empty where all do.
+        Return the fault of the first joint that does not follow, or an empty string.
 
         Parameters
         ----------
@@ -357,13 +358,13 @@ class FollowCheck:
         window = self._following.window
         if not window or not len(q):
             return ''
-        if self._last > -math.inf and not 0.0 <= now - self._last <= LEAP * window:
-            # The clock was set: nobody knows for how long the last command was in force.
+        if self._last > -math.inf and not 0.0 <= now - self._last <= LARGEST_CLOCK_STEP * window:
+            # The clock was set: the duration of the last command is unknown.
             self.forget()
         if self._last > -math.inf:
             self._commanded = self._commanded + self._velocity * (now - self._last)
         self._velocity, self._last = velocity, now
-        # A little early is better than a whole cycle late.
+        # Slightly early, since otherwise it may be a whole cycle late.
         if now - self._sampled < 0.9 * window / self.SAMPLES:
             return ''
         self._sampled = now
@@ -371,7 +372,7 @@ class FollowCheck:
         return self._fault()
 
     def _fault(self) -> str:
-        """Return the first joint that has not followed in one of the windows that end now."""
+        """Return the fault of the first joint that has not followed in a window that ends now."""
         lengths = [length for length in (self.SAMPLES, self.SLOW * self.SAMPLES)
                    if len(self._samples) >= 1 + length + self._late]
         if not lengths:
@@ -380,25 +381,26 @@ class FollowCheck:
         steps = motion(np.diff(positions, axis=0), self._endless)
         for length in lengths:
             moved = steps[-length:].sum(axis=0)
-            # Commanded in windows of the same length that end earlier: whatever the delay of the
-            # robot, one of them is the motion that it has to follow now.
+            # Commanded motion in windows of the same length that end earlier: one of them is the
+            # motion that a robot with any delay up to `lag` has to follow now.
             last = 1 + self._late
-            asked = commanded[-last:] - commanded[-last - length:-length]
-            joint = self._astray(moved, asked)
+            demanded = commanded[-last:] - commanded[-last - length:-length]
+            joint = self._deviating(moved, demanded)
             if joint is not None:
                 return (f'{self._names[joint]} does not follow: commanded to move by '
-                        f'{asked[-1][joint]:.2g}, moved by {moved[joint]:.2g} '
+                        f'{demanded[-1][joint]:.2g}, moved by {moved[joint]:.2g} '
                         f'in {times[-1] - times[-1 - length]:.2g} s')
         return ''
 
-    def _astray(self, moved: Array, asked: Array) -> int | None:
-        """Return a joint whose motion (n,) fits none of the commanded ones (k, n), if any."""
+    def _deviating(self, moved: Array, demanded: Array) -> int | None:
+        """Return a joint with motion (n,) unlike all commanded ones (k, n), if any."""
         following = self._following
-        size = np.abs(asked)
-        least = np.where(np.abs(np.sign(asked).sum(axis=0)) == len(asked), size.min(axis=0), 0.0)
-        along = moved * np.sign(asked[-1])
+        size = np.abs(demanded)
+        least = np.where(np.abs(np.sign(demanded).sum(axis=0)) == len(demanded),
+                         size.min(axis=0), 0.0)
+        along = moved * np.sign(demanded[-1])
         still = (least > following.distance) & (along < following.share * least)
         slack = following.excess + size.max(axis=0)
-        away = (moved > asked.max(axis=0) + slack) | (moved < asked.min(axis=0) - slack)
+        away = (moved > demanded.max(axis=0) + slack) | (moved < demanded.min(axis=0) - slack)
         wrong = still | away
         return int(np.argmax(wrong)) if wrong.any() else None

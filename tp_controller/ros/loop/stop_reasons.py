@@ -12,32 +12,32 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Why a robot is stopped, and when it goes on: what passes by itself, and what does not."""
+"""Reasons of a stop: faults that pass by themselves, and faults that latch."""
 
 import math
 
 
 class Stops:
     """
-    Decides between faults that pass and faults that latch.
+    State of passing and latched faults.
 
-    What passes, as joint states that are late, stops the robot while it lasts and for `settle`
-    seconds more, so that nothing flips where it comes and goes. What latches, as a robot that does
-    not follow, stops it until somebody starts it again.
+    A passing fault, such as late joint states, stops the robot while it lasts and for `settle`
+    seconds more, so that an intermittent fault does not make the robot start and stop. A latched
+    fault, such as a robot that does not follow, stops it until the next start.
 
     Parameters
     ----------
     settle : float
-        For how long everything has to be in order before the robot moves again [s].
+        Time without a fault before the robot moves again [s].
 
     Attributes
     ----------
     latched : str
-        What stops the robot until this is emptied.
+        Latched fault; the robot is stopped until this is cleared.
     moved : bool
-        There was a cycle without a reason to stop.
+        A cycle without a reason to stop has run.
     abrupt : bool
-        Zeros have to be commanded at once: it is not known where the robot is, or how it moves.
+        Zeros have to be commanded at once: position or motion of the robot is unknown.
 
     """
 
@@ -45,24 +45,24 @@ class Stops:
         self._settle = settle
         self.latched = self._passing = ''
         self._ended = self._interrupted = -math.inf
-        # Before that there is nothing to settle.
+        # Before the first motion there is no settling time.
         self.moved = self.abrupt = False
 
     def reason(self, passing: str, now: float) -> str:
         """
-        Return why the robot is stopped; empty where it is not.
+        Return the reason for which the robot is stopped, or an empty string.
 
         Parameters
         ----------
         passing : str
-            What is wrong now and passes by itself; else empty.
+            Current fault that passes by itself, or empty.
         now : float
             [s]
 
         """
         if passing:
             self._ended = now
-            # What an interruption brings with it is not the cause.
+            # Faults that an interruption causes are not reported in its place.
             if not self._passing or now - self._interrupted >= self._settle:
                 self._passing = passing
         elif not self.moved or now - self._ended >= self._settle:
@@ -75,11 +75,11 @@ class Stops:
         return ''
 
     def interrupt(self, passing: str, now: float) -> None:
-        """Stop for what is over already, for `settle` seconds from now on."""
+        """Stop for `settle` seconds from now on, for a fault that is over."""
         self._passing, self._ended, self._interrupted = passing, now, now
         self.abrupt = True
 
     def latch(self, fault: str, abrupt: bool = True) -> None:
-        """Stop until the next start; the first fault is the one that is reported."""
+        """Stop until the next start; the first fault is reported."""
         self.latched = self.latched or fault
         self.abrupt = self.abrupt or abrupt

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Watches over the loop from a thread of its own."""
+"""Watchdog of the control loop, on a thread of its own."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,31 +21,31 @@ from threading import Event, Thread
 
 class Watchdog:
     """
-    Calls `bark` again and again while nothing has been completed for too long.
+    Watchdog that calls `on_timeout` repeatedly while the loop makes no progress.
 
     Parameters
     ----------
     timeout : float
         [s]
     silence : callable
-        Returns for how long nothing has been completed [s].
-    bark : callable
+        Returns the time since the last progress [s].
+    on_timeout : callable
         Called without arguments.
 
     """
 
     def __init__(self, timeout: float, silence: Callable[[], float],
-                 bark: Callable[[], None]) -> None:
-        self._timeout, self._silence, self._bark = timeout, silence, bark
+                 on_timeout: Callable[[], None]) -> None:
+        self._timeout, self._silence, self._on_timeout = timeout, silence, on_timeout
 
     def check(self) -> None:
-        """Look once."""
+        """Check the loop once."""
         if self._silence() > self._timeout:
-            self._bark()
+            self._on_timeout()
 
     @contextmanager
     def watching(self) -> Iterator[None]:
-        """Look four times in each timeout, until the block ends."""
+        """Check the loop four times in each timeout, until the block ends."""
         ended = Event()
 
         def watch() -> None:

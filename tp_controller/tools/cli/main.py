@@ -25,7 +25,7 @@ from typing import NoReturn
 
 import argcomplete
 from tp_controller.errors import SolverError, TpControllerError
-from tp_controller.ros.signals import ENDING, SignalWatch
+from tp_controller.ros.signals import END_SIGNALS, SignalWatch
 from tp_controller.tools.cli import check, demo, goal, plot, record, status, view
 from tp_controller.tools.extras import install_command
 from tp_controller.untrusted import plain
@@ -100,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except TpControllerError as error:
         return _refuse(error)
     # The first Ctrl-C is an exception, which waits for C code to return.
-    watch = SignalWatch(ENDING, INTERRUPTED)
+    watch = SignalWatch(END_SIGNALS, INTERRUPTED)
     watch.start()
     try:
         return options.run(options)

@@ -28,7 +28,7 @@ from tp_controller.tools.cli.values import positive_number
 from tp_controller.untrusted import errors_of, plain
 
 if TYPE_CHECKING:  # Imported with the first status: the help needs no ROS.
-    from tp_controller.ros.client.status_monitor import Heard, Watch
+    from tp_controller.ros.client.status_monitor import ControllerStatus, Watch
 
 # To the first line, and clear what is below it.
 HOME = '\x1b[H\x1b[J'
@@ -86,7 +86,7 @@ def show_status(options: argparse.Namespace) -> int:
         if not watch.wait(options.wait):
             raise TpControllerError(absence(', '.join(f'/{name}' for name in watch.missing())))
         if options.once:
-            print(table(watch.heard()))
+            print(table(watch.statuses()))
         elif sys.stdout.isatty():
             _show_live(watch, options.period or 0.2)
         else:
@@ -94,14 +94,14 @@ def show_status(options: argparse.Namespace) -> int:
     return 0
 
 
-def table(heard: Mapping[str, 'Heard'], width: int | None = None) -> str:
+def table(heard: Mapping[str, 'ControllerStatus'], width: int | None = None) -> str:
     """
     Return the status of controllers as text.
 
     Parameters
     ----------
     heard : dict
-        {name of a controller: Heard}
+        {name of a controller: ControllerStatus}
     width : int, optional
         Of a terminal, whose lines are cut off there.
 
@@ -141,7 +141,7 @@ def _error(unit: str, error: float) -> str:
 def _print_tables(watch: 'Watch', period: float) -> None:
     """Print a table below the last one, again and again."""
     while True:
-        print(table(watch.heard()), end='\n\n', flush=True)
+        print(table(watch.statuses()), end='\n\n', flush=True)
         watch.listen(period)
 
 
@@ -151,7 +151,7 @@ def _show_live(watch: 'Watch', period: float) -> None:
     try:
         while True:
             size = shutil.get_terminal_size()
-            lines = table(watch.heard(), size.columns).splitlines()
+            lines = table(watch.statuses(), size.columns).splitlines()
             # One line more would move all of them up.
             print(HOME + '\n'.join(lines[:size.lines - 1]), end='', flush=True)
             watch.listen(period)

@@ -36,7 +36,7 @@ from tp_controller.errors import in_words, TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.resources import MOST_XML_CHARACTERS
-from tp_controller.ros.bounded_subscription import LONGEST, subscribe
+from tp_controller.ros.bounded_subscription import LARGEST_MESSAGE, subscribe
 from tp_controller.ros.client.client import Client, type_name
 from tp_controller.ros.client.configuration import ConfigurationBuffer
 from tp_controller.ros.parameters import LIMITS, names_in, ROBOT, TASKS
@@ -232,7 +232,8 @@ class Link:
     # What the page is told ------------------------------------------------------------------
 
     def _listen(self, kind: type, name: str, callback: Callable[[Any], None],
-                qos: QoSProfile, ending: str = LOOP, longest: int = LONGEST) -> Subscription:
+                qos: QoSProfile, ending: str = LOOP,
+                longest: int = LARGEST_MESSAGE) -> Subscription:
         """Listen to what a node of the controller, by the end of its name, listens to, too."""
         return subscribe(self.client.node, kind, self._topic(name, kind, ending), callback, qos,
                          longest)
