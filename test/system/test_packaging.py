@@ -152,6 +152,22 @@ def test_package_xml_and_setup_py_agree(metadata, package_xml):
     assert f'{metadata["version"]} (' in (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
 
 
+# catkin_pkg calls a method of docutils that is obsolete.
+@pytest.mark.filterwarnings('ignore:nodes.Node.traverse:DeprecationWarning')
+def test_changelog_is_one_that_catkin_prepare_release_and_bloom_can_read():
+    changelog = pytest.importorskip('catkin_pkg.changelog')
+    package_version = pytest.importorskip('catkin_pkg.package_version')
+    text = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    forthcoming = package_version.get_forthcoming_label(text)
+    if forthcoming:
+        text = package_version.rename_section(text, forthcoming, '9.9.9 (2099-01-01)')
+    read = changelog.populate_changelog_from_rst(changelog.Changelog(PACKAGE), text)
+    headings = re.findall(r'^(\d+\.\d+\.\d+) \(', text, re.MULTILINE)
+    assert [version for version, _, _ in read.foreach_version(reverse=True)] == headings
+    for section in re.split(r'^\d+\.\d+\.\d+ \(', text, flags=re.MULTILINE)[1:]:
+        assert section.count('\n* ') <= 60
+
+
 def test_citation_names_this_version(metadata):
     citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text(encoding='utf-8'))
     assert citation['cff-version'] == '1.2.0'
