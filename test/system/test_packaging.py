@@ -195,6 +195,20 @@ def test_package_xml_is_valid():
     assert warnings == []
 
 
+def test_nodes_and_commands_for_them_run_without_the_keys_that_may_be_skipped(package_xml):
+    page = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
+    keys, = re.findall('--skip-keys "(.*)"', page)
+    assert {*keys.split()} <= {*dependencies(package_xml)}
+    modules = [module for module, (_, key) in THIRD_PARTY.items() if key in keys.split()]
+    assert {'joblib', 'matplotlib', 'PIL'} <= {*modules}
+    pytest.importorskip('rclpy')
+    code = (f'import importlib, sys; sys.modules.update(dict.fromkeys({modules!r}))\n'
+            'for name in ("ros.controller_node", "ros.simulator_node", "ros.watchdog_node", '
+            '"ros.client.client", "tools.cli.main", "tools.demos.scenarios"):\n'
+            '    importlib.import_module(f"tp_controller.{name}")')
+    run(sys.executable, '-c', code, PYTHONPATH=python_path(ROOT))
+
+
 @pytest.mark.parametrize('folder', [PACKAGE, 'launch', 'test', 'benchmarks'])
 def test_every_import_is_a_dependency(folder, metadata, package_xml):
     wanted, keys = requirements(metadata), dependencies(package_xml)
