@@ -45,8 +45,8 @@ EXECUTABLES = {'tp_controller', 'controller_node', 'simulator_node', 'viewer_nod
 BUILT = ('LICENSE', 'README.md', 'bin', 'config', 'launch', 'package.xml', 'pyproject.toml',
          'resource', 'scripts', 'setup.cfg', 'setup.py', PACKAGE)
 # What a source distribution has besides.
-SHIPPED = (*BUILT, '.ci', 'CHANGELOG.rst', 'CITATION.cff', 'CONTRIBUTING.md', 'MANIFEST.in',
-           'Makefile', 'benchmarks', 'docs', 'examples', 'rosdoc2.yaml', 'test')
+SHIPPED = (*BUILT, '.ci', '.github', '.pre-commit-config.yaml', 'CHANGELOG.rst', 'CITATION.cff',
+           'CONTRIBUTING.md', 'MANIFEST.in', 'Makefile', 'benchmarks', 'docs', 'examples', 'rosdoc2.yaml', 'test')
 # Files that are made here, and belong to no distribution.
 MADE = shutil.ignore_patterns('__pycache__', '*.so', '_build')
 
@@ -207,6 +207,20 @@ def test_nodes_and_commands_for_them_run_without_the_keys_that_may_be_skipped(pa
             '"ros.client.client", "tools.cli.main", "tools.demos.scenarios"):\n'
             '    importlib.import_module(f"tp_controller.{name}")')
     run(sys.executable, '-c', code, PYTHONPATH=python_path(ROOT))
+
+
+def test_continuous_integration_runs_what_is_run_by_hand(metadata):
+    workflow = yaml.safe_load((ROOT / '.github/workflows/ci.yml').read_text(encoding='utf-8'))
+    jobs = workflow['jobs'].values()
+    assert '.ci/run' in [step.get('run') for job in jobs for step in job['steps']]
+    oldest = metadata['python_requires'].removeprefix('>=')
+    assert oldest in workflow['jobs']['unit']['strategy']['matrix']['python']
+    hooks = yaml.safe_load((ROOT / '.pre-commit-config.yaml').read_text(encoding='utf-8'))
+    makefile = (ROOT / 'Makefile').read_text(encoding='utf-8')
+    for hook in hooks['repos'][0]['hooks']:
+        assert f"@{hook['entry'].replace('.venv/bin', '$(BIN)')} .\n" in makefile
+    for form in (ROOT / '.github' / 'ISSUE_TEMPLATE').glob('*.yml'):
+        assert {'name', 'description', 'body'} <= {*yaml.safe_load(form.read_text('utf-8'))}
 
 
 @pytest.mark.parametrize('folder', [PACKAGE, 'launch', 'test', 'benchmarks'])
