@@ -46,7 +46,8 @@ BUILT = ('LICENSE', 'README.md', 'bin', 'config', 'launch', 'package.xml', 'pypr
          'resource', 'scripts', 'setup.cfg', 'setup.py', PACKAGE)
 # What a source distribution has besides.
 SHIPPED = (*BUILT, '.ci', '.github', '.pre-commit-config.yaml', 'CHANGELOG.rst', 'CITATION.cff',
-           'CONTRIBUTING.md', 'MANIFEST.in', 'Makefile', 'benchmarks', 'docs', 'examples', 'rosdoc2.yaml', 'test')
+           'CONTRIBUTING.md', 'MANIFEST.in', 'Makefile', 'QUALITY_DECLARATION.md', 'RELEASING.md',
+           'benchmarks', 'docs', 'examples', 'rosdoc2.yaml', 'test')
 # Files that are made here, and belong to no distribution.
 MADE = shutil.ignore_patterns('__pycache__', '*.so', '_build')
 
