@@ -25,7 +25,13 @@ from xml.etree import ElementTree
 ROOT = Path(find_spec('tp_controller').origin).parents[1]
 # Files beside the folder that are pages of the site.
 INCLUDED = {'README.md': 'index.md', 'CONTRIBUTING.md': 'contributing.md',
-            'CHANGELOG.rst': 'changelog.md'}
+            'CHANGELOG.rst': 'changelog.md', 'RELEASING.md': 'versions.md',
+            'QUALITY_DECLARATION.md': 'quality_declaration.md'}
+# Those of them that take the place of a page as a whole.
+WHOLE = {'contributing': 'CONTRIBUTING.md', 'versions': 'RELEASING.md',
+         'quality_declaration': 'QUALITY_DECLARATION.md'}
+# Links of a file beside the folder to another one.
+BESIDE = re.compile(r'\]\((?!#|docs/|\w+://)')
 OUTSIDE = re.compile(r'(?P<before>\]\(|include:: )(?P<path>(?:\.\./)+[^)\s#]+)')
 
 project = 'tp_controller'
@@ -33,9 +39,9 @@ author = project_copyright = 'tp_controller contributors'
 version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
 
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
-# rosdoc2 adds pages that are not ours: these two, and all in reStructuredText.
+# rosdoc2 adds pages that are not ours: these, and all in reStructuredText.
 source_suffix = {'.md': 'markdown'}
-exclude_patterns = ['_build', 'README.md', 'CONTRIBUTING.md']
+exclude_patterns = ['_build', 'README.md', *WHOLE.values()]
 highlight_language = 'text'
 html_theme = 'furo'
 html_title = f'{project} {version}'
@@ -61,8 +67,9 @@ MODULES = ('tp_controller', 'tp_controller.tasks', 'tp_controller.errors')
 
 def lead_outside(app, docname, source):
     """Let links, and files that are included, lead out of the folder of the pages."""
-    if docname == 'contributing':
-        source[0] = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8').replace('](docs/', '](')
+    if docname in WHOLE:
+        text = (ROOT / WHOLE[docname]).read_text(encoding='utf-8')
+        source[0] = BESIDE.sub('](../', text).replace('](docs/', '](')
     page = (ROOT / 'docs' / docname).parent
 
     def correct(match):

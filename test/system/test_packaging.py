@@ -45,8 +45,9 @@ EXECUTABLES = {'tp_controller', 'controller_node', 'simulator_node', 'viewer_nod
 BUILT = ('LICENSE', 'README.md', 'bin', 'config', 'launch', 'package.xml', 'pyproject.toml',
          'resource', 'scripts', 'setup.cfg', 'setup.py', PACKAGE)
 # What a source distribution has besides.
-SHIPPED = (*BUILT, '.ci', 'CHANGELOG.rst', 'CITATION.cff', 'CONTRIBUTING.md', 'MANIFEST.in',
-           'Makefile', 'benchmarks', 'docs', 'examples', 'rosdoc2.yaml', 'test')
+SHIPPED = (*BUILT, '.ci', '.github', '.pre-commit-config.yaml', 'CHANGELOG.rst', 'CITATION.cff',
+           'CONTRIBUTING.md', 'MANIFEST.in', 'Makefile', 'QUALITY_DECLARATION.md', 'RELEASING.md',
+           'benchmarks', 'docs', 'examples', 'rosdoc2.yaml', 'test')
 # Files that are made here, and belong to no distribution.
 MADE = shutil.ignore_patterns('__pycache__', '*.so', '_build')
 
@@ -152,6 +153,22 @@ def test_package_xml_and_setup_py_agree(metadata, package_xml):
     assert f'{metadata["version"]} (' in (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
 
 
+# catkin_pkg calls a method of docutils that is obsolete.
+@pytest.mark.filterwarnings('ignore:nodes.Node.traverse:DeprecationWarning')
+def test_changelog_is_one_that_catkin_prepare_release_and_bloom_can_read():
+    changelog = pytest.importorskip('catkin_pkg.changelog')
+    package_version = pytest.importorskip('catkin_pkg.package_version')
+    text = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    forthcoming = package_version.get_forthcoming_label(text)
+    if forthcoming:
+        text = package_version.rename_section(text, forthcoming, '9.9.9 (2099-01-01)')
+    read = changelog.populate_changelog_from_rst(changelog.Changelog(PACKAGE), text)
+    headings = re.findall(r'^(\d+\.\d+\.\d+) \(', text, re.MULTILINE)
+    assert [version for version, _, _ in read.foreach_version(reverse=True)] == headings
+    for section in re.split(r'^\d+\.\d+\.\d+ \(', text, flags=re.MULTILINE)[1:]:
+        assert section.count('\n* ') <= 60
+
+
 def test_citation_names_this_version(metadata):
     citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text(encoding='utf-8'))
     assert citation['cff-version'] == '1.2.0'
@@ -177,6 +194,34 @@ def test_package_xml_is_valid():
     package.validate(warnings=warnings)
     assert package.get_build_type() == 'ament_python'
     assert warnings == []
+
+
+def test_nodes_and_commands_for_them_run_without_the_keys_that_may_be_skipped(package_xml):
+    page = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
+    keys, = re.findall('--skip-keys "(.*)"', page)
+    assert {*keys.split()} <= {*dependencies(package_xml)}
+    modules = [module for module, (_, key) in THIRD_PARTY.items() if key in keys.split()]
+    assert {'joblib', 'matplotlib', 'PIL'} <= {*modules}
+    pytest.importorskip('rclpy')
+    code = (f'import importlib, sys; sys.modules.update(dict.fromkeys({modules!r}))\n'
+            'for name in ("ros.controller_node", "ros.simulator_node", "ros.watchdog_node", '
+            '"ros.client.client", "tools.cli.main", "tools.demos.scenarios"):\n'
+            '    importlib.import_module(f"tp_controller.{name}")')
+    run(sys.executable, '-c', code, PYTHONPATH=python_path(ROOT))
+
+
+def test_continuous_integration_runs_what_is_run_by_hand(metadata):
+    workflow = yaml.safe_load((ROOT / '.github/workflows/ci.yml').read_text(encoding='utf-8'))
+    jobs = workflow['jobs'].values()
+    assert '.ci/run' in [step.get('run') for job in jobs for step in job['steps']]
+    oldest = metadata['python_requires'].removeprefix('>=')
+    assert oldest in workflow['jobs']['unit']['strategy']['matrix']['python']
+    hooks = yaml.safe_load((ROOT / '.pre-commit-config.yaml').read_text(encoding='utf-8'))
+    makefile = (ROOT / 'Makefile').read_text(encoding='utf-8')
+    for hook in hooks['repos'][0]['hooks']:
+        assert f"@{hook['entry'].replace('.venv/bin', '$(BIN)')} .\n" in makefile
+    for form in (ROOT / '.github' / 'ISSUE_TEMPLATE').glob('*.yml'):
+        assert {'name', 'description', 'body'} <= {*yaml.safe_load(form.read_text('utf-8'))}
 
 
 @pytest.mark.parametrize('folder', [PACKAGE, 'launch', 'test', 'benchmarks'])

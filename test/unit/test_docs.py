@@ -52,17 +52,20 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / 'docs'
 HOW_TO = sorted((DOCS / 'howto').glob('*.md'))
 ROBOTS = sorted((DOCS / 'robots').glob('*.md'))
-PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted(DOCS.glob('*.md')), *HOW_TO,
-         *ROBOTS]
+BESIDE = [ROOT / f'{name}.md' for name in (
+    'README', 'CONTRIBUTING', 'RELEASING', 'QUALITY_DECLARATION')]
+PAGES = [*BESIDE, *sorted(DOCS.glob('*.md')), *HOW_TO, *ROBOTS]
 # What they show is a file beside the folder.
-INCLUDING = {DOCS / 'contributing.md', DOCS / 'changelog.md'}
+INCLUDING = {DOCS / f'{name}.md' for name in (
+    'contributing', 'changelog', 'versions', 'quality_declaration')}
 # Messages are made on first use, by packages that import deprecated modules.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
 FENCE = re.compile(r'^(?P<fence>```+|~~~+)(?P<language>\w*|\{[\w-]+\})(?: \S+)?$')
 FILE = re.compile(r'<!-- file: (\S+) -->')
 LINK = re.compile(r'\[[^\]]*\]\(([^)\s]+)\)')
 # Programs that are not ours; what they are told is not looked at.
-FOREIGN = {'cd', 'colcon', 'export', 'git', 'mkdir', 'pip', 'rosdep', 'source', '.'}
+FOREIGN = {'bloom-release', 'cd', 'colcon', 'export', 'git', 'mkdir', 'pip', 'rosdep', 'source',
+           '.'}
 # Parameters that every node has.
 EVERY_NODE = {'use_sim_time': False}
 # Packages of drivers, whose launch files and executables are not looked at either.

@@ -43,8 +43,8 @@ WORDS = {
     r'held|holds? (still|what)|on hold': 'stopped, default goal, zero-order hold',
 }
 FOUND = re.compile('|'.join(rf'\b({word})\b' for word in WORDS), re.IGNORECASE)
-# Names that users have written into their files.
-NAMES = re.compile(r'release_region')
+# Names that users have written into their files, and those of ROS tools and of a page.
+NAMES = re.compile('release_region|catkin_prepare_release|bloom-release|RELEASING')
 SUFFIXES = {'.md', '.py', '.yaml', '.xml', '.toml', '.cfg'}
 FOLDERS = ('tp_controller', 'config', 'docs', 'launch', 'benchmarks', 'test', 'scripts',
            'examples')
