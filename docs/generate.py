@@ -456,8 +456,8 @@ def check_report():
 
 def faults():
     """Return the table of faults and outcomes, as the tests declare them."""
-    folders = [str(ROOT / 'test' / name) for name in ('', 'faults', 'ros', 'ros/loop',
-                                                  'system')]
+    folders = [str(ROOT / 'test' / name)
+               for name in ('', 'faults', 'ros', 'ros/loop', 'system')]
     before, sys.path[:0] = list(sys.path), folders
     try:
         declared = importlib.import_module('fault_table').TABLE

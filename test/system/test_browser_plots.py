@@ -23,7 +23,10 @@ PAUSE = """
     window.paused = false;
     window.requestAnimationFrame = callback => window.paused ? waiting.push(callback) && 0
                                                            : draw(callback);
-    window.resume = () => { window.paused = false; waiting.splice(0).forEach(each => draw(each)); };
+    window.resume = () => {
+        window.paused = false;
+        waiting.splice(0).forEach(each => draw(each));
+    };
 """
 SEEN = """() => [...document.querySelectorAll('.uplot')].map(plot => [
     plot.querySelector('canvas').width, getComputedStyle(plot).visibility])"""

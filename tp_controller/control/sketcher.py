@@ -32,8 +32,8 @@ from tp_controller.tasks.task_errors import MAX_SLOW_CYCLES, raised
 Configuration: TypeAlias = tuple[ArrayLike, ArrayLike | None]
 # Largest number of drawn parts of a task.
 MOST_PARTS = 200
-# Time limit of a sketch [s]. A task that exceeds it `MAX_SLOW_CYCLES` times in a row is no longer drawn:
-# it would delay the other reports. The tasks of this package take milliseconds.
+# Time limit of a sketch [s]. A task that exceeds it `MAX_SLOW_CYCLES` times in a row is no longer
+# drawn: it would delay the other reports. The tasks of this package take milliseconds.
 SKETCH_SECONDS = 0.2
 
 
@@ -109,5 +109,5 @@ class Sketcher:
         """Count the violations of the time limit by a task."""
         self._late[task] = self._late[task] + 1 if took > SKETCH_SECONDS else 0
         if self._late[task] == MAX_SLOW_CYCLES:
-            self._refused(task.name, f'sketch took more than {SKETCH_SECONDS:g} s, {MAX_SLOW_CYCLES} '
-                                     'times in a row')
+            self._refused(task.name, f'sketch took more than {SKETCH_SECONDS:g} s, '
+                                     f'{MAX_SLOW_CYCLES} times in a row')

@@ -286,7 +286,7 @@ class VelocityLimits:
 
     def _rows(self, q: Array, previous: Array, elapsed: float, pending: Array,
               duration: float) -> Array:
-        """Return the result of `bounded` at `q`: the reference of `Limits` in velocity_limits.h."""
+        """Return the result of `bounded` at `q`: the reference of velocity_limits.h."""
         distance = np.array((self._upper - q, q - self._lower))
         if self._endless:
             distance = np.minimum(distance, LARGEST_DISTANCE)
