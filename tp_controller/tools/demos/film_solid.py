@@ -35,7 +35,7 @@ from tp_controller.tools.view.parts import add_part, Colour, Part, place, wxyz
 from tp_controller.tools.view.scene import add_ground, RobotScene, Trail
 from tp_controller.tools.view.server import address, open_server, unused_port
 from tp_controller.tools.view.sketches import extent, shape_part, SketchScene
-from tp_controller.tools.view.visuals import looks_of
+from tp_controller.tools.view.visuals import visuals_of
 import viser
 
 # Chromium starts within 2 s; a picture takes 0.2 s, on a machine that is busy ten times that [s].
@@ -174,7 +174,7 @@ def _seen(motion: Motion, samples: Sequence[int]) -> tuple[Array, list[Sketch]]:
     playback, points = Playback(motion), []
     sketches: list[Sketch] = []
     corners = {link: np.concatenate([_corners(part) for part in parts])
-               for link, parts in looks_of(motion.robot).parts.items() if parts}
+               for link, parts in visuals_of(motion.robot).parts.items() if parts}
     for sample in samples:
         playback.seek(sample)
         state = playback.state

@@ -19,7 +19,7 @@ from collections.abc import Iterable
 import numpy as np
 from tp_controller.tools.view.meshes import Mesh
 
-SIDES, ROUND = 40, 6
+SIDES, ROUND = 40, 6  # segments of a turn, of a rounded edge
 
 
 def surface(outline: Iterable[tuple[float, float]]) -> Mesh:
@@ -29,8 +29,8 @@ def surface(outline: Iterable[tuple[float, float]]) -> Mesh:
     Parameters
     ----------
     outline : iterable of (float, float)
-        Radius and height of its points, from below to above [m]; an edge stays sharp where a point
-        is there twice.
+        Radius and height of its points, from bottom to top [m]; a repeated point makes a sharp
+        edge.
 
     """
     points = np.array(list(outline))
@@ -46,7 +46,7 @@ def surface(outline: Iterable[tuple[float, float]]) -> Mesh:
 
 
 def drum(radius: float, length: float, edge: float) -> Mesh:
-    """Return a cylinder about its centre with edges that are round with a radius [m]."""
+    """Return a cylinder about its centre with rounded edges of a radius [m]."""
     half, quarter = 0.5 * length, np.linspace(0.0, 0.5 * np.pi, ROUND)
     upper = [(radius - edge + edge * np.cos(turn), half - edge + edge * np.sin(turn))
              for turn in quarter]
@@ -66,13 +66,13 @@ def limb(start: float, end: float, length: float, waist: float = 0.8,
     length : float
         Between the ends [m].
     waist : float
-        Radius in the middle as a share of what it were if the limb was straight.
+        Radius in the middle as a share of that of a straight limb.
     flat : bool
-        Let it begin with a plane, as on the ground.
+        Begin with a plane, as on the ground.
 
     """
     shares = np.linspace(0.0, 1.0, 2 * ROUND)
-    # Level at the ends, so that limb and ends go into each other.
+    # Zero slope at the ends, for a smooth transition to the round ends.
     bend = 1.0 - (1.0 - waist) * np.sin(np.pi * shares) ** 2
     body = [((start + (end - start) * share) * each, length * share)
             for share, each in zip(shares, bend)]
