@@ -34,14 +34,14 @@ EXAMPLES = """\
 examples:
   tp_controller demo                     a 7-DoF arm carries out a stack of tasks, over ROS 2
   tp_controller demo mobile              an arm on wheels carries a tray past obstacles
-  tp_controller demo drill               drilling, and what the other joints do besides
+  tp_controller demo drill               drilling, with lower tasks in the null space
   tp_controller demo lab1                motion in the null space of a planar arm, no ROS needed
   tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 180 0 0 --deg
   tp_controller goal --help              how to send goals of every kind
-  tp_controller status                   what the tasks of running controllers do
-  tp_controller check --help             what is wrong with a stack, before a robot moves
+  tp_controller status                   the tasks of running controllers
+  tp_controller check --help             the faults of a stack, before a robot moves
   tp_controller view                     a robot in the browser, to pull about
-  tp_controller record run               what they do, to files
+  tp_controller record run               the topics of controllers, to files
   tp_controller plot run                 plots and a report of a recording
 """
 COMMANDS = {

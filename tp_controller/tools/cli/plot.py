@@ -122,7 +122,7 @@ def _robot(history: 'History', remarks: list[str]) -> 'MaybeRobot':
     """Return the robot; None, with a remark, if it is unknown."""
     from tp_controller.tools.recording.robots import robot_of
     if not history.node:
-        remarks.append('no status of a controller: what tasks did is not known')
+        remarks.append('no status of a controller: the history of its tasks is unknown')
     try:
         robot = robot_of(history)
     except TpControllerError as error:

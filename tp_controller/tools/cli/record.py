@@ -152,7 +152,7 @@ def _write(recorder: 'BagRecorder', bag: 'BagWriter', seconds: float | None,
     except OSError as error:
         bag.abandon()
         raise TpControllerError(
-            f'{bag.path}: {error.strerror}; what was written before can be plotted') from error
+            f'{bag.path}: {error.strerror}; earlier messages can be plotted') from error
     except BaseException:
         bag.abandon()
         raise

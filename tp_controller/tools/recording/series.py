@@ -146,5 +146,5 @@ class _Bins:
 
 
 def _is_in(values: Array, extreme: Array) -> NDArray[np.bool_]:
-    """Return where values equal the extreme, or where the extreme is unknown."""
+    """Return a mask of the values that equal the extreme, or have an unknown one."""
     return (values == extreme) | np.isnan(extreme)

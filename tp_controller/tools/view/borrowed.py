@@ -26,9 +26,9 @@ from tp_controller.tools.view.meshes import SHARE_FOLDER
 # Folder in which pip installs the robots of example-robot-data.
 ROBOTS = SHARE_FOLDER / 'example-robot-data' / 'robots'
 # Largest difference of entries of the poses of a frame that counts as equal [m, rad].
-POSE_TOLERANCE = 1e-4
+MATCH_TOLERANCE = 1e-4
 # Number of random configurations at which two robots are compared.
-SAMPLES = 3
+MATCH_SAMPLES = 3
 
 
 def matching_robot(robot: Robot) -> Robot | None:
@@ -80,10 +80,10 @@ def _is_same(one: Robot, other: Robot) -> bool:
     if one.base_frame != other.base_frame or len(shared) <= len(one.joint_names):
         return False
     random = np.random.default_rng(0)
-    for _ in range(SAMPLES):
+    for _ in range(MATCH_SAMPLES):
         q = random.uniform(-1.0, 1.0, one.n)
         states = one.state(q), other.state(q)
         if max(np.abs(states[0].pose(frame) - states[1].pose(frame)).max()
-               for frame in shared) > POSE_TOLERANCE:
+               for frame in shared) > MATCH_TOLERANCE:
             return False
     return True

@@ -20,7 +20,7 @@ import numpy as np
 from tp_controller.model.spatial import Array
 
 # Vertical field of view of pictures and films [rad].
-FIELD = 0.6
+FILM_FOV = 0.6
 # Margins as shares of the picture; a caption is at the bottom.
 MARGIN_SIDE, MARGIN_TOP, MARGIN_BOTTOM = 0.05, 0.05, 0.12
 # Initial view of a page: angles [deg], vertical field of view [rad], aspect ratio of the scene
@@ -52,7 +52,7 @@ class Camera:
 
 
 def camera_for(points: Array, view: tuple[float, float], aspect: float,
-               field: float = FIELD) -> Camera:
+               field: float = FILM_FOV) -> Camera:
     """
     Return the nearest camera that sees all points.
 

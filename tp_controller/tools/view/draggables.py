@@ -45,7 +45,7 @@ KEY_DECIMALS = 4
 # Limits of the half angle of a cone [rad].
 MIN_HALF_ANGLE, MAX_HALF_ANGLE = 0.01, math.pi - 0.01
 # Points closer than this define no direction [m].
-MIN_LENGTH = 1e-6
+MIN_GAP_LENGTH = 1e-6
 
 Topics = Mapping[str, Mapping[str, type]]
 Numbers = Mapping[str, Mapping[str, float]]
@@ -320,7 +320,7 @@ def _gap(task: str, marker: Marker, numbers: Mapping[str, float]) -> Draggable |
     start, end = (np.array((point.x, point.y, point.z)) for point in marker.points[:2])
     difference = start - end
     length = float(np.linalg.norm(difference))
-    if length < MIN_LENGTH:
+    if length < MIN_GAP_LENGTH:
         return None
     x = difference / length
     T = pose(np.column_stack((x, *across(x))), end + value * x)

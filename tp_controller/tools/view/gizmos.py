@@ -43,7 +43,7 @@ SIZES = {GOALS: 0.22, REGIONS: 0.16, OBSTACLES: 0.16, CONES: 0.12, DISTANCES: 0.
 # again [s].
 SEND_PERIOD, FOLLOW_DELAY = 0.05, 1.0
 # Smallest change of a pose or label position that is sent [m].
-POSE_TOLERANCE = 1e-6
+GIZMO_TOLERANCE = 1e-6
 # Offset of a label as a share of the size of its gizmo.
 LABEL_OFFSET = 0.5
 
@@ -166,7 +166,7 @@ class Gizmo:
             self.label.text = found.title
         self.element = found
         if not self.in_use(now):
-            if np.abs(found.T - _pose_of_handle(self.handle)).max() > POSE_TOLERANCE:
+            if np.abs(found.T - _pose_of_handle(self.handle)).max() > GIZMO_TOLERANCE:
                 place(self.handle, found.T)
         self._place_label()
 
@@ -184,7 +184,7 @@ class Gizmo:
         if self.element.grip.single:
             rise = up[0] + LABEL_OFFSET if up[0] > STEEP_SLOPE else min(up[0], 0.0) - LABEL_OFFSET
         position = SIZES[self.element.group] * rise * up
-        if np.abs(position - self.label.position).max() > POSE_TOLERANCE:
+        if np.abs(position - self.label.position).max() > GIZMO_TOLERANCE:
             self.label.position = position
         anchor: Literal['bottom-center', 'top-center'] = \
             'bottom-center' if rise > 0.0 else 'top-center'

@@ -29,7 +29,7 @@ import viser
 DEFAULT_RANGE, MOST_RANGE = math.pi, 10.0 * math.pi
 # Digits that fit into the box beside a slider, with a sign and a point; largest number of
 # decimals.
-DIGITS, MOST_DECIMALS = 4, 3
+BOX_DIGITS, MOST_DECIMALS = 4, 3
 
 
 class JointSliders:
@@ -151,7 +151,7 @@ def span(lower: float, upper: float) -> tuple[float, float, int]:
     if upper > MOST_RANGE:
         upper = max(DEFAULT_RANGE, lower + 2.0 * DEFAULT_RANGE)
     whole = len(str(int(max(abs(lower), abs(upper)))))
-    decimals = min(max(DIGITS - whole, 0), MOST_DECIMALS)
+    decimals = min(max(BOX_DIGITS - whole, 0), MOST_DECIMALS)
     unit = 10.0 ** decimals
     low, high = math.ceil(lower * unit) / unit, math.floor(upper * unit) / unit
     return (low, high, decimals) if low < high else (lower, upper, decimals)

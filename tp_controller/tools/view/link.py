@@ -50,7 +50,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Polling period of the parameters, and timeout of service calls [s].
-POLL_SECONDS, ANSWER_SECONDS = 1.0, 3.0
+PARAMETER_PERIOD, ANSWER_SECONDS = 1.0, 3.0
 # Age of the last status from which the controller counts as gone [s].
 STATUS_TIMEOUT = 2.0
 # Larger joint velocities are ignored [rad/s or m/s].
@@ -151,7 +151,7 @@ class Link:
             self._status, self._status_time = self.client.status, now
             self.rows = rows_of(self._status)
         self._take_answers(now)
-        if now - self._request_time > POLL_SECONDS and self.present and (
+        if now - self._request_time > PARAMETER_PERIOD and self.present and (
                 self._watched or self.robot is None):
             self._request_time = now
             self._ask()

@@ -32,7 +32,7 @@ TASKS = '/tasks'
 # Identifier of a marker: namespace and number.
 Key = tuple[str, int]
 # Smallest change of a pose or point that is sent [m].
-POSE_TOLERANCE = 1e-6
+MARKER_TOLERANCE = 1e-6
 # Types and actions of visualization_msgs/Marker.
 ARROW, CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST = range(6)
 TEXT_VIEW_FACING, TRIANGLE_LIST = 9, 11
@@ -119,11 +119,11 @@ class MarkerScene:
             handle = ADD[marker.type](self._scene, name, marker, points)
             before = self._drawn[key] = _Drawn(handle, appearance, points, content)
         elif before.content != content or before.points.shape != points.shape \
-                or np.abs(points - before.points).max(initial=0.0) > POSE_TOLERANCE:
+                or np.abs(points - before.points).max(initial=0.0) > MARKER_TOLERANCE:
             before.points, before.content = points, content
             _change(before.handle, marker, points)
         T = pose_of(marker)
-        if before.T is None or np.abs(T - before.T).max() > POSE_TOLERANCE:
+        if before.T is None or np.abs(T - before.T).max() > MARKER_TOLERANCE:
             before.T = T
             place(before.handle, T)
 

@@ -44,7 +44,7 @@ EXPONENTS = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
 # Entries of a Jacobian below this count as zero.
 JACOBIAN_TOLERANCE = 1e-9
 # Number of random configurations that find the rows of a Jacobian that are not zero.
-SAMPLES = 5
+JACOBIAN_SAMPLES = 5
 
 
 class RunningPlot:
@@ -229,7 +229,7 @@ def moving_rows(robot: Robot, frame: str) -> list[int]:
     random = np.random.default_rng(0)
     state = robot.state(robot.neutral())
     found = np.zeros(6)
-    for _ in range(SAMPLES):
+    for _ in range(JACOBIAN_SAMPLES):
         state.update(robot.integrate(robot.neutral(), random.uniform(-1.0, 1.0, robot.n), 1.0))
         found = np.maximum(found, np.abs(state.jacobian(frame)).max(axis=1))
     return np.flatnonzero(found > JACOBIAN_TOLERANCE).tolist()

@@ -35,12 +35,12 @@ SKY_COLOURS, SHADES = ((186, 203, 224), (240, 243, 247)), 64
 BRIGHTNESS = 0.25
 TRAIL_COLOUR: Colour = (0, 114, 178)
 # Number of points of a trail, and smallest distance between two of them [m].
-MOST_POINTS, TRAIL_STEP = 400, 0.004
+MOST_TRAIL_POINTS, TRAIL_STEP = 400, 0.004
 TRAIL_WIDTH = 3.0
 # Largest height of the lowest point of a base that stands on the root plane [m].
 BASE_TOLERANCE = 0.02
 # Smallest change of an entry of a pose that is sent [m, 1].
-POSE_TOLERANCE = 1e-7
+LINK_TOLERANCE = 1e-7
 
 
 class RobotScene:
@@ -145,14 +145,14 @@ class RobotScene:
         """Move the links whose poses have changed."""
         for link, frame in self.frames.items():
             T = self.state.pose(link)
-            if link not in self._shown or np.abs(T - self._shown[link]).max() > POSE_TOLERANCE:
+            if link not in self._shown or np.abs(T - self._shown[link]).max() > LINK_TOLERANCE:
                 self._shown[link] = T
                 place(frame, T)
 
 
 class Trail:
     """
-    Path of a point, limited to its latest `MOST_POINTS` points.
+    Path of a point, limited to its latest `MOST_TRAIL_POINTS` points.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ class Trail:
         """Add a point (3,) [m] if it is far enough from the last one."""
         if self._points and np.linalg.norm(point - self._points[-1]) < TRAIL_STEP:
             return
-        self._points = [*self._points[1 - MOST_POINTS:], np.array(point)]
+        self._points = [*self._points[1 - MOST_TRAIL_POINTS:], np.array(point)]
         if len(self._points) < 2:
             return
         segments = np.stack((self._points[:-1], self._points[1:]), axis=1)

@@ -40,7 +40,7 @@ TIP = 0.16
 POINTER, LONG = 2.2, 5.0
 FOOT_HEIGHT, PLATE = 2.6, 0.5  # in radii
 # Shorter limbs and offsets are ignored [m].
-MIN_LENGTH = 1e-6
+MIN_LIMB_LENGTH = 1e-6
 # Smallest cosine between a link and an axis that is along it.
 ALONG_COSINE = 0.9
 # Longest travel of a prismatic joint that is drawn [m].
@@ -91,7 +91,7 @@ class _Skeleton:
         start, end = self._thickness(parent), self._thickness(child)
         if child in self._moved or child in self._carrying:
             self.parts[parent] += _limb(self._offsets[child], start, end,
-                                        self._reach(parent) < MIN_LENGTH)
+                                        self._reach(parent) < MIN_LIMB_LENGTH)
         elif parent in self._moved | self._carrying or self._is_tool(parent):
             self.parts[parent] += self._tool(child, start)
         if child in self._moved:
@@ -101,10 +101,10 @@ class _Skeleton:
         """Return the parts up to a frame of a tool: a flange, with a pointer at the last frame."""
         offset = self._offsets[child]
         length = float(np.linalg.norm(offset))
-        if length < MIN_LENGTH:
+        if length < MIN_LIMB_LENGTH:
             return []
         T = pose_along(offset / length, np.zeros(3))
-        last = not any(np.linalg.norm(self._offsets[link]) > MIN_LENGTH
+        last = not any(np.linalg.norm(self._offsets[link]) > MIN_LIMB_LENGTH
                        for link in self._parents if child in self._above(link))
         if last:
             # A long link has a pointer only at its end.
@@ -112,8 +112,8 @@ class _Skeleton:
             return [*_limb((bare / length) * offset, radius, 0.85 * radius), _solid(
                 pointer(0.85 * radius, TIP * radius, length - bare),
                 pose_along(offset / length, (bare / length) * offset), JOINT_COLOUR)]
-        bare = max(length - 0.5 * radius, MIN_LENGTH)
-        return [_solid(limb(radius, 0.85 * radius, bare, 1.0), T)]
+        shaft = max(length - 0.5 * radius, MIN_LIMB_LENGTH)
+        return [_solid(limb(radius, 0.85 * radius, shaft, 1.0), T)]
 
     def _joint(self, joint: Element, radius: float) -> list[Part]:
         """Return the body of a joint, on the link that it moves."""
@@ -125,7 +125,7 @@ class _Skeleton:
         back = -self._turns[child].T @ self._offsets[child]
         for offset in (back, *self._joint_offsets(child)):
             length = float(np.linalg.norm(offset))
-            if length > MIN_LENGTH and abs(axis @ offset) > ALONG_COSINE * length:
+            if length > MIN_LIMB_LENGTH and abs(axis @ offset) > ALONG_COSINE * length:
                 at = min(COLLAR_AT * radius, 0.5 * length) / length * offset
                 return [_solid(drum(COLLAR[0] * radius, COLLAR[1] * radius, 0.1 * radius),
                                pose_along(axis, at), JOINT_COLOUR)]
@@ -146,13 +146,13 @@ class _Skeleton:
         found = []
         for child in (each for each, parent in self._parents.items() if parent == link):
             offset = self._offsets[child]
-            found += [offset] if np.linalg.norm(offset) > MIN_LENGTH else [
+            found += [offset] if np.linalg.norm(offset) > MIN_LIMB_LENGTH else [
                 self._turns[child] @ offset for offset in self._joint_offsets(child)]
         return found
 
     def _thickness(self, link: str) -> float:
         """Return the radius of a link, which decreases with the distance from the root [m]."""
-        share = self._reach(link) / max(self._length, MIN_LENGTH)
+        share = self._reach(link) / max(self._length, MIN_LIMB_LENGTH)
         return self._radius * (TAPER[0] + (TAPER[1] - TAPER[0]) * share)
 
     def _is_tool(self, link: str) -> bool:
@@ -181,7 +181,7 @@ def _solid(mesh: Mesh, T: Array, colour: Colour = LINK_COLOUR) -> Part:
 def _limb(end: Array, first: float, last: float, flat: bool = False) -> list[Part]:
     """Return a limb from the origin of a link, flat there or not, to a point; radii at both."""
     length = float(np.linalg.norm(end))
-    if length < MIN_LENGTH:
+    if length < MIN_LIMB_LENGTH:
         return []
     return [_solid(limb(first, last, length, flat=flat), pose_along(end / length, np.zeros(3)))]
 
@@ -192,7 +192,7 @@ def _slide(joint: Element, axis: Array, radius: float) -> list[Part]:
     limit = joint.find('limit')
     travel = 0.0 if limit is None else float(limit.get('upper', 0.0))
     parts = [Part('box', (side, side, DRUM[1] * radius), T, JOINT_COLOUR)]
-    if MIN_LENGTH < travel < LONGEST_SLIDE:
+    if MIN_LIMB_LENGTH < travel < LONGEST_SLIDE:
         parts += _limb(-travel * T[:3, 2], 0.6 * radius, 0.6 * radius)
     return parts
 

@@ -33,7 +33,7 @@ DONE = ('reached', 'satisfied')
 UP, DOWN = '▲ up', '▼ down'
 GAIN = 'gain'
 # Digits of a gain.
-DIGITS = 6
+GAIN_DIGITS = 6
 # Time for which user input takes precedence over the status [s].
 INPUT_SECONDS = 1.0
 
@@ -218,7 +218,7 @@ class GainInputs:
         """Return a new input."""
         handle = self._gui.add_number(f'row {number}' if self._label else GAIN, 0.0, min=0.0,
                                       step=0.1, hint='1/s')
-        handle.precision = DIGITS
+        handle.precision = GAIN_DIGITS
         handle.on_update(self._on_update)
         return handle
 

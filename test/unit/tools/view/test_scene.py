@@ -398,11 +398,11 @@ def test_talos_stands_on_its_soles(stage):
 
 def test_trail_ends_where_the_frame_is_and_has_a_longest_length(stage):
     trail = scene.Trail(stage, '/trail')
-    for number in range(scene.MOST_POINTS + 50):
+    for number in range(scene.MOST_TRAIL_POINTS + 50):
         trail.add(np.array([0.01 * number, 0.0, 0.0]))
     points = stage.get_handle_by_name('/trail').points
-    assert len(points) == scene.MOST_POINTS - 1
-    np.testing.assert_allclose(points[-1, 1], [0.01 * (scene.MOST_POINTS + 49), 0.0, 0.0],
+    assert len(points) == scene.MOST_TRAIL_POINTS - 1
+    np.testing.assert_allclose(points[-1, 1], [0.01 * (scene.MOST_TRAIL_POINTS + 49), 0.0, 0.0],
                                rtol=1e-6)
     np.testing.assert_allclose(points[1:, 0], points[:-1, 1])
 
