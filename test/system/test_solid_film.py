@@ -112,7 +112,7 @@ def test_every_part_is_where_it_belongs(tmp_path, monkeypatch, capsys):
     def colour(point, picture=after):
         """Return red, green and blue where a point (3,) is seen."""
         right, down, forward = (np.array(point) - camera.position) @ camera.R
-        scale = film.SIZE[1] / 2.0 / np.tan(film_solid.FIELD / 2.0) / forward
+        scale = film.SIZE[1] / 2.0 / np.tan(film_solid.FILM_FOV / 2.0) / forward
         x = round(film.SIZE[0] / 2.0 + scale * right)
         y = round(film.SIZE[1] / 2.0 + scale * down)
         return np.median(picture[y - 1:y + 2, x - 1:x + 2], axis=(0, 1)).tolist()

@@ -15,6 +15,6 @@
 """
 Tools for people: check, recordings, plots, the page in the browser, demonstrations, command line.
 
-They reach a running controller through `ros.client` only, and nothing imports them. Begin with
-`cli.main`.
+They access a running controller only through `ros.client`, and no other package imports them. The
+entry point is `cli.main`.
 """

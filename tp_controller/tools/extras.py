@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Commands that install the packages of an extra."""
+"""Installation commands of the extras."""
 
 from importlib.metadata import PackageNotFoundError, requires
 import shlex
@@ -23,17 +23,17 @@ def install_command(extra: str) -> str:
     """
     Return the shell command that installs the packages of an extra.
 
-    It names this Python and the packages, so it works in every folder and environment.
+    It contains this Python and the packages, so it works in every folder and environment.
 
     Parameters
     ----------
     extra : str
-        An extra of setup.py.
+        Extra of setup.py.
 
     Returns
     -------
     str
-        The command; one for the folder of the sources if this package is not installed.
+        The command; one for the source folder if this package is not installed.
 
     """
     try:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files in folders that others may write to: no link of theirs is followed."""
+"""Files in folders that other users can write to, opened without following links."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -31,22 +31,22 @@ PRIVATE = 0o700
 @contextmanager
 def private_folder(name: str) -> Iterator[int]:
     """
-    Open a folder in the temporary directory that is this user's alone; made where it is missing.
+    Open or create a private folder of this user in the temporary directory.
 
     Parameters
     ----------
     name : str
-        Of the folder, the same for every process of the user.
+        Name of the folder, the same for every process of the user.
 
     Yields
     ------
     int
-        Descriptor, to open files in the folder by (``dir_fd``), whatever becomes of its path.
+        Descriptor to open files in the folder (``dir_fd``), even if its path changes.
 
     Raises
     ------
     TpControllerError
-        Somebody else owns it, or it is a link or a file.
+        Another user owns it, or it is a link or a file.
 
     """
     path = Path(tempfile.gettempdir()) / name
@@ -69,7 +69,7 @@ def private_folder(name: str) -> Iterator[int]:
 
 
 def open_lock(name: str, folder: int) -> BinaryIO:
-    """Open a file for locks, made where it is missing, in a folder (descriptor)."""
+    """Open or create a lock file in a folder (descriptor)."""
     try:
         number = os.open(name, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600, dir_fd=folder)
     except OSError as error:
@@ -79,12 +79,12 @@ def open_lock(name: str, folder: int) -> BinaryIO:
 
 def new_file(path: str | Path) -> BinaryIO:
     """
-    Open a file for writing from its start; its folder is made where it is missing.
+    Open a file for writing from its start, and create its folder.
 
     Raises
     ------
     TpControllerError
-        It is a link, and whoever made that would decide which file is written.
+        The file is a link, whose creator would choose the file to be written.
 
     """
     path = Path(path)

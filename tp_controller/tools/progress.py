@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A bar that shows how far long work is."""
+"""Progress bar of long work."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,28 +21,28 @@ import sys
 from time import monotonic
 from typing import TextIO
 
-# Between two drawings [s]: more often costs time and shows nothing more.
-PERIOD = 0.1
-# From which time on the time left is told [s]: before it nobody can know.
-TELLING = 1.0
+# Period of drawing [s].
+DRAW_SECONDS = 0.1
+# Elapsed time from which the remaining time is estimated [s].
+ESTIMATE_SECONDS = 1.0
 # Columns of the bar.
 WIDTH = 24
-# To the start of the line, and clear it.
-CLEAR = '\r\x1b[K'
+# Carriage return, and erase to the end of the line.
+CLEAR_LINE = '\r\x1b[K'
 
 
 class Progress:
     """
-    How far work is.
+    Progress of work, drawn as a bar.
 
     Parameters
     ----------
     total : float
-        When the work is done, in any unit; 0 for work that is done already.
+        Amount of work, in any unit; 0 for finished work.
     what : str
-        What is done, for the line.
+        Description of the work.
     stream : TextIO, optional
-        Where the bar is drawn; nowhere by default.
+        Stream of the bar; none by default.
 
     """
 
@@ -55,34 +55,34 @@ class Progress:
 
     def advance(self, amount: float = 1.0) -> None:
         """
-        Note that a further part is done.
+        Add a finished part.
 
         Parameters
         ----------
         amount : float
-            In the unit of the total.
+            Size of the part, in the unit of the total.
 
         """
         self._done += amount
-        if self._stream is not None and (now := monotonic()) - self._drawn >= PERIOD:
+        if self._stream is not None and (now := monotonic()) - self._drawn >= DRAW_SECONDS:
             self._drawn = now
-            # A longer line would go on in the next, which is never cleared.
+            # A longer line would wrap, and its rest would not be cleared.
             columns = shutil.get_terminal_size().columns - 1
-            self._stream.write(CLEAR + self._line(now - self._start)[:columns])
+            self._stream.write(CLEAR_LINE + self._line(now - self._start)[:columns])
             self._stream.flush()
 
     def clear(self) -> None:
         """Remove the bar."""
         if self._stream is not None:
-            self._stream.write(CLEAR)
+            self._stream.write(CLEAR_LINE)
             self._stream.flush()
 
     def _line(self, elapsed: float) -> str:
-        """Return what the line says after a time [s]."""
+        """Return the line after a time [s]."""
         part = min(1.0, self._done / self._total) if self._total > 0.0 else 1.0
         full = round(WIDTH * part)
         line = f'{self._what} [{"#" * full}{"." * (WIDTH - full)}] {part:4.0%}'
-        if elapsed < TELLING or part == 0.0:
+        if elapsed < ESTIMATE_SECONDS or part == 0.0:
             return line
         left = round(elapsed * (1.0 / part - 1.0))
         return f'{line}, {left // 60}:{left % 60:02} left'
@@ -91,19 +91,19 @@ class Progress:
 @contextmanager
 def progress(total: float, what: str) -> Iterator[Progress]:
     """
-    Show how far work is while it is done: on a terminal, and on the error stream.
+    Show the progress of work on the error stream, if that is a terminal.
 
     Parameters
     ----------
     total : float
-        When the work is done, in any unit.
+        Amount of work, in any unit.
     what : str
-        What is done, such as ``'reading run.mcap'``.
+        Description of the work, such as ``'reading run.mcap'``.
 
     Yields
     ------
     Progress
-        To be told of each part that is done.
+        Bar to advance for each finished part.
 
     """
     shown = Progress(total, what, sys.stderr if sys.stderr.isatty() else None)

@@ -67,7 +67,7 @@ def told(message):
 def listening(harness, recorder, bag, *topics):
     """Spin until the recorder listens to topics."""
     def heard():
-        recorder.take(bag)
+        recorder.record(bag)
         return recorder.find() and all(
             topic in recorder._topics and harness.node.count_subscribers(topic)
             for topic in topics)
@@ -89,10 +89,10 @@ def test_every_message_of_a_run_is_recorded(harness, recorder, bag):
     goal.publish(point)
     first_state, first_command = len(states), len(commands)
     harness.spin_until(lambda: len(states) > first_state + 200, '200 joint states',
-                       lambda: recorder.take(bag))
+                       lambda: recorder.record(bag))
     harness.spin_until(lambda: bag.counts.get('/parameter_events') and bag.counts.get(
-        '/tp_controller/markers'), 'parameters and markers', lambda: recorder.take(bag))
-    recorder.take(bag)
+        '/tp_controller/markers'), 'parameters and markers', lambda: recorder.record(bag))
+    recorder.record(bag)
     bag.close()
     found = messages(bag.path)
     wanted = [told(message) for message in states[first_state:]]
@@ -114,10 +114,10 @@ def test_what_is_recorded_tells_all_about_the_robot(harness, recorder, bag):
     controller = harness.controller(stack=STACK, limits__joint1__velocity=0.5)
     harness.simulator()
     harness.spin_until(lambda: bag.counts.get('/tp_controller/robot_description'),
-                       'the description', lambda: (recorder.find(), recorder.take(bag)))
+                       'the description', lambda: (recorder.find(), recorder.record(bag)))
     harness.spin_until(lambda: bag.counts.get('/joint_states', 0) > 20
                        and bag.counts.get('/tp_controller/status', 0) > 5, 'messages',
-                       lambda: recorder.take(bag))
+                       lambda: recorder.record(bag))
     bag.close()
     history = History(Bag(bag.path), '', lambda size: None)
     robot = robot_of(history)
@@ -148,7 +148,7 @@ def test_a_topic_whose_type_changes_is_recorded_with_both(harness, recorder, bag
     harness.set_parameters({'stack': '- tool: {type: pose, frame: link3}'})
 
     def changed():
-        recorder.take(bag)
+        recorder.record(bag)
         topic = recorder._topics.get('/tp_controller/tool/goal')
         return topic is not None and topic.kind == 'geometry_msgs/msg/PoseStamped'
 
@@ -161,7 +161,7 @@ def test_remapped_and_namespaced_names_are_recorded(harness, recorder, bag):
                                   'velocity_controller/commands:=/drives/velocities'])
     recorder._names = ['/left/arm'.strip('/')]
     harness.spin_until(lambda: bag.counts.get('/left/arm/status'), 'a status',
-                       lambda: (recorder.find(), recorder.take(bag)))
+                       lambda: (recorder.find(), recorder.record(bag)))
     assert recorder.controllers == ['left/arm']
     assert {'/drives/velocities', '/left/joint_states', '/left/arm/swing/goal'} <= set(
         recorder._topics)
@@ -175,7 +175,7 @@ def test_publishers_that_are_not_reliable_are_heard(harness, recorder, bag):
     harness.spin_until(lambda: publisher.get_subscription_count() == 2, 'both subscribers')
     harness.spin_until(lambda: bag.counts.get('/joint_states', 0) > 3, 'joint states', lambda: (
         publisher.publish(JointState(name=list(JOINTS), position=[0.1, 0.2, 0.3])),
-        recorder.take(bag)))
+        recorder.record(bag)))
     bag.close()
     with Reader(bag.path) as reader:
         offered = next(connection.ext.offered_qos_profiles for connection in reader.connections
@@ -189,7 +189,7 @@ def test_what_was_published_before_is_recorded_where_it_is_kept(harness, recorde
     harness.publisher(String, '/robot_description', kept, connected=False).publish(
         String(data='<robot/>'))
     harness.spin_until(lambda: bag.counts.get('/robot_description'), 'the description',
-                       lambda: (recorder.find(), recorder.take(bag)))
+                       lambda: (recorder.find(), recorder.record(bag)))
     bag.close()
     assert messages(bag.path)['/robot_description'][0].data == '<robot/>'
 
@@ -207,7 +207,7 @@ def test_messages_that_did_not_arrive_are_counted(harness, recorder, bag, monkey
         before = bag.counts.get('/joint_states', 0)
         for _ in range(count):
             publisher.publish(state)
-        harness.spin_until(lambda: recorder.take(bag) and bag.counts['/joint_states'] > before,
+        harness.spin_until(lambda: recorder.record(bag) and bag.counts['/joint_states'] > before,
                            'a joint state')
 
     send(1)

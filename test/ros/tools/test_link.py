@@ -48,7 +48,7 @@ def test_robot_and_its_configuration_are_found_by_whatever_names(harness, link, 
 
     def is_shown():
         link.update()
-        link.look(True)
+        link.watch(True)
         return link.q is not None
 
     harness.spin_until(is_shown, 'the configuration')

@@ -33,12 +33,12 @@ def test_configurations_and_commands_of_a_base_and_its_joints_are_recorded(harne
     file = str(CONFIG / 'robots' / 'mobile_arm.urdf')
     robot = Robot.from_file(file, base='differential')
     recorder = recorder_of(harness, robot)
-    assert not recorder.hears()
+    assert not recorder.is_complete()
     given = {'robot': file, 'base': 'differential'}
     harness.controller(**given, stack='- park: {type: base_pose}\n'
                                       '- swing: {type: joint, joints: arm_1, target: [1.0]}\n')
     harness.simulator(**given, initial_positions='{base_x: 2.0, base_yaw: 1.0, arm_4: 0.5}')
-    harness.spin_until(recorder.hears, 'all that is recorded')
+    harness.spin_until(recorder.is_complete, 'all that is recorded')
     arm = robot.joint_index('arm_1')
     harness.spin_until(lambda: recorder.commands[-1][1][arm] > 0.1, 'motion')
     q, velocity = np.array(recorder.states[0][1]), np.array(recorder.commands[-1][1])
@@ -58,12 +58,12 @@ def test_nothing_is_recorded_of_a_base_whose_odometry_is_missing(harness):
     states = harness.record(JointState, '/joint_states')
     harness.simulator(robot=file)
     harness.spin_until(lambda: len(states) > 5, 'joint states')
-    assert recorder.states == [] and not recorder.hears()
+    assert recorder.states == [] and not recorder.is_complete()
 
 
 def test_arm_on_a_fixed_base_is_recorded_without_odometry(harness):
     recorder = recorder_of(harness, Robot.from_file(PLANAR_DH))
     harness.controller()
     harness.simulator()
-    harness.spin_until(recorder.hears, 'all that is recorded')
+    harness.spin_until(recorder.is_complete, 'all that is recorded')
     assert len(recorder.states[-1][1]) == len(recorder.commands[-1][1]) == 3

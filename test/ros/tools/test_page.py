@@ -38,8 +38,8 @@ from tp_controller.ros.interface.status import diagnostics
 from tp_controller.tasks.sketch import Cone, Gaps
 from tp_controller.tools.view.camera import first_view
 from tp_controller.tools.view.condition import BAD, GONE
-from tp_controller.tools.view.draggables import places_of
-from tp_controller.tools.view.gizmos import Gizmos, PATIENCE, PERIOD
+from tp_controller.tools.view.draggables import draggables_of
+from tp_controller.tools.view.gizmos import FOLLOW_DELAY, Gizmos, SEND_PERIOD
 from tp_controller.tools.view.joint_sliders import span
 from tp_controller.tools.view.link import Link
 from tp_controller.tools.view.markers import MarkerScene
@@ -377,10 +377,10 @@ def test_opening_and_least_distance_are_dragged_and_the_rest_of_the_stack_stays(
     act(rig.page.stack.rows['tip'].gains[1], 0.75)
     rig.spin_until(lambda: rig.link.gains()['tip'] == [2.0, 0.75]
                    and rig.link.values['tasks.tip.tolerance'] == 0.01, 'both on the page')
-    moves = {name: gizmos[name].place for name in ('eye/cone', 'avoid/distance')}
+    moves = {name: gizmos[name].element for name in ('eye/cone', 'avoid/distance')}
     for name, place in moves.items():
         end = pose(place.T[:3, :3], place.T[:3, 3] + 0.06 * place.T[:3, 0])
-        gizmos[name].take()
+        gizmos[name].begin_drag()
         gizmos[name].drag(end)
     rig.spin_until(lambda: rig.stack.tasks['avoid'].distance == 0.08
                    and rig.stack.tasks['eye'].upper > 0.6, 'both')
@@ -399,8 +399,8 @@ def test_opening_and_least_distance_are_dragged_and_the_rest_of_the_stack_stays(
 
 def test_least_distance_that_is_refused_is_said_and_stays_as_it_was(surrounded):
     gizmo = surrounded.page.gizmos.gizmos['avoid/distance']
-    start = gizmo.place.T
-    gizmo.take()
+    start = gizmo.element.T
+    gizmo.begin_drag()
     gizmo.drag(pose(start[:3, :3], start[:3, 3] + 1.5 * start[:3, 0]))
     surrounded.spin_until(lambda: 'must be more than distance = 1.52'
                           in unescape(surrounded.page.notice.content), 'the reason')
@@ -445,7 +445,7 @@ def marker(ns, kind=Marker.LINE_LIST, at=(1.0, 2.0, 3.0)):
 def told(place, T):
     """Return what is published when a place is dragged to a pose: the topic and the message."""
     published = []
-    place.tell(T, lambda *message: published.append(message), None)
+    place.apply(T, lambda *message: published.append(message), None)
     (task, topic, message), = published
     assert task == place.task
     return topic, message
@@ -460,7 +460,7 @@ def quaternion(turn):
     (PointStamped, 'goal'), (PoseStamped, 'goal'), (QuaternionStamped, 'goal'),
     (PoseStamped, 'region')])
 def test_dragged_goal_becomes_the_message_that_its_task_takes(kind, part):
-    place, = places_of([marker(f'task/{part}')], {'task': {'goal': kind}}, {})
+    place, = draggables_of([marker(f'task/{part}')], {'task': {'goal': kind}}, {})
     topic, message = told(place, T)
     assert topic == 'goal' and isinstance(message, kind) and message.header.frame_id == 'base'
     body = message.pose if kind is PoseStamped else message
@@ -475,7 +475,7 @@ def test_dragged_goal_becomes_the_message_that_its_task_takes(kind, part):
 def test_direction_is_dragged_by_the_tip_of_its_arrow():
     arrow = marker('look/sight', Marker.ARROW)
     arrow.points = [Point(), Point(y=0.3)]
-    place, = places_of([arrow], {'look': {'goal': Vector3Stamped}}, {})
+    place, = draggables_of([arrow], {'look': {'goal': Vector3Stamped}}, {})
     np.testing.assert_allclose(place.T[:3, 3], [1.0, 2.3, 3.0])
     _, message = told(place, pose(np.eye(3), [1.0, 2.0, 3.5]))
     assert (message.vector.x, message.vector.y, message.vector.z) == (0.0, 0.0, 0.5)
@@ -484,7 +484,7 @@ def test_direction_is_dragged_by_the_tip_of_its_arrow():
 def test_obstacle_that_is_dragged_keeps_its_name_and_shape_and_stays():
     box = marker('avoid/obstacle/shelf/2', Marker.CUBE)
     box.lifetime.sec, box.id = 1, 0
-    place, = places_of([box], {}, {})
+    place, = draggables_of([box], {}, {})
     topic, message = told(place, T)
     moved, = message.markers
     assert topic == 'obstacles' and isinstance(message, MarkerArray)
@@ -497,13 +497,13 @@ def test_obstacle_that_is_dragged_keeps_its_name_and_shape_and_stays():
 
 def test_region_is_dragged_by_itself_and_not_by_its_goal():
     markers = [marker('keep/goal'), marker('keep/region', Marker.CUBE), marker('tip/goal')]
-    found = places_of(markers, dict.fromkeys(('keep', 'tip'), {'goal': PoseStamped}), {})
+    found = draggables_of(markers, dict.fromkeys(('keep', 'tip'), {'goal': PoseStamped}), {})
     assert [place.name for place in found] == ['keep/region', 'tip/goal']
 
 
 def test_what_is_dragged_bears_a_name():
     markers = [marker('tip/goal'), marker('avoid/obstacle/shelf/2', Marker.CUBE)]
-    assert [place.title for place in places_of(
+    assert [place.title for place in draggables_of(
         markers, {'tip': {'goal': PoseStamped}}, {})] == [
         'tip', 'shelf/2']
 
@@ -516,7 +516,7 @@ def drawn(sketch):
 def key_set(place, T):
     """Return the key and the value that are set when a place is dragged to a pose."""
     keys = []
-    place.tell(T, None, lambda *key: keys.append(key))
+    place.apply(T, None, lambda *key: keys.append(key))
     (task, key, value), = keys
     assert task == place.task
     return key, value
@@ -524,8 +524,8 @@ def key_set(place, T):
 
 @pytest.mark.parametrize('opening', [0.2, 1.4, 2.5])
 def test_rim_of_a_cone_is_dragged_to_another_opening(opening):
-    place, = places_of(drawn(Cone('cone', T, opening, 0.5)), {},
-                       {'task': {'half_angle': opening}})
+    place, = draggables_of(drawn(Cone('cone', T, opening, 0.5)), {},
+                           {'task': {'half_angle': opening}})
     tip, axis = T[:3, 3], T[:3, 2]
 
     def angle(p):
@@ -545,8 +545,8 @@ def test_rim_of_a_cone_is_dragged_to_another_opening(opening):
 
 def test_least_distance_is_dragged_along_the_shortest_line_from_the_second_object():
     starts, ends = np.array([[0.1, 0.2, 0.3], [5.0, 0.0, 0.0]]), np.array([[0.1, 0.2, 0.9]] * 2)
-    place, = places_of(drawn(Gaps('distance', starts, ends, np.array([0.6, 5.0]), 0.2, 1.0)), {},
-                       {'task': {'distance': 0.2}})
+    gaps = Gaps('distance', starts, ends, np.array([0.6, 5.0]), 0.2, 1.0)
+    place, = draggables_of(drawn(gaps), {}, {'task': {'distance': 0.2}})
     assert place.group == 'distances' and place.title == 'task: 200.0 mm'
     np.testing.assert_allclose(place.T[:3, 3], [0.1, 0.2, 0.7])
     np.testing.assert_allclose(place.T[:3, 0], [0.0, 0.0, -1.0], atol=1e-12)
@@ -579,15 +579,16 @@ def test_cone_that_is_as_wide_as_an_error_and_distance_without_a_key_cannot_be_d
     point = np.zeros((1, 3))
     markers = [*drawn(Cone('cone', T, 0.3, 0.5)),
                *drawn(Gaps('distance', point, point + 1.0, np.ones(1), 0.2, 1.0))]
-    assert places_of(markers, {}, {'task': {'gain': 1.0}}) == []
+    assert draggables_of(markers, {}, {'task': {'gain': 1.0}}) == []
     # Objects that touch each other show no direction.
     touching = drawn(Gaps('distance', point, point, np.zeros(1), 0.2, 1.0))
-    assert places_of(touching, {}, {'task': {'distance': 0.2}}) == []
+    assert draggables_of(touching, {}, {'task': {'distance': 0.2}}) == []
 
 
 def test_what_cannot_be_told_cannot_be_dragged():
     markers = [marker('a/frame'), marker('a/error'), marker('b/goal'), marker('c/region')]
-    assert places_of(markers, {'a': {'goal': PoseStamped}, 'c': {'goal': PointStamped}}, {}) == []
+    topics = {'a': {'goal': PoseStamped}, 'c': {'goal': PointStamped}}
+    assert draggables_of(markers, topics, {}) == []
 
 
 class Dragged:
@@ -610,8 +611,8 @@ class Dragged:
 
     def follow(self, x):
         """Let the controller have the goal at x."""
-        self.gizmos.follow(places_of([marker('tip/goal', at=(x, 0.0, 0.0))],
-                                     {'tip': {'goal': PointStamped}}, {}))
+        self.gizmos.follow(draggables_of([marker('tip/goal', at=(x, 0.0, 0.0))],
+                                         {'tip': {'goal': PointStamped}}, {}))
 
     def drag(self, x):
         """Drag it to x."""
@@ -627,7 +628,7 @@ def test_not_every_step_of_a_drag_is_sent_but_the_last_one_is(server):
     while dragged.now < 3.0:
         dragged.now += 0.01
         dragged.gizmos.send()
-    assert 0.9 / PERIOD <= len(dragged.sent) <= 1.0 / PERIOD + 2
+    assert 0.9 / SEND_PERIOD <= len(dragged.sent) <= 1.0 / SEND_PERIOD + 2
     assert dragged.sent[-1] == ('tip', 'goal', 99.0)
 
 
@@ -639,7 +640,7 @@ def test_gizmo_stays_in_the_hand_and_then_goes_where_the_controller_has_it(serve
     dragged.gizmos.send()
     dragged.follow(0.5)
     assert dragged.gizmo.handle.position[0] == 2.0
-    dragged.now = 5.1 + PATIENCE
+    dragged.now = 5.1 + FOLLOW_DELAY
     dragged.follow(0.5)
     assert dragged.gizmo.handle.position[0] == 0.5
 
@@ -647,37 +648,37 @@ def test_gizmo_stays_in_the_hand_and_then_goes_where_the_controller_has_it(serve
 def test_gizmo_that_somebody_holds_stays_and_is_told_even_if_it_is_not_drawn_for_a_moment(server):
     dragged = Dragged(server)
     dragged.now = 5.0
-    dragged.gizmo.take()
-    dragged.now = 7.0 + PATIENCE
+    dragged.gizmo.begin_drag()
+    dragged.now = 7.0 + FOLLOW_DELAY
     dragged.gizmos.follow([])
     dragged.follow(0.5)
     assert dragged.gizmos.gizmos == {'tip/goal': dragged.gizmo}
     dragged.gizmos.follow([])
     dragged.drag(2.0)
-    dragged.gizmo.leave()
+    dragged.gizmo.end_drag()
     dragged.gizmos.send()
     assert dragged.sent == [('tip', 'goal', 2.0)]
     dragged.gizmos.follow([])
     assert dragged.gizmos.gizmos
-    dragged.now += 0.1 + PATIENCE
+    dragged.now += 0.1 + FOLLOW_DELAY
     dragged.gizmos.follow([])
     assert not dragged.gizmos.gizmos
 
 
 def test_gizmo_that_somebody_holds_does_not_move_by_itself(server):
     dragged = Dragged(server)
-    dragged.gizmo.take()
-    dragged.now = 1.0 + PATIENCE
+    dragged.gizmo.begin_drag()
+    dragged.now = 1.0 + FOLLOW_DELAY
     dragged.follow(0.5)
     assert dragged.gizmo.handle.position[0] == 0.0
-    dragged.gizmo.leave()
+    dragged.gizmo.end_drag()
     dragged.follow(0.5)
     assert dragged.gizmo.handle.position[0] == 0.5
 
 
 def gap(length, distance=0.2):
     """Return where the least distance is shown on a line of a length along x."""
-    return places_of(drawn(Gaps(
+    return draggables_of(drawn(Gaps(
         'distance', np.zeros((1, 3)), np.array([[length, 0.0, 0.0]]), np.array([length]),
         distance, 9.0)), {}, {'task': {'distance': distance}})
 
@@ -687,8 +688,8 @@ def test_distance_changes_by_as_much_as_it_is_dragged_while_the_robot_moves(serv
     dragged.gizmos.follow(gap(1.0))
     gizmo, = dragged.gizmos.gizmos.values()
     for turn in (1, 2):
-        gizmo.take()
-        start = gizmo.place.T[:3, 3]
+        gizmo.begin_drag()
+        start = gizmo.element.T[:3, 3]
         dragged.gizmos.follow(gap(1.0 + turn))
         gizmo.drag(pose(np.eye(3), start - (0.05, 0.0, 0.0)))
         dragged.now += 1.0
@@ -701,7 +702,7 @@ def test_distance_changes_by_as_much_as_it_is_dragged_while_the_robot_moves(serv
     (QuaternionStamped, False, False, True), (None, True, False, False)])
 def test_gizmo_has_handles_for_what_can_be_changed(server, kind, axes, planes, turns):
     dragged = Dragged(server)
-    places = gap(1.0) if kind is None else places_of(
+    places = gap(1.0) if kind is None else draggables_of(
         [marker('task/goal')], {'task': {'goal': kind}}, {})
     dragged.gizmos.follow(places)
     gizmo, = dragged.gizmos.gizmos.values()
@@ -725,7 +726,7 @@ def test_label_of_a_distance_covers_neither_its_arrow_nor_its_line_nor_its_text(
     end = 0.02 * np.array([end], dtype=float)
     text, = (found for found in drawn(Gaps(
         'distance', np.zeros((1, 3)), end, np.array([0.02]), 0.005, 9.0)) if found.text)
-    dragged.gizmos.follow(places_of(
+    dragged.gizmos.follow(draggables_of(
         drawn(Gaps('distance', np.zeros((1, 3)), end, np.array([0.02]), 0.005, 9.0)), {},
         {'task': {'distance': 0.005}}))
     gizmo, = dragged.gizmos.gizmos.values()
@@ -746,7 +747,7 @@ def test_label_of_a_goal_is_above_it_however_it_is_turned(server):
     for turn in (0.0, 1.0, np.pi):
         goal = marker('tip/goal')
         goal.pose.orientation.x, goal.pose.orientation.w = np.sin(0.5 * turn), np.cos(0.5 * turn)
-        dragged.gizmos.follow(places_of([goal], {'tip': {'goal': PoseStamped}}, {}))
+        dragged.gizmos.follow(draggables_of([goal], {'tip': {'goal': PoseStamped}}, {}))
         gizmo, = dragged.gizmos.gizmos.values()
         R = Rotation.from_quat(np.roll(gizmo.handle.wxyz, -1))
         np.testing.assert_allclose(R.apply(gizmo.label.position), [0.0, 0.0, 0.11], atol=1e-6)

@@ -242,7 +242,7 @@ def test_an_internal_error_is_told_once_and_stop_and_start_work(made_up, capfd, 
     def fail(*_):
         raise RuntimeError('\x1b[2J of the test')
 
-    for owner, name in ((made_up.link, 'update'), (made_up.link, 'look'),
+    for owner, name in ((made_up.link, 'update'), (made_up.link, 'watch'),
                         (made_up.page._changes, 'update'), (made_up.page, '_send_goals'),
                         (made_up.page, '_show_robot'), (made_up.page, '_show_tasks')):
         monkeypatch.setattr(owner, name, fail)
@@ -255,7 +255,7 @@ def test_an_internal_error_is_told_once_and_stop_and_start_work(made_up, capfd, 
     assert stop_works(made_up)
     made_up.page.start_button.disabled = False
     made_up.client.calls.clear()
-    made_up.page._later(lambda: made_up.link.start(made_up.page._tell))
+    made_up.page._later(lambda: made_up.link.start(made_up.page._show_answer))
     made_up.update()
     assert made_up.client.calls == ['start']
 
@@ -272,10 +272,10 @@ def test_an_answer_that_makes_no_sense_does_not_take_others_along(made_up):
 def test_a_stop_drops_what_was_done_before_it_and_waits(made_up):
     page = made_up.page
     for _ in range(10 * MOST_WAITING):
-        page._later(lambda: made_up.link.start(page._tell))
+        page._later(lambda: made_up.link.start(page._show_answer))
     assert len(page._waiting) == MOST_WAITING
     page._stop()
-    page._later(lambda: made_up.link.enable('tip', False, page._tell))
+    page._later(lambda: made_up.link.enable('tip', False, page._show_answer))
     made_up.client.calls.clear()
     made_up.update()
     assert made_up.client.calls == ['stop', 'tip/enable']

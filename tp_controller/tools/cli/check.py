@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tp_controller check``: what is wrong or doubtful with a stack, before a robot moves."""
+"""``tp_controller check``: wrong and doubtful parts of a stack, before a robot moves."""
 
 import argparse
 from functools import partial
@@ -26,7 +26,7 @@ from tp_controller.tools.cli.values import positive_number
 from tp_controller.tools.files import new_file
 from tp_controller.tools.progress import progress
 
-if TYPE_CHECKING:  # Imported with the first check: the help needs none of it.
+if TYPE_CHECKING:  # Imported with the first check: the help does not need it.
     from tp_controller.tools.check import CheckReport
 EXAMPLES = """\
 examples:
@@ -79,18 +79,18 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_check(options: argparse.Namespace) -> int:
     """
-    Check a stack, and print what was found.
+    Check a stack, and print the findings.
 
     Parameters
     ----------
     options : argparse.Namespace
-        Of the arguments that `add_check_arguments` adds.
+        Options of the arguments that `add_check_arguments` adds.
 
     Returns
     -------
     int
-        0 where nothing is wrong, 1 where something is (or doubtful, with ``--strict``), 2 where a
-        file is missing or cannot be written.
+        0 if nothing is wrong, 1 if something is (or doubtful, with ``--strict``), 2 if a file is
+        missing or cannot be written.
 
     """
     from tp_controller.tools.check.page import page_of
@@ -119,7 +119,7 @@ def run_check(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> 'CheckReport':
-    """Return the report; raise `Refused` where a file is missing, else `SettingsError`."""
+    """Return the report; raise `Refused` for a missing file, else `SettingsError`."""
     from tp_controller.model.mobile_base import BASES
     from tp_controller.tools.check.checker import check, refused
     from tp_controller.tools.check.findings import about_parameters
@@ -141,32 +141,32 @@ def _report(options: argparse.Namespace) -> 'CheckReport':
 
 
 def _refuse(message: str) -> int:
-    """Say what is wrong with an argument; return the exit status."""
+    """Print the fault of an argument; return the exit status."""
     print(f'tp_controller: {message}', file=sys.stderr)
     return 2
 
 
 def _number(text: str) -> int:
-    """Return a whole number of the command line, from 0 on."""
+    """Parse an integer from 0 on."""
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
     return int(text)
 
 
 def _count(text: str) -> int:
-    """Return a whole number of the command line, from 1 on."""
+    """Parse an integer from 1 on."""
     if not _number(text):
         raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 on')
     return int(text)
 
 
 def _jobs(text: str) -> int:
-    """Return a number of processes: from 1 on, or -1."""
+    """Parse a number of processes: from 1 on, or -1."""
     return -1 if text.strip() == '-1' else _count(text)
 
 
 COMMAND = Command(
-    'say what is wrong or doubtful with a stack, before a robot moves',
-    'Say what is wrong or doubtful with a stack, before a robot moves: at random configurations, '
-    'then in closed loops with random starts and goals. No ROS is needed.',
+    'list the wrong and doubtful parts of a stack, before a robot moves',
+    'List the wrong and doubtful parts of a stack, before a robot moves: at random '
+    'configurations, then in closed loops with random starts and goals. No ROS is needed.',
     EXAMPLES, add_check_arguments, run_check)

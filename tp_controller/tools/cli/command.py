@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every command of the command line is."""
+"""Interface of the subcommands."""
 
 import argparse
 from collections.abc import Callable
@@ -21,18 +21,18 @@ from typing import NamedTuple
 
 class Command(NamedTuple):
     """
-    A command of the command line.
+    Subcommand of the command line.
 
     Attributes
     ----------
     brief, description : str
-        What it does, in the list of commands and in its own help.
+        Descriptions in the list of commands and in its own help.
     examples : str
-        Lines to copy, at the end of its help.
+        Example lines at the end of its help.
     add_arguments : callable
         Adds its arguments to its parser.
     run : callable
-        Carries out the arguments, parsed; returns the exit status.
+        Runs the command with the parsed arguments; returns the exit status.
 
     """
 
@@ -44,7 +44,7 @@ class Command(NamedTuple):
 
     def add_to(self, commands: 'argparse._SubParsersAction[argparse.ArgumentParser]',
                name: str) -> None:
-        """Add it to the commands of a parser."""
+        """Add the command to a parser."""
         parser = commands.add_parser(
             name, help=self.brief, description=self.description, epilog=self.examples,
             formatter_class=argparse.RawDescriptionHelpFormatter)

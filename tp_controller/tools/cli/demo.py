@@ -24,7 +24,7 @@ from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
 from tp_controller.tools.demos.startup import report_if_slow
 
-# As tp_controller.tools.demos.film has them, which takes a second to import.
+# The same as in tp_controller.tools.demos.film, whose import takes a second.
 FILM, NO_FILM = 'TP_CONTROLLER_FILM', 'none'
 DEMOS = {
     'panda': 'a 7-DoF arm over ROS 2 topics (default)',
@@ -35,8 +35,8 @@ DEMOS = {
     'lab1': 'null-space motion',
     'lab2': 'two tasks in both orders',
 }
-# A demo of `tp_controller view` that ends only when somebody exchanges its tasks.
-TO_PLAY_WITH = 'conflict'
+# Demo of `tp_controller view` without an end.
+INTERACTIVE_DEMO = 'conflict'
 EXAMPLES = """\
 examples:
   tp_controller demo                         figures and film go to ./tp_demo/panda
@@ -54,7 +54,7 @@ which talk on this machine only, in a ROS domain of their own. drill, lab1 and l
 def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command to its parser."""
     parser.add_argument('name', nargs='?', default='panda', choices=tuple(DEMOS), type=_demo,
-                        help='; '.join(f'{name}: {what}' for name, what in DEMOS.items()))
+                        help='; '.join(f'{name}: {text}' for name, text in DEMOS.items()))
     parser.add_argument('--output', type=Path, default=Path('tp_demo'), metavar='FOLDER',
                         help='where the folder with the figures goes, which has the name '
                         'of the demo (default: ./tp_demo)')
@@ -68,8 +68,8 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_demo(options: argparse.Namespace) -> int:
-    """Run the demonstration that was named."""
-    # Each in a folder of its own, or one would write over the pictures of another.
+    """Run the named demonstration."""
+    # Each demo has its own folder, or it would overwrite the figures of another.
     folder = options.output / options.name
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,9 +77,9 @@ def run_demo(options: argparse.Namespace) -> int:
         print(f'tp_controller: --output: {error}', file=sys.stderr)
         return 2
     if not options.film:
-        # Whatever a demo draws, it asks there.
+        # All demos read this variable.
         os.environ[FILM] = NO_FILM
-    # Imported here: figures take a second to import, and goals do not need them.
+    # Imported here: the figures take a second to import, and goals do not need them.
     if options.name == 'drill':
         from tp_controller.tools.demos.drill import drill
         passed = drill(folder)
@@ -96,15 +96,15 @@ def run_demo(options: argparse.Namespace) -> int:
 
 
 def _demo(text: str) -> str:
-    """Return the name of a demo of the command line."""
-    if text == TO_PLAY_WITH:
-        raise argparse.ArgumentTypeError(f'{text} is to be played with: tp_controller view --demo '
+    """Parse the name of a demo."""
+    if text == INTERACTIVE_DEMO:
+        raise argparse.ArgumentTypeError(f'{text} is interactive: tp_controller view --demo '
                                          f'{text}')
     return text
 
 
 def _seed(text: str) -> int:
-    """Return a seed of the command line."""
+    """Parse a seed."""
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
     return int(text)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tp_controller goal``: publish the message that a task takes."""
+"""``tp_controller goal``: a goal message for a task."""
 
 import argparse
 import math
@@ -30,10 +30,10 @@ from tp_controller.untrusted import errors_of
 if TYPE_CHECKING:  # Imported when a goal is sent: the help needs no ROS.
     from tp_controller.ros.client.client import Client
 
-# Velocities time out at the controller, so they are repeated at this period [s].
-REPEAT = 0.05
+# Period of repeated velocities, which time out at the controller [s].
+REPEAT_SECONDS = 0.05
 TURN = 2.0 * math.pi
-# {part of a goal: the option that gives it}
+# {part of a goal: option}
 OPTIONS = {'xyz': '--xyz', 'quat_xyzw': '--rpy/--quat', 'joints': '--joint',
            'velocities': '--velocity', 'linear': '--linear', 'angular': '--angular'}
 EXAMPLES = """\
@@ -94,17 +94,17 @@ def send_goal(options: argparse.Namespace) -> int:
     Parameters
     ----------
     options : argparse.Namespace
-        Of the arguments that `add_goal_arguments` adds.
+        Options of the arguments that `add_goal_arguments` adds.
 
     Returns
     -------
     int
-        0, or 1 if the goal was not reached in time; 2 if there is no goal.
+        0; 1 if the goal was not reached in time; 2 if no goal is given.
 
     Raises
     ------
     GoalError
-        The controller or task is not there, or the task takes something else.
+        The controller or task does not exist, or the task needs other goal parts.
 
     """
     fault = _fault(options)
@@ -127,7 +127,7 @@ def send_goal(options: argparse.Namespace) -> int:
 
 
 def _fault(options: argparse.Namespace) -> str:
-    """Return what is wrong with the goal as it was given; empty if nothing is."""
+    """Return the fault of the given goal; empty if there is none."""
     if not any((options.xyz, options.rpy, options.quat, options.joint, options.velocity,
                 options.linear, options.angular)):
         return ('nothing to send; give --xyz, --rpy, --quat, --joint, --velocity, --linear or '
@@ -139,7 +139,7 @@ def _fault(options: argparse.Namespace) -> str:
 
 
 def _fields(options: argparse.Namespace, client: 'Client') -> dict[str, Any]:
-    """Return the parts of the goal that were given, in radians."""
+    """Return the given parts of the goal, with angles in radians."""
     angle = math.radians(1.0) if options.deg else 1.0
     quat_xyzw = options.quat
     if options.rpy:
@@ -156,15 +156,15 @@ def _fields(options: argparse.Namespace, client: 'Client') -> dict[str, Any]:
 
 
 def _repeat(client: 'Client', duration: float) -> None:
-    """Send the goal again and again, for `duration` seconds."""
+    """Send the goal repeatedly for a duration [s]."""
     end = time.monotonic() + duration
     while time.monotonic() < end:
-        client.wait(lambda: False, REPEAT)
+        client.wait(lambda: False, REPEAT_SECONDS)
         client.repeat()
 
 
 def _reach(client: 'Client', options: argparse.Namespace) -> bool:
-    """Wait for the goal, and say what became of it."""
+    """Wait for the goal, and print its outcome."""
     reached = client.wait(
         lambda: client.task_status(options.task).get('status') in ('reached', 'satisfied'),
         options.reach)
@@ -183,7 +183,7 @@ def _reach(client: 'Client', options: argparse.Namespace) -> bool:
 
 
 def _assignment(text: str) -> tuple[str, float]:
-    """Return (name, value) of NAME=VALUE."""
+    """Parse (name, value) of NAME=VALUE."""
     name, equals, value = text.partition('=')
     if not equals or not name:
         raise argparse.ArgumentTypeError(f'{text!r} is not of the form NAME=VALUE')

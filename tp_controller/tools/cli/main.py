@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The command ``tp_controller``."""
+"""Entry points of ``tp_controller`` and its nodes."""
 
 # argcomplete looks for this line: PYTHON_ARGCOMPLETE_OK
 import argparse
@@ -34,33 +34,33 @@ EXAMPLES = """\
 examples:
   tp_controller demo                     a 7-DoF arm carries out a stack of tasks, over ROS 2
   tp_controller demo mobile              an arm on wheels carries a tray past obstacles
-  tp_controller demo drill               drilling, and what the other joints do besides
+  tp_controller demo drill               drilling, with lower tasks in the null space
   tp_controller demo lab1                motion in the null space of a planar arm, no ROS needed
   tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 180 0 0 --deg
   tp_controller goal --help              how to send goals of every kind
-  tp_controller status                   what the tasks of running controllers do
-  tp_controller check --help             what is wrong with a stack, before a robot moves
+  tp_controller status                   the tasks of running controllers
+  tp_controller check --help             the faults of a stack, before a robot moves
   tp_controller view                     a robot in the browser, to pull about
-  tp_controller record run               what they do, to files
+  tp_controller record run               the topics of controllers, to files
   tp_controller plot run                 plots and a report of a recording
 """
 COMMANDS = {
     'demo': demo.COMMAND, 'goal': goal.COMMAND, 'status': status.COMMAND, 'check': check.COMMAND,
     'view': view.COMMAND, 'record': record.COMMAND, 'plot': plot.COMMAND}
-# {optional packages: (what needs them, extra that brings them)}
+# {optional packages: (reason, extra that contains them)}
 EXTRAS = {
     ('matplotlib', 'mpl_toolkits', 'PIL'): ('the figures need it', 'plots'),
     ('viser', 'trimesh', 'websockets'): ('the page needs it', 'view'),
     ('rosbags', 'lz4', 'backports'): ('recordings need it', 'record'),
     ('joblib',): ('more than one job needs it', 'check'),
 }
-# {optional packages of no extra: what needs them, and how to get them}
-CURES = {
+# {optional packages outside the extras: reason and installation command}
+INSTALL_HINTS = {
     ('dask', 'distributed'): "the backend dask needs it: pip install 'dask[distributed]'",
     ('ray',): 'the backend ray needs it: pip install ray',
 }
 # Longest error that is printed [characters].
-LONGEST = 20_000
+LONGEST_ERROR = 20_000
 INTERRUPTED = 128 + signal.SIGINT
 
 
@@ -84,12 +84,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments : list of str, optional
-        Those of the process by default.
+        Arguments; those of the process by default.
 
     Returns
     -------
     int
-        0 for success, 1 for failure, 2 for arguments that are not valid.
+        0 for success, 1 for failure, 2 for invalid arguments.
 
     """
     parser = make_parser()
@@ -99,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _mark_numbers(sys.argv[1:] if arguments is None else arguments))
     except TpControllerError as error:
         return _refuse(error)
-    # The first Ctrl-C is an exception, which waits for C code to return.
+    # The first Ctrl-C raises an exception, which waits for C code to return.
     watch = SignalWatch(END_SIGNALS, INTERRUPTED)
     watch.start()
     try:
@@ -107,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except TpControllerError as error:
         return _refuse(error)
     except ModuleNotFoundError as error:
-        return _lacks(error)
+        return _report_missing(error)
     except KeyboardInterrupt:
         print('tp_controller: interrupted', file=sys.stderr)
         return INTERRUPTED
@@ -136,43 +136,43 @@ def viewer_node() -> int:
 
 
 def _node(name: str, part: str = 'ros') -> int:
-    """Run a node, whose module needs ROS already to be imported."""
+    """Run a node, whose module imports ROS."""
     try:
         module = importlib.import_module(f'tp_controller.{part}.{name}')
     except TpControllerError as error:
         return _refuse(error)
     except ModuleNotFoundError as error:
-        return _lacks(error)
+        return _report_missing(error)
     return module.main()
 
 
 def _refuse(error: TpControllerError) -> int:
-    """Say what is wrong; return the exit status, 2 for a solver that cannot be had."""
-    print(f'tp_controller: {plain(str(error), LONGEST, lines=True)}', file=sys.stderr)
+    """Print an error; return the exit status, 2 for an unavailable solver."""
+    print(f'tp_controller: {plain(str(error), LONGEST_ERROR, lines=True)}', file=sys.stderr)
     return 2 if isinstance(error, SolverError) else 1
 
 
-def _lacks(error: ModuleNotFoundError) -> int:
-    """Say which optional package is missing and how to get it; return the exit status."""
+def _report_missing(error: ModuleNotFoundError) -> int:
+    """Print the missing optional package and its installation; return the exit status."""
     package = (error.name or '').partition('.')[0]
     if package in ('', 'tp_controller'):
         raise error
-    cures = {**CURES, **{packages: f'{what}: {install_command(extra)}'
-                         for packages, (what, extra) in EXTRAS.items()}}
-    cure = next((cure for packages, cure in cures.items() if package in packages),
+    hints = {**INSTALL_HINTS, **{packages: f'{reason}: {install_command(extra)}'
+                                 for packages, (reason, extra) in EXTRAS.items()}}
+    hint = next((hint for packages, hint in hints.items() if package in packages),
                 f'this needs ROS 2: source its setup file, or {install_command("ros")}')
-    print(f'tp_controller: {package} is missing; {cure}', file=sys.stderr)
+    print(f'tp_controller: {package} is missing; {hint}', file=sys.stderr)
     return 1
 
 
 def _mark_numbers(arguments: Sequence[str]) -> list[str]:
-    """Return arguments, negative numbers with a space: argparse takes -1e-3 for an option."""
+    """Return arguments with a space before negative numbers: else -1e-3 is an option."""
     return [f' {text}' if text.startswith('-') and _is_number(text) else text
             for text in arguments]
 
 
 def _is_number(text: str) -> bool:
-    """Say whether a text is a number."""
+    """Return whether a text is a number."""
     try:
         float(text)
     except ValueError:
@@ -181,14 +181,14 @@ def _is_number(text: str) -> bool:
 
 
 class _Version(argparse.Action):
-    """Prints the version, which takes time to find out."""
+    """Action that prints the version, determined only on demand."""
 
     def __init__(self, option_strings: Sequence[str], dest: str) -> None:
         super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS,
                          help="show program's version number and exit")
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        """Print it, and which solver runs, and end."""
+        """Print the version and the active solver, and exit."""
         from tp_controller.solver.compiled import fallback_reason, running
         try:
             print(f'{version("tp_controller")}, solver: {running()}')

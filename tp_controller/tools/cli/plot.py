@@ -26,7 +26,7 @@ from tp_controller.tools.extras import install_command
 from tp_controller.tools.progress import progress
 from tp_controller.untrusted import plain
 
-if TYPE_CHECKING:  # Imported with the first recording: the help needs none of it.
+if TYPE_CHECKING:  # Imported with the first recording: the help does not need it.
     from tp_controller.model.robot import Robot
     from tp_controller.tools.recording.history import History
 
@@ -61,17 +61,17 @@ def plot(options: argparse.Namespace) -> int:
     Parameters
     ----------
     options : argparse.Namespace
-        Of the arguments that `add_plot_arguments` adds.
+        Options of the arguments that `add_plot_arguments` adds.
 
     Returns
     -------
     int
-        0, or 2 if nothing can be written where it is to go.
+        0, or 2 if the output folder cannot be created.
 
     Raises
     ------
     TpControllerError
-        There is no recording of a controller.
+        The recording contains no controller.
 
     """
     from tp_controller.tools.recording.history import History
@@ -107,7 +107,7 @@ def plot(options: argparse.Namespace) -> int:
 
 
 def _check(history: 'History', path: Path, remarks: Sequence[str]) -> None:
-    """Raise if nothing in a recording is about a controller."""
+    """Raise an error if a recording contains no controller."""
     if history.node or history.commands:
         return
     if not history.counts:
@@ -119,10 +119,10 @@ def _check(history: 'History', path: Path, remarks: Sequence[str]) -> None:
 
 
 def _robot(history: 'History', remarks: list[str]) -> 'MaybeRobot':
-    """Return the robot; None, with a remark, if it is not known."""
+    """Return the robot; None, with a remark, if it is unknown."""
     from tp_controller.tools.recording.robots import robot_of
     if not history.node:
-        remarks.append('no status of a controller: what tasks did is not known')
+        remarks.append('no status of a controller: the history of its tasks is unknown')
     try:
         robot = robot_of(history)
     except TpControllerError as error:
@@ -134,7 +134,7 @@ def _robot(history: 'History', remarks: list[str]) -> 'MaybeRobot':
 
 
 def _replay(history: 'History', robot: 'MaybeRobot', remarks: list[str]) -> str:
-    """Return the page that shows the motion; empty, with a remark, if there can be none."""
+    """Return the page with the motion; empty, with a remark, if it is impossible."""
     if robot is None:
         return ''
     try:
@@ -145,14 +145,14 @@ def _replay(history: 'History', robot: 'MaybeRobot', remarks: list[str]) -> str:
     try:
         return replay_page(history, robot)
     except Exception as error:
-        # Of what somebody recorded not all can be shown.
+        # Arbitrary recorded data may be impossible to show.
         remarks.append(f'no replay: {in_words(error)}')
         return ''
 
 
 COMMAND = Command(
-    'draw what was recorded',
-    'Draw the plots of a recording: errors with what limits the tasks, velocities against their '
+    'plot a recording',
+    'Draw the plots of a recording: errors with the causes of limits, velocities against their '
     'limits, the path of the tool; and write a report that has all of them in one HTML file, '
     'with the motion to be replayed.',
     EXAMPLES, add_plot_arguments, plot)

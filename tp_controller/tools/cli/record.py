@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tp_controller record``: everything that running controllers do, to a file."""
+"""``tp_controller record``: all topics of running controllers, to a file."""
 
 import argparse
 from collections.abc import Iterator, Mapping
@@ -35,10 +35,10 @@ if TYPE_CHECKING:  # Imported when a recording starts: the help needs no ROS.
     from tp_controller.tools.recording.writer import BagWriter
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-# Between two looks at what has arrived, two writes to the disk, and two status lines [s].
-PAUSE, FLUSH, STATUS = 0.005, 1.0, 0.2
-# To the start of the line, and clear it.
-CLEAR = '\r\x1b[K'
+# Periods of polling the messages, of writing to the disk, and of the status line [s].
+POLL_SECONDS, FLUSH_SECONDS, STATUS_SECONDS = 0.005, 1.0, 0.2
+# Carriage return, and erase to the end of the line.
+CLEAR_LINE = '\r\x1b[K'
 UNITS = ((1e9, 'GB'), (1e6, 'MB'), (1e3, 'kB'))
 EXAMPLES = """\
 examples:
@@ -66,12 +66,12 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 
 def record(options: argparse.Namespace) -> int:
     """
-    Record until Ctrl-C, or as long as was said.
+    Record until Ctrl-C, or for a given time.
 
     Parameters
     ----------
     options : argparse.Namespace
-        Of the arguments that `add_record_arguments` adds.
+        Options of the arguments that `add_record_arguments` adds.
 
     Returns
     -------
@@ -81,12 +81,12 @@ def record(options: argparse.Namespace) -> int:
     Raises
     ------
     TpControllerError
-        No controller is there, or not all of those that were named, or nothing can be written.
+        No controller, or not every named one, was found, or the recording cannot be written.
 
     """
     path = options.out or Path(time.strftime('tp_%Y-%m-%d_%H-%M-%S'))
     if path.suffix == '.mcap':
-        # The file in the folder is called so.
+        # The file in the folder has this name.
         path = path.with_suffix('')
     set_up_fast_dds()
     from tp_controller.ros.client.client import absence
@@ -103,7 +103,7 @@ def record(options: argparse.Namespace) -> int:
             if time.monotonic() > end:
                 raise TpControllerError(
                     absence(', '.join(f'/{name}' for name in recorder.missing())))
-            time.sleep(PAUSE)
+            time.sleep(POLL_SECONDS)
         if arrived:
             raise KeyboardInterrupt
         bag = BagWriter(path)
@@ -117,7 +117,7 @@ def record(options: argparse.Namespace) -> int:
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """Collect the signals that end the command; nothing that is written is to be cut off."""
+    """Collect the signals that end the command, so that no write is interrupted."""
     arrived: list[int] = []
     before = {number: signal.signal(number, lambda got, _: arrived.append(got))
               for number in SIGNALS}
@@ -130,29 +130,29 @@ def _signals() -> Iterator[list[int]]:
 
 def _write(recorder: 'BagRecorder', bag: 'BagWriter', seconds: float | None,
            arrived: list[int]) -> float:
-    """Write what arrives until a signal does, or the time is over; return how long it was [s]."""
+    """Write messages until a signal, or for a time; return the duration [s]."""
     start = flushed = shown = time.monotonic()
     try:
-        # It listens from the first time on: what is sent once this was said is in the bag.
-        recorder.take(bag)
+        # The first call subscribes: messages sent after the following line are recorded.
+        recorder.record(bag)
         print(f'recording {", ".join(f"/{name}" for name in recorder.controllers)} to {bag.path}; '
               'Ctrl-C ends it', flush=True)
         while not arrived and (seconds is None or time.monotonic() - start < seconds):
-            recorder.take(bag)
+            recorder.record(bag)
             now = time.monotonic()
-            if now - flushed >= FLUSH:
+            if now - flushed >= FLUSH_SECONDS:
                 flushed = now
                 bag.flush()
-            if now - shown >= STATUS:
+            if now - shown >= STATUS_SECONDS:
                 shown = now
                 _show(f'{_amount(bag, now - start)}, {len(bag.counts)} topics')
-            time.sleep(PAUSE)
-        recorder.take(bag)
+            time.sleep(POLL_SECONDS)
+        recorder.record(bag)
         bag.close()
     except OSError as error:
         bag.abandon()
         raise TpControllerError(
-            f'{bag.path}: {error.strerror}; what was written before can be plotted') from error
+            f'{bag.path}: {error.strerror}; earlier messages can be plotted') from error
     except BaseException:
         bag.abandon()
         raise
@@ -162,36 +162,36 @@ def _write(recorder: 'BagRecorder', bag: 'BagWriter', seconds: float | None,
 
 
 def _show(line: str) -> None:
-    """Show a line in the place of the last one, on a terminal."""
+    """Replace the status line on a terminal."""
     if sys.stderr.isatty():
-        print(CLEAR + line, end='', file=sys.stderr, flush=True)
+        print(CLEAR_LINE + line, end='', file=sys.stderr, flush=True)
 
 
 def _amount(bag: 'BagWriter', seconds: float) -> str:
-    """Return how much was written."""
+    """Return duration, number of messages and size of the recording."""
     return (f'{seconds:.1f} s, {sum(bag.counts.values())} messages, '
             f'{_size(bag.size())}')
 
 
 def _size(size: float) -> str:
-    """Return a size [bytes] in a unit that suits it."""
+    """Return a size [bytes] as text in a suitable unit."""
     return next((f'{size / unit:.1f} {name}' for unit, name in UNITS if size >= unit),
                 f'{size:.0f} bytes')
 
 
 def _summary(bag: 'BagWriter', recorder: 'BagRecorder', seconds: float) -> str:
-    """Return what was written, in a line."""
+    """Return a summary of the recording in one line."""
     return (f'{bag.path}: {_amount(bag, seconds)}, {recorder.lost()} lost: '
             f'{_listed(bag.counts)}')
 
 
 def _listed(counts: Mapping[str, int]) -> str:
-    """Return how many messages of each topic were written."""
+    """Return the number of messages of each topic."""
     return ', '.join(f'{plain(topic)} {counts[topic]}' for topic in sorted(counts))
 
 
 COMMAND = Command(
-    'record what running controllers do',
+    'record the topics of running controllers',
     'Record all topics of running controllers, until Ctrl-C, to a folder that ros2 bag, '
     'PlotJuggler, Foxglove and tp_controller plot read.',
     EXAMPLES, add_record_arguments, record)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tp_controller status``: what the controllers that run are doing, as a table."""
+"""``tp_controller status``: the status of running controllers, as a table."""
 
 import argparse
 from collections.abc import Mapping
@@ -30,15 +30,15 @@ from tp_controller.untrusted import errors_of, plain
 if TYPE_CHECKING:  # Imported with the first status: the help needs no ROS.
     from tp_controller.ros.client.status_monitor import ControllerStatus, Watch
 
-# To the first line, and clear what is below it.
+# Cursor to the first line, and erase below it; erase the screen.
 HOME = '\x1b[H\x1b[J'
 CLEAR = '\x1b[2J'
 # Cursor off and on.
 HIDE, SHOW = '\x1b[?25l', '\x1b[?25h'
-# Columns: name, width, key of the status. The rest of the line says why.
+# Columns: key of the status as title, and width; the reason fills the rest of the line.
 COLUMNS = (('task', 14), ('level', 8), ('error', 24), ('status', 10))
-# After which time without a message a controller is called silent [s].
-OLD = 2.0
+# Age of the last status from which it is shown [s].
+SILENT_SECONDS = 2.0
 EXAMPLES = """\
 examples:
   tp_controller status                       all controllers, until Ctrl-C
@@ -66,7 +66,7 @@ def show_status(options: argparse.Namespace) -> int:
     Parameters
     ----------
     options : argparse.Namespace
-        Of the arguments that `add_status_arguments` adds.
+        Options of the arguments that `add_status_arguments` adds.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def show_status(options: argparse.Namespace) -> int:
     Raises
     ------
     TpControllerError
-        No controller is there, or not all of those that were named.
+        No controller, or not every named one, was found.
 
     """
     set_up_fast_dds()
@@ -103,7 +103,7 @@ def table(heard: Mapping[str, 'ControllerStatus'], width: int | None = None) -> 
     heard : dict
         {name of a controller: ControllerStatus}
     width : int, optional
-        Of a terminal, whose lines are cut off there.
+        Width of a terminal, to which lines are truncated.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def table(heard: Mapping[str, 'ControllerStatus'], width: int | None = None) -> 
     """
     lines = []
     for name, controller in heard.items():
-        silent = f'no status for {controller.age:.0f} s' if controller.age > OLD else ''
+        silent = f'no status for {controller.age:.0f} s' if controller.age > SILENT_SECONDS else ''
         lines += ['', f'/{name}: {silent or controller.head}',
                   '  ' + ' '.join(f'{title:<{columns}}' for title, columns in COLUMNS) + ' reason']
         lines += [_row(task, values) for task, values in controller.tasks.items()]
@@ -132,27 +132,27 @@ def _row(task: str, values: Mapping[str, str]) -> str:
 
 
 def _error(unit: str, error: float) -> str:
-    """Return an error with its unit; while the robot is stopped nobody knows it."""
+    """Return an error with its unit; a dash if it is unknown."""
     if math.isnan(error):
         return '-'
     return f'{error:.4f}' + ('' if unit == '1' else f' {unit}')
 
 
 def _print_tables(watch: 'Watch', period: float) -> None:
-    """Print a table below the last one, again and again."""
+    """Print tables periodically, one below the other."""
     while True:
         print(table(watch.statuses()), end='\n\n', flush=True)
         watch.listen(period)
 
 
 def _show_live(watch: 'Watch', period: float) -> None:
-    """Draw a table in the place of the last one, again and again, until Ctrl-C."""
+    """Refresh a table in place, until Ctrl-C."""
     print(CLEAR + HIDE, end='')
     try:
         while True:
             size = shutil.get_terminal_size()
             lines = table(watch.statuses(), size.columns).splitlines()
-            # One line more would move all of them up.
+            # One more line would scroll the terminal.
             print(HOME + '\n'.join(lines[:size.lines - 1]), end='', flush=True)
             watch.listen(period)
     except KeyboardInterrupt:
@@ -162,7 +162,7 @@ def _show_live(watch: 'Watch', period: float) -> None:
 
 
 COMMAND = Command(
-    'show what running controllers do, live',
+    'show the tasks of running controllers, live',
     'Show the tasks of running controllers, until Ctrl-C: how far each is from its goal, and '
     'what limits it.',
     EXAMPLES, add_status_arguments, show_status)

@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Numbers of the command line."""
+"""Parsers of numbers of the command line."""
 
 import argparse
 import math
 
 
 def finite_number(text: str) -> float:
-    """Return a finite number of the command line."""
+    """Parse a finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -30,7 +30,7 @@ def finite_number(text: str) -> float:
 
 
 def positive_number(text: str) -> float:
-    """Return a positive number of the command line."""
+    """Parse a positive number."""
     value = finite_number(text)
     if value <= 0.0:
         raise argparse.ArgumentTypeError(f'{text.strip()!r} must be positive')

@@ -37,7 +37,7 @@ from tp_controller.tools.demos.processes import (
 )
 from tp_controller.tools.demos.startup import end_of, missing, report_if_slow, Startup
 
-if TYPE_CHECKING:  # Imported when there is a page: other commands need none of it, nor ROS.
+if TYPE_CHECKING:  # Imported with the page: other commands need neither it nor ROS.
     from tp_controller.tools.demos.scenarios import Goal
     import viser
     Step = Goal | list[Goal]
@@ -47,13 +47,13 @@ CONTROLLER = 'tp_controller'
 # {name: parameter file of the nodes}
 DEMOS = {'panda': 'demo', 'conflict': 'conflict', 'mobile': 'mobile', 'underwater': 'underwater',
          'two_arms': 'two_arms'}
-# How long the answer of the controller to a goal may take, on a machine with much to do [s].
+# Timeout of the response to a goal, on a busy machine [s].
 ANSWER_SECONDS = 120.0
-# Demos of `tp_controller demo` that start no nodes.
+# Demos of `tp_controller demo` without nodes.
 WITHOUT_NODES = ('drill', 'lab1', 'lab2')
-# What another terminal needs to hear the nodes of a demo.
+# Variables that connect another terminal to the nodes of a demo.
 DOMAIN = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
-# Keys of a goal in a file that options of `tp_controller goal` are named after.
+# Keys of a goal in a file that are also options of `tp_controller goal`.
 GOAL_OPTIONS = ('xyz', 'rpy', 'linear', 'angular', 'for')
 EXAMPLES = """\
 examples:
@@ -85,13 +85,13 @@ def show_view(options: argparse.Namespace) -> NoReturn:
     Parameters
     ----------
     options : argparse.Namespace
-        Of the arguments that `add_view_arguments` adds.
+        Options of the arguments that `add_view_arguments` adds.
 
     Raises
     ------
     TpControllerError
-        The port is taken, the address is none of this machine, or a node of the demo does not
-        start.
+        The port is taken, the address is not one of this machine, or a node of the demo does
+        not start.
 
     """
     set_up_fast_dds()
@@ -114,10 +114,10 @@ def show_view(options: argparse.Namespace) -> NoReturn:
 
 
 def _start_demo(stack: ExitStack, parameters: Path) -> list[NodeProcess]:
-    """Start the nodes of a demo, where only this process hears them."""
+    """Start the nodes of a demo in their own ROS domain."""
     all_started = stack.enter_context(ended_by_sigterm())
     environment = stack.enter_context(own_domain())
-    # The page lives in this process, which has to be in the same domain.
+    # The page runs in this process, which must be in the same domain.
     os.environ.update(environment)
     nodes = start_nodes(stack, parameters, environment, stack.enter_context(_log_folder()))
     all_started()
@@ -126,7 +126,7 @@ def _start_demo(stack: ExitStack, parameters: Path) -> list[NodeProcess]:
 
 @contextmanager
 def _log_folder() -> Iterator[Path]:
-    """Make a folder, which stays where an error names a file in it."""
+    """Create a folder, which is kept if an error names a file in it."""
     folder = Path(tempfile.mkdtemp(prefix='tp_view_'))
     needed = False
     try:
@@ -140,7 +140,7 @@ def _log_folder() -> Iterator[Path]:
 
 
 def _file(demo: str, ending: str) -> Path:
-    """Return the file of a demo whose name has an ending."""
+    """Return the file of a demo with an ending of the name."""
     return package_share() / 'config' / f'{DEMOS[demo]}{ending}.yaml'
 
 
@@ -150,7 +150,7 @@ def _at_once(step: 'Step') -> 'list[Goal]':
 
 
 def _how_to_send(goal: 'Goal') -> str:
-    """Return the lines that send a goal from another terminal."""
+    """Return the shell commands that send a goal from another terminal."""
     words = [*_this_command(), 'goal', goal['task']]
     for key in GOAL_OPTIONS:
         if key in goal:
@@ -162,7 +162,7 @@ def _how_to_send(goal: 'Goal') -> str:
 
 
 def _this_command() -> list[str]:
-    """Return the words by which this command is found in any folder and environment."""
+    """Return the words that run this command in any folder and environment."""
     if os.path.basename(sys.argv[0]) == 'tp_controller':
         return [os.path.abspath(sys.argv[0])]
     return [sys.executable, '-m', 'tp_controller']
@@ -170,8 +170,8 @@ def _this_command() -> list[str]:
 
 def _show(stack: ExitStack, server: 'viser.ViserServer', controller: str,
           nodes: Sequence[NodeProcess], goals: 'list[Goal]') -> NoReturn:
-    """Show a controller on the page of a server, on the way to goals once its nodes run."""
-    # Its time begins before this process imports what it needs.
+    """Show a controller on the page of a server, and send goals once its nodes run."""
+    # The startup time includes the following imports.
     startup = Startup(nodes, _tell)
     with report_if_slow('importing the client', _tell):
         from tp_controller.ros.client.client import Client
@@ -193,12 +193,12 @@ def _show(stack: ExitStack, server: 'viser.ViserServer', controller: str,
 
 
 def _tell(line: str) -> None:
-    """Print a line at once."""
+    """Print a line, unbuffered."""
     print(line, flush=True)
 
 
 def _demo(text: str) -> str:
-    """Return the name of a demo of the command line."""
+    """Parse the name of a demo."""
     if text in WITHOUT_NODES:
         raise argparse.ArgumentTypeError(f'{text} is computed without nodes, with a film in place '
                                          f'of a page: tp_controller demo {text}')
@@ -206,14 +206,14 @@ def _demo(text: str) -> str:
 
 
 def _port(text: str) -> int:
-    """Return a port of the command line."""
+    """Parse a port number."""
     if not text.isdecimal() or not 1 <= int(text) <= 65535:
-        raise argparse.ArgumentTypeError(f'{text!r} is no port: a whole number from 1 to 65535')
+        raise argparse.ArgumentTypeError(f'{text!r} is not a port: a whole number from 1 to 65535')
     return int(text)
 
 
 COMMAND = Command(
-    'show a controller on a page in the browser, and change what it does',
+    'show and operate a controller on a page in the browser',
     'Show a controller on a page in the browser: the robot, goals that can be dragged, the '
     'stack, plots. Without --node a demo is started, too.',
     EXAMPLES, add_view_arguments, show_view)

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The demonstrations, and films of what robots did."""
+"""Demonstrations, and films of recorded motions."""

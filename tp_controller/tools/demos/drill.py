@@ -16,10 +16,10 @@
 """
 ``tp_controller demo drill``: drilling, a task of five rows, above three inequality tasks.
 
-The tip of a 7-DoF arm follows a target that moves and turns; the turn about the drill is free.
-Below it, in this order, markers on the hand stay in the view of a camera, the arm stays away from
-singularities, and the joints stay away from their limits. Where the drill needs it, these bounds
-are violated, the lowest first.
+The tip of a 7-DoF arm follows a target that moves and turns; the rotation about the drill is free.
+The lower levels, in this order, require markers on the hand in the view of a camera, a distance
+from singularities, and a distance from the joint limits. If the drill needs it, these bounds are
+violated, the lowest first.
 """
 
 from collections.abc import Iterator, Mapping
@@ -38,37 +38,38 @@ from tp_controller.tasks.field_of_view import FieldOfView
 from tp_controller.tasks.joint_limits import JointLimits
 from tp_controller.tools.demos.film import films
 from tp_controller.tools.demos.motion import FixedObject, Motion
-from tp_controller.tools.demos.outcome import Measurement, Outcome, tell
+from tp_controller.tools.demos.outcome import Measurement, Outcome, print_outcome
 from tp_controller.tools.plots.curves import plot_bounds
 
 PERIOD = 0.01
 DURATION = 40.0
 START = (0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.785)
 TOOL = 'panda_hand_tcp'
-# The target goes round in this time [s]; from then on, at the latest, the drill has caught up.
-ROUND = 20.0
+# Period of the target [s].
+TARGET_PERIOD = 20.0
+# Time after which the drill follows the target [s].
 SETTLED = 3.0
-# What the first level may be off [mm, °].
+# Largest errors of the first level [mm, °].
 TIP, AXIS = 0.5, 0.5
-# A drill with its bit, of which the tip is at the origin of the tool's frame.
+# A drill with its bit, with the tip at the origin of the tool frame.
 DRILL = (FixedObject(TOOL, Cylinder(0.03, 0.07), (0.0, 0.0, -0.085)),
          FixedObject(TOOL, Cylinder(0.006, 0.05), (0.0, 0.0, -0.025)))
 VIEW = (-40.0, 25.0)
 LOWER = {'markers': 'angle between marker and camera [rad]',
          'mobile': 'manipulability, share of its minimum [1]',
          'joints': 'joint nearest to its limit: distance [rad]'}
-SAID = {'markers': 'markers in view', 'mobile': 'away from singularities',
-        'joints': 'away from joint limits'}
+CAPTIONS = {'markers': 'markers in view', 'mobile': 'away from singularities',
+            'joints': 'away from joint limits'}
 
 
 def drill(folder: str | Path) -> bool:
-    """Run the demonstration, print its outcome, and return whether it is as it should be."""
-    return tell(run_drill(folder))
+    """Run the demonstration, print its outcome, and return whether it passed."""
+    return print_outcome(run_drill(folder))
 
 
 def target(now: float) -> tuple[Array, Array]:
-    """Return where the tip (3,) [m] and the drill (3,), a unit vector, are to be at a time [s]."""
-    turn = 2.0 * np.pi * now / ROUND
+    """Return the target tip (3,) [m] and drill axis (3,), a unit vector, at a time [s]."""
+    turn = 2.0 * np.pi * now / TARGET_PERIOD
     tip = np.array([0.5 + 0.12 * np.sin(turn), 0.35 * np.sin(2.0 * turn),
                     0.3 + 0.12 * np.cos(turn)])
     axis = np.array([0.35 * np.sin(turn + 0.5), 0.5 * np.sin(2.0 * turn), -1.0])
@@ -78,7 +79,7 @@ def target(now: float) -> tuple[Array, Array]:
 @dataclass(frozen=True, eq=False)
 class Recording:
     """
-    What happened, one sample for each period.
+    Recorded run, one sample for each period.
 
     Attributes
     ----------
@@ -89,13 +90,13 @@ class Recording:
     q, velocities : ndarray (T, n)
         Positions [rad] and commands [rad/s].
     tips : ndarray (T, 3)
-        Where the tip was to be [m].
+        Targets of the tip [m].
     tip, axis : ndarray (T,)
-        How far tip [mm] and drill [°] were off.
+        Errors of tip [mm] and drill [°].
     values : dict
-        {task below: ndarray (T,)}, as `LOWER` says.
+        {lower task: ndarray (T,)}, described by `LOWER`.
     outside : dict
-        {task below: ndarray (T,)}, how far outside of its bounds it was.
+        {lower task: ndarray (T,)}, violations of its bounds.
 
     """
 
@@ -112,7 +113,7 @@ class Recording:
 
 
 def record(duration: float = DURATION) -> Recording:
-    """Return the `Recording` of a run that lasts so long [s]."""
+    """Return the `Recording` of a run of a duration [s]."""
     config = package_share() / 'config'
     robot = Robot.from_file(config / 'robots' / 'panda.yaml')
     stack = Stack.from_yaml(config / 'drill_stack.yaml', robot)
@@ -136,7 +137,7 @@ def record(duration: float = DURATION) -> Recording:
 
 
 def _errors(state: RobotState, tip: Array, axis: Array) -> tuple[float, float]:
-    """Return how far tip [mm] and drill [°] are off."""
+    """Return the errors of tip [mm] and drill [°]."""
     shown = state.rotation(TOOL)[:, 2]
     angle = np.arctan2(np.linalg.norm(np.cross(shown, axis)), shown.dot(axis))
     return float(1e3 * np.linalg.norm(state.position(TOOL) - tip)), float(np.degrees(angle))
@@ -156,7 +157,7 @@ def run_drill(folder: str | Path) -> Outcome:
     Parameters
     ----------
     folder : str or pathlib.Path
-        Where the figures are written.
+        Folder of the figures.
 
     Returns
     -------
@@ -174,12 +175,12 @@ def run_drill(folder: str | Path) -> Outcome:
                     motion.axis[settled].max(), AXIS, 0.0, bound=True),
         Measurement('joint speed, share of the limit', '%', share, 100.0, 0.0, bound=True),
         Measurement('beyond a position limit', 'rad', beyond, 0.0, 0.0, bound=True))
-    return Outcome('Drilling along a moving target, and what is done besides', measurements,
+    return Outcome('Drilling along a moving target, with lower tasks', measurements,
                    tuple(_violations(motion)), tuple(_figures(Path(folder), motion)))
 
 
 def _follow(controller: Controller, now: float) -> tuple[Array, Array]:
-    """Set the target of a moment, and how it moves; return it."""
+    """Set the target and its velocity at a time; return the target."""
     tip, axis = target(now)
     next_tip, next_axis = target(now + PERIOD)
     controller.set_goal('tip', tip, now)
@@ -190,21 +191,21 @@ def _follow(controller: Controller, now: float) -> tuple[Array, Array]:
 
 
 def _violations(motion: Recording) -> Iterator[str]:
-    """Yield lines that say when a task below was outside of its bounds, and how far."""
+    """Yield lines with the times and sizes of violated bounds."""
     yield ''
     yield 'Violated bounds of the tasks below:'
     for name, task in list(motion.stack.tasks.items())[2:5]:
         (_, unit, tolerance), = task.groups
         outside = motion.outside[name]
-        for first, last in _spells(outside > tolerance):
+        for first, last in _intervals(outside > tolerance):
             yield (f'  {name:<8} {motion.times[first]:5.1f} s to {motion.times[last]:5.1f} s, '
                    f'by {with_unit(f"{outside[first:last + 1].max():.3f}", unit)}')
     yield ''
 
 
-def _spells(holds: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return (first, last) of every unbroken row of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], holds, [False])).astype(int)))
+def _intervals(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return (first, last) of every run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int)))
     return [(first, last - 1) for first, last in zip(edges[::2], edges[1::2])]
 
 
@@ -230,13 +231,13 @@ def _figures(folder: Path, motion: Recording) -> Iterator[Path]:
 
 
 def _captions(motion: Recording) -> Iterator[tuple[float, str]]:
-    """Yield when it changed which tasks below are violated, and which they are then."""
+    """Yield (time, text) for each change of the set of violated tasks."""
     tolerances = {name: motion.stack.tasks[name].groups[0].tolerance for name in motion.outside}
     shown = None
     for sample, now in enumerate(motion.times.tolist()):
         outside = [name for name, values in motion.outside.items()
                    if values[sample] > tolerances[name]]
-        text = f'relaxed: {", ".join(SAID[name] for name in outside)}' if outside \
+        text = f'relaxed: {", ".join(CAPTIONS[name] for name in outside)}' if outside \
             else 'the drill and all tasks below are satisfied'
         if text != shown:
             shown = text

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Films of a moving robot: animated WebP, which every browser plays."""
+"""Films of a moving robot: animated WebP, supported by every browser."""
 
 from collections.abc import Iterable, Iterator, Sequence
 import os
@@ -31,13 +31,13 @@ from tp_controller.tools.extras import install_command
 from tp_controller.tools.files import new_file
 from tp_controller.tools.progress import progress
 
-# Environment variable that chooses how films are drawn, and the choices other than the default.
+# Environment variable of the style of films, and its values other than the default.
 CHOICE, LINES, NONE = 'TP_CONTROLLER_FILM', 'lines', 'none'
 SIZE = 960, 720
-# Pictures of the longest film, and how long that is [s].
+# Largest number of pictures, and longest duration of a film [s].
 MAX_FRAMES = 100
-LONGEST = 10.0
-# 0 to 100, and 0 (fast) to 6 (small).
+MAX_SECONDS = 10.0
+# WebP quality, 0 to 100, and effort, 0 (fast) to 6 (small).
 QUALITY, EFFORT = 65, 4
 INK, PAPER = (33, 41, 52), (255, 255, 255, 205)
 LARGE, SMALL, MARGIN = 26, 20, 14
@@ -45,24 +45,24 @@ FONT = Path(matplotlib.get_data_path()) / 'fonts' / 'ttf' / 'DejaVuSans.ttf'
 
 
 def films(path: Path, motion: Motion) -> tuple[Path, ...]:
-    """Return the path of the film of a motion; none where ``TP_CONTROLLER_FILM=none`` is set."""
+    """Return the path of the film of a motion; empty with ``TP_CONTROLLER_FILM=none``."""
     return () if os.environ.get(CHOICE) == NONE else (write_film(path, motion),)
 
 
 def write_film(path: str | Path, motion: Motion) -> Path:
     """
-    Write a film of a motion, at its true speed but of no more than ten seconds.
+    Write a film of a motion in real time, or faster if it exceeds ten seconds.
 
-    The robot is solid where there are viser and a Chromium, else it is drawn with lines, and the
-    standard error says why. With ``TP_CONTROLLER_FILM=lines`` in the environment it is drawn with
-    lines in any case, which is faster.
+    The robot is solid if viser and a Chromium are installed; else it is drawn with lines, with the
+    reason on standard error. ``TP_CONTROLLER_FILM=lines`` in the environment always selects lines,
+    which is faster.
 
     Parameters
     ----------
     path : str or pathlib.Path
-        File to write, ``.webp``; its folder is made where it is missing.
+        File to write, ``.webp``; its folder is created.
     motion : Motion
-        What it shows.
+        Motion to show.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def write_film(path: str | Path, motion: Motion) -> Path:
 
 def _drawn(motion: Motion, samples: Sequence[int],
            pictures: Iterable[Image.Image]) -> list[Image.Image]:
-    """Return pictures with captions, and show how far they are."""
+    """Return pictures with captions, and show the progress."""
     done = []
     with progress(len(samples), 'drawing the film') as bar:
         for picture in _captioned(motion, samples, pictures):
@@ -94,18 +94,18 @@ def _drawn(motion: Motion, samples: Sequence[int],
 
 
 def shown_samples(times: Array) -> list[int]:
-    """Return the samples nearest to moments equally spaced in time, which samples need not be."""
+    """Return the samples nearest to equally spaced times."""
     moments = np.linspace(times[0], times[-1], min(len(times), MAX_FRAMES))
     return np.unique(np.searchsorted((times[1:] + times[:-1]) / 2.0, moments)).tolist()
 
 
 def _seconds(times: Array) -> float:
-    """Return how long a film lasts [s]."""
-    return float(min(max(times[-1] - times[0], 0.1), LONGEST))
+    """Return the duration of a film [s]."""
+    return float(min(max(times[-1] - times[0], 0.1), MAX_SECONDS))
 
 
 def _solid(motion: Motion, samples: Sequence[int]) -> Iterator[Image.Image]:
-    """Return pictures of a solid robot, or raise `TpControllerError`."""
+    """Return pictures of a solid robot; raise `TpControllerError` if it is impossible."""
     try:
         from tp_controller.tools.demos.film_solid import solid_pictures
     except ModuleNotFoundError as error:
@@ -135,11 +135,11 @@ def _captioned(motion: Motion, samples: Sequence[int],
 
 def _fitted(draw: ImageDraw.ImageDraw, text: str,
             width: float) -> tuple[str, ImageFont.FreeTypeFont]:
-    """Return a text in one or two lines of a width [pixels], and the font for it."""
+    """Return a text in one or two lines of a width [pixels], and its font."""
     large, small = (ImageFont.truetype(FONT, size) for size in (LARGE, SMALL))
     if draw.textlength(text, large) <= width:
         return text, large
-    # Letters differ in width: a line takes fewer than on the average.
+    # Characters differ in width: a line fits fewer than the average width suggests.
     letters = int(0.95 * len(text) * width / draw.textlength(text, small))
     lines = [text] if draw.textlength(text, small) <= width \
         else wrap(text, letters, max_lines=2, placeholder=' …')
@@ -154,11 +154,11 @@ def save_animation(path: str | Path, pictures: Sequence[Image.Image],
     Parameters
     ----------
     path : str or pathlib.Path
-        File to write; its folder is made where it is missing.
+        File to write; its folder is created.
     pictures : sequence of PIL.Image.Image
-        All of one size.
+        Pictures of equal size.
     milliseconds : float
-        How long each is shown [ms].
+        Display time of each picture [ms].
 
     Returns
     -------

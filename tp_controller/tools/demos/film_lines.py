@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pictures of a moving robot whose links are lines: for films where nothing solid can be drawn."""
+"""Line drawings of a moving robot, for films without a solid renderer."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ from tp_controller.tools.plots.drawing import (
     SHADOW_COLOUR,
 )
 
-# Line2D or Line3D, which has no types.
+# Line2D or Line3D, both untyped.
 Line = Any
 
 AROUND_COLOUR = '#8C5A2B'
@@ -49,18 +49,18 @@ GAP = np.full((1, 3), np.nan)
 @dataclass(frozen=True)
 class _Lines:
     """
-    Where everything is at each time [m].
+    Line coordinates at each time [m].
 
     Attributes
     ----------
     segments : ndarray (T, k, 2, 3)
-        Ends of the links, without those of no length.
+        Ends of the links with nonzero length.
     joints, tools : ndarray (T, k, 3)
-        Origins of the driven links, and of the frames whose path is drawn.
+        Origins of the driven links, and of the frames with a drawn path.
     bases : ndarray (T, k, 3)
-        Outline of a base that moves.
+        Outline of a mobile base.
     goals, bars : list of ndarray (k, 3)
-        Points, and lines between pairs of frames, of each picture.
+        Goal points, and lines between pairs of frames, of each picture.
 
     """
 
@@ -72,7 +72,7 @@ class _Lines:
     bars: Sequence[Array]
 
     def points(self, around: Sequence[Array]) -> Array:
-        """Return all (k, 3) that the scene has to have a place for."""
+        """Return the coordinates (k, 3) of all lines."""
         points = np.concatenate([each.reshape(-1, 3) for each in (
             self.segments, self.tools, self.bases, *self.goals, *around)])
         return points[np.isfinite(points).all(axis=1)]
@@ -83,15 +83,15 @@ def line_pictures(motion: Motion, samples: Sequence[int],
     """
     Yield pictures of a robot whose links are straight lines between their origins.
 
-    The view is from above where the robot moves in a horizontal plane, else in space, with its
-    shadow on the ground. A base that moves is drawn by its outline.
+    A robot that moves in a horizontal plane is shown from above, any other in perspective with its
+    shadow on the ground. A mobile base is drawn as its outline.
 
     Parameters
     ----------
     motion : Motion
-        What is drawn.
+        Motion to draw.
     samples : sequence of int
-        Of which there is a picture each.
+        Samples to draw, one per picture.
     size : tuple of int
         Width and height [pixels].
 
@@ -116,7 +116,7 @@ def line_pictures(motion: Motion, samples: Sequence[int],
 
 
 class _ArmScene:
-    """Axes with everything that stays, and the lines that move, drawn over a kept background."""
+    """Axes with a cached static background and moving lines."""
 
     def __init__(self, lines: _Lines, title: str, around: Sequence[Array],
                  size: tuple[int, int]) -> None:
@@ -127,7 +127,7 @@ class _ArmScene:
         for index, line in enumerate(around):
             self._scene.axis.plot(*self._scene.columns(line), color=AROUND_COLOUR, linewidth=1.0,
                                   label=None if index else 'obstacle')
-        # The order is that in which they cover each other.
+        # In the order of drawing.
         self._shadow = self._line(color=SHADOW_COLOUR, linewidth=4, solid_capstyle='round')
         count = lines.tools.shape[1]
         label = 'paths' if count > 1 else 'tool path'
@@ -146,10 +146,10 @@ class _ArmScene:
                                 label='goal')
         self._moving = [self._shadow, *self._paths, self._base, self._arm, self._joints,
                         self._bars, self._ends, self._goal]
-        self._keep_background()
+        self._cache_background()
 
     def picture(self, number: int, sample: int) -> Image.Image:
-        """Return a picture, of a number among all, of a sample."""
+        """Return the picture with a number, of a sample."""
         lines = self._lines
         chain = joined(lines.segments[sample])
         self._set(self._arm, chain)
@@ -173,8 +173,8 @@ class _ArmScene:
         blank = [[np.nan]] * self._scene.dimensions
         return self._scene.axis.plot(*blank, *style, **options)[0]
 
-    def _keep_background(self) -> None:
-        """Draw everything that stays, and keep it."""
+    def _cache_background(self) -> None:
+        """Draw and cache the static background."""
         self._scene.figure.legend(*self._scene.axis.get_legend_handles_labels(),
                                   loc='outside upper center', ncols=6, columnspacing=1.2,
                                   frameon=False)
@@ -184,7 +184,7 @@ class _ArmScene:
         self._background = self._canvas.copy_from_bbox(self._scene.figure.bbox)
 
     def _set(self, line: Line, points: Array) -> None:
-        """Give a line its points (k, 3)."""
+        """Set the points (k, 3) of a line."""
         columns = self._scene.columns(points)
         if self._scene.floor is None:
             line.set_data(*columns)
@@ -193,7 +193,7 @@ class _ArmScene:
 
 
 def links_of(robot: Robot) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return (parent, child) of every joint of the description, and the children that move."""
+    """Return (parent, child) of every joint of the description, and the driven children."""
     joints = parse(robot.urdf).findall('joint')
     links = [(_link(joint, 'parent'), _link(joint, 'child')) for joint in joints]
     driven = [child for joint, (_, child) in zip(joints, links)
@@ -207,7 +207,7 @@ def _link(joint: Element, side: str) -> str:
 
 
 def _over_time(robot: Robot, qs: Array, measure: Callable[[RobotState], ArrayLike]) -> Array:
-    """Return what a function makes of the state of each configuration (T, …)."""
+    """Return a function of the state for each configuration (T, …)."""
     state = robot.state(qs[0])
     rows = []
     for q in qs:
@@ -217,7 +217,7 @@ def _over_time(robot: Robot, qs: Array, measure: Callable[[RobotState], ArrayLik
 
 
 def _segments(robot: Robot, qs: Array, links: Sequence[tuple[str, str]]) -> Array:
-    """Return the ends of the links that have a length (T, k, 2, 3) [m]."""
+    """Return the ends of the links with nonzero length (T, k, 2, 3) [m]."""
     ends = _over_time(robot, qs, lambda state: np.reshape([
         (state.position(parent), state.position(child)) for parent, child in links], (-1, 2, 3)))
     lengths = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).max(axis=0)
@@ -231,7 +231,7 @@ def _origins(robot: Robot, qs: Array, frames: Sequence[str]) -> Array:
 
 
 def _bases(robot: Robot, qs: Array) -> Array:
-    """Return the outline of a base that moves (T, k, 3) [m]; none of another."""
+    """Return the outline of a mobile base (T, k, 3) [m]; empty for a fixed one."""
     if not robot.moves:
         return np.empty((len(qs), 0, 3))
     own = base_outline(robot)

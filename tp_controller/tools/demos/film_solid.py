@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pictures of a moving robot that is solid, from a page in a headless Chromium."""
+"""Pictures of a moving solid robot, rendered by a headless Chromium."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
@@ -30,27 +30,28 @@ from tp_controller.tools.demos.motion import FixedObject, Motion, Playback
 from tp_controller.tools.demos.outlines import outline
 from tp_controller.tools.demos.processes import ended_by_sigterm
 from tp_controller.tools.view.browser import find_chromium, HeadlessPage, open_page
-from tp_controller.tools.view.camera import Camera, camera_for, FIELD
+from tp_controller.tools.view.camera import Camera, camera_for, FILM_FOV
 from tp_controller.tools.view.parts import add_part, Colour, Part, place, wxyz
 from tp_controller.tools.view.scene import add_ground, RobotScene, Trail
 from tp_controller.tools.view.server import address, open_server, unused_port
 from tp_controller.tools.view.sketches import extent, shape_part, SketchScene
-from tp_controller.tools.view.visuals import looks_of
+from tp_controller.tools.view.visuals import visuals_of
 import viser
 
-# Chromium starts within 2 s; a picture takes 0.2 s, on a machine that is busy ten times that [s].
-START_SECONDS, PICTURE_SECONDS, POLL = 60.0, 60.0, 0.1
-# Of the window: pictures have a size of their own [pixels].
+# Timeouts of the start (usually 2 s) and of a picture (0.2 s, on a busy machine 2 s), and polling
+# period [s].
+START_SECONDS, PICTURE_SECONDS, POLL_SECONDS = 60.0, 60.0, 0.1
+# Size of the window, independent of that of the pictures [pixels].
 WINDOW = 160, 120
-# The window itself need not be drawn: viser draws what is in view, over and over for 0.25 s.
+# Hides the window: viser would draw its content repeatedly for 0.25 s.
 OUT_OF_VIEW = '<style>#root { position: fixed; top: 300vh; }</style>'
-# Pictures of the start after which it is taken as it is.
+# Largest number of pictures until the scene is complete.
 MOST_TRIES = 20
 CARRIED_COLOUR: Colour = (204, 121, 167)
 BAR_RADIUS = 0.018
-# Half the size of a mesh of which the corners are not known here, with colours of its own [m].
+# Half the size assumed for a mesh with unknown vertices, which has its own colours [m].
 MESH_HALF = 0.07
-# Light from everywhere, that of a lamp, and where it is above the camera, in distances.
+# Ambient and directional intensity; position of the lamp relative to the camera, in distances.
 AMBIENT, BRIGHTNESS, LAMP = 1.25, 2.4, np.array([0.0, 0.0, 1.2])
 NO_CHROMIUM = ('there is no Chromium on the PATH (Debian: sudo apt install chromium; Ubuntu: '
                'sudo snap install chromium)')
@@ -64,9 +65,9 @@ def solid_pictures(motion: Motion, samples: Sequence[int],
     Parameters
     ----------
     motion : Motion
-        What is drawn.
+        Motion to draw.
     samples : sequence of int
-        Of which there is a picture each, in the order of time.
+        Samples to draw, one per picture, in order of time.
     size : tuple of int
         Width and height [pixels].
 
@@ -77,7 +78,7 @@ def solid_pictures(motion: Motion, samples: Sequence[int],
     Raises
     ------
     TpControllerError
-        There is no Chromium, or it does not do what it should.
+        Chromium is not installed, or fails.
 
     """
     program = find_chromium()
@@ -99,7 +100,7 @@ def solid_pictures(motion: Motion, samples: Sequence[int],
 
 
 class _Stage:
-    """The scene of a film."""
+    """Scene of a film."""
 
     def __init__(self, scene: viser.SceneApi, motion: Motion, size: float) -> None:
         self._motion, self._playback = motion, Playback(motion)
@@ -115,7 +116,7 @@ class _Stage:
         self._next = 0
 
     def show(self, sample: int) -> None:
-        """Show a sample, and the path up to there."""
+        """Show a sample, and the path up to it."""
         for each in range(self._next, sample + 1):
             self._playback.seek(each)
             for trail, frame in zip(self._trails, self._motion.frames):
@@ -131,7 +132,7 @@ class _Stage:
 
 
 def _add_object(scene: viser.SceneApi, name: str, each: FixedObject) -> viser.SceneNodeHandle:
-    """Add an object, and return the node that moves as its frame does."""
+    """Add an object, and return the node that follows its frame."""
     handle = scene.add_frame(name, show_axes=False)
     part = shape_part(each.shape, pose(np.eye(3), each.at), CARRIED_COLOUR)
     if part is not None:
@@ -140,26 +141,26 @@ def _add_object(scene: viser.SceneApi, name: str, each: FixedObject) -> viser.Sc
 
 
 def _add_lights(scene: viser.SceneApi, camera: Camera) -> None:
-    """Add light from everywhere, and from a lamp above the camera that casts shadows."""
-    # An environment map takes half of the time of a picture, and 5 s at the start.
+    """Add ambient light, and a lamp above the camera that casts shadows."""
+    # An environment map would double the time of a picture, and take 5 s at the start.
     scene.configure_environment_map(None)
     scene.configure_default_lights(False)
     scene.add_light_ambient('/lights/all', intensity=AMBIENT)
-    place_of_lamp = camera.position + camera.distance * (LAMP - 0.4 * camera.R[:, 0])
+    lamp_position = camera.position + camera.distance * (LAMP - 0.4 * camera.R[:, 0])
     scene.add_light_directional('/lights/lamp', intensity=BRIGHTNESS, cast_shadow=True,
-                                position=tuple(place_of_lamp.tolist()))
+                                position=tuple(lamp_position.tolist()))
 
 
 def _bar(ends: Array) -> Part:
     """Return a bar between two points (2, 3)."""
-    way = ends[1] - ends[0]
-    length = float(np.linalg.norm(way))
-    return Part('cylinder', (BAR_RADIUS, length), pose_along(way / length, ends.mean(axis=0)),
-                CARRIED_COLOUR)
+    difference = ends[1] - ends[0]
+    length = float(np.linalg.norm(difference))
+    T = pose_along(difference / length, ends.mean(axis=0))
+    return Part('cylinder', (BAR_RADIUS, length), T, CARRIED_COLOUR)
 
 
 def _camera(motion: Motion, samples: Sequence[int], aspect: float) -> Camera:
-    """Return a camera that has everything in its picture; from afar, goals are drawn larger."""
+    """Return a camera with all content in view; the size of goals grows with its distance."""
     points, sketches = _seen(motion, samples)
     camera = camera_for(points, motion.view, aspect)
     for _ in range(2):
@@ -170,11 +171,11 @@ def _camera(motion: Motion, samples: Sequence[int], aspect: float) -> Camera:
 
 
 def _seen(motion: Motion, samples: Sequence[int]) -> tuple[Array, list[Sketch]]:
-    """Return points (k, 3) [m] and sketches all of which are to be in the picture."""
+    """Return the points (k, 3) [m] and sketches that must be in view."""
     playback, points = Playback(motion), []
     sketches: list[Sketch] = []
     corners = {link: np.concatenate([_corners(part) for part in parts])
-               for link, parts in looks_of(motion.robot).parts.items() if parts}
+               for link, parts in visuals_of(motion.robot).parts.items() if parts}
     for sample in samples:
         playback.seek(sample)
         state = playback.state
@@ -210,19 +211,19 @@ def _corners(part: Part) -> Array:
 
 @contextmanager
 def _server() -> Iterator[viser.ViserServer]:
-    """Run a server for this machine alone, on a port where no page is looked for."""
+    """Run a local server on an unused port."""
     server = open_server(port=unused_port(), pictures=True)
     server.gui.add_html(OUT_OF_VIEW)
     try:
         yield server
     finally:
         with redirect_stdout(io.StringIO()):
-            # It would say so.
+            # viser would print a message.
             server.stop()
 
 
 def _client(server: viser.ViserServer, page: HeadlessPage) -> viser.ClientHandle:
-    """Return the page, once it is connected."""
+    """Return the client of the page once it is connected."""
     connected, clients = Event(), []
 
     def welcome(client: viser.ClientHandle) -> None:
@@ -230,15 +231,15 @@ def _client(server: viser.ViserServer, page: HeadlessPage) -> viser.ClientHandle
         connected.set()
 
     server.on_client_connect(welcome)
-    for _ in range(round(START_SECONDS / POLL)):
-        if connected.wait(POLL):
+    for _ in range(round(START_SECONDS / POLL_SECONDS)):
+        if connected.wait(POLL_SECONDS):
             return clients[0]
         page.check()
     raise TpControllerError(f'Chromium did not open the page within {START_SECONDS:.0f} s')
 
 
 def _wait_until_still(take: Callable[[], Image.Image]) -> None:
-    """Take pictures until two are the same: meshes are read beside what is drawn."""
+    """Render until two pictures are equal: meshes load asynchronously."""
     picture = take()
     for _ in range(MOST_TRIES):
         before, picture = picture, take()
@@ -248,10 +249,10 @@ def _wait_until_still(take: Callable[[], Image.Image]) -> None:
 
 def _picture(client: viser.ClientHandle, page: HeadlessPage, camera: Camera,
              size: tuple[int, int]) -> Image.Image:
-    """Return what a camera sees."""
+    """Render the picture of a camera."""
     try:
         pixels = client.get_render(
-            size[1], size[0], wxyz=wxyz(camera.R), position=camera.position, fov=FIELD,
+            size[1], size[0], wxyz=wxyz(camera.R), position=camera.position, fov=FILM_FOV,
             timeout=PICTURE_SECONDS)
     except (RuntimeError, TimeoutError) as error:
         page.check()

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The two exercises of the lab: the planar arm with three joints, at 60 Hz in simulated time.
+Two exercises of the lab: a planar arm with three joints, at 60 Hz in simulated time.
 
 The settings are those of the lab sheet: gain 1, start at q = [0, 0.6, 0.3]. Exercise 2 uses damped
 least squares with λ = 0.1 and joint speeds of at most 1 rad/s. Each measured value is printed
@@ -32,7 +32,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.resources import package_share
 from tp_controller.tools.demos.film import films
 from tp_controller.tools.demos.motion import Motion
-from tp_controller.tools.demos.outcome import Measurement, Outcome, tell
+from tp_controller.tools.demos.outcome import Measurement, Outcome, print_outcome
 from tp_controller.tools.plots.curves import plot_errors, plot_positions, plot_velocities
 
 Point = Sequence[float] | Array
@@ -40,8 +40,8 @@ Point = Sequence[float] | Array
 PERIOD = 1.0 / 60.0
 START = (0.0, 0.6, 0.3)
 TOOL = 'link3'
-# Of the film: nearly from above, below the links, which are round, and goals thicker than they
-# are [deg, m].
+# Parameters of the film: view from nearly above [deg], ground below the round links [m], and size
+# factor of the goals, which must exceed the links.
 VIEW, GROUND, ENLARGED = (-90.0, 55.0), -0.12, 2.3
 GOAL_TIME = 10.0
 GOALS = 6
@@ -51,8 +51,8 @@ ORDERS = {'end-effector first': 'lab2_end_effector_first', 'joint 1 first': 'lab
 # As in lecture 2.2 and 4: uniform scaling, no relaxed directions, no transition.
 UNDAMPED = Settings(period=PERIOD, damping=0.0, scaling='uniform', release_region=0.0, blend=0.0)
 LECTURE_DAMPING = replace(UNDAMPED, damping=0.1, singular_region=math.inf)
-# Of exercise 1 after 10 s at 60 Hz, from a program that was written apart from this one. The
-# motion is a property of the step length: at 1 kHz the end-effector error is 0.1 mm.
+# Results of exercise 1 after 10 s at 60 Hz, from an independent program. They depend on the step
+# size: at 1 kHz the end-effector error is 0.1 mm.
 REFERENCE_ERROR = 1.733e-3
 REFERENCE_Q = (0.74633, -0.21186, -0.71626)
 
@@ -60,7 +60,7 @@ REFERENCE_Q = (0.74633, -0.21186, -0.71626)
 @dataclass(frozen=True, eq=False)
 class Recording:
     """
-    A motion; one sample for each period, the start and the end included.
+    Recorded motion: one sample for each period, including the start and the end.
 
     Attributes
     ----------
@@ -69,11 +69,11 @@ class Recording:
     times : ndarray (T,)
         [s]
     q, velocities : ndarray (T, n)
-        Positions [rad], and the commands given there [rad/s].
+        Positions [rad], and commands at these times [rad/s].
     tool, goals : ndarray (T, 3)
         The end-effector and its goal [m].
     errors : dict
-        {task: ndarray (T,)}, the norms that the report states.
+        {task: ndarray (T,)}, the norms in the report.
 
     """
 
@@ -93,18 +93,18 @@ class Recording:
 
 
 def lab1(folder: str | Path) -> bool:
-    """Run exercise 1, print its outcome, and return whether it came out as it should."""
-    return tell(run_lab1(folder))
+    """Run exercise 1, print its outcome, and return whether it passed."""
+    return print_outcome(run_lab1(folder))
 
 
 def lab2(folder: str | Path, seed: int = 1) -> bool:
-    """Run exercise 2, print its outcome, and return whether it came out as it should."""
-    return tell(run_lab2(folder, seed))
+    """Run exercise 2, print its outcome, and return whether it passed."""
+    return print_outcome(run_lab2(folder, seed))
 
 
 def run_lab1(folder: str | Path) -> Outcome:
     """
-    Run exercise 1: motion in the null space, while the end-effector stays where it is.
+    Run exercise 1: motion in the null space of a fixed end-effector position.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def run_lab2(folder: str | Path, seed: int = 1) -> Outcome:
     folder : str or pathlib.Path
         Where the figures are written.
     seed : int
-        Of the random end-effector goals.
+        Seed of the random end-effector goals.
 
     Returns
     -------
@@ -187,9 +187,9 @@ def two_tasks(order: str, goals: ArrayLike, goal_time: float = GOAL_TIME) -> Rec
     order : str
         One of `ORDERS`.
     goals : array_like (k, 2)
-        Goals of the end-effector, one after the other [m].
+        Consecutive goals of the end-effector [m].
     goal_time : float
-        How long each is in force [s].
+        Duration of each goal [s].
 
     Returns
     -------
@@ -209,11 +209,11 @@ def two_tasks(order: str, goals: ArrayLike, goal_time: float = GOAL_TIME) -> Rec
 
 def best_joint1(goal: Point) -> float:
     """
-    Return the least |q₁| with which the end-effector can be at a goal [rad].
+    Return the minimal |q₁| for which the end-effector can reach a goal [rad].
 
-    Joints 2 and 3 carry it to any point within a disc around joint 2. Where the goal is not in
-    the disc for q₁ = 0, the least turn stretches the arm: cosine law with sides a₁, |goal| and
-    a₂ + a₃. The goal must be one that the robot can reach.
+    Joints 2 and 3 reach any point in a disc around joint 2. For a goal outside of the disc of
+    q₁ = 0, the minimal rotation stretches the arm: cosine law with sides a₁, |goal| and a₂ + a₃.
+    The goal must be within reach of the robot.
     """
     if best_error(goal) == 0.0:
         return 0.0
@@ -223,13 +223,13 @@ def best_joint1(goal: Point) -> float:
 
 
 def best_error(goal: Point) -> float:
-    """Return the least end-effector error with joint 1 at zero [m]."""
+    """Return the minimal end-effector error with joint 1 at zero [m]."""
     return max(math.hypot(goal[0] - 0.75, goal[1]) - 1.0, 0.0)
 
 
 def _record(stack: str, settings: Settings, duration: float,
             set_goals: Callable[[Controller, float], None]) -> Recording:
-    """Run a stack on the simulated robot; `set_goals(controller, now)` is called every cycle."""
+    """Simulate a stack; call `set_goals(controller, now)` in every cycle."""
     config = package_share() / 'config'
     robot = Robot.from_file(config / 'robots' / 'planar_3r.yaml')
     controller = Controller(robot, Stack.from_yaml(config / f'{stack}.yaml', robot), settings)
@@ -253,30 +253,30 @@ def _record(stack: str, settings: Settings, duration: float,
 
 
 def _measure_two_tasks(goal: Point) -> Iterator[Measurement]:
-    """Yield the measurements of one goal, in force for 10 s, in both orders."""
-    where = f'goal ({goal[0]:g}, {goal[1]:g})'
+    """Yield the measurements of one goal after 10 s, in both orders."""
+    label = f'goal ({goal[0]:g}, {goal[1]:g})'
     best = {'end-effector first': (0.0, best_joint1(goal)),
             'joint 1 first': (best_error(goal), 0.0)}
     for order, (error, joint1) in best.items():
         motion = two_tasks(order, np.atleast_2d(goal))
-        yield Measurement(f'{where}, {order}: end-effector', 'mm',
+        yield Measurement(f'{label}, {order}: end-effector', 'mm',
                           1e3 * motion.errors['end_effector'][-1], 1e3 * error, 0.1)
-        yield Measurement(f'{where}, {order}: joint 1', 'rad', motion.errors['joint1'][-1],
+        yield Measurement(f'{label}, {order}: joint 1', 'rad', motion.errors['joint1'][-1],
                           joint1, 2e-4)
 
 
 def _goal_lines(goals: Array, motions: Mapping[str, Recording]) -> Iterator[str]:
-    """Yield a table of the errors that were left when each random goal was replaced."""
+    """Yield a table of the final errors of each random goal."""
     first, second = motions.values()
     yield ''
-    yield ('Random goals: errors after 10 s, and what is possible at best with '
+    yield ('Random goals: errors after 10 s, and the smallest possible error with '
            'joint 1 at zero')
     yield (f'{"goal [m]":<18} {"end-effector first":^24}   {"joint 1 first":^24}   '
            f'{"possible":>8}')
     yield f'{"":<18} {"mm":>11} {"joint 1 rad":>12}   {"mm":>11} {"joint 1 rad":>12}   {"mm":>8}'
     steps = round(GOAL_TIME / PERIOD)
     for index, goal in enumerate(goals):
-        # The sample at the change itself has the new goal already.
+        # The sample at the change already has the new goal.
         last = (index + 1) * steps - 1
         cells = [f'{1e3 * motion.errors["end_effector"][last]:>11.2f} '
                  f'{motion.errors["joint1"][last]:>12.5f}' for motion in (first, second)]
@@ -307,7 +307,7 @@ def _two_task_figures(folder: Path, motions: Mapping[str, Recording]) -> Iterato
 
 
 def _film(path: Path, motion: Recording, title: str) -> tuple[Path, ...]:
-    """Return the path of a film, with numbers where there are several goals; see `films`."""
+    """Return the path of a film, with numbered goals if there are several; see `films`."""
     new = np.append(True, np.any(np.diff(motion.goals, axis=0), axis=1))
     goals = [(now, 'end_effector', goal) for now, goal in zip(
         motion.times[new].tolist(), motion.goals[new])]

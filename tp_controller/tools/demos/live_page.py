@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page in the browser beside a demo: it shows what happens, and the demo does without it."""
+"""Optional browser page of a running demo."""
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -31,20 +31,20 @@ if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
     from tp_controller.ros.client.client import Client
 
 NODE = 'tp_viewer'
-# How long the page may take to answer [s].
+# Timeout of a response of the page [s].
 ANSWER_SECONDS = 30.0
-WITHOUT = 'no page in the browser, the demo goes on without it: '
+WITHOUT_PAGE = 'no page in the browser, the demo continues without it: '
 
 
 class LivePage:
     """
-    The page of a demo, in a process of its own that has been started.
+    Page of a demo, in its own process.
 
     Parameters
     ----------
     process : NodeProcess
     address : str
-        Where a browser finds it.
+        URL of the page.
 
     """
 
@@ -63,18 +63,18 @@ class LivePage:
         Returns
         -------
         str
-            Where the page is, or why there is none.
+            Line with the URL, or with the reason of a failure.
 
         """
         try:
             Startup([self._process], report).wait(
                 lambda: '' if _answers(self._address) else 'the page in the browser', turn)
         except TpControllerError as error:
-            return f'{WITHOUT}{error}'
+            return f'{WITHOUT_PAGE}{error}'
         return f'page: {self._address}'
 
     def conclude(self, client: 'Client', text: str) -> bool:
-        """Have the page show the results of the demo; return whether it does."""
+        """Show the results of the demo on the page; return the success."""
         return self._process.running() and client.set_parameter(
             NODE, 'conclusion', text, ANSWER_SECONDS)
 
@@ -86,33 +86,33 @@ def start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -
     Parameters
     ----------
     stack : contextlib.ExitStack
-        Ends the page.
+        Stack that closes the page.
     environment : dict
-        Of the nodes of the demo.
+        Environment of the nodes of the demo.
     folder : pathlib.Path
-        Where its log goes.
+        Folder of its log.
 
     Raises
     ------
     TpControllerError
-        There cannot be one; `WITHOUT` begins the reason.
+        The page is impossible; the reason begins with `WITHOUT_PAGE`.
 
     """
     if find_spec('viser') is None:
-        raise TpControllerError(f'{WITHOUT}viser is missing; {install_command("view")}')
-    # Imported where it is there: it is an extra.
+        raise TpControllerError(f'{WITHOUT_PAGE}viser is missing; {install_command("view")}')
+    # Imported only if installed: it is an extra.
     from tp_controller.tools.view.server import free_port, LOCAL, url
     try:
         port = free_port(LOCAL)
     except TpControllerError as error:
-        raise TpControllerError(f'{WITHOUT}{error}') from error
+        raise TpControllerError(f'{WITHOUT_PAGE}{error}') from error
     process = NodeProcess('viewer_node', ['-p', f'port:={port}'], environment,
                           folder / 'viewer_node.log')
     return LivePage(stack.enter_context(process), url(LOCAL, port))
 
 
 def _answers(address: str) -> bool:
-    """Return whether there is a page at an address."""
+    """Return whether an address responds."""
     try:
         with urlopen(address, timeout=1.0):
             return True

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a film shows: a recorded motion of a robot, and all that belongs to it."""
+"""Motion of a film: a recorded motion of a robot, with goals, captions and objects."""
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ from tp_controller.tasks.task import Goal
 @dataclass(frozen=True, eq=False)
 class FixedObject:
     """
-    A solid that moves with a frame of the robot.
+    Solid fixed to a frame of the robot.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class FixedObject:
     shape : object
         One of `tp_controller.model.shapes`.
     at : tuple of float
-        Its centre in the frame, whose axes it has, too [m].
+        Centre in the frame, whose axes it shares [m].
 
     """
 
@@ -51,7 +51,7 @@ class FixedObject:
 @dataclass(frozen=True, eq=False)
 class Motion:
     """
-    A recorded motion, and what is shown with it.
+    Recorded motion with the content of its film.
 
     Attributes
     ----------
@@ -62,22 +62,22 @@ class Motion:
     q : ndarray (T, nq)
         Configurations [rad or m].
     stack : Stack
-        Tasks of which goals, regions and obstacles are shown.
+        Tasks with goals, regions and obstacles to show.
     goals : sequence of (float, str, object)
-        Time from which on a task has a goal [s], task and goal, in the order of time.
+        Start time of a goal [s], task and goal, in order of time.
     captions : sequence of (float, str)
-        Time from which on a text is shown, and the text, in the order of time.
+        Start time of a caption [s], and its text, in order of time.
     frames : tuple of str
-        Frames whose path is drawn.
+        Frames with a drawn path.
     objects : tuple of FixedObject
     carried : tuple of (str, str)
-        Pairs of frames that hold one bar.
+        Pairs of frames that carry one bar.
     view : tuple of float
         Azimuth and elevation of the viewer [deg].
     ground : float or None
-        Height of the ground [m]; None: the robot stands on it at the start.
+        Height of the ground [m]; None: below the robot at the start.
     enlarged : float
-        How much larger than usual goals are drawn.
+        Size factor of the goals.
 
     """
 
@@ -96,14 +96,14 @@ class Motion:
     enlarged: float = 1.0
 
     def caption(self, sample: int) -> str:
-        """Return the text at a sample."""
+        """Return the caption at a sample."""
         number = bisect_right([time for time, _ in self.captions], self.times[sample])
         return self.captions[number - 1][1] if number else ''
 
 
 class Playback:
     """
-    A motion, one sample after the other.
+    Sequential playback of a motion.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class Playback:
     Attributes
     ----------
     state : RobotState
-        The robot at the sample.
+        State of the robot at the sample.
 
     """
 
@@ -127,7 +127,7 @@ class Playback:
         self._with_goal: set[str] = set()
 
     def seek(self, sample: int) -> None:
-        """Go on to a sample, never back."""
+        """Advance to a sample."""
         motion = self._motion
         self.state.update(motion.q[sample])
         while self._left and self._left[0][0] <= motion.times[sample]:
@@ -136,29 +136,29 @@ class Playback:
             self._with_goal.add(name)
 
     def sketches(self) -> Mapping[str, list[Sketch]]:
-        """Return {task: what is shown of it}: given goals, lines to them, regions, and views."""
+        """Return {task: sketches to show}: given goals, lines to them, regions, and views."""
         return {name: [_without_axes(sketch) if task.goal_type == 'point' else sketch
                        for sketch in task.sketch(self.state) if self._is_shown(name, sketch)]
                 for name, task in self._tasks.items()}
 
     def goals(self) -> list[Array]:
-        """Return goals that are places, as points (3,) [m]."""
+        """Return the positions (3,) of the goals that have one [m]."""
         return [sketch.T[:3, 3] if isinstance(sketch, Triad) else sketch.p
                 for parts in self.sketches().values() for sketch in parts
                 if isinstance(sketch, Triad | Dot)]
 
     def bodies(self) -> list[Body]:
-        """Return the shapes that stand in the root frame or move with the robot."""
+        """Return the shapes fixed to the root frame or to the robot."""
         return [sketch for parts in self.sketches().values() for sketch in parts
                 if isinstance(sketch, Body)]
 
     def bars(self) -> list[Array]:
-        """Return the ends (2, 3) of the bars that pairs of frames hold [m]."""
+        """Return the ends (2, 3) of the carried bars [m]."""
         return [np.stack((self.state.position(one), self.state.position(other)))
                 for one, other in self._motion.carried]
 
     def _is_shown(self, name: str, sketch: Sketch) -> bool:
-        """Say whether a sketch is of what a film shows."""
+        """Return whether a film shows a sketch."""
         if isinstance(sketch, Triad | Dot):
             return sketch.part == 'goal' and name in self._with_goal
         if isinstance(sketch, Arrow):
@@ -169,5 +169,5 @@ class Playback:
 
 
 def _without_axes(sketch: Sketch) -> Sketch:
-    """Return a point for axes: a goal that is a point has no orientation."""
+    """Return a point in place of axes: a point goal has no orientation."""
     return Dot(sketch.part, sketch.T[:3, 3]) if isinstance(sketch, Triad) else sketch

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Records what a running controller does: configurations, commands, errors of the tasks."""
+"""Recorder of a running controller: configurations, commands, errors of the tasks."""
 
 import time
 from typing import TypeVar
@@ -34,25 +34,25 @@ Value = TypeVar('Value')
 
 class Recorder:
     """
-    Records configurations, commands and task errors of a running controller.
+    Recorder of configurations, commands and task errors of a running controller.
 
     Parameters
     ----------
     client : Client
-        Node that listens.
+        Node of the subscriptions.
     robot : Robot
-        Its driven joints are in the order of the commands.
+        Robot with the driven joints in the order of the commands.
 
     Attributes
     ----------
     states : list of (float, ndarray (nq,))
         Time [s] and configuration.
     commands : list of (float, ndarray (n,))
-        Time [s] and commanded velocities, those of the base included.
+        Time [s] and commanded velocities, including those of the base.
     errors : list of (float, dict)
         Time [s] and {(task, unit): error}.
     reasons : list of (float, dict)
-        Time [s] and {task: what limits it}, at the same times.
+        Time [s] and {task: cause of its limit}, at the same times.
 
     """
 
@@ -76,22 +76,22 @@ class Recorder:
             node.create_subscription(Twist, '/cmd_vel', self._on_base_command, 50)
 
     def now(self) -> float:
-        """Return the time since the recording began [s]."""
+        """Return the time since the start of the recording [s]."""
         return time.monotonic() - self._start
 
-    def hears(self) -> bool:
-        """Say whether something came in from everyone who is listened to."""
+    def is_complete(self) -> bool:
+        """Return whether states, commands and errors were received."""
         return bool(self.states and self.commands and self.errors)
 
     def cut(self, first: float, zero: float) -> None:
-        """Forget what was before `first`, and count time from `zero` [s]."""
+        """Drop all data before `first`, and count time from `zero` [s]."""
         self.states = _shifted(self.states, first, zero)
         self.commands = _shifted(self.commands, first, zero)
         self.errors = _shifted(self.errors, first, zero)
         self.reasons = _shifted(self.reasons, first, zero)
 
     def _on_state(self, message: JointState) -> None:
-        """Record the configuration, once all of it is known."""
+        """Record the configuration once it is complete."""
         now = self.now()
         if self._configuration.put_joint_state(message, now):
             q = self._configuration.configuration(now)
@@ -99,11 +99,11 @@ class Recorder:
                 self.states.append((now, q))
 
     def _on_odometry(self, message: Odometry) -> None:
-        """Take the pose of the base."""
+        """Store the pose of the base."""
         self._configuration.put_odometry(message, self.now())
 
     def _on_command(self, message: Float64MultiArray) -> None:
-        """Record a command of the joints; that of a base follows it."""
+        """Record a command of the joints; a mobile base follows with its own."""
         self._velocity[self._robot.joint_columns] = message.data
         if not self._robot.moves:
             self._record_command()
@@ -115,12 +115,12 @@ class Recorder:
         self._record_command()
 
     def _record_command(self) -> None:
-        """Record the velocities, once all of them are known."""
+        """Record the velocities once they are complete."""
         if not np.isnan(self._velocity).any():
             self.commands.append((self.now(), self._velocity.copy()))
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        """Record the error of every task, and what limits it."""
+        """Record the errors and the limiting cause of every task."""
         errors, reasons = {}, {}
         for status in message.status[1:]:
             task = status.name.partition(': ')[2]
@@ -136,5 +136,5 @@ class Recorder:
 
 def _shifted(rows: list[tuple[float, Value]], first: float,
              zero: float) -> list[tuple[float, Value]]:
-    """Return the rows from `first` on, with their time counted from `zero` [s]."""
+    """Return the rows from `first` on, with times relative to `zero` [s]."""
     return [(moment - zero, value) for moment, value in rows if moment >= first]

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""What a demonstration measured, beside what it should be."""
+"""Measurements of a demonstration, with their references."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ DECIMALS = {'mm': 3, '°': 3, '%': 1, 'rad': 5, 'rad/s': 3}
 
 @dataclass(frozen=True)
 class Measurement:
-    """One measured number beside its reference, or its upper bound if `bound` is set."""
+    """Measured number with its reference, or its upper bound if `bound` is set."""
 
     quantity: str
     unit: str
@@ -34,12 +34,12 @@ class Measurement:
 
     @property
     def passed(self) -> bool:
-        """Return whether the number is what it should be."""
+        """Return whether the number meets its reference within the tolerance."""
         excess = self.measured - self.reference
         return (excess if self.bound else abs(excess)) <= self.tolerance
 
     def __str__(self) -> str:
-        """Return a line of the table."""
+        """Return the line of the table."""
         decimals = DECIMALS[self.unit]
         reference = f'{"<= " if self.bound else ""}{self.reference:.{decimals}f}'
         return (f'{self.quantity:<50} {self.unit:<6} {self.measured:>10.{decimals}f} '
@@ -48,7 +48,7 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an experiment gave: measurements, more lines to print, written files."""
+    """Results of an experiment: measurements, more lines to print, written files."""
 
     title: str
     measurements: tuple[Measurement, ...]
@@ -57,17 +57,17 @@ class Outcome:
 
     @property
     def passed(self) -> bool:
-        """Return whether every number is what it should be."""
+        """Return whether every measurement passed."""
         return all(measurement.passed for measurement in self.measurements)
 
     def __str__(self) -> str:
-        """Return everything as text."""
+        """Return the outcome as text."""
         head = f'{"":<50} {"unit":<6} {"measured":>10} {"reference":>10}'
         return '\n'.join((self.title, head, *map(str, self.measurements), *self.lines, 'Written:',
                           *(f'  {path}' for path in self.paths)))
 
 
-def tell(outcome: Outcome) -> bool:
+def print_outcome(outcome: Outcome) -> bool:
     """Print an outcome and return whether it passed."""
     print(outcome)
     return outcome.passed

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Outlines of solid shapes, as lines to be drawn: of what stands around, and of a base."""
+"""Outlines of solid shapes as lines, for obstacles and bases."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -24,10 +24,10 @@ from tp_controller.model.shapes import Box, Cylinder, parse_shape, Sphere
 from tp_controller.model.spatial import Array, pose, rotation_from_rpy
 from tp_controller.model.urdf import parse
 
-# Corners of a circle, and lines along a cylinder.
-ROUND, ALONG = 24, 6
-# Axes of a base without shapes [m].
-AXES = 0.3
+# Number of segments of a circle, and of lines along a cylinder.
+CIRCLE_SEGMENTS, CYLINDER_LINES = 24, 6
+# Length of the axes that represent a base without shapes [m].
+AXIS_LENGTH = 0.3
 GAP = np.full((1, 3), np.nan)
 
 
@@ -40,13 +40,13 @@ def outline(shape: object, T: Array) -> Array:
     shape : object
         One of `tp_controller.model.shapes`.
     T : ndarray (4, 4)
-        Where it is.
+        Pose of the shape.
 
     Returns
     -------
     ndarray (k, 3)
-        Points to be joined by lines, with rows that are not a number between lines [m]; none for
-        a half-space, which has no end.
+        Points of the lines, separated by rows of NaN [m]; empty for a half-space, which is
+        infinite.
 
     """
     draw = _LINES.get(type(shape))
@@ -57,12 +57,12 @@ def outline(shape: object, T: Array) -> Array:
 
 def base_outline(robot: Robot) -> Array:
     """
-    Return the outline of the link that all others hang on, in its own frame.
+    Return the outline of the root link in its own frame.
 
     Returns
     -------
     ndarray (k, 3)
-        Of its collision shapes; of three axes where it has none that can be drawn. See `outline`.
+        Outline of its collision shapes, or three axes if none can be drawn. See `outline`.
 
     """
     lines = []
@@ -70,11 +70,11 @@ def base_outline(robot: Robot) -> Array:
         if link.get('name') == robot.base_frame:
             lines = [_urdf_outline(element) for element in link.findall('collision')]
     lines = [line for line in lines if len(line)]
-    return joined(lines or [np.array([np.zeros(3), AXES * axis]) for axis in np.eye(3)])
+    return joined(lines or [np.array([np.zeros(3), AXIS_LENGTH * axis]) for axis in np.eye(3)])
 
 
 def joined(lines: Iterable[Array]) -> Array:
-    """Return lines (k, 3) as one, with gaps in between."""
+    """Return lines (k, 3) joined into one, separated by gaps."""
     return np.concatenate([part for line in lines for part in (line, GAP)])
 
 
@@ -91,13 +91,13 @@ def _urdf_outline(element: Element) -> Array:
 
 
 def _numbers(element: Element | None, attribute: str) -> list[float]:
-    """Return the numbers of an attribute, those of a place by default."""
+    """Return the numbers of an attribute; zeros by default."""
     text = None if element is None else element.get(attribute)
     return [float(number) for number in (text or '0 0 0').split()]
 
 
 def _box(box: Box) -> list[Array]:
-    """Return the twelve edges: two faces, and what joins them."""
+    """Return the twelve edges: two faces, and the edges between them."""
     x, y = box.half[:2]
     face = np.array([(x, y), (-x, y), (-x, -y), (x, -y), (x, y)])
     faces = [np.column_stack((face, np.full(5, z))) for z in (-box.half[2], box.half[2])]
@@ -105,25 +105,25 @@ def _box(box: Box) -> list[Array]:
 
 
 def _cylinder(cylinder: Cylinder) -> list[Array]:
-    """Return its two circles, and lines along it."""
+    """Return the two circles, and lines along the axis."""
     radius, half = cylinder.half
     circle = radius * _circle()
     circles = [np.column_stack((circle, np.full(len(circle), z))) for z in (-half, half)]
-    return [*circles, *np.stack(circles, axis=1)[:-1:ROUND // ALONG]]
+    return [*circles, *np.stack(circles, axis=1)[:-1:CIRCLE_SEGMENTS // CYLINDER_LINES]]
 
 
 def _sphere(sphere: Sphere) -> list[Array]:
     """Return three great circles."""
-    circle = np.column_stack((sphere.radius * _circle(), np.zeros(ROUND + 1)))
+    circle = np.column_stack((sphere.radius * _circle(), np.zeros(CIRCLE_SEGMENTS + 1)))
     return [np.roll(circle, turn, axis=1) for turn in range(3)]
 
 
 def _circle() -> Array:
     """Return points (k, 2) of a closed circle of radius 1."""
-    angles = np.linspace(0.0, 2.0 * np.pi, ROUND + 1)
+    angles = np.linspace(0.0, 2.0 * np.pi, CIRCLE_SEGMENTS + 1)
     return np.column_stack((np.cos(angles), np.sin(angles)))
 
 
-# A function takes the shape it stands beside, which no type can say.
+# The parameter of each function is the shape of its key, which types cannot express.
 _LINES: dict[type, Callable[[Any], list[Array]]] = {
     Box: _box, Cylinder: _cylinder, Sphere: _sphere}

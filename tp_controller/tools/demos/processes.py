@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The nodes as processes of their own, in a ROS domain of their own."""
+"""Node processes in their own ROS domain."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack
@@ -27,25 +27,25 @@ from typing import BinaryIO
 from tp_controller.errors import TpControllerError
 from tp_controller.tools.files import new_file, open_lock, private_folder
 
-# Ids that are safe on every platform (ROS 2 documentation, "The ROS_DOMAIN_ID"), from the last
-# one down: people number their robots from 0 up.
+# Ids that are safe on every platform (ROS 2 documentation, "The ROS_DOMAIN_ID"), in descending
+# order: users number their robots from 0 up.
 DOMAINS = range(101, 49, -1)
-# {name of an executable: the part of this package that it is in}
+# {name of an executable: its subpackage}
 NODES = {'controller_node': 'ros', 'simulator_node': 'ros', 'watchdog_node': 'ros',
          'viewer_node': 'tools.view'}
-# Descriptor of the lock of each domain that this process has reserved, by its id.
+# Descriptor of the lock of each domain that this process has reserved, by id.
 _LOCKS: dict[str, int] = {}
 
 
 @contextmanager
 def own_domain() -> Iterator[dict[str, str]]:
     """
-    Reserve a ROS domain on this machine that no other user of this function has.
+    Reserve a ROS domain on this machine, exclusive among the users of this function.
 
     Yields
     ------
     dict
-        Environment for nodes that shall hear each other and nobody else.
+        Environment of nodes that communicate only with each other.
 
     """
     domain, lock = _free_domain()
@@ -59,7 +59,7 @@ def own_domain() -> Iterator[dict[str, str]]:
 
 
 def _free_domain() -> tuple[str, BinaryIO]:
-    """Return the id of a domain that nobody has locked, and the file that is locked now."""
+    """Return the id of an unlocked domain, and its lock file, locked."""
     with private_folder(f'tp_controller_domains_{os.getuid()}') as folder:
         for domain in map(str, DOMAINS):
             lock = open_lock(domain, folder)
@@ -76,13 +76,13 @@ def _free_domain() -> tuple[str, BinaryIO]:
 @contextmanager
 def ended_by_sigterm() -> Iterator[Callable[[], None]]:
     """
-    Let SIGTERM leave by an exception, so that processes started here are ended, too.
+    Convert SIGTERM to an exception, so that processes started here are ended, too.
 
     Yields
     ------
     callable
-        To be called once they are started: a signal that comes while one is being started waits
-        until then, or nobody would know of that one.
+        Call it after the start of all processes: signals are deferred until then, as a process
+        that is being started is not yet known.
 
     """
     arrived = started = False
@@ -110,7 +110,7 @@ def ended_by_sigterm() -> Iterator[Callable[[], None]]:
 
 class NodeProcess:
     """
-    One node as a process; what it prints goes to a file.
+    Node in its own process, with its output in a file.
 
     Parameters
     ----------
@@ -121,21 +121,21 @@ class NodeProcess:
     environment : dict
         Environment of the process.
     log : str or pathlib.Path
-        Where its output goes.
+        File of its output.
 
     Attributes
     ----------
     name : str
-        Of the executable.
+        Name of the executable.
 
     """
 
     def __init__(self, executable: str, arguments: Sequence[str],
                  environment: Mapping[str, str], log: str | Path) -> None:
         if executable not in NODES:
-            raise ValueError(f'{executable!r} is none of {", ".join(sorted(NODES))}')
+            raise ValueError(f'{executable!r} is not one of {", ".join(sorted(NODES))}')
         self.name, self.log = executable, Path(log)
-        # A node that outlives this process, which was killed perhaps, keeps its domain reserved.
+        # A node that outlives this process keeps its domain reserved.
         lock = _LOCKS.get(environment.get('ROS_DOMAIN_ID', ''))
         with new_file(self.log) as output:
             self.process = subprocess.Popen(
@@ -157,11 +157,11 @@ class NodeProcess:
         return self.process.poll() is None
 
     def output(self) -> str:
-        """Return what the process has printed so far."""
+        """Return the output of the process so far."""
         return self.log.read_text()
 
     def processor_seconds(self) -> float:
-        """Return the processor time of the process [s]; 0 where the system does not tell."""
+        """Return the processor time of the process [s]; 0 if it is not available."""
         try:
             fields = Path(f'/proc/{self.process.pid}/stat').read_text().rpartition(')')[2].split()
         except OSError:
@@ -169,7 +169,7 @@ class NodeProcess:
         return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
     def stop(self, seconds: float = 10.0) -> int:
-        """End the process as a shell would, by force if it does not; return its exit status."""
+        """Terminate the process, by force after a timeout [s]; return its exit status."""
         if self.running():
             self.process.terminate()
         try:
@@ -181,7 +181,7 @@ class NodeProcess:
 
 def start_nodes(stack: ExitStack, parameters: Path, environment: Mapping[str, str],
                 folder: Path) -> list[NodeProcess]:
-    """Start a simulator and a controller, whose output goes to a folder, until a stack ends."""
+    """Start a simulator and a controller until a stack ends, with logs in a folder."""
     return [stack.enter_context(NodeProcess(name, ['--params-file', str(parameters)], environment,
                                             folder / f'{name}.log'))
             for name in ('simulator_node', 'controller_node')]

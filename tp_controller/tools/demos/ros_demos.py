@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tp_controller demo``: robots carry out stacks of tasks, through real topics."""
+"""``tp_controller demo``: robots execute stacks of tasks over ROS 2 topics."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -44,7 +44,7 @@ if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
     from tp_controller.tools.demos.motion_recorder import Recorder
 
 GOAL_SECONDS = 20.0
-# What is recorded before the first goal, and shown [s].
+# Recorded and displayed time before the first goal [s].
 LINGER_SECONDS = 0.5
 
 
@@ -57,51 +57,51 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
     demo : Demo
         One of `DEMOS`.
     folder : pathlib.Path
-        Where figures and logs go.
+        Folder of figures and logs.
     page : bool
-        Show it on a page in the browser while it runs, too.
+        Also show the demo live on a page in the browser.
 
     Returns
     -------
     bool
-        Whether every goal was reached, within the limits.
+        Whether every goal was reached within the limits.
 
     """
     with ExitStack() as stack:
         all_started = stack.enter_context(ended_by_sigterm())
         environment = stack.enter_context(own_domain())
-        # The client lives in this process, which has to be in the same domain.
+        # The client runs in this process, which must be in the same domain.
         os.environ.update(environment)
         running = stack.enter_context(ExitStack())
-        # They are on their way while this process imports what it needs.
+        # The nodes start during the following imports.
         nodes = start_nodes(running, demo.file(''), environment, folder)
-        startup = Startup(nodes, _tell)
+        startup = Startup(nodes, _print)
         live = _start_page(stack, environment, folder) if page else None
         all_started()
-        with report_if_slow('importing the client', _tell):
+        with report_if_slow('importing the client', _print):
             from tp_controller.ros.client.client import Client
             from tp_controller.tools.demos.motion_recorder import Recorder
         client = stack.enter_context(Client())
         recorder = Recorder(client, demo.robot)
         startup.wait(lambda: _not_recorded(client, recorder), client.spin)
         if live is not None:
-            _tell(live.wait(client.spin, _tell))
+            _print(live.wait(client.spin, _print))
         print(demo.file('_stack').read_text())
         outcomes, changes = _carry_out(demo, client, recorder, nodes)
         within = _check_limits(demo.robot, recorder)
         if live is not None:
             live.conclude(client, _conclusion(outcomes))
-        # They take processor time that the figures need.
+        # The nodes would take processor time from the figures.
         running.close()
         print('\nWritten:')
         for path in _figures(folder, demo, recorder, changes):
-            _tell(f'  {path}')
+            _print(f'  {path}')
     return within and all(outcome.reached for outcome in outcomes if outcome.asked)
 
 
 def _carry_out(demo: Demo, client: 'Client', recorder: 'Recorder', nodes: Sequence[NodeProcess]
                ) -> tuple[list[TaskOutcome], list[float]]:
-    """Carry out the steps of a demo; print and return the outcomes, and return their times."""
+    """Run the steps of a demo; print and return the outcomes, and return their times."""
     client.wait(lambda: False, LINGER_SECONDS)
     steps = Steps(client, lambda: check_alive(nodes), lambda: len(recorder.commands) / demo.rate)
     outcomes: list[TaskOutcome] = []
@@ -114,13 +114,13 @@ def _carry_out(demo: Demo, client: 'Client', recorder: 'Recorder', nodes: Sequen
     print('\n> marks the task that the goal was for. The others keep their own goals, in the '
           'null space of the tasks above.')
     if steps.pauses:
-        print(f'\nThe controller paused {steps.pauses} times, which it does where joint states or '
-              f'its own cycles come late: this machine has much to do ({load()}).')
+        print(f'\nThe controller paused {steps.pauses} times, because joint states or its own '
+              f'cycles were late: this machine is busy ({load()}).')
     return outcomes, changes
 
 
 def _conclusion(outcomes: Sequence[TaskOutcome]) -> str:
-    """Return what the page shows once the goals are done: a title, and a line for each."""
+    """Return the conclusion on the page: a title, and a line for each goal."""
     asked = [outcome for outcome in outcomes if outcome.asked]
     reached = sum(outcome.reached for outcome in asked)
     lines = [f'{outcome.say}: {outcome.text} ({" ".join(outcome.error.split())})'
@@ -131,29 +131,29 @@ def _conclusion(outcomes: Sequence[TaskOutcome]) -> str:
 
 
 def _start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -> LivePage | None:
-    """Start the page of a demo, or print why there is none."""
+    """Start the page of a demo; on failure print the reason."""
     try:
         return start_page(stack, environment, folder)
     except TpControllerError as error:
-        _tell(str(error))
+        _print(str(error))
         return None
 
 
 def _not_recorded(client: 'Client', recorder: 'Recorder') -> str:
-    """Return what has not come yet of everything that is recorded; empty once all has."""
+    """Return the first missing kind of data; empty if all were received."""
     if not recorder.states:
         return 'the joint states of the simulator'
     reason = missing(client)
     return reason or ('' if recorder.commands else 'the commands of the controller')
 
 
-def _tell(line: str) -> None:
-    """Print a line at once."""
+def _print(line: str) -> None:
+    """Print a line without buffering."""
     print(line, flush=True)
 
 
 def _check_limits(robot: Robot, recorder: 'Recorder') -> bool:
-    """Say how much of the limits was used; return whether none was exceeded."""
+    """Print the used share of the limits; return whether none was exceeded."""
     velocities = np.array([command for _, command in recorder.commands])
     positions = np.array([robot.positions(q) for _, q in recorder.states])
     shares = (np.abs(velocities) / robot.velocity).max(axis=0)
@@ -170,7 +170,7 @@ def _figures(folder: Path, demo: Demo, recorder: 'Recorder',
              goal_times: Sequence[float]) -> Iterator[Path]:
     """Write the figures and yield their paths."""
     robot, leader = demo.robot, cast(FrameTask, demo.stack.tasks[demo.leader])
-    # Time zero is the first goal; a little of the rest before it is shown, too.
+    # Time zero is the first goal; a short time before it is shown, too.
     recorder.cut(goal_times[0] - LINGER_SECONDS, goal_times[0])
     changes = np.array(goal_times) - goal_times[0]
     times, q = (np.array(column) for column in zip(*recorder.states))
@@ -197,7 +197,7 @@ def _figures(folder: Path, demo: Demo, recorder: 'Recorder',
 
 
 def _film_goals(demo: Demo, changes: Array) -> Iterator[tuple[float, str, list[float]]]:
-    """Yield time, task and goal of the goals that are drawn."""
+    """Yield time, task and goal of the goals to draw."""
     for step, change in zip(demo.steps, changes.tolist()):
         for goal in step:
             if goal['task'] == demo.leader:
@@ -206,16 +206,16 @@ def _film_goals(demo: Demo, changes: Array) -> Iterator[tuple[float, str, list[f
 
 
 def _captions(demo: Demo, changes: Array) -> list[tuple[float, str]]:
-    """Return when a step began, and what it is about."""
+    """Return the start time and the caption of each step."""
     return [(change, f'{number}/{len(demo.steps)}  ' + '; '.join(goal['say'] for goal in step))
             for number, (step, change) in enumerate(zip(demo.steps, changes.tolist()), 1)]
 
 
 def _error_curves(recorder: 'Recorder') -> tuple[Array, list[tuple[str, str, Array]]]:
     """
-    Return times (T,) and (task, unit, errors (T,)) of all that are not zero throughout.
+    Return times (T,) and (task, unit, errors (T,)) of all errors that are not always zero.
 
-    While the controller is stopped there are none: not a number, which interrupts the line.
+    Errors are NaN while the controller is stopped, which interrupts the curve.
     """
     times = np.array([moment for moment, _ in recorder.errors])
     known = dict.fromkeys(key for _, errors in recorder.errors for key in errors)
@@ -226,7 +226,7 @@ def _error_curves(recorder: 'Recorder') -> tuple[Array, list[tuple[str, str, Arr
 
 
 def _reasons(recorder: 'Recorder') -> dict[str, list[str]]:
-    """Return what limits each task, at the times of the errors, in whatever order of shares."""
+    """Return the limiting causes of each task at the times of the errors, sorted by name."""
     rows = [reasons for _, reasons in recorder.reasons]
     return {task: ['; '.join(sorted(reasons.get(task, '').split('; '))) for reasons in rows]
             for task in dict.fromkeys(task for reasons in rows for task in reasons)}

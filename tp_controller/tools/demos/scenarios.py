@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the demos over ROS 2 are about: robots, stacks of tasks and goals, in files of config/."""
+"""Scenarios of the demos over ROS 2: robots, stacks and goals, from files in config/."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,34 +29,34 @@ from tp_controller.tasks.stack import Stack
 from tp_controller.tools.check.parameter_file import node_parameters
 from tp_controller.tools.demos.motion import FixedObject
 
-# A goal of a file: task, what it is called, and the fields of its message.
+# A goal of a file: task, name, and the fields of its message.
 Goal = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class Demo:
     """
-    A robot that carries out a stack of tasks, and what of it is drawn.
+    Robot that executes a stack of tasks, with the content of its film.
 
     Attributes
     ----------
     files : str
-        Start of the names in config/: ``<files>.yaml`` holds the parameters of both nodes,
+        Prefix of the names in config/: ``<files>.yaml`` contains the parameters of both nodes,
         ``<files>_stack.yaml`` the tasks and ``<files>_goals.yaml`` their goals.
     title : str
-        Of the film.
+        Title of the film.
     leader : str
-        Task whose goals and frame are drawn.
+        Task with the drawn goals and frame.
     frames : tuple of str
-        Other frames whose path is drawn.
+        Other frames with a drawn path.
     carried : tuple of (str, str)
-        Pairs of frames that hold one object.
+        Pairs of frames that carry one object.
     objects : tuple of FixedObject
-        What moves with a frame.
+        Objects fixed to frames.
     view : tuple of float
         Azimuth and elevation of the viewer [deg].
     ground : float or None
-        Height of the ground [m]; None: the robot stands on it at the start.
+        Height of the ground [m]; None: below the robot at the start.
 
     """
 
@@ -70,28 +70,28 @@ class Demo:
     ground: float | None = None
 
     def file(self, ending: str) -> Path:
-        """Return the path of a file, by the ending of its name."""
+        """Return the path of the file whose name has an ending."""
         return package_share() / 'config' / f'{self.files}{ending}.yaml'
 
     @cached_property
     def robot(self) -> Robot:
-        """Return the robot as the nodes are told to have it, limits included."""
+        """Return the robot of the nodes, with limits."""
         return robot_of(self.file(''))
 
     @property
     def rate(self) -> float:
-        """Return how many joint states the simulator publishes, each with a command [Hz]."""
+        """Return the rate of joint states of the simulator, each followed by a command [Hz]."""
         rate: float = node_parameters(self.file(''), 'tp_simulator')['rate']
         return rate
 
     @cached_property
     def stack(self) -> Stack:
-        """Return the stack."""
+        """Return the stack of tasks."""
         return Stack.from_yaml(self.file('_stack'), self.robot)
 
     @cached_property
     def steps(self) -> list[tuple[Goal, ...]]:
-        """Return the goals, those that are sent at once in one tuple."""
+        """Return the goals of each step, which are sent together."""
         return [tuple(step) if isinstance(step, list) else (step,)
                 for step in load_yaml(self.file('_goals').read_text())]
 
@@ -112,17 +112,17 @@ DEMOS = {
 
 def goal_fields(goal: Goal) -> dict[str, Any]:
     """
-    Return what of a goal in a file goes into its message.
+    Return the message fields of a goal in a file.
 
     Parameters
     ----------
     goal : dict
-        With ``xyz`` [m], ``rpy`` [rad], ``linear`` [m/s] or ``angular`` [rad/s].
+        Goal with ``xyz`` [m], ``rpy`` [rad], ``linear`` [m/s] or ``angular`` [rad/s].
 
     Returns
     -------
     dict
-        As `tp_controller.ros.client.client.Client.send` takes it.
+        Arguments of `tp_controller.ros.client.client.Client.send`.
 
     """
     fields = {key: goal[key] for key in ('xyz', 'linear', 'angular') if key in goal}
@@ -132,7 +132,7 @@ def goal_fields(goal: Goal) -> dict[str, Any]:
 
 
 def robot_of(file: Path) -> Robot:
-    """Return the robot of a parameter file, with the limits that the controller has for it."""
+    """Return the robot of a parameter file, with the limits of the controller."""
     simulator = node_parameters(file, 'tp_simulator')
     if 'robot' not in simulator:
         raise RobotError(f'{file}: no parameter robot of tp_simulator')

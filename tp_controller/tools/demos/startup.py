@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Waiting for processes that start: as long as they make progress, however slow the machine is."""
+"""Startup of processes, with timeouts in processor time for slow machines."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -27,30 +27,30 @@ from tp_controller.tools.demos.processes import NodeProcess
 if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
     from tp_controller.ros.client.client import Client
 
-# Processor time that one step may take, of all processes together, and for how long none of them
-# may take any [s]. A step takes 2 to 6 s of a processor.
+# Limits of the processor time of one step, over all processes, and of the time without progress
+# [s]. A step takes 2 to 6 s of a processor.
 STEP_SECONDS, IDLE_SECONDS = 30.0, 60.0
-# From when on the wait is reported, and the time between two reports [s].
-PATIENT_SECONDS, REPORT_SECONDS = 5.0, 15.0
-# Between two looks at what has come [s].
-LOOK_SECONDS = 0.05
-# Of a log, that are shown.
-LINES = 12
+# Time until the first report of a wait, and between two reports [s].
+FIRST_REPORT_SECONDS, REPORT_SECONDS = 5.0, 15.0
+# Polling period [s].
+POLL_SECONDS = 0.05
+# Number of displayed lines of a log.
+LOG_LINES = 12
 
 
 class Startup:
     """
-    Watches processes that start, and reports what is waited for.
+    Supervisor of starting processes, which reports the step in progress.
 
-    Time does not count, progress does: a process that takes processor time on a machine with
-    much to do is on its way.
+    The timeouts count progress, not time: a process on a busy machine that uses processor time is
+    still starting.
 
     Parameters
     ----------
     nodes : sequence of NodeProcess
-        All of which are needed.
+        Processes that must all run.
     report : callable
-        Takes a line for the user.
+        Called with a line for the user.
     clock : callable
         Returns a time [s].
 
@@ -60,24 +60,24 @@ class Startup:
                  clock: Callable[[], float] = time.monotonic) -> None:
         self._nodes, self._report, self._clock = nodes, report, clock
         now = clock()
-        self._due = now + PATIENT_SECONDS
+        self._due = now + FIRST_REPORT_SECONDS
         self._steps: set[str] = set()
         self._moved, self._used, self._used_before = now, 0.0, 0.0
 
     def check(self, missing: str) -> None:
         """
-        Take note of what is missing now.
+        Check the progress, given the missing part.
 
         Parameters
         ----------
         missing : str
-            Such as ``the controller to run: no joint states``; what follows a colon may change
-            without progress.
+            Missing part, such as ``the controller to run: no joint states``; a change of the text
+            after the colon is not progress.
 
         Raises
         ------
         TpControllerError
-            A process has ended, or none has made progress for too long.
+            A process has ended, or there was no progress for too long.
 
         """
         check_alive(self._nodes)
@@ -89,7 +89,7 @@ class Startup:
         if used > self._used:
             self._used, self._moved = used, now
         if now - self._moved > IDLE_SECONDS or used - self._used_before > STEP_SECONDS:
-            logs = '\n'.join(map(said_last, self._nodes))
+            logs = '\n'.join(map(log_tail, self._nodes))
             raise TpControllerError(f'the demo did not start, it waited for {missing}\n{logs}')
         if now >= self._due:
             self._due = now + REPORT_SECONDS
@@ -102,9 +102,9 @@ class Startup:
         Parameters
         ----------
         missing : callable
-            Returns what is missing; empty once all has come.
+            Returns the missing part; empty when startup is complete.
         turn : callable
-            Takes what arrives, for at most a time [s].
+            Processes messages, for at most a time [s].
 
         Raises
         ------
@@ -114,12 +114,12 @@ class Startup:
         """
         while text := missing():
             self.check(text)
-            turn(LOOK_SECONDS)
+            turn(POLL_SECONDS)
 
 
 @contextmanager
 def report_if_slow(step: str, report: Callable[[str], None],
-                   seconds: float = PATIENT_SECONDS) -> Iterator[None]:
+                   seconds: float = FIRST_REPORT_SECONDS) -> Iterator[None]:
     """
     Report a step that is still not done after a time, while it blocks this thread.
 
@@ -143,7 +143,7 @@ def report_if_slow(step: str, report: Callable[[str], None],
 
 
 def missing(client: 'Client') -> str:
-    """Return what has not come yet of a controller that is to run; empty once all has."""
+    """Return the missing part of a controller that must run; empty if it runs."""
     if client.status is None:
         return 'the status of the controller'
     if client.stop_reason():
@@ -152,23 +152,23 @@ def missing(client: 'Client') -> str:
 
 
 def check_alive(nodes: Sequence[NodeProcess]) -> None:
-    """Raise `TpControllerError`, with the end of its log, where a node has ended."""
+    """Raise `TpControllerError` with the end of the log if a node has ended."""
     for node in nodes:
         if not node.running():
             raise TpControllerError(end_of(node))
 
 
 def end_of(node: NodeProcess) -> str:
-    """Return how a node has ended, and its last words."""
-    return f'{node.name} has ended (exit status {node.process.returncode})\n{said_last(node)}'
+    """Return the exit status of a node and the end of its log."""
+    return f'{node.name} has ended (exit status {node.process.returncode})\n{log_tail(node)}'
 
 
-def said_last(node: NodeProcess) -> str:
-    """Return where the log of a node is, and its last lines."""
-    lines = node.output().strip().splitlines()[-LINES:]
+def log_tail(node: NodeProcess) -> str:
+    """Return the path of the log of a node, and its last lines."""
+    lines = node.output().strip().splitlines()[-LOG_LINES:]
     return '\n  '.join((f'log of {node.name}: {node.log}', *(lines or ['(empty)'])))
 
 
 def load() -> str:
-    """Return how much the machine has to do."""
+    """Return the load of the machine as text."""
     return f'load {os.getloadavg()[0]:.0f} on {os.cpu_count()} processors'

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The steps of a demo over ROS 2: goals are sent, their progress is printed, outcomes are kept."""
+"""Steps of a demo over ROS 2: sending goals, printing progress, recording outcomes."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,41 +30,41 @@ from tp_controller.untrusted import errors_of
 if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
     from tp_controller.ros.client.client import Client
 
-# A goal is abandoned once the controller has computed commands for so long [s], however long that
-# takes on a machine with much to do.
+# Timeout of a goal, in time for which the controller has computed commands [s], independent of the
+# load of the machine.
 GOAL_SECONDS = 20.0
-# Without any new command for so long it is abandoned, too [s].
+# Timeout of a goal without new commands [s].
 IDLE_SECONDS = 60.0
-# How long the answer of the controller to a goal may take [s].
+# Timeout of the response of the controller to a goal [s].
 ANSWER_SECONDS = 120.0
-# A goal is looked at a little longer than it takes to reach it.
+# Time for which a goal is observed after it is reached [s].
 LINGER_SECONDS = 0.5
 PROGRESS_SECONDS = 1.0
-# A velocity has to be repeated, or it times out.
+# Period of repeated velocities, which time out otherwise [s].
 REPEAT_SECONDS = 0.1
-# Between two looks at what has come [s].
+# Polling period [s].
 POLL_SECONDS = 0.02
-# Errors in units that suit their size.
+# Formats of errors in suitable units.
 SHOWN = {'m': '{:8.2f} mm', 'rad': '{:6.2f}°', 'm/s': '{:8.2f} mm/s'}
 FACTORS = {'m': 1e3, 'rad': np.degrees(1.0), 'm/s': 1e3}
-# Letters of the reason of a pause.
-LONGEST = 48
+# Longest reason of a pause [characters].
+LONGEST_REASON = 48
 DONE = ('reached', 'satisfied')
 
 
 @dataclass(frozen=True)
 class TaskOutcome:
     """
-    What became of one task under one goal.
+    Outcome of one task under one goal.
 
     Attributes
     ----------
     goal : str
-        Number and name of the goal, empty for a task that went on with its own.
+        Number and name of the goal; empty for a task that kept its own goal.
     task, error, status, reason : str
-        As the status of the controller has them.
+        Values of the status of the controller.
     say : str
-        What the goal for this task is called, with its number; empty where there was none.
+        Number and name of the goal of this task; empty if it had none.
 
     """
 
@@ -87,33 +87,33 @@ class TaskOutcome:
 
     @property
     def text(self) -> str:
-        """Return what became of it in a few words."""
+        """Return a short text of the outcome."""
         if self.asked and not self.reached:
             return f'not reached: {brief_reason(self.reason) or "out of time"}'
         return self.status if self.reached else brief_reason(self.reason) or 'moving'
 
     def __str__(self) -> str:
-        """Return a line of the table."""
+        """Return the line of the table."""
         mark = '>' if self.asked else ' '
         return f'{self.goal:<42} {mark} {self.task:<8} {self.error:<24} {self.text}'
 
 
 class Steps:
     """
-    Carries out the steps of a demo.
+    Execution of the steps of a demo.
 
     Parameters
     ----------
     client : Client
     check : callable
-        Raises where a node has ended.
+        Raises an error if a node has ended.
     computed : callable
-        Returns for how long the controller has computed commands so far [s].
+        Returns the time for which the controller has computed commands [s].
 
     Attributes
     ----------
     pauses : int
-        How often the controller stopped meanwhile, and went on by itself.
+        Number of temporary stops of the controller.
 
     """
 
@@ -126,19 +126,19 @@ class Steps:
 
     def carry_out(self, step: Sequence[Goal], number: int) -> list[TaskOutcome]:
         """
-        Send goals, print the progress, and return what became of every task.
+        Send goals, print the progress, and return the outcome of every task.
 
         Parameters
         ----------
         step : sequence of dict
-            Goals that are sent at once.
+            Goals that are sent together.
         number : int
-            Of the step, for its lines.
+            Number of the step, for its lines.
 
         Raises
         ------
         TpControllerError
-            A node has ended, or does not answer.
+            A node has ended or does not respond.
 
         """
         titles = {goal['task']: f'{number} {goal["say"]}' for goal in step}
@@ -146,19 +146,19 @@ class Steps:
         for goal in step:
             self._client.send(goal['task'], wait=ANSWER_SECONDS, **goal_fields(goal))
         run = _Run(titles, max(goal.get('for', 0.0) for goal in step))
-        patience = _Patience(self._computed())
-        self._wait(run, lambda: self._reached(run) or patience.ended(self._computed()))
+        deadline = _Deadline(self._computed())
+        self._wait(run, lambda: self._reached(run) or deadline.expired(self._computed()))
         linger = time.monotonic() + LINGER_SECONDS
         self._wait(run, lambda: time.monotonic() >= linger)
-        # A controller that stopped meanwhile, as where joint states come late, goes on by itself.
-        self._wait(run, lambda: self._reached(run) or patience.ended(self._computed()))
+        # A controller that stopped temporarily, as after late joint states, resumes by itself.
+        self._wait(run, lambda: self._reached(run) or deadline.expired(self._computed()))
         return [self._outcome(title, task, titles.get(task, '')) for task, title in zip_longest(
             self._client.task_names(), titles.values(), fillvalue='')]
 
     def _wait(self, run: '_Run', ended: Callable[[], bool]) -> None:
-        """Take what arrives until something has ended, and print the progress."""
+        """Process messages until a condition is met, and print the progress."""
         while True:
-            self._look()
+            self._poll()
             now = time.monotonic()
             if run.repeats(now):
                 self._client.repeat()
@@ -168,12 +168,12 @@ class Steps:
                           f'{now - run.began:4.1f} s{self._pause()}', flush=True)
             if ended():
                 return
-            # All of it: what is not taken in time is lost to the figures.
+            # Process all messages: dropped ones would be missing in the figures.
             self._client.spin(POLL_SECONDS)
             self._client.catch_up()
 
-    def _look(self) -> None:
-        """Keep the errors, which are unknown while the controller is stopped, and count pauses."""
+    def _poll(self) -> None:
+        """Update the errors, which are unknown during a stop, and count pauses."""
         self._check()
         stopped = bool(self._client.stop_reason())
         self.pauses += stopped and not self._paused
@@ -184,24 +184,24 @@ class Steps:
                 self._errors[task] = errors
 
     def _pause(self) -> str:
-        """Return why the controller is stopped, for the end of a line."""
+        """Return the reason of a stop, for the end of a line."""
         reason = self._client.stop_reason()
-        return f'  paused: {shorten(reason, LONGEST, placeholder=" …")}' if reason else ''
+        return f'  paused: {shorten(reason, LONGEST_REASON, placeholder=" …")}' if reason else ''
 
     def _reached(self, run: '_Run') -> bool:
-        """Return whether a step has lasted as long as it is to, and its goals are reached."""
+        """Return whether the time of a step has elapsed, and its goals are reached."""
         return run.lasted() and all(
             self._client.task_status(task)['status'] == 'reached' for task in run.titles)
 
     def _outcome(self, title: str, task: str, say: str) -> TaskOutcome:
-        """Return what became of a task."""
+        """Return the outcome of a task."""
         status = self._client.task_status(task)
         return TaskOutcome(title, task, self._errors.get(task, ''), status['status'], say,
                            status['reason'] or self._client.stop_reason())
 
 
 class _Run:
-    """One step: when it began, and when something is due."""
+    """Timing of one step."""
 
     def __init__(self, titles: Mapping[str, str], seconds: float) -> None:
         self.titles, self._seconds = titles, seconds
@@ -209,33 +209,33 @@ class _Run:
         self._shown = -math.inf
 
     def lasted(self) -> bool:
-        """Return whether the step has lasted as long as its velocities are to be repeated."""
+        """Return whether the repetition time of the velocities has elapsed."""
         return time.monotonic() - self.began >= self._seconds
 
     def repeats(self, now: float) -> bool:
-        """Return whether velocities are to be sent again at a time [s]."""
+        """Return whether velocities are due for repetition at a time [s]."""
         due = self._seconds > 0.0 and now - self._sent > REPEAT_SECONDS
         if due:
             self._sent = now
         return due
 
     def prints(self, now: float) -> bool:
-        """Return whether the progress is to be printed at a time [s]."""
+        """Return whether the progress is due for printing at a time [s]."""
         due = now - self._shown > PROGRESS_SECONDS
         if due:
             self._shown = now
         return due
 
 
-class _Patience:
-    """How long a goal is waited for, in time for which commands were computed [s]."""
+class _Deadline:
+    """Timeout of a goal, in time for which commands were computed [s]."""
 
     def __init__(self, computed: float) -> None:
         self._until = computed + GOAL_SECONDS
         self._last, self._moved = computed, time.monotonic()
 
-    def ended(self, computed: float) -> bool:
-        """Return whether a goal is to be abandoned."""
+    def expired(self, computed: float) -> bool:
+        """Return whether the goal has timed out."""
         now = time.monotonic()
         if computed > self._last:
             self._last, self._moved = computed, now
@@ -243,7 +243,7 @@ class _Patience:
 
 
 def error_text(status: Mapping[str, str]) -> str:
-    """Return the errors of a task in units that suit their size; empty where they are unknown."""
+    """Return the errors of a task in suitable units; empty if they are unknown."""
     return ', '.join(SHOWN[unit].format(FACTORS[unit] * error)
                      for unit, error in errors_of(status).items()
                      if unit in SHOWN and math.isfinite(error))

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Recordings of controllers, in files of ROS 2: writing, reading, and reports."""
+"""Recordings of controllers in ROS 2 bags: writing, reading, and reports."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Records all topics of running controllers to a bag."""
+"""Recorder of all topics of running controllers, to a bag."""
 
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
@@ -50,13 +50,13 @@ STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 EVENTS = '/parameter_events'
 EVENT_TYPE = 'rcl_interfaces/msg/ParameterEvent'
 TEXT_TYPE = 'std_msgs/msg/String'
-# Topics of all nodes that tell where a robot is.
+# Topics of other nodes that locate a robot.
 SHARED = {'/tf', '/tf_static', '/clock'}
-# Messages of a topic that wait while a file system is busy: some seconds at 1 kHz.
+# Queue depth of a topic, for a busy file system: some seconds at 1 kHz.
 DEPTH = 5000
-# Between two looks for new topics, and for parameters that were asked about [s].
+# Period of the search for new topics, and timeout of parameter requests [s].
 LOOK_SECONDS, ANSWER_SECONDS = 0.1, 5.0
-# Fields of a ParameterValue: single ones, and arrays with the type of their numbers.
+# Fields of a ParameterValue: scalars, and arrays with their types.
 SINGLE = ('type', 'bool_value', 'integer_value', 'double_value', 'string_value')
 ARRAYS = {'bool_array_value': np.bool_, 'integer_array_value': np.int64,
           'double_array_value': np.float64}
@@ -64,7 +64,7 @@ ARRAYS = {'bool_array_value': np.bool_, 'integer_array_value': np.int64,
 
 @dataclass
 class _Topic:
-    """One topic that is listened to; of several publishers nobody can tell what was lost."""
+    """Subscribed topic; message losses are only known with a single publisher."""
 
     kind: str
     subscription: Subscription
@@ -75,35 +75,35 @@ class _Topic:
     lost: int = 0
 
     def known_lost(self) -> int:
-        """Return how many messages were lost, as far as anybody can tell."""
+        """Return the number of lost messages; 0 if it is unknown."""
         return self.lost if self.publishers < 2 else 0
 
 
 class BagRecorder:
     """
-    Listens to everything that controllers publish and hear, and writes it to a bag.
+    Recorder of all topics that controllers publish and subscribe to, to a bag.
 
-    Nothing is decoded, and no executor calls anything: what has arrived is taken from the queues
-    of the subscriptions, with the times at which it did.
+    Messages are not decoded, and no executor runs callbacks: the recorder polls the queues of the
+    subscriptions, which contain the times of receipt.
 
     Parameters
     ----------
     names : collection of str
-        Names of controller nodes, with their namespaces; all that are found if there are none.
+        Names of controller nodes with their namespaces; if empty, all that are found.
     context : rclpy.context.Context, optional
-        Context that is initialised already; one of its own by default.
+        Initialised context; by default a new one.
 
     Attributes
     ----------
     controllers : list of str
-        Those that were found so far.
+        Controllers found so far.
     skipped : dict
-        {topic: why it is not recorded}
+        {topic: reason for not recording it}
 
     Raises
     ------
     TpControllerError
-        ROS cannot start here.
+        ROS cannot be initialised.
 
     """
 
@@ -111,15 +111,15 @@ class BagRecorder:
         self._own = context is None
         self._context = context or new_context()
         self._names = [name.strip('/') for name in names]
-        # The subscriptions belong to a node that no executor knows: it would take messages.
+        # The subscriptions belong to a node outside the executor, which would take their messages.
         self._node, self._caller = (
             Node(name, context=self._context, use_global_arguments=False, enable_rosout=False,
                  start_parameter_services=False) for name in ('tp_recorder', 'tp_recorder_client'))
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._caller)
         self._topics: dict[str, _Topic] = {}
-        self._inquiries: dict[str, _Inquiry] = {}
-        self._looked = -LOOK_SECONDS
+        self._requests: dict[str, _ParameterRequest] = {}
+        self._search_time = -LOOK_SECONDS
         self._lost = 0
         self.controllers: list[str] = []
         self.skipped: dict[str, str] = {}
@@ -129,7 +129,7 @@ class BagRecorder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave."""
+        """Destroy the nodes, and an own context."""
         self._executor.shutdown()
         self._caller.destroy_node()
         self._node.destroy_node()
@@ -137,36 +137,36 @@ class BagRecorder:
             try_shutdown(context=self._context)
 
     def missing(self) -> list[str]:
-        """Return the controllers that were named and are not there."""
+        """Return the named controllers that were not found."""
         return [name for name in self._names if name not in self.controllers]
 
     def find(self) -> bool:
-        """Look for controllers; return whether all that were named, or any one, are there."""
+        """Search controllers; return whether all named ones, or any one, were found."""
         for name in self._names or self._candidates():
             if name not in self.controllers and self._topics_of(name):
                 self.controllers.append(name)
         return bool(self.controllers) and not self.missing()
 
-    def take(self, bag: BagWriter) -> int:
-        """Write what has arrived since the last time; return how many messages that is."""
-        if (now := time.monotonic()) - self._looked >= LOOK_SECONDS:
-            self._looked = now
+    def record(self, bag: BagWriter) -> int:
+        """Write the messages received since the last call; return their number."""
+        if (now := time.monotonic()) - self._search_time >= LOOK_SECONDS:
+            self._search_time = now
             self.find()
             self._follow(bag)
-        self._inquire(bag)
+        self._request_parameters(bag)
         arrived = [(info['received_timestamp'], name, topic, data)
-                   for name, topic in self._topics.items() for data, info in _waiting(topic)]
+                   for name, topic in self._topics.items() for data, info in _queued(topic)]
         arrived.sort(key=operator.itemgetter(0))
         for stamp, name, topic, data in arrived:
             bag.write(name, topic.kind, stamp, data, topic.offered)
         return len(arrived)
 
     def lost(self) -> int:
-        """Return how many messages were sent and not received, of topics with one publisher."""
+        """Return the number of messages lost on topics with one publisher."""
         return self._lost + sum(topic.known_lost() for topic in self._topics.values())
 
     def _candidates(self) -> Iterator[str]:
-        """Yield the names of nodes that publish what a controller does."""
+        """Yield the names of nodes that publish the topics of a controller."""
         topics = dict(self._node.get_topic_names_and_types())
         for topic, kinds in topics.items():
             name, _, last = topic.rpartition('/')
@@ -176,7 +176,7 @@ class BagRecorder:
                 yield name.strip('/')
 
     def _topics_of(self, name: str) -> dict[str, str]:
-        """Return {topic: type} of what a controller and its loop publish and hear."""
+        """Return {topic: type} of the topics of a controller and its loop."""
         namespace, _, base = f'/{name}'.rpartition('/')
         found: dict[str, str] = {}
         for node in (base, f'{base}_loop'):
@@ -190,11 +190,11 @@ class BagRecorder:
         return found
 
     def _wanted(self) -> dict[str, str]:
-        """Return {topic: type} of all that is to be recorded now."""
+        """Return {topic: type} of all topics to record now."""
         wanted: dict[str, str] = {}
         shared = set(SHARED)
         for name in self.controllers:
-            # One that has ended may be started again.
+            # A controller that has ended may be restarted: its topics stay.
             found = self._topics_of(name) or {
                 topic: known.kind for topic, known in self._topics.items()}
             wanted.update(found)
@@ -206,17 +206,17 @@ class BagRecorder:
         return wanted
 
     def _follow(self, bag: BagWriter) -> None:
-        """Listen to new topics, and to those whose type or publishers have changed."""
+        """Subscribe to new topics, and again to those whose type or publishers have changed."""
         wanted = self._wanted()
         for name in [name for name in self._topics if name not in wanted]:
-            # A task that was left out may come back as another one, with another type.
+            # The topic of a removed task may return with another type.
             self._drop(name)
         for name, kind in wanted.items():
             publishers = self._node.get_publishers_info_by_topic(name)
             strict = _strictness(publishers)
             topic = self._topics.get(name)
             if topic is not None and topic.kind == kind and topic.strict == strict:
-                # Publishers that have ended are told, too.
+                # Keep the profiles of publishers that have ended.
                 topic.offered = [_qos(each.qos_profile) for each in publishers] or topic.offered
                 topic.publishers = max(topic.publishers, len(publishers))
                 continue
@@ -225,17 +225,17 @@ class BagRecorder:
             self._listen(bag, name, kind, strict, publishers)
 
     def _drop(self, name: str) -> None:
-        """Listen to a topic no more."""
+        """Unsubscribe from a topic."""
         topic = self._topics.pop(name)
         self._lost += topic.known_lost()
         self._node.destroy_subscription(topic.subscription)
 
     def _listen(self, bag: BagWriter, name: str, kind: str, strict: tuple[bool, bool],
                 publishers: Collection[TopicEndpointInfo]) -> None:
-        """Listen to a topic; one that cannot be opened now is tried again."""
+        """Subscribe to a topic; a failure is retried in the next search."""
         message_type = _message_type(kind) if bag.knows(kind) else None
         if message_type is None:
-            self.skipped[name] = f'its type {kind} is not known here'
+            self.skipped[name] = f'its type {kind} is unknown on this machine'
             return
         reliable, lasting = strict
         qos = QoSProfile(
@@ -246,25 +246,25 @@ class BagRecorder:
             subscription = self._node.create_subscription(message_type, name, _ignore, qos,
                                                           raw=True)
         except RCLError:
-            # One of another type was closed just now.
+            # The subscription of another type was closed just now.
             return
         self._topics[name] = _Topic(kind, subscription, strict,
                                     [_qos(each.qos_profile) for each in publishers],
                                     len(publishers))
 
-    def _inquire(self, bag: BagWriter) -> None:
-        """Write the parameters of each controller once; events tell what changes."""
+    def _request_parameters(self, bag: BagWriter) -> None:
+        """Write the parameters of each controller once; events contain later changes."""
         for name in self.controllers:
-            if name not in self._inquiries:
-                self._inquiries[name] = _Inquiry(self._caller, name)
-        if any(not inquiry.done for inquiry in self._inquiries.values()):
+            if name not in self._requests:
+                self._requests[name] = _ParameterRequest(self._caller, name)
+        if any(not request.done for request in self._requests.values()):
             self._executor.spin_once(timeout_sec=0.0)
-        for inquiry in self._inquiries.values():
-            inquiry.proceed(bag)
+        for request in self._requests.values():
+            request.proceed(bag)
 
 
-class _Inquiry:
-    """Reads the parameters of a controller, while its messages are recorded."""
+class _ParameterRequest:
+    """Asynchronous reader of the parameters of a controller."""
 
     def __init__(self, node: Node, name: str) -> None:
         self._name = name
@@ -276,7 +276,7 @@ class _Inquiry:
         self.done = False
 
     def proceed(self, bag: BagWriter) -> None:
-        """Do what can be done now; a request without an answer is sent again."""
+        """Process a response or send a request, without blocking; retry after a timeout."""
         if self.done or not self._get.service_is_ready():
             return
         if self._future is None or time.monotonic() - self._since > ANSWER_SECONDS:
@@ -293,7 +293,7 @@ class _Inquiry:
                 self._write(bag, dict(zip(self._names, answer.values)))
 
     def _write(self, bag: BagWriter, values: dict[str, Message]) -> None:
-        """Write all parameters as an event that sets them, and the robot where it is a file."""
+        """Write all parameters as an event, and the description of a robot in a file."""
         now = time.time_ns()
         stamp = bag.make('builtin_interfaces/msg/Time', dict(zip(('sec', 'nanosec'),
                                                                  divmod(now, 10**9))))
@@ -308,13 +308,13 @@ class _Inquiry:
             try:
                 urdf = Robot.from_file(file).urdf
             except TpControllerError:
-                # It is on another machine; whoever reads the bag has it perhaps.
+                # The file is on another machine, perhaps that of the reader of the bag.
                 return
             bag.write_message(f'/{self._name}/robot_description', TEXT_TYPE, now, {'data': urdf})
 
 
 def _parameter_value(bag: BagWriter, value: Message) -> object:
-    """Return the value of a parameter as a part of a message to write."""
+    """Return the value of a parameter as part of a message to write."""
     return bag.make('rcl_interfaces/msg/ParameterValue', {
         **{name: getattr(value, name) for name in SINGLE},
         **{name: np.array(getattr(value, name), kind) for name, kind in ARRAYS.items()},
@@ -322,8 +322,8 @@ def _parameter_value(bag: BagWriter, value: Message) -> object:
         'string_array_value': list(value.string_array_value)})
 
 
-def _waiting(topic: _Topic) -> Iterator[tuple[bytes, dict[str, int]]]:
-    """Take what waits in the queue of a topic, and note what is missing in between."""
+def _queued(topic: _Topic) -> Iterator[tuple[bytes, dict[str, int]]]:
+    """Yield the messages in the queue of a topic, and count lost ones by sequence numbers."""
     handle = topic.subscription.handle
     with handle:
         for _ in range(DEPTH):
@@ -343,7 +343,7 @@ def _full_name(endpoint: TopicEndpointInfo) -> str:
 
 
 def _strictness(publishers: Iterable[TopicEndpointInfo]) -> tuple[bool, bool]:
-    """Return whether all publishers are reliable, and whether all keep what they sent."""
+    """Return whether all publishers are reliable, and whether all are transient local."""
     profiles = [publisher.qos_profile for publisher in publishers]
     return (all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles),
             bool(profiles) and all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL
@@ -351,7 +351,7 @@ def _strictness(publishers: Iterable[TopicEndpointInfo]) -> tuple[bool, bool]:
 
 
 def _qos(profile: QoSProfile) -> Qos:
-    """Return a QoS profile as a bag has it."""
+    """Return a QoS profile in the format of a bag."""
     return Qos(QosHistory[profile.history.name], profile.depth,
                QosReliability[profile.reliability.name], QosDurability[profile.durability.name],
                _time(profile.deadline), _time(profile.lifespan),
@@ -360,12 +360,12 @@ def _qos(profile: QoSProfile) -> Qos:
 
 
 def _time(duration: Duration) -> QosTime:
-    """Return a duration as a bag has it."""
+    """Return a duration in the format of a bag."""
     return QosTime(*divmod(duration.nanoseconds, 10**9))
 
 
 def _message_type(kind: str) -> type | None:
-    """Return the class of a message type, None if it is not installed."""
+    """Return the class of a message type; None if it is not installed."""
     package, _, name = kind.partition('/msg/')
     try:
         return getattr(import_module(f'{package}.msg'), name)
@@ -374,4 +374,4 @@ def _message_type(kind: str) -> type | None:
 
 
 def _ignore(_: object) -> None:
-    """Take no message: they are taken from the queue."""
+    """Ignore a message; the recorder polls the queue."""

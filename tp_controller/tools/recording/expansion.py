@@ -12,29 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Decompression into a bounded memory, whatever compressed data claim."""
+"""Decompression with bounded memory, for untrusted data."""
 
 from pathlib import Path
 import sys
 from typing import Any
 
-# Largest piece of a recording, compressed or not [bytes].
-LONGEST = 1 << 26
-# Largest logarithm of the memory that Zstandard looks back into.
+# Largest chunk of a recording, compressed or not [bytes].
+CHUNK_BYTES = 1 << 26
+# Largest logarithm of the window size of Zstandard.
 WINDOW = 26
-# How much a file may become: so many times its size, and a constant [bytes].
-MOST_TIMES, FREE = 200, 1 << 28
-# Unit of the blocks of a file [bytes].
-BLOCK = 512
+# Limit of the decompressed size of a file: factor on its size on the disk, and constant [bytes].
+MOST_RATIO, EXTRA_BYTES = 200, 1 << 28
+# Unit of `st_blocks` [bytes].
+BLOCK_BYTES = 512
 
 
 class TooMuch(Exception):
-    """Data are longer than they say, or than is read."""
+    """Data exceed their declared size or the limit."""
 
 
 class Budget:
     """
-    How much may come out of a file, for what it takes on the disk: holes count nothing.
+    Limit of the decompressed size of a file, by its size on the disk without holes.
 
     Parameters
     ----------
@@ -45,10 +45,11 @@ class Budget:
 
     def __init__(self, path: Path) -> None:
         status = path.stat()
-        self._left = FREE + MOST_TIMES * min(status.st_size, BLOCK * status.st_blocks)
+        self._left = EXTRA_BYTES + MOST_RATIO * min(
+            status.st_size, BLOCK_BYTES * status.st_blocks)
 
     def take(self, size: int) -> None:
-        """Take so much of it [bytes]; `TooMuch` if there is no more."""
+        """Subtract a size [bytes]; raise `TooMuch` if the limit is exceeded."""
         self._left -= size
         if self._left < 0:
             raise TooMuch
@@ -56,28 +57,28 @@ class Budget:
 
 def expanded(name: str, data: bytes | memoryview, size: int) -> bytes | memoryview:
     """
-    Return decompressed data; as much as there is where they are cut off.
+    Return decompressed data; truncated data are decompressed as far as possible.
 
     Parameters
     ----------
     name : str
-        Of the compression, ``'zstd'``, ``'lz4'`` or empty.
+        Name of the compression, ``'zstd'``, ``'lz4'`` or empty.
     data : bytes
-        Compressed.
+        Compressed data.
     size : int
-        What they become, as the recording says [bytes].
+        Decompressed size according to the recording [bytes].
 
     Raises
     ------
     TooMuch
-        They become more, or there are more than `LONGEST`.
+        The result exceeds `size`, or the data exceed `CHUNK_BYTES`.
     ValueError
-        They are damaged, or the compression is not known.
+        The data are damaged, or the compression is unknown.
     ImportError
-        A library is missing.
+        The library of the compression is missing.
 
     """
-    if max(size, len(data)) > LONGEST:
+    if max(size, len(data)) > CHUNK_BYTES:
         raise TooMuch
     if not name:
         return data
@@ -89,7 +90,7 @@ def expanded(name: str, data: bytes | memoryview, size: int) -> bytes | memoryvi
     except MemoryError:
         raise
     except Exception as error:
-        # Each library has errors of its own for data that are damaged.
+        # Each library raises its own exceptions for damaged data.
         raise ValueError('damaged') from error
     if len(found) > size:
         raise TooMuch

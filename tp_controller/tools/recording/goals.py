@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What became of the goals of tasks: accepted, refused, reached, replaced."""
+"""Outcomes of the goals of tasks: accepted, refused, reached, replaced."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -23,33 +23,33 @@ import numpy as np
 from tp_controller.model.spatial import rotation_from_quaternion
 from tp_controller.untrusted import count, plain
 
-# Goals that come faster than this belong to one stream [s].
-STREAM = 0.2
-# How many goals are told; more are counted.
-MOST = 500
-# A twist below this is none [m/s, rad/s].
-STILL = 1e-12
+# Goals at shorter intervals belong to one stream [s].
+STREAM_INTERVAL = 0.2
+# Largest number of listed goals; more are counted.
+MOST_GOALS = 500
+# Components of a twist up to this count as zero [m/s, rad/s].
+ZERO_TWIST = 1e-12
 
 
 @dataclass
 class Goal:
     """
-    A goal, or a stream of them.
+    Goal of a task, or stream of goals.
 
     Attributes
     ----------
     time, last : float
-        When it came, and the last one of a stream [s].
+        Time of the goal, or of the first and the last one of a stream [s].
     task, text, frame : str
-        For which task, what it says, and in which frame.
+        Task, content and frame.
     count : int
-        How many messages.
+        Number of messages.
     answer : str
-        ``'accepted'``, or why it was refused; empty while nobody knows.
+        ``'accepted'``, or the reason of a refusal; empty while it is unknown.
     reached : float
-        When the task had reached it first [s]; infinite if it never did.
+        Time at which the task first reached it [s]; infinite if never.
     point : tuple of float or None
-        x, y, z of a position [m].
+        Position of the goal [m].
 
     """
 
@@ -65,20 +65,20 @@ class Goal:
 
     @property
     def accepted(self) -> bool:
-        """Return whether the task has taken it."""
+        """Return whether the task has accepted the goal."""
         return self.answer == 'accepted'
 
 
 class Goals:
     """
-    Follows the goals of the tasks of one controller.
+    Goals of the tasks of one controller, with their outcomes.
 
     Attributes
     ----------
     goals : list of Goal
-        By the time at which they came.
+        Goals in order of time.
     more : int
-        How many others there were.
+        Number of goals that are not listed.
 
     """
 
@@ -86,14 +86,15 @@ class Goals:
         self.goals: list[Goal] = []
         self.more = 0
         self._latest: dict[str, Goal] = {}
-        # By task the goals that were not answered yet, and what was counted before.
+        # Unanswered goals by task, and counts of the last status.
         self._open: dict[str, list[Goal]] = {}
         self._counts: dict[str, tuple[int, int]] = {}
 
-    def came(self, time: float, task: str, kind: str, message: Any) -> None:
-        """Take the message of a goal, or of a velocity."""
+    def add_message(self, time: float, task: str, kind: str, message: Any) -> None:
+        """Process the message of a goal, or of a velocity."""
         latest = self._latest.get(task)
-        if latest is not None and time - latest.last < STREAM and not latest.text.startswith('('):
+        if latest is not None and time - latest.last < STREAM_INTERVAL \
+                and not latest.text.startswith('('):
             latest.last, latest.count = time, latest.count + 1
             latest.text, latest.point = plain(TEXTS[kind](message)), _point(message)
             waiting = self._open.setdefault(task, [])
@@ -103,16 +104,16 @@ class Goals:
         self._add(Goal(time, time, task, plain(TEXTS[kind](message)), plain(_frame(message)),
                        point=_point(message)))
 
-    def answered(self, time: float, task: str, values: Mapping[str, str]) -> None:
-        """Take what the status of a task says about its goals."""
+    def add_status(self, time: float, task: str, values: Mapping[str, str]) -> None:
+        """Update the outcomes from the status of a task."""
         counts = count(values.get('goals accepted', '')), count(values.get('goals refused', ''))
         before = self._counts.get(task)
         self._counts[task] = counts
         waiting = self._open.get(task, [])
-        # The first status tells what was before the recording, too.
+        # The first status includes goals before the recording.
         accepted, refused = (now - then for now, then in zip(counts, before or counts))
         if accepted < 0 or refused < 0:
-            # The controller was started anew.
+            # The controller was restarted.
             accepted, refused = counts
         if accepted + refused and not waiting:
             self._add(Goal(time, time, task, '(the message was not recorded)'))
@@ -133,7 +134,7 @@ class Goals:
         """Add a goal."""
         self._open.setdefault(goal.task, []).append(goal)
         self._latest[goal.task] = goal
-        if len(self.goals) < MOST:
+        if len(self.goals) < MOST_GOALS:
             self.goals.append(goal)
         else:
             self.more += 1
@@ -141,16 +142,16 @@ class Goals:
 
 def outcome(goal: Goal, following: Goal | None, end: float) -> str:
     """
-    Return what became of a goal, in words.
+    Return the outcome of a goal as text.
 
     Parameters
     ----------
     goal : Goal
         The goal.
     following : Goal or None
-        The next one of the same task.
+        Next goal of the same task.
     end : float
-        Of the recording [s].
+        End of the recording [s].
 
     """
     if not goal.accepted:
@@ -163,13 +164,13 @@ def outcome(goal: Goal, following: Goal | None, end: float) -> str:
 
 
 def _frame(message: Any) -> str:
-    """Return the frame of a message that has one."""
+    """Return the frame of a message; empty if it has none."""
     header = getattr(message, 'header', None)
     return '' if header is None else str(header.frame_id)
 
 
 def _point(message: Any) -> tuple[float, float, float] | None:
-    """Return the position that a message has, if it has one."""
+    """Return the position of a message; None if it has none."""
     point = getattr(message, 'point', None) or getattr(
         getattr(message, 'pose', None), 'position', None)
     return None if point is None else (point.x, point.y, point.z)
@@ -177,12 +178,12 @@ def _point(message: Any) -> tuple[float, float, float] | None:
 
 def _numbers(*values: float) -> str:
     """Return numbers as text."""
-    # Zero has no sign for readers.
+    # Adding 0.0 removes the sign of zero.
     return ' '.join(f'{round(value, 9) + 0.0:.4g}' for value in values)
 
 
 def _vector(value: Any) -> str:
-    """Return the text of what has x, y and z."""
+    """Return the text of a vector with x, y and z."""
     return _numbers(value.x, value.y, value.z)
 
 
@@ -199,17 +200,17 @@ def _turn(value: Any) -> str:
 
 
 def _joints(message: Any) -> str:
-    """Return the text of positions, or velocities, of joints."""
+    """Return the text of positions or velocities of joints."""
     positions = [f'{name} {value:.4g}' for name, value in zip(message.name, message.position)]
     velocities = [f'{name} {value:.4g}/s' for name, value in zip(message.name, message.velocity)]
     return ', '.join(positions + velocities)
 
 
 def _twist(message: Any) -> str:
-    """Return the text of a twist, without the half that is zero."""
+    """Return the text of a twist, without zero parts."""
     parts = {'linear': message.twist.linear, 'angular': message.twist.angular}
     return ', '.join(f'{name} {_vector(value)}' for name, value in parts.items()
-                     if max(abs(value.x), abs(value.y), abs(value.z)) > STILL) or 'zero'
+                     if max(abs(value.x), abs(value.y), abs(value.z)) > ZERO_TWIST) or 'zero'
 
 
 TEXTS: dict[str, Callable[[Any], str]] = {

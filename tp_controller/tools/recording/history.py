@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What happened in a recording, collected in one pass over it."""
+"""History of a controller, collected in one pass over a recording."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -39,29 +39,29 @@ ODOMETRY = 'nav_msgs/msg/Odometry'
 MARKERS = 'visualization_msgs/msg/MarkerArray'
 TEXT = 'std_msgs/msg/String'
 EVENT = 'rcl_interfaces/msg/ParameterEvent'
-# Published by all nodes, for tools that look at all of them.
+# Topic of all nodes, for general diagnostic tools.
 DIAGNOSTICS = '/diagnostics'
 GOAL_TOPICS = ('goal', 'twist', 'obstacles')
-# Between two moments that are shown again [s], and how many there are at most.
+# Interval of recorded moments [s], and their largest number.
 FRAME_SECONDS, MOST_FRAMES = 0.04, 1500
-# Messages come a little early, too: from this share of the time on.
+# Share of the interval after which the next moment is recorded, as messages may be early.
 EARLY = 0.9
-# The status of all tasks while the robot is stopped.
+# Status of all tasks while the robot is stopped.
 STOPPED = 'stopped'
-# How many stops are told; more are counted.
+# Largest number of listed stops; more are counted.
 MOST_STOPS = 500
-# Numbers in a reason, which change all the time.
+# Numbers in a reason, which change continuously.
 NUMBER = re.compile(r' by [-+.\de]+ (m|rad)\b')
-# In the reason of a stop what changes while it stands.
-CHANGING = re.compile(r' \(ignored: .*\)|, until a moment ago|[-+]?\d+(\.\d+)?')
+# Parts of the reason of a stop that change while it lasts.
+VARIABLE_PARTS = re.compile(r' \(ignored: .*\)|, until a moment ago|[-+]?\d+(\.\d+)?')
 # Fields of a ParameterValue by its type (rcl_interfaces/msg/ParameterType).
 VALUE_FIELDS = ('', 'bool_value', 'integer_value', 'double_value', 'string_value',
                 'byte_array_value', 'bool_array_value', 'integer_array_value',
                 'double_array_value', 'string_array_value')
-# A status is not counted for longer than this [s]: nobody knows what was in between.
-LONGEST = 1.0
-# Memory is bounded, whatever a recording has. Largest numbers of tasks, errors and causes of a
-# task, and reasons that are told apart; longest name [characters].
+# Longest interval between two statuses that counts [s]; the state in longer gaps is unknown.
+MOST_STATUS_SECONDS = 1.0
+# Bounds of the memory for any recording. Largest numbers of tasks, errors and causes of a task,
+# and distinct reasons; longest name [characters].
 MOST_TASKS, MOST_ERRORS, MOST_CAUSES, MOST_REASONS, LONGEST_NAME = 100, 4, 100, 5000, 256
 # Largest numbers of joints, of topics of one kind, and of values of all commands.
 MOST_JOINTS, MOST_TOPICS, MOST_COMMANDS = 300, 30, 1000
@@ -72,24 +72,24 @@ MOST_MARKER_BYTES, MOST_PARAMETERS, LONGEST_PARAMETERS = 1 << 26, 5000, 1 << 23
 @dataclass
 class TaskHistory:
     """
-    What became of a task.
+    History of a task.
 
     Attributes
     ----------
     name, kind, level : str
-        As its last status has them.
+        Name, type and level in the last status.
     status : str
-        The last one before a stop; ``stopped`` where there was no other.
+        Last status before a stop; ``stopped`` if there is no other.
     stopped : bool
         Whether the robot was stopped at the end.
     errors : dict
-        {unit: (last error that is known, tolerance)}
+        {unit: (last known error, tolerance)}
     largest : dict
         {unit: largest error}
     causes : dict
-        {cause: for how long it limited the task [s]}
+        {cause: time for which it limited the task [s]}
     reached, known : float
-        For how long it was reached or satisfied, and for how long there was a status [s].
+        Time for which the task was reached or satisfied, and time with a known status [s].
 
     """
 
@@ -107,7 +107,7 @@ class TaskHistory:
 
 @dataclass
 class Stop:
-    """Zeros were commanded from `start` to `end` [s], for a reason."""
+    """Stop: zeros were commanded from `start` to `end` [s], for a reason."""
 
     start: float
     end: float
@@ -117,7 +117,7 @@ class Stop:
 @dataclass
 class Moment:
     """
-    Where everything was.
+    Recorded state at one time.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class Moment:
     base : (str, str, ndarray (4, 4)) or None
         Frame, child frame and pose of the odometry.
     markers : Raw or None
-        What was drawn of the tasks, not decoded.
+        Markers of the tasks, not decoded.
 
     """
 
@@ -140,16 +140,16 @@ class Moment:
 
 class History:
     """
-    What happened to one controller.
+    History of one controller.
 
     Parameters
     ----------
     bag : Bag
-        It is read once for the name, as far as needed, and once as a whole.
+        Bag; it is read once for the name, as far as needed, and once completely.
     node : str
-        Name of the controller node, with its namespace; the only one in the bag if empty.
+        Name of the controller node with its namespace; if empty, the only one in the bag.
     advance : callable
-        Called with the number of bytes that were read since the last call.
+        Called with the number of bytes read since the last call.
 
     Attributes
     ----------
@@ -172,17 +172,17 @@ class History:
     columns : dict
         {(task, unit): column}
     reasons : Series
-        Codes of what limits each task, in the order of `reason_columns`; see `texts`.
+        Codes of the limiting causes of each task, in the order of `reason_columns`; see `texts`.
     reason_columns : dict
         {task: column}
     texts : list of str
-        What the codes stand for; 0 is nothing.
+        Texts of the codes; 0 stands for no reason.
     goals : Goals
     stops : list of Stop
     more_stops : int
-        How many others there were.
+        Number of stops that are not listed.
     commands, twists : dict
-        {topic: Series} of velocities of joints, and twists (6) of a base.
+        {topic: Series} of joint velocities, and of twists (6) of a base.
     ranges : dict
         {joint: (smallest, largest) position [rad or m]}
     moments : list of Moment
@@ -190,7 +190,7 @@ class History:
     Raises
     ------
     TpControllerError
-        There are several controllers, or none of this name.
+        There are several controllers, or none with this name.
 
     """
 
@@ -228,7 +228,7 @@ class History:
 
     @property
     def namespace(self) -> str:
-        """Return the namespace of the controller, with a slash before it, or nothing."""
+        """Return the namespace of the controller with a leading slash, or an empty string."""
         return f'/{self.node}'.rpartition('/')[0]
 
     @property
@@ -242,7 +242,7 @@ class History:
         return found
 
     def markers(self, moment: Moment) -> list[Any]:
-        """Return the markers that were drawn of the tasks at a moment."""
+        """Return the markers of the tasks at a moment."""
         if moment.markers is None:
             return []
         try:
@@ -251,7 +251,7 @@ class History:
             return []
 
     def _take(self, raw: Raw) -> None:
-        """Take one message."""
+        """Process one message."""
         if not self.counts:
             self.began = raw.stamp
         self.counts[raw.topic] += 1
@@ -261,22 +261,22 @@ class History:
         own = bool(self.node) and raw.topic.startswith(f'/{self.node}/')
         try:
             if own and last in GOAL_TOPICS:
-                self.goals.came(time, task, raw.kind, self._bag.decode(raw))
+                self.goals.add_message(time, task, raw.kind, self._bag.decode(raw))
             elif own and raw.kind == MARKERS:
                 self._markers = raw
             elif raw.kind in TAKERS and not (own and raw.kind in (JOINTS, NUMBERS)):
                 TAKERS[raw.kind](self, time, raw.topic, self._bag.decode(raw))
         except Exception as error:
-            # What can be decoded may be nonsense all the same, of any kind.
+            # Decoded messages may still be invalid in any way.
             what = str(error) if isinstance(error, Unreadable) else raw.topic
             self._unreadable[what] += 1
 
     def _take_status(self, time: float, topic: str, message: Any) -> None:
-        """Take the status of the controller and its tasks."""
+        """Process the status of the controller and its tasks."""
         if topic == DIAGNOSTICS or not message.status or message.status[0].name != self.node:
             return
         lasted = time - self._status_time
-        lasted = lasted if 0.0 < lasted < LONGEST else 0.0
+        lasted = lasted if 0.0 < lasted < MOST_STATUS_SECONDS else 0.0
         self._status_time = time
         self._take_stop(time, message.status[0].message)
         errors, codes = [math.nan] * len(self.columns), [0.0] * len(self.reason_columns)
@@ -286,7 +286,7 @@ class History:
                 continue
             values = {plain(value.key, LONGEST_NAME): plain(value.value)
                       for value in status.values}
-            self.goals.answered(time, name, values)
+            self.goals.add_status(time, name, values)
             task = self.tasks.setdefault(name, TaskHistory(name))
             _update(task, values, lasted)
             for unit in task.errors:
@@ -297,11 +297,11 @@ class History:
         self.reasons.add(time, codes)
 
     def _take_stop(self, time: float, head: str) -> None:
-        """Take whether zeros are commanded, and why."""
+        """Process the reason of zero commands, or the end of a stop."""
         stop, head = self._stop, plain(head)
         if stop is not None:
             stop.end = time
-            if _standing(head) == _standing(stop.reason):
+            if _constant_part(head) == _constant_part(stop.reason):
                 return
         self._stop = None
         if head != 'running':
@@ -312,7 +312,7 @@ class History:
                 self.more_stops += 1
 
     def _code(self, reason: str) -> float:
-        """Return the code of a reason, in whatever order of shares its parts are."""
+        """Return the code of a reason, independent of the order of its parts."""
         text = '; '.join(sorted({_brief(cause) for cause in reason.split('; ')}))
         if text not in self._codes and len(self.texts) >= MOST_REASONS:
             text = 'another reason'
@@ -322,7 +322,7 @@ class History:
         return self._codes[text]
 
     def _take_joints(self, time: float, topic: str, message: Any) -> None:
-        """Take joint states."""
+        """Process joint states."""
         names, positions = tuple(message.name), message.position
         if len(names) != len(positions) or len(self._joints.keys() | set(names)) > MOST_JOINTS:
             return
@@ -345,14 +345,14 @@ class History:
             self._halve_moments()
 
     def _halve_moments(self) -> None:
-        """Leave out every second moment, from now on too."""
+        """Drop every second moment, and double the interval."""
         self.moments = self.moments[::2]
         self._period *= 2.0
         self._marker_bytes = sum(len(raw.data) for raw in {
             id(moment.markers): moment.markers for moment in self.moments}.values() if raw)
 
     def _take_command(self, time: float, topic: str, message: Any) -> None:
-        """Take velocities of the joints."""
+        """Process joint velocities."""
         values = message.data
         if topic not in self.commands:
             if len(values) + sum(map(len, self.commands.values())) > MOST_COMMANDS:
@@ -362,7 +362,7 @@ class History:
             self.commands[topic].add(time, values)
 
     def _take_twist(self, time: float, topic: str, message: Any) -> None:
-        """Take velocities of a base."""
+        """Process the velocity of a base."""
         linear, angular = message.linear, message.angular
         if topic not in self.twists and len(self.twists) >= MOST_TOPICS:
             return
@@ -370,20 +370,20 @@ class History:
             time, (linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
 
     def _take_odometry(self, time: float, topic: str, message: Any) -> None:
-        """Take the pose of a base."""
+        """Process the pose of a base."""
         point, turn = message.pose.pose.position, message.pose.pose.orientation
         T = pose(rotation_from_quaternion((turn.x, turn.y, turn.z, turn.w)),
                  (point.x, point.y, point.z))
         self._base = message.header.frame_id, message.child_frame_id, T
 
     def _take_text(self, time: float, topic: str, message: Any) -> None:
-        """Take a description of a robot."""
+        """Store a description of a robot."""
         if topic.endswith('robot_description') and len(message.data) <= MOST_XML_CHARACTERS and (
                 topic in self.descriptions or len(self.descriptions) < MOST_TOPICS):
             self.descriptions[topic] = message.data
 
     def _take_event(self, time: float, topic: str, message: Any) -> None:
-        """Take parameters of the controller."""
+        """Store parameters of the controller."""
         if message.node.strip('/') == self.node:
             for parameter in (*message.new_parameters, *message.changed_parameters):
                 value = parameter.value
@@ -391,7 +391,7 @@ class History:
                     value, VALUE_FIELDS[value.type]) if value.type else None)
 
     def _set_parameter(self, name: str, value: Any) -> None:
-        """Take a parameter, unless there are too many."""
+        """Store a parameter, unless the limits are exceeded."""
         length = _length(value) - _length(self.parameters.get(name))
         if self._parameter_characters + length <= LONGEST_PARAMETERS and (
                 name in self.parameters or len(self.parameters) < MOST_PARAMETERS):
@@ -406,7 +406,7 @@ TAKERS: dict[str, Callable[[History, float, str, Any], None]] = {
 
 
 def _find_node(bag: Bag, node: str) -> str:
-    """Return the name of the controller to tell about; '' where there is no status of any."""
+    """Return the name of the controller; '' if the bag has no status."""
     found: dict[str, None] = {}
     looked: set[str] = set()
     first, remarks = None, len(bag.remarks)
@@ -419,7 +419,7 @@ def _find_node(bag: Bag, node: str) -> str:
                 found[name] = None
         if found and (node in found or raw.stamp - first > 10 * 10**9):
             break
-    # They come again with the whole of it.
+    # The complete pass repeats these remarks.
     del bag.remarks[remarks:]
     if node and node not in found:
         if found:
@@ -432,7 +432,7 @@ def _find_node(bag: Bag, node: str) -> str:
 
 
 def _controller_in(bag: Bag, raw: Raw) -> str:
-    """Return the name of the controller whose status this is, '' if it is something else."""
+    """Return the name of the controller that published a status; '' for other nodes."""
     try:
         statuses = bag.decode(raw).status
     except Unreadable:
@@ -443,15 +443,15 @@ def _controller_in(bag: Bag, raw: Raw) -> str:
 
 
 def _update(task: TaskHistory, values: Mapping[str, str], lasted: float) -> None:
-    """Take a status of a task, which lasted for some time [s]."""
-    # What was told the last time is what lasted since then.
+    """Update the history of a task by a status, the previous one having lasted a time [s]."""
+    # The previous status applies to the time since then.
     task.known += lasted
     if task.status in ('reached', 'satisfied') and not task.stopped:
         task.reached += lasted
     task.kind, task.level = values.get('type', ''), values.get('level', '')
     status = values.get('status', '')
     task.stopped = status == STOPPED
-    # A stop, as at the end of most recordings, says nothing of what was reached.
+    # A stop, as at the end of most recordings, must not hide the outcome.
     task.status = task.status or status if task.stopped else status
     for unit, error in errors_of(values).items():
         if math.isnan(error) and unit in task.errors:
@@ -467,7 +467,7 @@ def _update(task: TaskHistory, values: Mapping[str, str], lasted: float) -> None
 
 
 def _length(value: Any) -> int:
-    """Return how long the value of a parameter is [characters]."""
+    """Return the length of the value of a parameter [characters]."""
     if isinstance(value, list):
         return sum(map(_length, value))
     return len(value) if isinstance(value, str) else 8 * np.size(value)
@@ -475,41 +475,41 @@ def _length(value: Any) -> int:
 
 def _put(row: list[float], columns: dict[Any, int], key: object, value: float,
          missing: float) -> None:
-    """Put a value into the column of a key, which is a new one perhaps."""
+    """Set the value in the column of a key; add the column if it is new."""
     column = columns.setdefault(key, len(columns))
     row.extend([missing] * (column + 1 - len(row)))
     row[column] = value
 
 
 def _brief(cause: str) -> str:
-    """Return a cause without numbers, and without most of those that have to come together."""
+    """Return a cause without numbers, with a list of combined causes reduced to its first."""
     cause = NUMBER.sub('', cause)
     first, comma, _ = cause.partition(', ')
     return f'{first} and others together' if comma and cause.endswith(' together') else cause
 
 
-def _standing(reason: str) -> str:
-    """Return a reason without what changes while it stands."""
-    return CHANGING.sub('', reason)
+def _constant_part(reason: str) -> str:
+    """Return a reason without its variable parts."""
+    return VARIABLE_PARTS.sub('', reason)
 
 
 def nearest(topics: Sequence[str], names: Sequence[str], namespace: str) -> str:
     """
-    Return which topic of one type is most probably the one of a controller.
+    Return the topic of one type that most probably belongs to a controller.
 
     Parameters
     ----------
     topics : sequence of str
-        Those that there are.
+        Topics to choose from.
     names : sequence of str
-        What it is called unless it was renamed.
+        Default names of the topic.
     namespace : str
-        Of the controller.
+        Namespace of the controller.
 
     Returns
     -------
     str
-        Empty where there is none.
+        Name of the topic; empty if there is none.
 
     """
     def order(topic: str) -> tuple[bool, bool]:

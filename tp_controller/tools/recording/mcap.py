@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reads MCAP files from their start, one message after the other, as far as they go."""
+"""Sequential reader of MCAP files, as far as they are intact."""
 
 from collections.abc import Callable, Iterator
 import io
@@ -21,35 +21,35 @@ import struct
 from typing import BinaryIO, NamedTuple
 
 from tp_controller.errors import TpControllerError
-from tp_controller.tools.recording.expansion import Budget, expanded, LONGEST, TooMuch
+from tp_controller.tools.recording.expansion import Budget, CHUNK_BYTES, expanded, TooMuch
 
 MAGIC = b'\x89MCAP0\r\n'
 # Opcodes of records (mcap.dev/spec).
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 2, 3, 4, 5, 6, 15
 HEAD = struct.Struct('<BQ')
-# Of a message: channel, number, times of receipt and of publishing [ns].
+# Header of a message: channel, number, times of receipt and of publication [ns].
 MESSAGE_HEAD = struct.Struct('<HIQQ')
-# Of a chunk: times, size and checksum of what is in it.
+# Header of a chunk: times, size and checksum of its content.
 CHUNK_HEAD = struct.Struct('<QQQI')
-# Longest record of each kind that is read [bytes]; others are passed over.
-READ = {FOOTER: LONGEST, SCHEMA: 1 << 20, CHANNEL: 1 << 20, MESSAGE: LONGEST, CHUNK: LONGEST,
-        DATA_END: LONGEST}
+# Longest record of each kind that is read [bytes]; other kinds are skipped.
+READ = {FOOTER: CHUNK_BYTES, SCHEMA: 1 << 20, CHANNEL: 1 << 20, MESSAGE: CHUNK_BYTES,
+        CHUNK: CHUNK_BYTES, DATA_END: CHUNK_BYTES}
 # Longest name of a topic or type [bytes].
 LONGEST_NAME = 1000
 
 
 class Raw(NamedTuple):
     """
-    One message of a bag, not decoded.
+    Message of a bag, not decoded.
 
     Attributes
     ----------
     topic, kind : str
         Names of the topic and of its type.
     stamp : int
-        When it was received [ns].
+        Time of receipt [ns].
     data : bytes
-        CDR.
+        Content in CDR.
 
     """
 
@@ -60,12 +60,12 @@ class Raw(NamedTuple):
 
 
 class CutOff(Exception):
-    """The file ends, or makes no sense any more, where something else has to be."""
+    """The file ends or is damaged within a record."""
 
 
 class McapFile:
     """
-    An MCAP file.
+    MCAP file.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class McapFile:
     Attributes
     ----------
     fault : str
-        Where the file was cut off, once its messages were read; empty if it is complete.
+        Description of a truncation, after the messages were read; empty for a complete file.
 
     """
 
@@ -83,7 +83,7 @@ class McapFile:
         self.path = path
         self.fault = ''
         self._schemas: dict[int, str] = {}
-        # Of each channel the topic and its type; None where it is not in CDR.
+        # Topic and type of each channel; None for channels not in CDR.
         self._channels: dict[int, tuple[str, str] | None] = {}
 
     def messages(self, advance: Callable[[float], object]) -> Iterator[Raw]:
@@ -93,35 +93,35 @@ class McapFile:
         Parameters
         ----------
         advance : callable
-            Called with the number of bytes that were read since the last call.
+            Called with the number of bytes read since the last call.
 
         Raises
         ------
         TpControllerError
-            It is no MCAP file.
+            The file is not an MCAP file.
 
         """
         with self.path.open('rb') as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise TpControllerError(f'{self.path} is no MCAP file')
-            place = file.tell()
+                raise TpControllerError(f'{self.path} is not an MCAP file')
+            position = file.tell()
             budget = Budget(self.path)
             try:
-                for kind, record in _records(file, place):
+                for kind, record in _records(file, position):
                     if kind in (DATA_END, FOOTER):
-                        # What is left is an index.
-                        advance(self.path.stat().st_size - place)
+                        # The rest is an index.
+                        advance(self.path.stat().st_size - position)
                         return
                     yield from self._take(kind, record, budget)
-                    advance(file.tell() - place)
-                    place = file.tell()
+                    advance(file.tell() - position)
+                    position = file.tell()
             except (CutOff, TooMuch, struct.error, ValueError):
-                # What came before was told.
+                # The complete records before were yielded.
                 pass
-            self.fault = f'{self.path.name} is cut off, or damaged, after {place} bytes'
+            self.fault = f'{self.path.name} is cut off, or damaged, after {position} bytes'
 
     def _take(self, kind: int, record: bytes, budget: Budget) -> Iterator[Raw]:
-        """Take one record, and yield the messages in it."""
+        """Process one record, and yield the messages in it."""
         if kind == MESSAGE:
             channel, _, stamp, _ = MESSAGE_HEAD.unpack_from(record)
             known = self._channels.get(channel)
@@ -141,7 +141,7 @@ class McapFile:
                 if encoding == 'cdr' and max(len(topic), len(kind_name)) <= LONGEST_NAME else None
 
     def _take_chunk(self, record: bytes, budget: Budget) -> Iterator[Raw]:
-        """Yield the messages in a chunk, as far as it goes."""
+        """Yield the messages in a chunk, as far as it can be read."""
         _, _, size, _ = CHUNK_HEAD.unpack_from(record)
         compression, end = _text(record, CHUNK_HEAD.size)
         packed, = struct.unpack_from('<Q', record, end)
@@ -156,20 +156,21 @@ class McapFile:
             raise CutOff
 
 
-def _records(file: BinaryIO, place: int = 0) -> Iterator[tuple[int, bytes]]:
+def _records(file: BinaryIO, position: int = 0) -> Iterator[tuple[int, bytes]]:
     """
-    Yield the kind and the content of each record that is of use, to the end.
+    Yield the kind and the content of each relevant record.
 
-    Of a chunk that is cut off what there is comes last. Raises `CutOff` after what is complete.
+    A truncated chunk is yielded last, as far as it can be read. `CutOff` is raised after the last
+    complete record.
     """
     end = file.seek(0, io.SEEK_END)
-    file.seek(place)
+    file.seek(position)
     while head := file.read(HEAD.size):
         if len(head) < HEAD.size:
             raise CutOff
         kind, length = HEAD.unpack(head)
         if kind not in READ:
-            # There is no record of kind 0: a hole in the file.
+            # Kind 0 does not exist: it marks a hole in the file.
             if not kind or length > end - file.tell():
                 raise CutOff
             file.seek(length, io.SEEK_CUR)
@@ -184,7 +185,7 @@ def _records(file: BinaryIO, place: int = 0) -> Iterator[tuple[int, bytes]]:
 
 
 def _text(record: bytes, start: int) -> tuple[str, int]:
-    """Return a text in a record, and where it ends."""
+    """Return a text in a record, and the position of its end."""
     length, = struct.unpack_from('<I', record, start)
     end = start + 4 + length
     if end > len(record):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The plots of a recording."""
+"""Plots of a recording."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -32,7 +32,7 @@ from tp_controller.tools.recording.robots import (
 )
 from tp_controller.untrusted import LONGEST_TEXT, plain
 
-# More goals than these would hide the curves, and more curves each other.
+# Largest numbers of goals and curves in a plot.
 MOST_CHANGES, MOST_CURVES = 40, 100
 # Longest name in a plot [characters].
 LONGEST_LABEL = 40
@@ -41,27 +41,27 @@ LONGEST_LABEL = 40
 def draw(history: History, robot: Robot | None, folder: Path,
          remarks: list[str]) -> Iterator[tuple[str, Path]]:
     """
-    Draw what is there to be drawn.
+    Draw all plots for which the recording has data.
 
     Parameters
     ----------
     history : History
-        What happened.
+        History to plot.
     robot : Robot or None
-        Its limits are drawn, and the path of its tool.
+        Robot, for its limits and the path of its tool.
     folder : pathlib.Path
-        Where the plots go.
+        Folder of the plots.
     remarks : list of str
-        Gets what cannot be drawn.
+        List to which failures are added.
 
     Yields
     ------
     str, pathlib.Path
-        What it is, and the file.
+        Title of a plot, and its file.
 
     """
     changes = [goal.time for goal in history.goals.goals][:MOST_CHANGES]
-    for what, plots in (('errors', _draw_errors(history, folder, changes)),
+    for name, plots in (('errors', _draw_errors(history, folder, changes)),
                         ('velocities', _draw_velocities(history, robot, folder, changes)),
                         ('velocities of the base', _draw_base(history, robot, folder, changes)),
                         ('path', _draw_path(history, robot, folder))):
@@ -70,8 +70,8 @@ def draw(history: History, robot: Robot | None, folder: Path,
         except (OSError, TpControllerError, ImportError):
             raise
         except Exception as error:
-            # Of what somebody recorded not all can be drawn.
-            remarks.append(f'no plot of {what}: {in_words(error)}')
+            # Arbitrary recorded data may be impossible to plot.
+            remarks.append(f'no plot of {name}: {in_words(error)}')
 
 
 def _draw_errors(history: History, folder: Path,
@@ -114,7 +114,7 @@ def _error_curves(history: History) -> tuple[
     if not curves:
         return None
     texts = [_label(text, LONGEST_TEXT) for text in history.texts]
-    # A task that was not in the stack had no reason.
+    # A task outside the stack has no reason.
     reasons = {_label(task): [texts[code] for code in np.nan_to_num(
         codes[:, column]).astype(int).tolist()]
                for task, column in history.reason_columns.items()}
@@ -122,7 +122,7 @@ def _error_curves(history: History) -> tuple[
 
 
 def _limits(robot: Robot | None, names: list[str]) -> tuple[Array, list[str]]:
-    """Return the velocity limits and units of joints, none where nobody knows."""
+    """Return the velocity limits and units of joints; infinite limits if unknown."""
     known = {} if robot is None else dict(zip(robot.velocity_names, zip(
         robot.velocity.tolist(), robot.velocity_units)))
     rows = [known.get(name, (np.inf, 'rad')) for name in names]
@@ -146,7 +146,7 @@ def _draw_base(history: History, robot: Robot | None, folder: Path,
 
 def _draw_path(history: History, robot: Robot | None,
                folder: Path) -> Iterator[tuple[str, Path]]:
-    """Draw the path of the frame that the uppermost task is about."""
+    """Draw the path of the frame of the task with the highest priority."""
     if robot is None:
         return
     times, q, passive, _ = configurations(history, robot)
@@ -160,12 +160,12 @@ def _draw_path(history: History, robot: Robot | None,
 
 
 def _label(name: str, longest: int = LONGEST_LABEL) -> str:
-    """Return a name as it is drawn: what is between dollars would be a formula."""
+    """Return a name for a plot, with escaped dollar signs, which would start a formula."""
     return plain(name, longest).replace('$', r'\$')
 
 
 def _points(goals: list[Goal], task: str, robot: Robot) -> Array:
-    """Return where goals of a task were (k, 3) [m], as far as they were in the root frame."""
+    """Return the positions (k, 3) of accepted goals of a task in the root frame [m]."""
     return np.array([goal.point for goal in goals
                      if goal.task == task and goal.point is not None and goal.accepted
                      and goal.frame in ('', robot.root)]).reshape(-1, 3)

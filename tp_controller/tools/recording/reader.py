@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reads bags: folders or files of ROS 2, complete or cut off, without ROS."""
+"""Reader of bags, folders or files of ROS 2, complete or truncated, without ROS."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,44 +24,44 @@ from tp_controller.errors import TpControllerError
 from tp_controller.tools.recording.mcap import McapFile, Raw
 from tp_controller.tools.recording.sqlite import SqliteFile
 
-# Of a folder: its description.
+# Name of the description in the folder of a bag.
 DESCRIPTION = 'metadata.yaml'
 SUFFIXES = ('.mcap', '.db3')
 COMPRESSED = ('.zstd', '.zst', '.lz4')
-# In the description: each message of an SQLite file is compressed by itself.
+# Line of the description that marks separately compressed messages in an SQLite file.
 BY_MESSAGE = re.compile(r'^[^\S\n]*compression_mode:[^\S\n]*["\']?message\b',
                         re.IGNORECASE | re.MULTILINE)
 # Longest description that is read [characters].
 LONGEST_DESCRIPTION = 1 << 24
-# Longest message that is decoded; in memory it may take up to thirty times as much [bytes].
-LONGEST = 1 << 22
+# Longest message that is decoded [bytes]; decoding may take thirty times as much memory.
+MESSAGE_BYTES = 1 << 22
 
 
 class Unreadable(Exception):
-    """A message is not what its type says."""
+    """A message does not match its type."""
 
 
 class Bag:
     """
-    A recording.
+    Recording of ROS 2.
 
     Parameters
     ----------
     path : pathlib.Path
-        Folder, or one file of it.
+        Folder of the bag, or one file of it.
 
     Attributes
     ----------
     path : pathlib.Path
     size : int
-        Of its files [bytes].
+        Size of its files [bytes].
     remarks : list of str
-        What is wrong with it, as far as it was read.
+        Faults found while reading.
 
     Raises
     ------
     TpControllerError
-        There is no recording.
+        The path contains no recording.
 
     """
 
@@ -81,7 +81,7 @@ class Bag:
         Parameters
         ----------
         advance : callable
-            Called with the number of bytes that were read since the last call.
+            Called with the number of bytes read since the last call.
 
         """
         for path in self._files:
@@ -98,15 +98,15 @@ class Bag:
         Raises
         ------
         Unreadable
-            It is damaged or too long, or its type is not known.
+            The message is damaged or too long, or its type is unknown.
 
         """
-        if len(raw.data) > LONGEST:
+        if len(raw.data) > MESSAGE_BYTES:
             raise Unreadable(f'{raw.topic} ({raw.kind}), too long')
         try:
             return self._types.deserialize_cdr(raw.data, raw.kind)
         except Exception as error:
-            # Whatever a decoder stumbles over in bytes of somebody else.
+            # Decoding untrusted bytes can raise any exception.
             raise Unreadable(f'{raw.topic} ({raw.kind})') from error
 
     @property
@@ -128,12 +128,12 @@ def _files(path: Path) -> list[Path]:
         raise TpControllerError(f'there is no {path}')
     if not path.is_dir():
         if not path.is_file():
-            raise TpControllerError(f'{path} is no recording: no regular file')
+            raise TpControllerError(f'{path} is not a recording: not a regular file')
         if path.suffix not in SUFFIXES:
-            raise TpControllerError(f'{path} is no recording: neither a folder nor a file '
+            raise TpControllerError(f'{path} is not a recording: neither a folder nor a file '
                                     f'{" or ".join(SUFFIXES)}')
         return [path]
-    # A named pipe would be waited for.
+    # Opening a named pipe would block.
     found = [file for file in path.iterdir() if file.suffix in SUFFIXES and file.is_file()]
     if found:
         return sorted(found, key=_number)
@@ -144,6 +144,6 @@ def _files(path: Path) -> list[Path]:
 
 
 def _number(path: Path) -> list[int | str]:
-    """Return what sorts run_2 before run_10: text and numbers take turns."""
+    """Return a sort key that puts run_2 before run_10: alternating texts and numbers."""
     return [int(part) if place % 2 else part
             for place, part in enumerate(re.split(r'(\d+)', path.name))]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One HTML page about a recording, with everything in it: no network is needed to read it."""
+"""Report on a recording: one self-contained HTML page."""
 
 import base64
 from collections.abc import Iterable, Iterator, Sequence
@@ -32,7 +32,7 @@ from tp_controller.tools.recording.pictures import command_topic
 from tp_controller.tools.recording.robots import command_names
 from tp_controller.untrusted import plain
 
-# How many causes of a task are told, and how many rows a table has.
+# Largest numbers of causes of a task and of rows of a table.
 MOST_CAUSES, MOST_ROWS = 3, 1000
 # Longest cell of the summary, and longest parameter [characters].
 LONGEST_CELL, LONGEST_VALUE = 200, 500
@@ -58,7 +58,7 @@ pre { overflow-x: auto; } summary { cursor: pointer; }
 
 
 class Cell(NamedTuple):
-    """A cell of a table that tells of something bad."""
+    """Highlighted cell of a table, for a fault."""
 
     text: str
 
@@ -67,7 +67,7 @@ Row = Sequence[str | Cell]
 
 
 def summary(history: History) -> str:
-    """Return what became of the tasks, as lines of text."""
+    """Return a text summary of the task outcomes."""
     titles = ('task', 'level', 'status', 'last error', 'reached', 'limited by')
     tasks = [_task_row(task, all_errors=False) for task in history.tasks.values()]
     rows = [titles, *([plain(cell.text if isinstance(cell, Cell) else cell, LONGEST_CELL)
@@ -88,17 +88,17 @@ def write_report(path: Path, history: History, robot: Robot | None,
     path : pathlib.Path
         File to write.
     history : History
-        What happened.
+        History of the controller.
     robot : Robot or None
-        Its limits are told.
+        Robot, for its limits.
     plots : iterable of (str, pathlib.Path)
-        Title and file of each.
+        Title and file of each plot.
     title : str
-        Of the page.
+        Title of the page.
     remarks : sequence of str
-        What is wrong with the recording, or missing in the page.
+        Faults of the recording, and missing parts of the page.
     replay : str
-        A whole HTML page that shows the motion; none if empty.
+        Complete HTML page that shows the motion; no replay if empty.
 
     """
     parts = [*_head(history, title, remarks),
@@ -106,9 +106,9 @@ def write_report(path: Path, history: History, robot: Robot | None,
                                  'largest', 'reached', 'limited by'),
                        [_task_row(task) for task in history.tasks.values()]),
              *_frame(replay),
-             *_section('Goals', ('time', 'task', 'goal', 'frame', 'what became of it'),
+             *_section('Goals', ('time', 'task', 'goal', 'frame', 'outcome'),
                        _goal_rows(history), history.goals.more),
-             *_section('Stops', ('time', 'for', 'why zeros were commanded'),
+             *_section('Stops', ('time', 'duration', 'reason of zero commands'),
                        [(f'{stop.start:.1f} s', f'{stop.end - stop.start:.1f} s',
                          stop.reason) for stop in history.stops], history.more_stops)]
     for name, plot in plots:
@@ -127,7 +127,7 @@ def write_report(path: Path, history: History, robot: Robot | None,
 
 
 def _head(history: History, title: str, remarks: Sequence[str]) -> Iterator[str]:
-    """Yield what stands above all."""
+    """Yield the title, the facts and the remarks."""
     began = time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(1e-9 * history.began))
     node = f'/{history.node}' if history.node else 'no controller'
     yield f'<h1>{_shown(title)}</h1>'
@@ -138,17 +138,17 @@ def _head(history: History, title: str, remarks: Sequence[str]) -> Iterator[str]
 
 
 def _frame(page: str) -> Iterator[str]:
-    """Yield a page within the page, unless it is empty."""
+    """Yield an embedded page, unless it is empty."""
     if page:
         yield '<h2>Replay</h2>'
-        # Whatever its scripts do, they do it without access to anything else.
+        # The sandbox denies scripts access to anything outside the replay.
         yield ('<iframe title="Replay" loading="lazy" sandbox="allow-scripts" '
                f'srcdoc="{escape(page)}"></iframe>')
 
 
 def _section(title: str, names: Sequence[str], rows: Sequence[Row],
              more: int = 0) -> Iterator[str]:
-    """Yield a title and a table; nothing where the table is empty."""
+    """Yield a title and a table; nothing for an empty table."""
     if not rows:
         return
     yield f'<h2>{title}</h2><div class="wide"><table><tr>'
@@ -183,7 +183,7 @@ def _task_row(task: TaskHistory, all_errors: bool = True) -> Row:
 
 
 def _error(error: float, unit: str) -> str:
-    """Return an error with its unit; while the robot is stopped nobody knows it."""
+    """Return an error with its unit; a dash if it is unknown."""
     if math.isnan(error):
         return '-'
     return f'{error:.4g}' + ('' if unit == '1' else f' {unit}')
@@ -196,7 +196,7 @@ def _goal_rows(history: History) -> list[Row]:
     for goal in reversed(history.goals.goals):
         became = outcome(goal, following.get(goal.task), history.end)
         if goal.accepted:
-            # One that was refused replaces nothing.
+            # A refused goal replaces nothing.
             following[goal.task] = goal
         many = f' (the last of {goal.count}, until {goal.last:.1f} s)' if goal.count > 1 else ''
         rows.append((f'{goal.time:.1f} s', goal.task, goal.text + many, goal.frame,
@@ -231,7 +231,7 @@ def _joint_rows(history: History, robot: Robot | None) -> Iterator[Row]:
 
 
 def _details(history: History) -> Iterator[str]:
-    """Yield what few readers look for."""
+    """Yield topics and parameters in collapsed sections."""
     yield '<h2>Recording</h2><details><summary>topics</summary>'
     yield from _table((topic, str(count)) for topic, count in sorted(history.counts.items()))
     yield '</details>'
@@ -251,10 +251,10 @@ def _table(rows: Iterable[tuple[str, str]]) -> Iterator[str]:
 
 
 def _shown(text: str) -> str:
-    """Return a text as HTML that only shows what it says."""
+    """Return a text as escaped HTML."""
     return escape(plain(text))
 
 
 def _brief(value: object) -> str:
-    """Return a value as text; of a long one the beginning."""
+    """Return a value as text, truncated to `LONGEST_VALUE`."""
     return plain(str(value), LONGEST_VALUE, lines=True)

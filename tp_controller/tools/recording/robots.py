@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The robot of a recording, where it was, and where its tools were."""
+"""Robot of a recording, its configurations and the frames of its tools."""
 
 import math
 from typing import Any
@@ -26,18 +26,18 @@ from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.stack import Stack
 from tp_controller.tools.recording.history import History, Moment, nearest
 
-# Start of the names of parameters that replace limits of the description.
+# Prefix of the parameters that replace limits of the description.
 LIMITS = 'limits.'
 
 
 def robot_of(history: History) -> Robot | None:
     """
-    Return the robot as the controller had it, limits included; None if nothing says what it is.
+    Return the robot of the controller with its limits; None if it is not recorded.
 
     Raises
     ------
     TpControllerError
-        What the recording says is no robot.
+        The recorded description is invalid.
 
     """
     given = history.parameters
@@ -56,7 +56,7 @@ def robot_of(history: History) -> Robot | None:
 
 
 def command_names(history: History, robot: Robot | None, count: int) -> list[str]:
-    """Return the names of the joints in the order of the commands, numbers if nobody knows."""
+    """Return the joint names in the order of the commands; numbers if unknown."""
     names = _names(history.parameters.get('command_joints', ())) \
         or _names(history.parameters.get('joints', ())) or list(robot.joint_names if robot else ())
     return list(names) if len(names) == count else [f'command {row + 1}' for row in range(count)]
@@ -64,7 +64,7 @@ def command_names(history: History, robot: Robot | None, count: int) -> list[str
 
 def configurations(history: History, robot: Robot) -> tuple[Array, Array, Array, list[Moment]]:
     """
-    Return where a robot was.
+    Return the recorded configurations of a robot.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def configurations(history: History, robot: Robot) -> tuple[Array, Array, Array,
     passive : ndarray (T, p)
         [rad or m]
     moments : list of Moment
-        What else there was.
+        Moments of the configurations.
 
     """
     rows = []
@@ -94,20 +94,20 @@ def configurations(history: History, robot: Robot) -> tuple[Array, Array, Array,
 
 
 def tool_frames(history: History, robot: Robot) -> dict[str, str]:
-    """Return {task: frame} of the tasks about a frame, by priority; {} if nothing says which."""
+    """Return {task: frame} of the frame tasks, by priority; {} if the stack is unknown."""
     text = _text(history.parameters, 'stack')
     if not text:
         return {}
     try:
         tasks = Stack.from_yaml(text, robot).tasks
     except TpControllerError:
-        # In a file of another machine, with tasks of another package, or with obstacles in files.
+        # The stack is in a file of another machine, or needs other packages or obstacle files.
         return {}
     return {name: task.frame for name, task in tasks.items() if isinstance(task, FrameTask)}
 
 
 def path_of(robot: Robot, frame: str, q: Array, passive: Array) -> Array:
-    """Return where a frame was (T, 3) [m]."""
+    """Return the path of a frame (T, 3) [m]."""
     state = robot.state(q[0], passive[0])
     points = []
     for row, others in zip(q, passive):
@@ -117,7 +117,7 @@ def path_of(robot: Robot, frame: str, q: Array, passive: Array) -> Array:
 
 
 def _base(moment: Moment, robot: Robot) -> Array | None:
-    """Return the pose of the base; None if it moves and nothing is known of it."""
+    """Return the pose of the base; None if a mobile base has no recorded pose."""
     if not robot.moves:
         return np.eye(4)
     if moment.base is None:
@@ -130,20 +130,20 @@ def _base(moment: Moment, robot: Robot) -> Array | None:
 
 
 def _text(parameters: dict[str, Any], name: str, default: str = '') -> str:
-    """Return a parameter that is a text; the default if it is none."""
+    """Return a text parameter; the default for other types."""
     value = parameters.get(name, default)
     return value if isinstance(value, str) else default
 
 
 def _names(value: object) -> list[str] | None:
-    """Return the names in a parameter; None, where an empty one stands for all."""
+    """Return the names in a parameter; None if it is empty, which means all."""
     names = [each for each in value if isinstance(each, str)] if isinstance(
         value, (list, tuple)) else []
     return names if any(names) else None
 
 
 def _limits(parameters: dict[str, Any]) -> dict[str, dict[str, float]]:
-    """Return {velocity: {key: value}} of the limits that the controller had."""
+    """Return {velocity: {key: value}} of the limits of the controller."""
     limits: dict[str, dict[str, float]] = {}
     for name, value in parameters.items():
         if name.startswith(LIMITS) and isinstance(value, float) and math.isfinite(value):

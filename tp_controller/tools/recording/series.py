@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Long series of numbers, in a memory of constant size: less detail, but no extreme is lost."""
+"""Long time series in constant memory: reduced resolution, preserved extremes."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,21 +21,21 @@ import numpy as np
 from numpy.typing import NDArray
 from tp_controller.model.spatial import Array
 
-# Rows that are collected before they are put into bins.
+# Number of rows collected before binning.
 BLOCK = 1024
 
 
 class Series:
     """
-    Values over time, of which the smallest and the largest of each bin of samples stay.
+    Time series that stores the minimum and the maximum of each bin of samples.
 
-    While there are few samples each is a bin of its own. Whenever there are too many bins, two
-    become one, so they all have the same number of samples.
+    With few samples each one is a bin. When there are too many bins, pairs of bins are merged, so
+    all bins have the same number of samples.
 
     Parameters
     ----------
     width : int
-        How many values belong to a time.
+        Number of values per sample.
     most : int
         Largest number of bins.
 
@@ -43,36 +43,36 @@ class Series:
 
     def __init__(self, width: int, most: int = 2000) -> None:
         self._most = 2 * most
-        # Samples in a bin, a power of two; and samples that are in none yet.
+        # Samples per bin, a power of two; and samples not yet binned.
         self._share = 1
         self._waiting: list[tuple[float, Sequence[float]]] = []
         self._width = width
         self._bins = _Bins.of(np.empty(0), np.empty((0, width)))
 
     def __len__(self) -> int:
-        """Return how many values belong to a time."""
+        """Return the number of values per sample."""
         return self._width
 
     def add(self, time: float, values: Sequence[float]) -> None:
-        """Add the values of a time; there may be more of them than before, the others missing."""
+        """Add a sample; if it has more values than earlier samples, these are extended by NaN."""
         self._width = max(self._width, len(values))
         self._waiting.append((time, values))
         if len(self._waiting) >= max(BLOCK, self._share):
-            self._sort_in()
+            self._bin_waiting()
 
     def rows(self) -> tuple[Array, Array]:
         """
-        Return what there is: every sample, or two rows for each bin.
+        Return all samples, or two rows for each bin.
 
         Returns
         -------
         times : ndarray (T,)
         values : ndarray (T, width)
-            Not a number where nothing was known. Of a bin the first row has of each column
-            the extreme that came first.
+            Not a number if unknown. The first row of a bin has the earlier extreme of each
+            column.
 
         """
-        self._sort_in()
+        self._bin_waiting()
         bins = self._bins
         if self._share == 1:
             return bins.first, bins.low
@@ -81,8 +81,8 @@ class Series:
                            np.where(bins.falling, bins.low, bins.high)), axis=1)
         return times, values.reshape(len(times), -1)
 
-    def _sort_in(self) -> None:
-        """Put what is waiting into bins."""
+    def _bin_waiting(self) -> None:
+        """Bin the waiting samples."""
         rows = len(self._waiting)
         times = np.array([time for time, _ in self._waiting])
         values = np.full((rows, self._width), np.nan)
@@ -101,7 +101,7 @@ class _Bins:
     """
     Bins of samples: times of the first and the last, extremes, and whether the high came first.
 
-    All have one row for each bin.
+    All arrays have one row for each bin.
     """
 
     def __init__(self, *parts: NDArray[Any]) -> None:
@@ -113,11 +113,11 @@ class _Bins:
         return cls(times, times, values, values, np.zeros(values.shape, bool))
 
     def followed_by(self, other: '_Bins') -> '_Bins':
-        """Return these and others after them."""
+        """Return these bins followed by others."""
         return _Bins(*(np.concatenate(pair) for pair in zip(self._parts(), other._parts())))
 
     def widened(self, width: int) -> '_Bins':
-        """Return bins that have more columns, of which nothing is known."""
+        """Return bins with more columns, of unknown values."""
         missing = width - self.low.shape[1]
         if not missing:
             return self
@@ -127,11 +127,11 @@ class _Bins:
                      np.hstack((self.falling, np.zeros(unknown.shape, bool))))
 
     def halved(self) -> '_Bins':
-        """Return half as many bins, each of two; a last one without a partner stays alone."""
+        """Return merged pairs of bins; an unpaired last one stays."""
         a, b = (_Bins(*(part[start:len(part) // 2 * 2:2] for part in self._parts()))
                 for start in (0, 1))
         low, high = np.fmin(a.low, b.low), np.fmax(a.high, b.high)
-        # In which of the two the extremes are; the first where both have the same.
+        # Bin of the pair with the extremes; the first if both have the same.
         low_in_a, high_in_a = _is_in(a.low, low), _is_in(a.high, high)
         falling = np.where(low_in_a == high_in_a, np.where(low_in_a, a.falling, b.falling),
                            high_in_a)
@@ -146,5 +146,5 @@ class _Bins:
 
 
 def _is_in(values: Array, extreme: Array) -> NDArray[np.bool_]:
-    """Say where values are the extreme; where nothing is known they may be either."""
+    """Return a mask of the values that equal the extreme, or have an unknown one."""
     return (values == extreme) | np.isnan(extreme)

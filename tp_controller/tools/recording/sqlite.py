@@ -12,29 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reads the SQLite files of bags, without trusting what they claim."""
+"""Reader of the SQLite files of bags, for untrusted data."""
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 import sqlite3
 
-from tp_controller.tools.recording.expansion import Budget, expanded, LONGEST, TooMuch
+from tp_controller.tools.recording.expansion import Budget, CHUNK_BYTES, expanded, TooMuch
 from tp_controller.tools.recording.mcap import LONGEST_NAME, Raw
 
-# Fewest bytes that a message takes in a file.
-LEAST = 8
+# Smallest size of a message in a file [bytes].
+MESSAGE_OVERHEAD = 8
 # Largest number of topics.
 MOST_TOPICS = 65_536
 TABLES = ('topics', 'messages')
 TOPICS = 'SELECT id, name, type, serialization_format FROM topics LIMIT ?'
-# In the order in which they were written: to sort them would take as much memory as they do.
+# In the order of writing: sorting would take as much memory as the messages.
 MESSAGES = 'SELECT topic_id, timestamp, data FROM messages WHERE length(data) <= ? ORDER BY rowid'
 
 
 class SqliteFile:
     """
-    An SQLite file of a bag.
+    SQLite file of a bag.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class SqliteFile:
     Attributes
     ----------
     fault : str
-        What is wrong with it, once its messages were read; empty if nothing is.
+        Fault of the file, after its messages were read; empty if there is none.
 
     """
 
@@ -61,7 +61,7 @@ class SqliteFile:
         Parameters
         ----------
         advance : callable
-            Called with the number of bytes that were read since the last call.
+            Called with the number of bytes read since the last call.
 
         """
         try:
@@ -79,37 +79,37 @@ class SqliteFile:
         topics = {number: (str(topic), str(kind))
                   for number, topic, kind, form in database.execute(TOPICS, (MOST_TOPICS,))
                   if form == 'cdr' and max(len(str(topic)), len(str(kind))) <= LONGEST_NAME}
-        budget, left, read = Budget(self.path), size // LEAST, 0
-        for number, stamp, data in database.execute(MESSAGES, (LONGEST,)):
+        budget, left, read = Budget(self.path), size // MESSAGE_OVERHEAD, 0
+        for number, stamp, data in database.execute(MESSAGES, (CHUNK_BYTES,)):
             left -= 1
             if left < 0:
-                # Pages of a damaged file may lead in circles.
+                # Pages of a damaged file may form a cycle.
                 raise TooMuch
             if number not in topics or not isinstance(stamp, int) or not isinstance(data, bytes):
                 continue
-            step = min(len(data) + LEAST, size - read)
+            step = min(len(data) + MESSAGE_OVERHEAD, size - read)
             read += step
             if self._compressed:
-                data = bytes(expanded('zstd', data, LONGEST))
-            budget.take(len(data) + LEAST)
+                data = bytes(expanded('zstd', data, CHUNK_BYTES))
+            budget.take(len(data) + MESSAGE_OVERHEAD)
             yield Raw(*topics[number], stamp, data)
             advance(step)
         advance(size - read)
 
 
 def _opened(path: Path) -> sqlite3.Connection:
-    """Return a database that is only read, and runs nothing that is in it."""
+    """Return a database that is read-only and executes nothing in the file."""
     database = sqlite3.connect(f'{path.resolve().as_uri()}?immutable=1', uri=True)
     database.text_factory = lambda data: data.decode(errors='replace')
     database.execute('PRAGMA trusted_schema = OFF')
     if hasattr(database, 'setlimit'):
-        # From Python 3.11 on.
-        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST)
+        # Available from Python 3.11 on.
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, CHUNK_BYTES)
     return database
 
 
 def _check_tables(database: sqlite3.Connection) -> None:
-    """Raise ValueError unless the messages are in tables, and not computed."""
+    """Raise ValueError unless the messages are in plain tables."""
     for table in TABLES:
         found = database.execute('SELECT type, sql FROM sqlite_master WHERE name = ?',
                                  (table,)).fetchone()

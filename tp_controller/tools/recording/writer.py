@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Writes a bag: a folder with an MCAP file and its description, as ROS 2 has it."""
+"""Writer of bags: a folder with an MCAP file and its description, as in ROS 2."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,18 +25,18 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.typesys import get_typestore, Stores
 from tp_controller.errors import TpControllerError
 
-# Of the bag's description; Jazzy writes it.
+# Version of the description of a bag, that of Jazzy.
 VERSION: Final = 9
 
 
 class BagWriter:
     """
-    Writes the messages of topics, as they came, to a new bag.
+    Writer of messages, in the order of receipt, to a new bag.
 
     Parameters
     ----------
     path : pathlib.Path
-        Folder of the bag; folders above it are made where they are missing.
+        Folder of the bag; missing parent folders are created.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class BagWriter:
     Raises
     ------
     TpControllerError
-        There is something of this name, or it cannot be written.
+        The path exists already, or cannot be written.
 
     """
 
@@ -58,7 +58,7 @@ class BagWriter:
         self._connections: dict[tuple[str, str], Connection] = {}
         try:
             self._writer = Writer(path, version=VERSION, storage_plugin=StoragePlugin.MCAP)
-            # Chunk by chunk, so that what was written before the process is killed can be read.
+            # By chunk, so that complete chunks of a killed process can be read.
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
         except WriterError as error:
@@ -66,11 +66,11 @@ class BagWriter:
                                     'move it away') from error
         except OSError as error:
             raise TpControllerError(f'{path} cannot be written: {error.strerror}') from error
-        # Of the storage chosen above.
+        # The type follows from the storage chosen above.
         self._storage = cast(McapWriter, self._writer.storage)
 
     def knows(self, kind: str) -> bool:
-        """Say whether messages of a type, such as ``'std_msgs/msg/String'``, can be written."""
+        """Return whether a message type, such as ``'std_msgs/msg/String'``, is known."""
         return kind in self._types.fielddefs
 
     def write(self, topic: str, kind: str, stamp: int, data: bytes,
@@ -81,13 +81,13 @@ class BagWriter:
         Parameters
         ----------
         topic, kind : str
-            Names of the topic and of its type, one that the bag `knows`.
+            Names of the topic and of its type, which the bag `knows`.
         stamp : int
-            When it was received [ns].
+            Time of receipt [ns].
         data : bytes
-            CDR.
+            Content in CDR.
         offered : sequence of Qos
-            Of the publishers; read with the first message of a topic.
+            QoS of the publishers, used with the first message of a topic.
 
         """
         connection = self._connections.get((topic, kind))
@@ -98,16 +98,16 @@ class BagWriter:
         self.counts[topic] = self.counts.get(topic, 0) + 1
 
     def write_message(self, topic: str, kind: str, stamp: int, fields: Mapping[str, Any]) -> None:
-        """Write a message that is made here, of {field: value}."""
+        """Write a message with the content {field: value}."""
         data = self._types.serialize_cdr(self.make(kind, fields), kind)
         self.write(topic, kind, stamp, bytes(data))
 
     def make(self, kind: str, fields: Mapping[str, Any]) -> object:
-        """Return a message of {field: value}, to be part of another one."""
+        """Return a message with the content {field: value}, as part of another one."""
         return self._types.types[kind](**fields)
 
     def flush(self) -> None:
-        """Hand over to the system what was written so far; a killed process loses the rest."""
+        """Flush the written messages to the operating system; a killed process loses the rest."""
         if self._storage.chunk.msgs:
             self._storage.close_chunk()
         self._storage.bio.flush()
@@ -117,7 +117,7 @@ class BagWriter:
         self._writer.close()
 
     def abandon(self) -> None:
-        """Leave what was written, without index and description."""
+        """Close the file without index and description."""
         self._writer.abort()
 
     def size(self) -> int:

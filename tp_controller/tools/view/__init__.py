@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page in the browser: a running controller, seen and taken hold of."""
+"""Browser page that shows and operates a running controller."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The looks of a robot whose description has none, from one with the same name and kinematics."""
+"""Visual model of a robot without one, from an example robot of the same name and kinematics."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,21 +21,22 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from tp_controller.errors import RobotError
 from tp_controller.model.robot import Robot
-from tp_controller.tools.view.meshes import BESIDE
+from tp_controller.tools.view.meshes import SHARE_FOLDER
 
-# Where pip puts the robots of example-robot-data.
-ROBOTS = BESIDE / 'example-robot-data' / 'robots'
-# Frames that are farther apart are not the same [m].
-SAME = 1e-4
-TRIED = 3
+# Folder in which pip installs the robots of example-robot-data.
+ROBOTS = SHARE_FOLDER / 'example-robot-data' / 'robots'
+# Largest difference of entries of the poses of a frame that counts as equal [m, rad].
+MATCH_TOLERANCE = 1e-4
+# Number of random configurations at which two robots are compared.
+MATCH_SAMPLES = 3
 
 
-def lender(robot: Robot) -> Robot | None:
+def matching_robot(robot: Robot) -> Robot | None:
     """
-    Return the example robot that is the same as a robot.
+    Return the example robot with the kinematics of a robot; None if there is none.
 
-    It has the name and all joints of the robot, and all frames that both have are at the same
-    places wherever the joints are. Its base is fixed.
+    It has the name and all joints of the robot, and the frames of both coincide at random
+    configurations. Its base is fixed.
     """
     for path in sorted(ROBOTS.glob(f'*/*/{Path(robot.name).name}.urdf')):
         try:
@@ -48,15 +49,15 @@ def lender(robot: Robot) -> Robot | None:
     return None
 
 
-def carriers(robot: Robot, other: Robot, tree: Element) -> dict[str, tuple[str, np.ndarray]]:
+def attachments(robot: Robot, other: Robot, tree: Element) -> dict[str, tuple[str, np.ndarray]]:
     """
-    Return what carries the links of another robot, whose description is a tree.
+    Return the attachments of the links of another robot, whose description is a tree.
 
     Returns
     -------
     dict
-        {link: (frame of the robot, pose (4, 4) of the link on it)}; joints that the robot does
-        not have stay where they are.
+        {link: (frame of the robot, pose (4, 4) of the link on it)}; joints missing from the
+        robot stay at their neutral position.
 
     """
     parents: Mapping[str, str] = {
@@ -74,15 +75,15 @@ def carriers(robot: Robot, other: Robot, tree: Element) -> dict[str, tuple[str, 
 
 
 def _is_same(one: Robot, other: Robot) -> bool:
-    """Say whether the frames that two robots share are where they share them."""
+    """Return whether the common frames of two robots coincide."""
     shared = [frame for frame in one.frame_names if frame in other.frame_names]
     if one.base_frame != other.base_frame or len(shared) <= len(one.joint_names):
         return False
     random = np.random.default_rng(0)
-    for _ in range(TRIED):
+    for _ in range(MATCH_SAMPLES):
         q = random.uniform(-1.0, 1.0, one.n)
         states = one.state(q), other.state(q)
         if max(np.abs(states[0].pose(frame) - states[1].pose(frame)).max()
-               for frame in shared) > SAME:
+               for frame in shared) > MATCH_TOLERANCE:
             return False
     return True

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How far a robot reaches: the corners and the lowest point of the solids of its links."""
+"""Bounds of a robot: corners and lowest point of the solids of its links."""
 
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -35,19 +35,19 @@ def corners(parts: Mapping[str, Sequence[Part]]) -> dict[str, Array]:
 
 def outer_points(state: RobotState, own: Mapping[str, Array]) -> Array:
     """
-    Return points that a robot is between.
+    Return points whose convex hull contains a robot.
 
     Parameters
     ----------
     state : RobotState
-        Where it is.
+        State of the robot.
     own : mapping
         {link: points (k, 3) in its axes}, as `corners` returns them [m].
 
     Returns
     -------
     ndarray (k, 3)
-        In the root; none for a robot without parts [m].
+        In the root frame [m]; empty for a robot without parts.
 
     """
     found = [np.zeros((0, 3))]
@@ -73,7 +73,7 @@ def _lowest(part: Part, T: Array) -> float:
     elif part.kind == 'sphere':
         depth = float(np.linalg.norm(size * up))
     else:
-        # Not that of a box around it: a wheel that has turned stands on the same ground.
+        # Exact, not of the bounding box: a turned wheel stands on the same ground.
         depth = size[0] * math.hypot(up[0], up[1]) + 0.5 * size[1] * abs(up[2])
     return float(T[2, 3] - depth)
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A headless Chromium that shows one page, where this machine has one."""
+"""Headless Chromium that shows one page, if one is installed."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,41 +26,41 @@ from tempfile import TemporaryDirectory
 from tp_controller.errors import TpControllerError
 
 PROGRAMS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
-# WebGL on the processor: the pictures are the same whatever graphics card there is, or none.
+# WebGL on the processor: the pictures do not depend on the graphics card.
 RENDERING = ('--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--ignore-gpu-blocklist')
-# A page that nobody looks at is slowed down otherwise.
+# Prevents the throttling of a page in the background.
 AWAKE = ('--disable-background-timer-throttling', '--disable-renderer-backgrounding',
          '--disable-backgrounding-occluded-windows')
-# A page that nobody sees has one frame a second: a picture takes 3 s, and 0.4 s without a limit.
-# Where somebody else needs the processors, too, there has to be one.
+# Removes the limit of one frame per second for hidden pages: a picture takes 0.4 s instead of
+# 3 s. Without the limit the page uses all processors that it gets.
 UNLIMITED = '--disable-frame-rate-limit'
 QUIET = ('--no-first-run', '--no-default-browser-check', '--disable-extensions',
          '--disable-background-networking', '--disable-component-update', '--disable-sync',
          '--hide-scrollbars', '--mute-audio')
-END_SECONDS = 5.0
+END_SECONDS = 5.0  # for a process to end after each signal
 
 
 def find_chromium() -> str | None:
-    """Return the path of a Chromium (or Chrome) on the PATH; None where there is none."""
+    """Return the path of a Chromium (or Chrome) on the PATH; None if there is none."""
     return next(filter(None, map(shutil.which, PROGRAMS)), None)
 
 
 def chromium_flags() -> list[str]:
-    """Return the flags with which a page with WebGL is drawn on any machine."""
-    # Chromium refuses to run as root with its sandbox.
+    """Return the flags that render a page with WebGL on any machine."""
+    # Chromium refuses to run as root in its sandbox.
     root = ['--no-sandbox'] if os.geteuid() == 0 else []
     return [*RENDERING, *AWAKE, *QUIET, *root]
 
 
 class HeadlessPage:
     """
-    A process that shows a page; nothing of it is on a screen.
+    Process that renders a page off screen.
 
     Parameters
     ----------
     process : subprocess.Popen
     log : pathlib.Path
-        Where its output goes.
+        File of its output.
 
     """
 
@@ -70,12 +70,12 @@ class HeadlessPage:
 
     def check(self) -> None:
         """
-        Find out whether the page is still shown.
+        Check that the process still runs.
 
         Raises
         ------
         TpControllerError
-            The process ended; with the last that it said.
+            The process ended; the error contains the last line of its output.
 
         """
         status = self._process.poll()
@@ -88,16 +88,16 @@ class HeadlessPage:
 @contextmanager
 def open_page(program: str, address: str, width: int, height: int) -> Iterator[HeadlessPage]:
     """
-    Show a page in a headless Chromium, until the context is left.
+    Show a page in a headless Chromium until the context ends.
 
     Parameters
     ----------
     program : str
         See `find_chromium`.
     address : str
-        Of the page.
+        URL of the page.
     width, height : int
-        Of the window [pixels].
+        Size of the window [pixels].
 
     Yields
     ------
@@ -111,7 +111,7 @@ def open_page(program: str, address: str, width: int, height: int) -> Iterator[H
                 [program, '--headless=new', *chromium_flags(), UNLIMITED,
                  f'--window-size={width},{height}',
                  f'--user-data-dir={folder}/profile', address],
-                # A group of its own: Chromium consists of several processes.
+                # A process group: Chromium consists of several processes.
                 stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True)
         try:
             yield HeadlessPage(process, log)
@@ -120,7 +120,7 @@ def open_page(program: str, address: str, width: int, height: int) -> Iterator[H
 
 
 def _end(process: 'subprocess.Popen[bytes]') -> None:
-    """End a process and those that it started."""
+    """End a process and its children."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         try:
             os.killpg(process.pid, number)

@@ -15,9 +15,9 @@
 """
 Message buffers of viser that may be written from any thread.
 
-viser wakes the senders of a buffer from the thread that writes, although events of asyncio are for
-the thread of their loop alone: now and then a write ended with ``RuntimeError: deque mutated
-during iteration``. It wakes them on the loop as well, which is enough.
+viser wakes the senders of a buffer from the writing thread, but asyncio events may be set only on
+the thread of their loop: occasionally a write raised ``RuntimeError: deque mutated during
+iteration``. viser also wakes the senders on the loop, which suffices.
 """
 
 import asyncio
@@ -27,10 +27,10 @@ import viser.infra._infra as infra
 
 
 class LoopEvent(asyncio.Event):
-    """An event that is set on the thread of a loop, and left alone on others."""
+    """Event that is set only on the thread of a loop."""
 
     def set(self) -> None:  # noqa: A003
-        """Wake those who wait; elsewhere leave that to the call that viser makes on the loop."""
+        """Wake the waiting tasks on the loop; viser repeats the call there for other threads."""
         try:
             asyncio.get_running_loop()
         except RuntimeError:
@@ -39,7 +39,7 @@ class LoopEvent(asyncio.Event):
 
 
 class LoopBuffer(infra.AsyncMessageBuffer):
-    """A buffer whose event is not touched by other threads."""
+    """Buffer whose event other threads do not set."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -47,5 +47,5 @@ class LoopBuffer(infra.AsyncMessageBuffer):
 
 
 def use_loop_buffers() -> None:
-    """Have servers made from now on use these buffers, for which viser has no option."""
+    """Make new servers use these buffers; viser has no option for it."""
     infra.AsyncMessageBuffer = LoopBuffer  # type: ignore[misc]

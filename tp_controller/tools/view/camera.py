@@ -12,37 +12,37 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A camera that has everything in its picture."""
+"""Camera poses that fit all points into the picture."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from tp_controller.model.spatial import Array
 
-# Vertical angle of the view [rad].
-FIELD = 0.6
-# How much of the picture stays free beside, above and below what is seen; a caption is below.
-FREE_SIDE, FREE_TOP, FREE_BOTTOM = 0.05, 0.05, 0.12
-# Of the first view of a page: its angles [deg] and field [rad]; width per height of the scene of a
-# window of 800 x 600 beside the panel; and how near it is at most [m].
-FIRST_ANGLES, FIELD_OF_VIEW, FIRST_ASPECT, NEAREST = (-43.5, 21.7), 0.75, 0.69, 1.4
-# How much farther away it is than need be: goals are around a robot, and a moving one goes there.
-FARTHER, MUCH_FARTHER = 1.15, 2.0
+# Vertical field of view of pictures and films [rad].
+FILM_FOV = 0.6
+# Margins as shares of the picture; a caption is at the bottom.
+MARGIN_SIDE, MARGIN_TOP, MARGIN_BOTTOM = 0.05, 0.05, 0.12
+# Initial view of a page: angles [deg], vertical field of view [rad], aspect ratio of the scene
+# beside the panel in a window of 800 x 600, and minimum distance [m].
+FIRST_ANGLES, FIELD_OF_VIEW, FIRST_ASPECT, MIN_DISTANCE = (-43.5, 21.7), 0.75, 0.69, 1.4
+# Factors on the fitting distance, for goals around the robot and for mobile robots.
+DISTANCE_FACTOR, MOBILE_DISTANCE_FACTOR = 1.15, 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
     """
-    From where a picture is taken.
+    Pose of a camera.
 
     Attributes
     ----------
     position : ndarray (3,)
         [m]
     R : ndarray (3, 3)
-        Axes of the camera in the root: to the right, down, forward.
+        Axes of the camera in the root frame: right, down, forward.
     distance : float
-        To the middle of what is seen [m].
+        Distance to the mean depth of the points [m].
 
     """
 
@@ -52,7 +52,7 @@ class Camera:
 
 
 def camera_for(points: Array, view: tuple[float, float], aspect: float,
-               field: float = FIELD) -> Camera:
+               field: float = FILM_FOV) -> Camera:
     """
     Return the nearest camera that sees all points.
 
@@ -65,7 +65,7 @@ def camera_for(points: Array, view: tuple[float, float], aspect: float,
     aspect : float
         Width per height of the picture.
     field : float
-        Vertical angle of the view [rad].
+        Vertical field of view [rad].
 
     Returns
     -------
@@ -75,9 +75,9 @@ def camera_for(points: Array, view: tuple[float, float], aspect: float,
     R = _axes(*np.radians(view))
     x, y, z = (points @ R).T
     half = np.tan(0.5 * field)
-    # Tangents of the angles up to which points may be: to a side, up and down.
+    # Tangents of the largest angles of points: to a side, up and down.
     side, up, down = (half * factor for factor in (
-        aspect * (1.0 - 2.0 * FREE_SIDE), 1.0 - 2.0 * FREE_TOP, 1.0 - 2.0 * FREE_BOTTOM))
+        aspect * (1.0 - 2.0 * MARGIN_SIDE), 1.0 - 2.0 * MARGIN_TOP, 1.0 - 2.0 * MARGIN_BOTTOM))
     left, right = (side * z + x).min(), (side * z - x).min()
     above, below = (up * z + y).min(), (down * z - y).min()
     # A camera at (X, Y, Z) sees a point if ``|x - X| <= side (z - Z)``, and so on.
@@ -89,26 +89,26 @@ def camera_for(points: Array, view: tuple[float, float], aspect: float,
 
 def first_view(points: Array, moves: bool = False) -> tuple[Array, Array]:
     """
-    Return from where a page shows a robot when it opens, with the field `FIELD_OF_VIEW`.
+    Return the initial camera of a page, for the field of view `FIELD_OF_VIEW`.
 
     Parameters
     ----------
     points : ndarray (k, 3)
-        That are to be seen [m].
+        Points to show [m].
     moves : bool
-        Whether the robot is going to leave its place.
+        Whether the robot has a mobile base.
 
     Returns
     -------
     position, target : ndarray (3,)
-        Of the camera, and what it looks at [m].
+        Position of the camera and the point it looks at [m].
 
     """
     camera = camera_for(points, FIRST_ANGLES, FIRST_ASPECT, FIELD_OF_VIEW)
     forward = camera.R[:, 2]
     target = camera.position + camera.distance * forward
-    farther = MUCH_FARTHER if moves else FARTHER
-    return target - max(farther * camera.distance, NEAREST) * forward, target
+    factor = MOBILE_DISTANCE_FACTOR if moves else DISTANCE_FACTOR
+    return target - max(factor * camera.distance, MIN_DISTANCE) * forward, target
 
 
 def _axes(azimuth: float, elevation: float) -> Array:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The state of a controller in the words of the page: running, paused, stopped, or gone."""
+"""State of a controller as shown on the page: running, paused, stopped, or gone."""
 
 from collections import deque
 from collections.abc import Callable
@@ -21,22 +21,22 @@ import time
 from typing import NamedTuple
 
 RUNNING, GOOD, BAD, FAINT = 'running', '#2e9e5b', '#c62828', '#8a8f98'
-# A stop that is shorter is a pause, as where joint states come late for a moment [s].
+# A shorter stop is shown as a pause, for example when joint states are late [s].
 PAUSE_SECONDS = 1.5
-# From so many pauses within a time on the machine counts as too slow [s].
+# Number of pauses within a time [s] from which the machine counts as too slow.
 MANY_PAUSES, WITHIN_SECONDS = 4, 30.0
-# Start of the reason after somebody has stopped the robot.
-BY_HAND = 'stopped'
-# Letters of the reason of a pause.
-LONGEST = 44
+# Prefix of the reason of a stop by command.
+STOP_PREFIX = 'stopped'
+# Length of the text of a pause [characters].
+MAX_PAUSE_TEXT = 44
 WAITING = 'waiting for its status'
-GONE = 'no longer heard: it has ended, or this machine has too much to do'
-SLOW = ('this machine is too slow: the controller paused {} times in {:.0f} s, which it does '
-        'where joint states or its own cycles come late')
+GONE = 'no status received: it has ended, or this machine is overloaded'
+SLOW = ('this machine is too slow: the controller paused {} times in {:.0f} s, because joint '
+        'states or its own cycles were late')
 
 
 class Condition(NamedTuple):
-    """What is said of a controller, its colour, and whether it waits to be started."""
+    """State of a controller: text, colour, and whether it can be started."""
 
     text: str
     colour: str
@@ -45,7 +45,7 @@ class Condition(NamedTuple):
 
 class ConditionReader:
     """
-    Follows what a controller does.
+    Derives the displayed state from the status of a controller.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ class ConditionReader:
 
     def read(self, head: str | None, present: bool) -> Condition:
         """
-        Return what is said now.
+        Return the current state.
 
         Parameters
         ----------
         head : str or None
-            ``running``, or why zeros are commanded; None before the first status.
+            ``running`` or the reason of zero commands; None before the first status.
         present : bool
             Whether the last status is recent.
 
@@ -85,15 +85,15 @@ class ConditionReader:
             return Condition(head, GOOD)
         if self._since is None:
             self._since = now
-        if head.startswith(BY_HAND) or now - self._since > PAUSE_SECONDS:
-            # No pause, however soon the controller goes on.
-            self._since = -PAUSE_SECONDS if head.startswith(BY_HAND) else self._since
+        if head.startswith(STOP_PREFIX) or now - self._since > PAUSE_SECONDS:
+            # A commanded stop is not a pause, however short.
+            self._since = -PAUSE_SECONDS if head.startswith(STOP_PREFIX) else self._since
             return Condition(head, BAD, True)
-        # In one line: it is there for a moment, and nothing below it is to jump.
-        return Condition(shorten(f'paused: {head}', LONGEST, placeholder=' …'), FAINT)
+        # One line: a short pause must not shift the widgets below.
+        return Condition(shorten(f'paused: {head}', MAX_PAUSE_TEXT, placeholder=' …'), FAINT)
 
     def remark(self) -> str:
-        """Return that the machine is too slow, once for as long as it is; else nothing."""
+        """Return a warning once when the machine becomes too slow, else an empty string."""
         since = self._clock() - WITHIN_SECONDS
         while self._pauses and self._pauses[0] < since:
             self._pauses.popleft()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What of a controller can be dragged, and what a drag tells the controller."""
+"""Draggable goals, regions and obstacles, and the messages that a drag publishes."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
@@ -35,31 +35,31 @@ GOALS, REGIONS, OBSTACLES = 'goals', 'regions', 'obstacles'
 CONES, DISTANCES = 'cones', 'distances'
 GROUPS = (GOALS, REGIONS, OBSTACLES, CONES, DISTANCES)
 OBSTACLE = 'obstacle'
-# {part of a task that is drawn: (what it is, messages that it can be told by)}
+# {part of a task in a marker namespace: (group, types of messages that move it)}
 PARTS: Mapping[str, tuple[str, tuple[type, ...]]] = {
     'goal': (GOALS, (PointStamped, PoseStamped, QuaternionStamped)),
     'sight': (GOALS, (Vector3Stamped,)),
     'region': (REGIONS, (PoseStamped,))}
-# To how many digits keys are set: 0.1 mm, or 0.006°.
-DIGITS = 4
-# Of cones [rad].
-NARROWEST, WIDEST = 0.01, math.pi - 0.01
-# Points that are nearer to each other show no direction [m].
-SAME = 1e-6
+# Decimals of keys that a drag sets: 0.1 mm, or 0.006°.
+KEY_DECIMALS = 4
+# Limits of the half angle of a cone [rad].
+MIN_HALF_ANGLE, MAX_HALF_ANGLE = 0.01, math.pi - 0.01
+# Points closer than this define no direction [m].
+MIN_GAP_LENGTH = 1e-6
 
 Topics = Mapping[str, Mapping[str, type]]
 Numbers = Mapping[str, Mapping[str, float]]
 
 
 class Publish(Protocol):
-    """Publishes on a topic of a task."""
+    """Publisher on topics of tasks."""
 
     def __call__(self, task: str, topic: str, message: Message) -> None:
         """Publish a message."""
 
 
 class SetKey(Protocol):
-    """Changes a key of a task in the stack."""
+    """Setter of keys of tasks in the stack."""
 
     def __call__(self, task: str, key: str, value: float) -> None:
         """Set a number."""
@@ -68,14 +68,14 @@ class SetKey(Protocol):
 @dataclass(frozen=True)
 class Grip:
     """
-    How something can be taken hold of.
+    Degrees of freedom of a drag.
 
     Attributes
     ----------
     axes : tuple of bool
-        Which of its own axes count.
+        Enabled axes of the dragged frame.
     moves, planes, turns : bool
-        Whether it can be moved along them, in planes of two of them, and turned about them.
+        Translation along the axes, translation in planes of two axes, rotation about the axes.
 
     """
 
@@ -86,7 +86,7 @@ class Grip:
 
     @property
     def single(self) -> bool:
-        """Return whether there is one arrow, along x, and nothing else."""
+        """Return whether the only degree of freedom is translation along x."""
         return self == ALONG_X
 
 
@@ -94,22 +94,22 @@ ALONG_X = Grip((True, False, False), planes=False, turns=False)
 
 
 @dataclass(frozen=True, eq=False)
-class Place(ABC):
+class Draggable(ABC):
     """
-    Something that can be dragged, where the controller has it.
+    Element of a task that can be dragged, at its pose in the controller.
 
     Attributes
     ----------
     task, name : str
-        Its task, and what it is called: the namespace of its marker.
+        Its task, and its name: the namespace of its marker.
     group : str
         One of `GROUPS`.
     marker : visualization_msgs.msg.Marker
     T : ndarray (4, 4)
-        Where it is, in the root frame.
+        Pose in the root frame.
     grip : Grip
     relative : bool
-        What a drag says depends on where it was when somebody took hold of it.
+        The value that a drag sets depends on the pose at the start of the drag.
 
     """
 
@@ -124,30 +124,30 @@ class Place(ABC):
 
     @property
     def title(self) -> str:
-        """Return what is written beside it."""
+        """Return the label."""
         return self.task
 
     @abstractmethod
-    def tell(self, T: Array, publish: Publish, set_key: SetKey) -> None:
-        """Tell the controller to have it at a pose (4, 4)."""
+    def apply(self, T: Array, publish: Publish, set_key: SetKey) -> None:
+        """Move the element of the controller to a pose (4, 4)."""
 
 
 @dataclass(frozen=True, eq=False)
-class GoalPlace(Place):
+class DraggableGoal(Draggable):
     """
-    The goal of a task.
+    Goal of a task.
 
     Attributes
     ----------
     kind : type
-        Of the message that moves it.
+        Type of the message that moves it.
 
     """
 
     kind: type
 
-    def tell(self, T: Array, publish: Publish, set_key: SetKey) -> None:
-        """Publish it as the goal."""
+    def apply(self, T: Array, publish: Publish, set_key: SetKey) -> None:
+        """Publish the pose as the goal."""
         publish(self.task, 'goal', self.message(T))
 
     def message(self, T: Array) -> Message:
@@ -163,16 +163,16 @@ class GoalPlace(Place):
         return message
 
 
-class ObstaclePlace(Place):
-    """An obstacle; what is written beside it is its name."""
+class DraggableObstacle(Draggable):
+    """Obstacle, labelled with its name."""
 
     @property
     def title(self) -> str:
         """Return the name of the obstacle."""
         return self.name.partition(f'{OBSTACLE}/')[2]
 
-    def tell(self, T: Array, publish: Publish, set_key: SetKey) -> None:
-        """Publish it among the obstacles."""
+    def apply(self, T: Array, publish: Publish, set_key: SetKey) -> None:
+        """Publish the pose of the obstacle."""
         publish(self.task, OBSTACLES, self.message(T))
 
     def message(self, T: Array) -> MarkerArray:
@@ -183,24 +183,24 @@ class ObstaclePlace(Place):
         point, turn = marker.pose.position, marker.pose.orientation
         point.x, point.y, point.z = T[:3, 3].tolist()
         turn.x, turn.y, turn.z, turn.w = x, y, z, w
-        # It stays until somebody takes it away.
+        # Without a lifetime: the obstacle stays until it is deleted.
         marker.lifetime.sec = marker.lifetime.nanosec = 0
         return MarkerArray(markers=[marker])
 
 
 @dataclass(frozen=True, eq=False)
-class KeyPlace(Place):
+class DraggableKey(Draggable):
     """
-    A point whose place shows a key of a task; it is dragged along its x axis.
+    Point whose position shows a key of a task; it is dragged along its x axis.
 
     Attributes
     ----------
     value : float
-        Of the key, as the controller has it.
+        Value of the key in the controller.
 
     """
 
-    # The robot moves meanwhile, and with it what shows the key.
+    # The robot, and with it the point, moves during a drag.
     relative = True
     key: ClassVar[str]
     unit: ClassVar[str]
@@ -212,17 +212,17 @@ class KeyPlace(Place):
         """Return the task and the value."""
         return f'{self.task}: {quantity(self.unit, self.value)}'
 
-    def tell(self, T: Array, publish: Publish, set_key: SetKey) -> None:
+    def apply(self, T: Array, publish: Publish, set_key: SetKey) -> None:
         """Set the key."""
-        set_key(self.task, self.key, round(self.value_at(T), DIGITS))
+        set_key(self.task, self.key, round(self.value_at(T), KEY_DECIMALS))
 
     @abstractmethod
     def value_at(self, T: Array) -> float:
         """Return the value of the key that a pose (4, 4) shows."""
 
 
-class RimPlace(KeyPlace):
-    """A point on the rim of a cone of view, as far from its axis as it is wide."""
+class DraggableRim(DraggableKey):
+    """Point on the rim of a cone of view; it sets the half angle."""
 
     key = 'half_angle'
     unit = 'rad'
@@ -231,11 +231,11 @@ class RimPlace(KeyPlace):
         """Return the angle between the axis of the cone and a point on its surface [rad]."""
         T_root_cone = pose_of(self.marker)
         x, y, z = T_root_cone[:3, :3].T.dot(T[:3, 3] - T_root_cone[:3, 3]).tolist()
-        return min(max(math.atan2(math.hypot(x, y), z), NARROWEST), WIDEST)
+        return min(max(math.atan2(math.hypot(x, y), z), MIN_HALF_ANGLE), MAX_HALF_ANGLE)
 
 
-class GapPlace(KeyPlace):
-    """A point as far from one of two objects as both are kept apart, on the line between them."""
+class DraggableGap(DraggableKey):
+    """Point at the minimum distance from one of two objects, on the line between them."""
 
     key = 'distance'
     unit = 'm'
@@ -245,14 +245,14 @@ class GapPlace(KeyPlace):
         return max(self.value + float(self.T[:3, 0].dot(T[:3, 3] - self.T[:3, 3])), 0.0)
 
 
-def places_of(markers: Iterable[Marker], topics: Topics, numbers: Numbers) -> list[Place]:
+def draggables_of(markers: Iterable[Marker], topics: Topics, numbers: Numbers) -> list[Draggable]:
     """
-    Return what can be dragged.
+    Return the draggable elements of the markers.
 
     Parameters
     ----------
     markers : iterable of visualization_msgs.msg.Marker
-        What is drawn of the tasks: their namespaces are ``<task>/<part>``.
+        Markers of the tasks, with the namespaces ``<task>/<part>``.
     topics : mapping
         {task: {topic: message type}}
     numbers : mapping
@@ -260,28 +260,28 @@ def places_of(markers: Iterable[Marker], topics: Topics, numbers: Numbers) -> li
 
     Returns
     -------
-    list of Place
+    list of Draggable
 
     """
     found = [place for marker in markers if marker.action == Marker.ADD and marker.id == 0
-             if (place := _place_of(marker, topics, numbers)) is not None]
-    # The goal of a region is where the region is.
+             if (place := _draggable_of(marker, topics, numbers)) is not None]
+    # The goal of a region coincides with the region.
     regions = {place.task for place in found if place.group == REGIONS}
     return [place for place in found if place.group != GOALS or place.task not in regions]
 
 
-def _place_of(marker: Marker, topics: Topics, numbers: Numbers) -> Place | None:
-    """Return what can be dragged of a marker, if anything."""
+def _draggable_of(marker: Marker, topics: Topics, numbers: Numbers) -> Draggable | None:
+    """Return the draggable element of a marker; None if there is none."""
     task, _, part = marker.ns.partition('/')
     if part.startswith(f'{OBSTACLE}/'):
-        return ObstaclePlace(task, marker.ns, OBSTACLES, marker, pose_of(marker), Grip())
+        return DraggableObstacle(task, marker.ns, OBSTACLES, marker, pose_of(marker), Grip())
     if part in KEYS:
         return KEYS[part](task, marker, numbers.get(task, {}))
     return _goal(task, part, marker, topics.get(task, {}).get('goal'))
 
 
-def _goal(task: str, part: str, marker: Marker, kind: type | None) -> Place | None:
-    """Return the goal of a task that is told by messages of a type, if it can be dragged."""
+def _goal(task: str, part: str, marker: Marker, kind: type | None) -> Draggable | None:
+    """Return the goal of a task, moved by messages of a type; None if it cannot be dragged."""
     group, kinds = PARTS.get(part, ('', ()))
     if kind is None or kind not in kinds:
         return None
@@ -290,42 +290,43 @@ def _goal(task: str, part: str, marker: Marker, kind: type | None) -> Place | No
         tip = marker.points[1]
         T = pose(np.eye(3), T[:3, 3] + T[:3, :3].dot((tip.x, tip.y, tip.z)))
     elif kind is PointStamped:
-        # What has no orientation is dragged along the axes of the root.
+        # A point has no orientation: it is dragged along the axes of the root frame.
         T = pose(np.eye(3), T[:3, 3])
     moves, turns = kind is not QuaternionStamped, kind in (PoseStamped, QuaternionStamped)
-    return GoalPlace(task, marker.ns, group, marker, T,
-                     Grip(moves=moves, planes=moves, turns=turns), kind)
+    return DraggableGoal(task, marker.ns, group, marker, T,
+                         Grip(moves=moves, planes=moves, turns=turns), kind)
 
 
-def _rim(task: str, marker: Marker, numbers: Mapping[str, float]) -> Place | None:
-    """Return a point on the rim of a cone of view; other cones are as wide as an error."""
-    value = numbers.get(RimPlace.key)
+def _rim(task: str, marker: Marker, numbers: Mapping[str, float]) -> Draggable | None:
+    """Return a point on the rim of a cone of view; None if its width shows an error."""
+    value = numbers.get(DraggableRim.key)
     if value is None or len(marker.points) < 2:
         return None
     T, rim = pose_of(marker), marker.points[1]
     angle = math.atan2(rim.x, rim.z)
-    # Along x the cone opens.
+    # The x axis points in the direction in which the cone opens.
     turn = np.array([[math.cos(angle), 0.0, math.sin(angle)], [0.0, 1.0, 0.0],
                      [-math.sin(angle), 0.0, math.cos(angle)]])
     p = T[:3, 3] + T[:3, :3].dot((rim.x, rim.y, rim.z))
-    return RimPlace(task, marker.ns, CONES, marker, pose(T[:3, :3].dot(turn), p), ALONG_X, value)
+    return DraggableRim(task, marker.ns, CONES, marker, pose(T[:3, :3].dot(turn), p), ALONG_X,
+                        value)
 
 
-def _gap(task: str, marker: Marker, numbers: Mapping[str, float]) -> Place | None:
-    """Return a point on the shortest of the lines between objects."""
-    value = numbers.get(GapPlace.key)
+def _gap(task: str, marker: Marker, numbers: Mapping[str, float]) -> Draggable | None:
+    """Return a point on the shortest line between objects."""
+    value = numbers.get(DraggableGap.key)
     if value is None or len(marker.points) < 2:
         return None
     start, end = (np.array((point.x, point.y, point.z)) for point in marker.points[:2])
-    way = start - end
-    length = float(np.linalg.norm(way))
-    if length < SAME:
+    difference = start - end
+    length = float(np.linalg.norm(difference))
+    if length < MIN_GAP_LENGTH:
         return None
-    x = way / length
+    x = difference / length
     T = pose(np.column_stack((x, *across(x))), end + value * x)
-    return GapPlace(task, marker.ns, DISTANCES, marker, T, ALONG_X, value)
+    return DraggableGap(task, marker.ns, DISTANCES, marker, T, ALONG_X, value)
 
 
-# {part of a task that is drawn: what of it shows a key of the stack}
-KEYS: Mapping[str, Callable[[str, Marker, Mapping[str, float]], Place | None]] = {
+# {part of a task: function that returns the point that sets a key}
+KEYS: Mapping[str, Callable[[str, Marker, Mapping[str, float]], Draggable | None]] = {
     'cone': _rim, 'distance': _gap}

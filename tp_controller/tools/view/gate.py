@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Admission to the page: which requests of browsers and programs are answered, and how."""
+"""Access control of the page: accepted requests of browsers and programs, and the responses."""
 
 from http import HTTPStatus
 import ipaddress
@@ -26,12 +26,12 @@ LOCAL = '127.0.0.1'
 # Largest number of browsers at a time.
 MOST_CLIENTS = 32
 SCHEMES = ('http://', 'https://')
-# Parts of an address that the page understands. Others name servers and recordings elsewhere,
+# Query parameters that the page accepts. Others name servers and recordings elsewhere,
 # which could run scripts in the page.
 QUERIES = re.compile('fixedDpr|darkMode|showStats|logCamera|initialCamera[A-Z][A-Za-z]*')
 HOST = re.compile(r'(?P<name>\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z_.-]+)(:[0-9]{1,5})?')
-# Sent with every answer; {host} is where the browser found the page. ``data:`` is what the page
-# is made of.
+# Headers of every response; {host} is the host of the request. The page itself consists of
+# ``data:`` URLs.
 HEADERS = {
     'X-Frame-Options': 'DENY',
     'Content-Security-Policy':
@@ -53,10 +53,10 @@ def is_local(host: str) -> bool:
 
 class Gate:
     """
-    The rule of admission, the same for every address that a server listens on.
+    Access rule, the same for every address that a server listens on.
 
-    The browser must have found the page under a name of this machine, and connections must come
-    from that page: ``Origin`` is ``Host``. Programs that are no browsers send no ``Origin``.
+    ``Host`` must be a name of this machine, and connections must come from its page: ``Origin``
+    equals ``Host``. Programs other than browsers send no ``Origin``.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Gate:
         self._names = {host.lower(), *((name, f'{name}.local') if self._exposed else ())}
 
     def refusal(self, request: Request) -> str:
-        """Return why a request is refused; empty if it is not."""
+        """Return the reason for refusing a request; empty if it is allowed."""
         hosts, origins = (request.headers.get_all(name) for name in ('Host', 'Origin'))
         if len(hosts) != 1 or not self._is_known(hosts[0]):
             return f'no name of this machine: {", ".join(hosts) or "no Host"}'
@@ -86,11 +86,11 @@ class Gate:
         return f'not an address of the page: {", ".join(unknown)}' if unknown else ''
 
     def refuse(self, connection: ServerConnection, reason: str) -> Response:
-        """Return the answer to a request that is refused."""
+        """Return the response to a refused request."""
         return self.protected(connection.respond(HTTPStatus.FORBIDDEN, f'Refused: {reason}\n'), '')
 
     def protected(self, response: Response, host: str) -> Response:
-        """Return an answer with the headers that keep other sites from using the page."""
+        """Return a response with the headers that keep other sites from using the page."""
         for name, value in HEADERS.items():
             response.headers[name] = value.replace(' ws://{host} wss://{host}', '') if not host \
                 else value.replace('{host}', host)
@@ -102,12 +102,12 @@ class Gate:
         if match is None:
             return False
         name = match['name'].strip('[]').lower()
-        # No other site can take the place of an address in numbers.
+        # A numeric address cannot be redirected by another site.
         return is_local(name) or name in self._names or (self._exposed and _ip(name) is not None)
 
 
 def _ip(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
-    """Return the address that a name is in numbers, if it is."""
+    """Return the numeric address in a name; None if it is not one."""
     try:
         return ipaddress.ip_address(name)
     except ValueError:

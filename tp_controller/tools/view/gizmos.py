@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Goals, regions, obstacles, cones and distances that can be dragged in the browser."""
+"""Gizmos of the browser that drag goals, regions, obstacles, cones and distances."""
 
 from collections.abc import Callable, Iterable
 import math
@@ -25,10 +25,10 @@ from tp_controller.tasks.sketch import STEEP_SLOPE
 from tp_controller.tools.view.draggables import (
     CONES,
     DISTANCES,
+    Draggable,
     GOALS,
     GROUPS,
     OBSTACLES,
-    Place,
     Publish,
     REGIONS,
     SetKey,
@@ -37,25 +37,26 @@ from tp_controller.tools.view.parts import place
 import viser
 
 HANDLES = '/handles'
-# Size of what is dragged [m].
+# Size of the gizmos [m].
 SIZES = {GOALS: 0.22, REGIONS: 0.16, OBSTACLES: 0.16, CONES: 0.12, DISTANCES: 0.12}
-# Time between two messages while something is dragged, and after which it goes where the
-# controller says that it is, or away [s].
-PERIOD, PATIENCE = 0.05, 1.0
-SAME = 1e-6
-# How far a label is from what is dragged, for its size.
-CLEAR = 0.5
+# Period of messages during a drag, and time after a drag at which a gizmo follows the controller
+# again [s].
+SEND_PERIOD, FOLLOW_DELAY = 0.05, 1.0
+# Smallest change of a pose or label position that is sent [m].
+GIZMO_TOLERANCE = 1e-6
+# Offset of a label as a share of the size of its gizmo.
+LABEL_OFFSET = 0.5
 
 
 class Gizmos:
     """
-    What can be dragged, in a scene.
+    Gizmos of all draggable elements in a scene.
 
     Parameters
     ----------
     scene : viser.SceneApi
     publish, set_key : callable
-        Sends a message for a task; changes a key of a task in the stack.
+        Publish a message for a task; set a key of a task in the stack.
     clock : callable
         Returns a time [s].
 
@@ -75,11 +76,11 @@ class Gizmos:
         self.shown = dict.fromkeys(GROUPS, True)
         self.gizmos: dict[str, Gizmo] = {}
 
-    def follow(self, places: Iterable[Place]) -> None:
-        """Have what can be dragged where the controller has it, and nothing else."""
+    def follow(self, places: Iterable[Draggable]) -> None:
+        """Update the gizmos to the draggable elements of the controller."""
         now = self._clock()
-        wanted = {place.name: place for place in places if self.shown[place.group]}
-        # What shows a number is not drawn for a moment while the controller takes another one.
+        wanted = {element.name: element for element in places if self.shown[element.group]}
+        # A key has no marker for a moment while the controller applies a new value.
         for name in [name for name, gizmo in self.gizmos.items() if not gizmo.in_use(now)
                      and (name not in wanted or wanted[name].grip != gizmo.grip)]:
             self.gizmos.pop(name).remove()
@@ -89,34 +90,35 @@ class Gizmos:
             self.gizmos[name].follow(found, now)
 
     def send(self) -> None:
-        """Send what was dragged, not too often; what was dragged last is sent in any case."""
+        """Publish dragged poses at a limited rate; the last pose is always published."""
         now = self._clock()
         for gizmo in self.gizmos.values():
             T = gizmo.due(now)
             if T is not None:
-                gizmo.source.tell(T, self._publish, self._set_key)
+                gizmo.source.apply(T, self._publish, self._set_key)
 
 
 class Gizmo:
     """
-    What is dragged as one.
+    Gizmo of one draggable element.
 
     Attributes
     ----------
-    place : Place
-        Where the controller has it.
+    element : Draggable
+        The element at its pose in the controller.
     grip : Grip
     handle : viser.TransformControlsHandle
     label : viser.LabelHandle
 
     """
 
-    def __init__(self, scene: viser.SceneApi, found: Place, clock: Callable[[], float]) -> None:
-        self.place, self._clock = found, clock
-        self._touched = self._sent = -math.inf
-        self._dragged: Array | None = None
-        self._taken = found
-        self._in_hand = False
+    def __init__(self, scene: viser.SceneApi, found: Draggable,
+                 clock: Callable[[], float]) -> None:
+        self.element, self._clock = found, clock
+        self._drag_time = self._send_time = -math.inf
+        self._pending: Array | None = None
+        self._start = found
+        self._dragging = False
         self.grip = grip = found.grip
         size = SIZES[found.group]
         self.handle = scene.add_transform_controls(
@@ -127,62 +129,62 @@ class Gizmo:
         self.label = scene.add_label(f'{HANDLES}/{found.name}/label', found.title)
         self._place_label()
 
-        # On the thread of the server, so that the order of the events is kept.
+        # On the thread of the server, which preserves the order of the events.
         @self.handle.on_update
         async def _(event: viser.TransformControlsEvent) -> None:
             if event.phase == 'start':
-                self.take()
+                self.begin_drag()
                 return
             self.drag(_pose_of_handle(event.target))
             if event.phase == 'end':
-                self.leave()
+                self.end_drag()
 
     @property
-    def source(self) -> Place:
-        """Return what says what a drag means: where it is now, or was when it was taken."""
-        return self._taken if self.place.relative else self.place
+    def source(self) -> Draggable:
+        """Return the element that interprets a drag: the current one, or that at its start."""
+        return self._start if self.element.relative else self.element
 
-    def take(self) -> None:
-        """Take hold of it."""
-        self._taken, self._in_hand = self.place, True
+    def begin_drag(self) -> None:
+        """Begin a drag."""
+        self._start, self._dragging = self.element, True
 
-    def leave(self) -> None:
-        """Leave it where it is."""
-        self._in_hand = False
+    def end_drag(self) -> None:
+        """End a drag."""
+        self._dragging = False
 
     def in_use(self, now: float) -> bool:
-        """Return whether somebody holds it, or dragged it a moment ago."""
-        return self._in_hand or self._dragged is not None or now - self._touched <= PATIENCE
+        """Return whether a drag goes on, or ended less than `FOLLOW_DELAY` ago."""
+        return self._dragging or self._pending is not None or now - self._drag_time <= FOLLOW_DELAY
 
     def drag(self, T: Array) -> None:
-        """Take a pose that somebody has dragged it to."""
-        self._touched, self._dragged = self._clock(), T
+        """Store a dragged pose for publication."""
+        self._drag_time, self._pending = self._clock(), T
 
-    def follow(self, found: Place, now: float) -> None:
-        """Go where the controller has it, unless it was dragged a moment ago."""
-        if found.title != self.place.title:
+    def follow(self, found: Draggable, now: float) -> None:
+        """Move to the pose in the controller, unless a drag was recent."""
+        if found.title != self.element.title:
             self.label.text = found.title
-        self.place = found
+        self.element = found
         if not self.in_use(now):
-            if np.abs(found.T - _pose_of_handle(self.handle)).max() > SAME:
+            if np.abs(found.T - _pose_of_handle(self.handle)).max() > GIZMO_TOLERANCE:
                 place(self.handle, found.T)
         self._place_label()
 
     def _place_label(self) -> None:
         """
-        Have the label above what is dragged, however that is turned.
+        Place the label above the gizmo, in any orientation of it.
 
-        That of a single arrow is above its tip, or below an arrow that does not rise: the text of
-        the line that it is on is on the other side. It is further off than the tip, for cameras
-        that look down on an arrow that points at them.
+        The label of a single arrow is above its tip, or below an arrow that does not rise: the
+        text of its line is on the other side. Its offset exceeds that of the tip, for cameras that
+        look down on an arrow that points at them.
         """
-        # The third row of R: up, in the axes of what is dragged.
+        # The third row of R: the vertical in the axes of the gizmo.
         up = _pose_of_handle(self.handle)[2, :3]
-        rise = CLEAR
-        if self.place.grip.single:
-            rise = up[0] + CLEAR if up[0] > STEEP_SLOPE else min(up[0], 0.0) - CLEAR
-        position = SIZES[self.place.group] * rise * up
-        if np.abs(position - self.label.position).max() > SAME:
+        rise = LABEL_OFFSET
+        if self.element.grip.single:
+            rise = up[0] + LABEL_OFFSET if up[0] > STEEP_SLOPE else min(up[0], 0.0) - LABEL_OFFSET
+        position = SIZES[self.element.group] * rise * up
+        if np.abs(position - self.label.position).max() > GIZMO_TOLERANCE:
             self.label.position = position
         anchor: Literal['bottom-center', 'top-center'] = \
             'bottom-center' if rise > 0.0 else 'top-center'
@@ -190,14 +192,14 @@ class Gizmo:
             self.label.anchor = anchor
 
     def due(self, now: float) -> Array | None:
-        """Return the pose that is to be sent now, if there is one."""
-        if self._dragged is None or now - self._sent < PERIOD:
+        """Return the pose to publish now; None if there is none."""
+        if self._pending is None or now - self._send_time < SEND_PERIOD:
             return None
-        T, self._dragged, self._sent = self._dragged, None, now
+        T, self._pending, self._send_time = self._pending, None, now
         return T
 
     def remove(self) -> None:
-        """Take it out of the scene."""
+        """Remove the gizmo from the scene."""
         self.handle.remove()
 
 

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The guard between browsers and viser: admission, checks of messages, and a quiet log."""
+"""Guard between browsers and viser: access control, message checks, and a rate-limited log."""
 
 import asyncio
 from collections.abc import Iterator
@@ -37,26 +37,26 @@ from websockets.asyncio.server import ServerConnection
 from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 
-# Time between two lines of the log, whatever browsers do [s].
+# Minimum time between two lines of the log [s].
 LOG_SECONDS = 10.0
-# What the page of this version of viser requests.
+# WebSocket subprotocol of the page of this version of viser.
 SUBPROTOCOL = f'viser-v{viser.__version__}'
 
 
 class Guard:
     """
-    Stands between the browsers and viser, which lets in everybody and takes everything.
+    Filter between browsers and viser, which accepts every connection and message.
 
     Parameters
     ----------
     gate : Gate
     pictures : bool
-        Pictures of the scene are taken from browsers, and nothing else.
+        Accept only pictures of the scene.
 
     Attributes
     ----------
     refused : int
-        How many messages were refused.
+        Number of refused messages.
     ready : bool
         Whether viser opened its server through this guard.
 
@@ -76,7 +76,7 @@ class Guard:
 
     @contextmanager
     def watching(self) -> Iterator[None]:
-        """Guard the server that viser opens meanwhile; viser has no parameter for it."""
+        """Guard the servers that viser opens in the context; viser has no parameter for it."""
         serve = websockets.asyncio.server.serve
         websockets.asyncio.server.serve = partial(  # type: ignore[misc, assignment]
             self._serve, serve)
@@ -86,13 +86,13 @@ class Guard:
             websockets.asyncio.server.serve = serve  # type: ignore[misc]
 
     def attach(self, gui: viser.GuiApi) -> None:
-        """Take the widgets that messages are checked against; none is taken before."""
+        """Set the widgets that messages are checked against; until then input is refused."""
         self._gui = gui
 
     def _serve(self, serve: Any, handle: Any, *arguments: Any, **options: Any) -> Any:
-        """Return the server as viser opens it, with checks."""
+        """Return the server of viser with checks."""
         self._handle, self._answer = handle, options['process_request']
-        # Runs in the loop of the server.
+        # This runs in the loop of the server.
         asyncio.get_running_loop().set_exception_handler(
             lambda _, context: self._log.error(context['message'],
                                                exc_info=context.get('exception')))
@@ -104,7 +104,7 @@ class Guard:
                 refused=self._count_refusal)})
 
     def _process(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Answer a request, or return None where a connection is to be opened."""
+        """Return the response to a request; None to open a connection."""
         reason = self._gate.refusal(request)
         if reason:
             return self._gate.refuse(connection, reason)
@@ -112,9 +112,9 @@ class Guard:
         return response and self._gate.protected(response, request.headers['Host'])
 
     async def _handle_client(self, connection: ServerConnection) -> None:
-        """Serve a browser, unless there are too many or its page is of another version."""
+        """Serve a browser; refuse excess browsers and pages of another version."""
         if connection.subprotocol != SUBPROTOCOL:
-            # viser says so on the terminal, each time.
+            # viser would print a message each time.
             await connection.close(CloseCode.PROTOCOL_ERROR, 'Version mismatch: reload the page')
             return
         if self._clients >= MOST_CLIENTS:
@@ -127,40 +127,40 @@ class Guard:
             self._clients -= 1
 
     def _find(self, identifier: str) -> Any:
-        """Return the widget of an identifier, None if there is none."""
-        # viser has no other way to a widget by its identifier.
+        """Return the widget of an identifier; None if there is none."""
+        # viser has no public lookup of widgets by identifier.
         return self._gui and self._gui._gui_input_handle_from_uuid.get(identifier)
 
     def _count_refusal(self) -> None:
-        """Count a message that was refused."""
+        """Count a refused message."""
         self.refused += 1
         if self._gui is not None:
             self._log.warning('messages of a browser were refused')
 
 
 def quiet_log() -> logging.Logger:
-    """Return a log with one line in `LOG_SECONDS` at most, without tracebacks."""
+    """Return a logger that writes at most one line per `LOG_SECONDS`, without tracebacks."""
     log = logging.Logger(__name__)
     log.propagate = False
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter('tp_controller: page: %(message)s'))
     log.addHandler(handler)
     due = -LOG_SECONDS
-    left_out = 0
+    dropped = 0
 
     def brief(record: logging.LogRecord) -> bool:
-        nonlocal due, left_out
+        nonlocal due, dropped
         # Browsers open connections in advance, and close them unused.
         if record.levelno < logging.WARNING or record.msg == 'opening handshake failed':
             return False
         if time.monotonic() < due:
-            left_out += 1
+            dropped += 1
             return False
         due = time.monotonic() + LOG_SECONDS
         error = record.exc_info[1] if record.exc_info else None
-        more = f' (and {left_out} more)' if left_out else ''
+        more = f' (and {dropped} more)' if dropped else ''
         record.msg = plain(record.getMessage() + (f': {in_words(error)}' if error else '') + more)
-        record.args, record.exc_info, left_out = (), None, 0
+        record.args, record.exc_info, dropped = (), None, 0
         return True
 
     log.addFilter(brief)

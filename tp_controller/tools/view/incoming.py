@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Messages from browsers: the kinds that the page takes, checked before anything acts on them."""
+"""Messages from browsers: accepted types, decoding and validation."""
 
 import asyncio
 from collections.abc import Callable
@@ -25,16 +25,16 @@ from websockets.asyncio.server import ServerConnection
 
 # Longest name of a widget or gizmo [characters], largest message [bytes].
 LONGEST_NAME, LONGEST_MESSAGE = 1000, 1 << 16
-# Largest message where pictures are taken of the page [bytes].
+# Largest message with a picture of the page [bytes].
 LONGEST_PICTURE = 1 << 26
-# How far the value of a slider may be from its range.
-SAME = 1e-3
-# Messages of one browser that are taken within a time [s]; more have to wait.
-MOST_AT_ONCE, PACE = 100, 0.1
+# Tolerance of the range of a slider.
+RANGE_TOLERANCE = 1e-3
+# Largest number of messages of one browser per period [s]; further messages are delayed.
+MOST_MESSAGES, RATE_PERIOD = 100, 0.1
 
 
 class Camera(msgspec.Struct, forbid_unknown_fields=True, tag='ViewerCameraMessage'):
-    """Where somebody looks from."""
+    """Camera of a browser."""
 
     wxyz: Quaternion
     position: Vector
@@ -55,57 +55,57 @@ class Camera(msgspec.Struct, forbid_unknown_fields=True, tag='ViewerCameraMessag
 
 class DragStart(msgspec.Struct, forbid_unknown_fields=True,
                 tag='TransformControlsDragStartMessage'):
-    """Somebody has taken hold of a gizmo."""
+    """Start of a drag of a gizmo."""
 
     name: str
     owner: str = ''
 
     def is_valid(self) -> bool:
-        """Return whether it can be the name of a gizmo."""
+        """Return whether the name can be that of a gizmo."""
         return len(self.name) <= LONGEST_NAME and not self.owner
 
 
 class DragEnd(DragStart, forbid_unknown_fields=True, tag='TransformControlsDragEndMessage'):
-    """The drag of a gizmo has ended."""
+    """End of a drag of a gizmo."""
 
 
 class Drag(DragStart, forbid_unknown_fields=True, kw_only=True,
            tag='TransformControlsUpdateMessage'):
-    """Where a gizmo was dragged."""
+    """Pose of a dragged gizmo."""
 
     wxyz: Quaternion
     position: Vector
 
     def is_valid(self) -> bool:
-        """Return whether it is a pose that is not too far away."""
+        """Return whether the pose is valid and within range."""
         return super().is_valid() and is_pose(self.wxyz, self.position)
 
 
 class Value(msgspec.Struct, forbid_unknown_fields=True):
-    """The only property of a widget that a browser may set."""
+    """Value of a widget, its only property that a browser may set."""
 
     value: bool | float | str
 
 
 class Input(msgspec.Struct, forbid_unknown_fields=True, tag='GuiUpdateMessage'):
-    """What somebody did to a widget."""
+    """Input of a widget."""
 
     uuid: str
     updates: Value
 
     def is_valid(self) -> bool:
-        """Return whether it can be the value of any widget."""
+        """Return whether the identifier can be that of a widget."""
         return len(self.uuid) <= LONGEST_NAME
 
 
 class Picture(msgspec.Struct, forbid_unknown_fields=True, tag='GetRenderResponseMessage'):
-    """A picture of the scene that the server has requested."""
+    """Picture of the scene, requested by the server."""
 
     payload: bytes
     render_uuid: str
 
     def is_valid(self) -> bool:
-        """Return whether it can be an answer."""
+        """Return whether the identifier can be that of a request."""
         return len(self.render_uuid) <= LONGEST_NAME
 
 
@@ -116,16 +116,16 @@ Find = Callable[[str], Any]
 
 def checked(raw: object, decoder: 'msgspec.msgpack.Decoder[Any]', find: Find) -> bytes | None:
     """
-    Return a message of a browser as it is to be acted on; None if it is refused.
+    Return the validated message of a browser, encoded anew; None if it is refused.
 
     Parameters
     ----------
     raw : bytes
         MessagePack.
     decoder : msgspec.msgpack.Decoder
-        Of the kinds that are taken.
+        Decoder of the accepted types.
     find : callable
-        Returns the widget of an identifier, None if there is none.
+        Returns the widget of an identifier; None if there is none.
 
     """
     if not isinstance(raw, bytes):
@@ -138,19 +138,20 @@ def checked(raw: object, decoder: 'msgspec.msgpack.Decoder[Any]', find: Find) ->
         return None
     if isinstance(message, Input) and not fits(find(message.uuid), message.updates.value):
         return None
-    # Not the bytes that came: they may say something twice.
+    # Not the received bytes: they may contain a key twice.
     return msgspec.msgpack.encode(message)
 
 
 def fits(widget: object, value: bool | float | str) -> bool:
-    """Return whether somebody can give a value to a widget, as the page shows it."""
+    """Return whether a user can enter a value into a widget."""
     if isinstance(widget, (viser.GuiButtonHandle, viser.GuiCheckboxHandle)):
         return isinstance(value, bool) and not widget.disabled
     if isinstance(widget, viser.GuiNumberHandle):
-        # The controller refuses those out of range, with a reason.
+        # The controller refuses values out of range, with a reason.
         return isinstance(value, float) and math.isfinite(value)
     if isinstance(widget, viser.GuiSliderHandle):
-        return isinstance(value, float) and widget.min - SAME <= value <= widget.max + SAME
+        return (isinstance(value, float)
+                and widget.min - RANGE_TOLERANCE <= value <= widget.max + RANGE_TOLERANCE)
     if isinstance(widget, (viser.GuiDropdownHandle, viser.GuiButtonGroupHandle)):
         return isinstance(value, str) and value in widget.options
     return False
@@ -158,12 +159,12 @@ def fits(widget: object, value: bool | float | str) -> bool:
 
 class CheckedConnection(ServerConnection):
     """
-    A connection of a browser that only returns messages which were checked.
+    Connection of a browser that returns only validated messages.
 
     Parameters
     ----------
     *arguments, **options
-        Of `ServerConnection`.
+        Arguments of `ServerConnection`.
     decoder, find
         See `checked`.
     refused : callable
@@ -178,20 +179,20 @@ class CheckedConnection(ServerConnection):
         self._began, self._count = -math.inf, 0
 
     async def recv(self, decode: bool | None = None) -> Any:
-        """Return the next message that is not refused."""
+        """Return the next accepted message."""
         while True:
             raw = await super().recv(decode=decode)
-            await self._pace()
+            await self._limit_rate()
             message = checked(raw, self._decoder, self._find)
             if message is not None:
                 return message
             self._refused()
 
-    async def _pace(self) -> None:
-        """Wait where a browser sends more than anybody does."""
+    async def _limit_rate(self) -> None:
+        """Wait if a browser exceeds the rate limit."""
         now = self.loop.time()
-        if now - self._began > PACE:
+        if now - self._began > RATE_PERIOD:
             self._began, self._count = now, 0
         self._count += 1
-        if self._count >= MOST_AT_ONCE:
-            await asyncio.sleep(self._began + PACE - now)
+        if self._count >= MOST_MESSAGES:
+            await asyncio.sleep(self._began + RATE_PERIOD - now)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Sliders of joints on the page, by which tasks about joints get their goals."""
+"""Joint sliders of the page, which set the goals of joint tasks."""
 
 from collections.abc import Callable, Sequence
 import math
@@ -20,35 +20,35 @@ import math
 from sensor_msgs.msg import JointState
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
-from tp_controller.tools.view.gizmos import PERIOD
+from tp_controller.tools.view.gizmos import SEND_PERIOD
 from tp_controller.tools.view.stack_panel import assign
 import viser
 
-# Positions between which a joint without limits is moved, and from where on a limit counts as none
+# Range of the slider of a joint without limits, and bound from which on a limit is ignored
 # [rad or m].
-ENDLESS, FAR = math.pi, 10.0 * math.pi
-# The box beside a slider is as wide as a sign, a point and so many digits; after the point there
-# are as many as that leaves, and no more than somebody needs.
-DIGITS, MOST_DECIMALS = 4, 3
+DEFAULT_RANGE, MOST_RANGE = math.pi, 10.0 * math.pi
+# Digits that fit into the box beside a slider, with a sign and a point; largest number of
+# decimals.
+BOX_DIGITS, MOST_DECIMALS = 4, 3
 
 
 class JointSliders:
     """
-    A slider for each driven joint; those that nobody has moved show where the joint is.
+    Slider for each driven joint; sliders without user input follow the joint.
 
     Parameters
     ----------
     gui : viser.GuiApi
     moved : callable
-        Told the name of a joint, and where it is to be; it calls `move` in its time.
+        Called with a joint name and its desired position; it calls `move` later.
 
     Attributes
     ----------
     task : viser.GuiDropdownHandle or None
-        The task that gets the goals.
+        Task that receives the goals.
     sliders : dict
-        {joint: viser.GuiSliderHandle}; those of another robot are used again, since a browser
-        that draws seldom may still have updates of them.
+        {joint: viser.GuiSliderHandle}; the sliders of another robot are reused, since a slow
+        browser may still have updates of them.
 
     """
 
@@ -61,13 +61,13 @@ class JointSliders:
             self._reset = gui.add_button('Show where the joints are', visible=False)
         self._reset.on_click(lambda _: self._moved.clear())
         self._moved: set[str] = set()
-        self._wanted: dict[str, float] = {}
-        self._sent = -math.inf
+        self._desired: dict[str, float] = {}
+        self._send_time = -math.inf
         self._all: list[viser.GuiSliderHandle[float]] = []
         self.sliders: dict[str, viser.GuiSliderHandle[float]] = {}
 
     def build(self, robot: Robot) -> None:
-        """Have sliders for the joints of a robot."""
+        """Create the sliders of the joints of a robot."""
         self._moved.clear()
         with self._folder:
             while len(self._all) < len(robot.joint_names):
@@ -79,7 +79,7 @@ class JointSliders:
             slider.visible = False
 
     def show(self, robot: Robot, q: Array | None, tasks: Sequence[str]) -> None:
-        """Show where joints are at q (nq,), and the tasks that take positions of them."""
+        """Show the joint positions of q (nq,) and the tasks with joint goals."""
         shown = bool(tasks)
         self._hint.visible = not shown
         for handle in (self.task, self._reset, *self.sliders.values()):
@@ -96,19 +96,19 @@ class JointSliders:
                     assign(slider, inside)
 
     def move(self, name: str, position: float) -> None:
-        """Take where a joint is to be [rad or m]."""
-        self._wanted[name] = position
+        """Set the desired position of a joint [rad or m]."""
+        self._desired[name] = position
 
     def due(self, now: float) -> JointState | None:
-        """Return the goal that is to be sent now, if there is one."""
-        if not self._wanted or now - self._sent < PERIOD:
+        """Return the goal to publish now; None if there is none."""
+        if not self._desired or now - self._send_time < SEND_PERIOD:
             return None
-        wanted, self._wanted, self._sent = self._wanted, {}, now
-        return JointState(name=list(wanted), position=list(wanted.values()))
+        desired, self._desired, self._send_time = self._desired, {}, now
+        return JointState(name=list(desired), position=list(desired.values()))
 
     def _new_slider(self) -> 'viser.GuiSliderHandle[float]':
-        """Return a slider of no joint yet."""
-        slider = self._gui.add_slider('', -ENDLESS, ENDLESS, 0.1, 0.0, visible=False)
+        """Return a hidden slider without a joint."""
+        slider = self._gui.add_slider('', -DEFAULT_RANGE, DEFAULT_RANGE, 0.1, 0.0, visible=False)
 
         @slider.on_update
         def _(event: 'viser.GuiEvent[viser.GuiSliderHandle[float]]') -> None:
@@ -121,7 +121,7 @@ class JointSliders:
         return slider
 
     def _prepare(self, slider: 'viser.GuiSliderHandle[float]', robot: Robot, name: str) -> None:
-        """Let a slider be that of a joint."""
+        """Assign a slider to a joint."""
         row = robot.joint_index(name)
         slider.min, slider.max, slider.precision = span(
             float(robot.lower[row]), float(robot.upper[row]))
@@ -132,7 +132,7 @@ class JointSliders:
 
 def span(lower: float, upper: float) -> tuple[float, float, int]:
     """
-    Return between which positions a slider moves a joint, and with how many decimals.
+    Return the range and the decimals of the slider of a joint.
 
     Parameters
     ----------
@@ -142,17 +142,16 @@ def span(lower: float, upper: float) -> tuple[float, float, int]:
     Returns
     -------
     low, high : float
-        Within the limits, with no more decimals than that, unless nothing else is within them
-        [rad or m].
+        Range within the limits, rounded to the decimals unless it would be empty [rad or m].
     decimals : int
 
     """
-    if lower < -FAR:
-        lower = min(-ENDLESS, upper - 2.0 * ENDLESS)
-    if upper > FAR:
-        upper = max(ENDLESS, lower + 2.0 * ENDLESS)
+    if lower < -MOST_RANGE:
+        lower = min(-DEFAULT_RANGE, upper - 2.0 * DEFAULT_RANGE)
+    if upper > MOST_RANGE:
+        upper = max(DEFAULT_RANGE, lower + 2.0 * DEFAULT_RANGE)
     whole = len(str(int(max(abs(lower), abs(upper)))))
-    decimals = min(max(DIGITS - whole, 0), MOST_DECIMALS)
+    decimals = min(max(BOX_DIGITS - whole, 0), MOST_DECIMALS)
     unit = 10.0 ** decimals
     low, high = math.ceil(lower * unit) / unit, math.floor(upper * unit) / unit
     return (low, high, decimals) if low < high else (lower, upper, decimals)

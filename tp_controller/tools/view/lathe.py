@@ -19,7 +19,7 @@ from collections.abc import Iterable
 import numpy as np
 from tp_controller.tools.view.meshes import Mesh
 
-SIDES, ROUND = 40, 6
+SIDES, EDGE_SEGMENTS = 40, 6  # of a full turn, of a rounded edge
 
 
 def surface(outline: Iterable[tuple[float, float]]) -> Mesh:
@@ -29,8 +29,8 @@ def surface(outline: Iterable[tuple[float, float]]) -> Mesh:
     Parameters
     ----------
     outline : iterable of (float, float)
-        Radius and height of its points, from below to above [m]; an edge stays sharp where a point
-        is there twice.
+        Radius and height of its points, from bottom to top [m]; a repeated point makes a sharp
+        edge.
 
     """
     points = np.array(list(outline))
@@ -46,8 +46,8 @@ def surface(outline: Iterable[tuple[float, float]]) -> Mesh:
 
 
 def drum(radius: float, length: float, edge: float) -> Mesh:
-    """Return a cylinder about its centre with edges that are round with a radius [m]."""
-    half, quarter = 0.5 * length, np.linspace(0.0, 0.5 * np.pi, ROUND)
+    """Return a cylinder about its centre with rounded edges of a radius [m]."""
+    half, quarter = 0.5 * length, np.linspace(0.0, 0.5 * np.pi, EDGE_SEGMENTS)
     upper = [(radius - edge + edge * np.cos(turn), half - edge + edge * np.sin(turn))
              for turn in quarter]
     outline = [(0.0, -half), *((r, -z) for r, z in reversed(upper)), *upper, (0.0, half)]
@@ -66,17 +66,17 @@ def limb(start: float, end: float, length: float, waist: float = 0.8,
     length : float
         Between the ends [m].
     waist : float
-        Radius in the middle as a share of what it were if the limb was straight.
+        Radius in the middle as a share of that of a straight limb.
     flat : bool
-        Let it begin with a plane, as on the ground.
+        Begin with a plane, as on the ground.
 
     """
-    shares = np.linspace(0.0, 1.0, 2 * ROUND)
-    # Level at the ends, so that limb and ends go into each other.
+    shares = np.linspace(0.0, 1.0, 2 * EDGE_SEGMENTS)
+    # Zero slope at the ends, for a smooth transition to the round ends.
     bend = 1.0 - (1.0 - waist) * np.sin(np.pi * shares) ** 2
     body = [((start + (end - start) * share) * each, length * share)
             for share, each in zip(shares, bend)]
-    quarter = np.linspace(0.0, 0.5 * np.pi, ROUND)[:-1]
+    quarter = np.linspace(0.0, 0.5 * np.pi, EDGE_SEGMENTS)[:-1]
     below = [(0.0, 0.0)] if flat else [
         (start * np.sin(turn), -start * np.cos(turn)) for turn in quarter]
     above = [(end * np.sin(turn), length + end * np.cos(turn)) for turn in quarter[::-1]]
@@ -86,7 +86,7 @@ def limb(start: float, end: float, length: float, waist: float = 0.8,
 def foot(radius: float, height: float, plate: float) -> Mesh:
     """Return a foot that stands at the origin: a plate, and a cone that ends at a radius [m]."""
     wide, rim = 2.1 * radius, 0.12 * radius
-    quarter = np.linspace(0.0, 1.0, 2 * ROUND)
+    quarter = np.linspace(0.0, 1.0, 2 * EDGE_SEGMENTS)
     cone = [(radius + (0.8 * wide - radius) * (1.0 - share) ** 2, plate + (height - plate) * share)
             for share in quarter]
     return surface([(0.0, 0.0), (wide, 0.0), (wide, 0.0), (wide, plate - rim), (wide - rim, plate),
@@ -96,7 +96,7 @@ def foot(radius: float, height: float, plate: float) -> Mesh:
 def pointer(start: float, end: float, length: float) -> Mesh:
     """Return a tool along z from the origin: a plate, then a cone with a round tip [m]."""
     plate = min(0.35 * start, 0.3 * length)
-    quarter = np.linspace(0.0, 0.5 * np.pi, ROUND)
+    quarter = np.linspace(0.0, 0.5 * np.pi, EDGE_SEGMENTS)
     neck = 0.62 * start
     tip = [(end * np.cos(turn), length - end + end * np.sin(turn)) for turn in quarter]
     return surface([(0.0, 0.0), (start, 0.0), (start, 0.0), (start, plate), (start, plate),

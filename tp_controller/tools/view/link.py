@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A running controller as the page sees it: through topics, parameters and services only."""
+"""Connection of the page to a running controller: topics, parameters and services."""
 
 from collections.abc import Callable, Mapping, Sequence
 import math
@@ -46,26 +46,26 @@ from tp_controller.tools.view.rows import Row, rows_of
 from tp_controller.untrusted import plain
 from visualization_msgs.msg import Marker, MarkerArray
 
-# Of everything only the newest is of interest, and what is lost is not missed.
+# Only the newest message matters, and a lost one is not resent.
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# How often parameters are polled [s], and for how long an answer is waited for.
-ASK_SECONDS, ANSWER_SECONDS = 1.0, 3.0
-# Without a status for so long the controller counts as gone [s].
-SILENT_SECONDS = 2.0
-# Faster joints are not believed [rad/s or m/s].
-FASTEST = 1e6
-# Ending of the name of the node that the loop of a controller runs on.
+# Polling period of the parameters, and timeout of service calls [s].
+PARAMETER_PERIOD, ANSWER_SECONDS = 1.0, 3.0
+# Age of the last status from which the controller counts as gone [s].
+STATUS_TIMEOUT = 2.0
+# Larger joint velocities are ignored [rad/s or m/s].
+MOST_VELOCITY = 1e6
+# Suffix of the name of the node that runs the loop of a controller.
 LOOP = '_loop'
-# What of the controller says which robot it has.
-OF_ROBOT = (*(spec.name for spec in ROBOT), 'joints')
+# Parameters of the controller that define its robot.
+ROBOT_PARAMETERS = (*(spec.name for spec in ROBOT), 'joints')
 
-Told = Callable[[bool, str], None]
+OnAnswer = Callable[[bool, str], None]
 
 
 class Link:
     """
-    Listens to a controller, and tells it what somebody does on the page.
+    Client of a controller: state that the page shows, and requests of its users.
 
     Parameters
     ----------
@@ -77,17 +77,18 @@ class Link:
     Attributes
     ----------
     robot : Robot or None
-        None until its description is known.
+        Robot of the controller; None until its description is known.
     fault : str
-        Why there is no robot, if something is wrong.
+        Error in the description of the robot; else empty.
     rows : list of Row
-        The tasks by priority, as of the last status.
+        Tasks by priority in the last status.
     q : ndarray (nq,) or None
-        Configuration, once all of it is known.
+        Configuration; None until it is complete.
     velocity : ndarray (n,)
-        Of the driven joints, where the joint states have it; else not a number [rad/s or m/s].
+        Velocity of the driven joints; not a number if the joint states have none
+        [rad/s or m/s].
     markers : list of visualization_msgs.msg.Marker
-        What is drawn of the tasks.
+        Markers of the tasks.
     values : dict
         Parameters of the controller: `stack` and those of the tasks.
 
@@ -103,17 +104,17 @@ class Link:
         self.markers: list[Marker] = []
         self.values: dict[str, Any] = {}
         self._status: DiagnosticArray | None = None
-        self._heard = self._asked = -math.inf
+        self._status_time = self._request_time = -math.inf
         self._description = ''
-        self._made_of: object = None
+        self._robot_source: object = None
         self._watched = False
-        self._pending: list[tuple[Future, float, Callable[[Any], None], Told]] = []
-        self._eyes: list[Subscription] = []
+        self._pending: list[tuple[Future, float, Callable[[Any], None], OnAnswer]] = []
+        self._motion_subscriptions: list[Subscription] = []
         self._descriptions: Subscription | None = None
 
     @property
     def head(self) -> str | None:
-        """Return ``running``, or why zeros are commanded; None before the first status."""
+        """Return ``running`` or the reason of zero commands; None before the first status."""
         return None if self._status is None else self.client.stop_reason() or RUNNING
 
     @property
@@ -123,86 +124,87 @@ class Link:
 
     @property
     def present(self) -> bool:
-        """Return whether the controller is there."""
-        return self._clock() - self._heard <= SILENT_SECONDS
+        """Return whether the last status is recent."""
+        return self._clock() - self._status_time <= STATUS_TIMEOUT
 
-    def look(self, wanted: bool) -> None:
-        """Listen to what moves, or leave it alone while nobody looks at it: it costs time."""
+    def watch(self, wanted: bool) -> None:
+        """Subscribe to joint states and markers, or unsubscribe while no browser is open."""
         self._watched = wanted
-        if wanted and not self._eyes and self.robot is not None:
-            self._eyes = [
+        if wanted and not self._motion_subscriptions and self.robot is not None:
+            self._motion_subscriptions = [
                 self._listen(JointState, 'joint_states', self._on_joints, NEWEST),
                 subscribe(self.client.node, MarkerArray,
                           f'/{self.client.controller}/markers', self._on_markers, 1)]
             if self.robot.moves:
-                self._eyes.append(self._listen(Odometry, 'odom', self._on_odometry, NEWEST))
-        elif not wanted and self._eyes:
-            for subscription in self._eyes:
+                self._motion_subscriptions.append(
+                    self._listen(Odometry, 'odom', self._on_odometry, NEWEST))
+        elif not wanted and self._motion_subscriptions:
+            for subscription in self._motion_subscriptions:
                 self.client.node.destroy_subscription(subscription)
-            self._eyes = []
+            self._motion_subscriptions = []
 
     def update(self) -> None:
-        """Take what has arrived, and ask for what is due; waits for nothing."""
+        """Process the received messages and send due requests, without blocking."""
         self.client.catch_up()
         now = self._clock()
         if self.client.status is not self._status and self.client.status is not None:
-            self._status, self._heard = self.client.status, now
+            self._status, self._status_time = self.client.status, now
             self.rows = rows_of(self._status)
         self._take_answers(now)
-        if now - self._asked > ASK_SECONDS and self.present and (
+        if now - self._request_time > PARAMETER_PERIOD and self.present and (
                 self._watched or self.robot is None):
-            self._asked = now
+            self._request_time = now
             self._ask()
 
     @property
     def reachable(self) -> bool:
-        """Return whether the controller can be stopped: its service is there."""
+        """Return whether the stop service of the controller is available."""
         return self.client.service(Trigger, 'stop').service_is_ready()
 
-    # What the page tells --------------------------------------------------------------------
+    # Requests of the page -------------------------------------------------------------------
 
-    def stop(self, told: Told) -> None:
-        """Stop the robot; `told` gets whether it worked, and what the controller says."""
+    def stop(self, told: OnAnswer) -> None:
+        """Stop the robot; `told` receives success and the message of the controller."""
         self._request(Trigger, 'stop', Trigger.Request(), told)
 
-    def start(self, told: Told) -> None:
-        """Let the robot go on."""
+    def start(self, told: OnAnswer) -> None:
+        """Start the robot."""
         self._request(Trigger, 'start', Trigger.Request(), told)
 
-    def enable(self, task: str, enabled: bool, told: Told) -> None:
-        """Take a task into the stack, or leave it out."""
+    def enable(self, task: str, enabled: bool, told: OnAnswer) -> None:
+        """Enable or disable a task of the stack."""
         self._request(SetBool, f'{task}/enable', SetBool.Request(data=enabled), told)
 
-    def set_parameters(self, values: Mapping[str, Any], told: Told) -> None:
-        """Set parameters of the controller, all or none, each with its reason if refused."""
+    def set_parameters(self, values: Mapping[str, Any], told: OnAnswer) -> None:
+        """Set parameters of the controller, all or none; `told` receives reasons of a refusal."""
         parameters: list[ParameterMessage] = [
             Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
 
-        def tell(answer: SetParameters.Response) -> None:
+        def finish(answer: SetParameters.Response) -> None:
             refusals = [result.reason for result in answer.results
                         if not result.successful]
             if not refusals:
                 self.values.update(values)
-            # The controller may have others now: ask at once.
-            self._asked = -math.inf
+            # The controller may have other parameters now: poll them at once.
+            self._request_time = -math.inf
             told(not refusals, '; '.join(refusals))
 
         self._call(SetParameters, 'set_parameters', SetParameters.Request(parameters=parameters),
-                   tell, told)
+                   finish, told)
 
     def gains(self) -> dict[str, float | list[float]]:
-        """Return {task: gain} of the tasks that have one."""
+        """Return {task: gain} of the tasks with a gain."""
         found = {row.name: self.values.get(_gain(row.name)) for row in self.rows}
         return {name: gain if isinstance(gain, float) else list(gain)
                 for name, gain in found.items() if gain is not None}
 
-    def _request(self, kind: type, name: str, request: object, told: Told) -> None:
-        """Call a service whose answer says whether it worked."""
+    def _request(self, kind: type, name: str, request: object, told: OnAnswer) -> None:
+        """Call a service whose response contains success and message."""
         self._call(kind, name, request, lambda answer: told(answer.success, answer.message), told)
 
     def _call(self, kind: type, name: str, request: object, finish: Callable[[Any], None],
-              told: Told) -> None:
-        """Call a service; `finish` gets the answer, `told` that there is none."""
+              told: OnAnswer) -> None:
+        """Call a service; `finish` receives the response, `told` a failure."""
         future = self.client.call(kind, name, request)
         if future is None:
             told(False, f'/{self.client.controller}/{name} does not answer')
@@ -210,7 +212,7 @@ class Link:
             self._pending.append((future, self._clock() + ANSWER_SECONDS, finish, told))
 
     def _take_answers(self, now: float) -> None:
-        """Hand on the answers that have come, and drop those that do not."""
+        """Process the received responses, and drop calls after their timeout."""
         waiting, self._pending = self._pending, []
         for future, until, finish, told in waiting:
             if future.done():
@@ -221,29 +223,29 @@ class Link:
             else:
                 self._pending.append((future, until, finish, told))
 
-    def _take_answer(self, future: Future, finish: Callable[[Any], None], told: Told) -> None:
-        """Hand on an answer; one that makes no sense is none."""
+    def _take_answer(self, future: Future, finish: Callable[[Any], None], told: OnAnswer) -> None:
+        """Process a response; report an invalid one as a failure."""
         try:
             finish(future.result())
         except Exception as error:
-            told(False, f'/{self.client.controller} answers what makes no sense: '
+            told(False, f'/{self.client.controller} returned an invalid response: '
                  f'{plain(in_words(error))}')
 
-    # What the page is told ------------------------------------------------------------------
+    # Data for the page ----------------------------------------------------------------------
 
     def _listen(self, kind: type, name: str, callback: Callable[[Any], None],
                 qos: QoSProfile, ending: str = LOOP,
                 longest: int = LARGEST_MESSAGE) -> Subscription:
-        """Listen to what a node of the controller, by the end of its name, listens to, too."""
+        """Subscribe to the topic of a node of the controller, whose name has the given ending."""
         return subscribe(self.client.node, kind, self._topic(name, kind, ending), callback, qos,
                          longest)
 
     def _topic(self, name: str, kind: type, ending: str) -> str:
         """
-        Return the topic that a node of the controller has in place of a name, which is remapped.
+        Return the topic to which a node of the controller remaps a name.
 
-        The graph says which topics of a type a node listens to, and not what they are to it: the
-        name itself is taken where it is among them, or they are several.
+        The graph lists the topics of a type that a node subscribes to, but not the names they
+        were remapped from: unless there is exactly one topic, the result is the name itself.
         """
         namespace, _, node = self.client.controller.rpartition('/')
         own = f'/{self.client.controller}/'
@@ -258,49 +260,49 @@ class Link:
         return found[0] if len(found) == 1 else usual
 
     def _ask(self) -> None:
-        """Ask for the parameters that say what is shown."""
+        """Request the displayed parameters."""
         if self._descriptions is None:
             self._descriptions = self._listen(String, 'robot_description', self._on_description,
                                               LATCHED, ending='', longest=MOST_XML_CHARACTERS)
         prefixes = [TASKS.rstrip('.'), LIMITS.rstrip('.')]
         self._call(ListParameters, 'list_parameters', ListParameters.Request(prefixes=prefixes),
-                   self._take_names, _nobody)
+                   self._take_names, _ignore)
 
     def _take_names(self, answer: ListParameters.Response) -> None:
-        """Ask for the values of parameters; those that are not there answer for none at all."""
-        names = [*OF_ROBOT, 'stack', *answer.result.names]
+        """Request the values of parameters; one unknown name would empty the response."""
+        names = [*ROBOT_PARAMETERS, 'stack', *answer.result.names]
         self._call(GetParameters, 'get_parameters', GetParameters.Request(names=names),
-                   lambda values: self._take_values(names, values), _nobody)
+                   lambda values: self._take_values(names, values), _ignore)
 
     def _take_values(self, names: Sequence[str], answer: GetParameters.Response) -> None:
-        """Take the values of parameters, and make the robot if it is another one."""
+        """Store the values of parameters, and update the robot."""
         if len(answer.values) == len(names):
             self.values = {name: parameter_value_to_python(value)
                            for name, value in zip(names, answer.values)}
             self._make_robot()
 
     def _make_robot(self) -> None:
-        """Make the robot that the controller has."""
+        """Create the robot of the controller if its description has changed."""
         values = self.values
         if not values:
             return
         limits = {name: value for name, value in values.items() if name.startswith(LIMITS)}
-        made_of = self._description, [values[name] for name in OF_ROBOT], limits
+        source = self._description, [values[name] for name in ROBOT_PARAMETERS], limits
         text = values['robot_description'] or self._description
-        if made_of == self._made_of or not (values['robot'] or text):
+        if source == self._robot_source or not (values['robot'] or text):
             return
-        self._made_of = made_of
+        self._robot_source = source
         options: dict[str, Any] = {
             'base': values['base'], 'world_frame': values['world_frame'],
             'joints': names_in(values['joints']), 'limits': _limits(limits)}
         try:
-            # A file may be on another machine; what its driver publishes is here.
+            # The file may be on another machine; the published description is available here.
             robot = Robot.from_urdf(text, **options) if text \
                 else Robot.from_file(values['robot'], **options)
         except TpControllerError as error:
             self.robot, self.fault = None, plain(in_words(error))
             return
-        self.look(False)
+        self.watch(False)
         self._configuration = ConfigurationBuffer(robot)
         self.robot, self.fault, self.q = robot, '', None
         self.velocity = np.full(robot.n, math.nan)
@@ -311,12 +313,12 @@ class Link:
         return self._configuration.passive
 
     def _on_description(self, message: String) -> None:
-        """Take a description."""
+        """Store the robot description."""
         self._description = message.data
         self._make_robot()
 
     def _on_joints(self, message: JointState) -> None:
-        """Take positions and velocities of joints."""
+        """Store positions and velocities of joints."""
         robot, now = self.robot, self._clock()
         if robot is None or not self._configuration.put_joint_state(message, now):
             return
@@ -324,32 +326,32 @@ class Link:
             for name, value in zip(message.name, message.velocity):
                 if name in robot.joint_names:
                     self.velocity[robot.joint_index(name)] = \
-                        value if abs(value) <= FASTEST else math.nan
+                        value if abs(value) <= MOST_VELOCITY else math.nan
         self._configure()
 
     def _on_odometry(self, message: Odometry) -> None:
-        """Take the pose of the base."""
+        """Store the pose of the base."""
         self._configuration.put_odometry(message, self._clock())
         self._configure()
 
     def _configure(self) -> None:
-        """Update the configuration, once all of it is known."""
+        """Update the configuration once it is complete."""
         q = self._configuration.configuration(self._clock())
         if q is not None:
             self.q = q
 
     def _on_markers(self, message: MarkerArray) -> None:
-        """Take what is drawn of the tasks."""
+        """Store the markers of the tasks."""
         self.markers = drawable(message.markers)
 
 
 def _gain(task: str) -> str:
-    """Return the parameter of the gain of a task."""
+    """Return the name of the gain parameter of a task."""
     return f'{TASKS}{task}.gain'
 
 
 def _limits(values: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Return {velocity: {key: value}} of parameters of limits, without those that are none."""
+    """Return {velocity: {key: value}} of the finite limits in parameters."""
     found: dict[str, dict[str, float]] = {}
     for name, value in values.items():
         joint, _, key = name.removeprefix(LIMITS).rpartition('.')
@@ -358,5 +360,5 @@ def _limits(values: Mapping[str, float]) -> dict[str, dict[str, float]]:
     return found
 
 
-def _nobody(worked: bool, text: str) -> None:
-    """Tell nobody."""
+def _ignore(worked: bool, text: str) -> None:
+    """Ignore the outcome of a call."""

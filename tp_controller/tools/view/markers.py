@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the controller draws of its tasks (`~/markers`), in a scene of the browser."""
+"""Markers of the tasks (`~/markers`) in a scene of the browser."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
@@ -29,22 +29,22 @@ if TYPE_CHECKING:  # Recordings are shown without ROS; their markers have the sa
     from visualization_msgs.msg import Marker
 
 TASKS = '/tasks'
-# A marker by its namespace and number.
+# Identifier of a marker: namespace and number.
 Key = tuple[str, int]
-# A pose or point that differs by less is the same [m].
-SAME = 1e-6
-# Types of markers, and what is done with them, as visualization_msgs/Marker has them.
+# Smallest change of a pose or point that is sent [m].
+MARKER_TOLERANCE = 1e-6
+# Types and actions of visualization_msgs/Marker.
 ARROW, CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST = range(6)
 TEXT_VIEW_FACING, TRIANGLE_LIST = 9, 11
 ADDED = 0
 PART_KINDS = {CUBE: 'box', SPHERE: 'sphere', CYLINDER: 'cylinder'}
 LINES = (LINE_LIST, LINE_STRIP)
-# Largest number of markers, of points of each; longest name [characters].
+# Largest number of markers, and of points of each; longest name [characters].
 MOST_MARKERS, MOST_POINTS, LONGEST_NAME = 1000, 20_000, 1000
 
 
 def drawable(markers: Sequence['Marker']) -> list['Marker']:
-    """Return the markers that can be drawn, with texts that can be shown."""
+    """Return the valid markers, with texts cleaned for display."""
     found = [marker for marker in markers[:MOST_MARKERS] if _is_drawable(marker)]
     for marker in found:
         marker.text = plain(marker.text)
@@ -52,7 +52,7 @@ def drawable(markers: Sequence['Marker']) -> list['Marker']:
 
 
 def _is_drawable(marker: 'Marker') -> bool:
-    """Return whether names and numbers of a marker make sense."""
+    """Return whether name and numbers of a marker are valid."""
     point, turn, scale = marker.pose.position, marker.pose.orientation, marker.scale
     return (marker.ns.isprintable() and len(marker.ns) <= LONGEST_NAME
             and len(marker.points) <= MOST_POINTS
@@ -67,15 +67,15 @@ def _is_drawable(marker: 'Marker') -> bool:
 
 class MarkerScene:
     """
-    Markers in a scene; of what stays as it is nothing is sent again.
+    Markers in a scene; only changes are sent.
 
     Parameters
     ----------
     scene : viser.SceneApi
     name : str
-        Of the node that all are below.
+        Name of the parent node.
     shown : callable
-        Says of a namespace whether its markers are shown.
+        Returns whether the markers of a namespace are shown.
 
     """
 
@@ -87,12 +87,12 @@ class MarkerScene:
 
     def draw(self, markers: Iterable['Marker']) -> None:
         """
-        Show markers in place of those that were shown before.
+        Show markers in place of the previous ones.
 
         Parameters
         ----------
         markers : iterable of visualization_msgs.msg.Marker
-            All in the root frame. Types that are not known are left out.
+            Markers in the root frame; unknown types are ignored.
 
         """
         wanted = {(marker.ns, marker.id): marker for marker in markers
@@ -107,33 +107,34 @@ class MarkerScene:
         """Show a marker."""
         before = self._drawn.get(key)
         points = np.array([(point.x, point.y, point.z) for point in marker.points]).reshape(-1, 3)
-        looks = _looks(marker)
-        if before is not None and before.looks != looks:
+        appearance = _appearance(marker)
+        if before is not None and before.appearance != appearance:
             self._drawn.pop(key).handle.remove()
             before = None
         content = _content(marker)
         if before is None:
             ns, number = key
-            # One node each: branches are removed with another, and their stems are left behind.
+            # One node without branches: removing a branch would leave its stem in the scene.
             name = f'{self._name}/{quote(ns, safe="")}:{number}'
             handle = ADD[marker.type](self._scene, name, marker, points)
-            before = self._drawn[key] = _Drawn(handle, looks, points, content)
+            before = self._drawn[key] = _Drawn(handle, appearance, points, content)
         elif before.content != content or before.points.shape != points.shape \
-                or np.abs(points - before.points).max(initial=0.0) > SAME:
+                or np.abs(points - before.points).max(initial=0.0) > MARKER_TOLERANCE:
             before.points, before.content = points, content
             _change(before.handle, marker, points)
         T = pose_of(marker)
-        if before.T is None or np.abs(T - before.T).max() > SAME:
+        if before.T is None or np.abs(T - before.T).max() > MARKER_TOLERANCE:
             before.T = T
             place(before.handle, T)
 
 
 class _Drawn:
-    """A marker as it is shown."""
+    """Marker with its node in the scene."""
 
-    def __init__(self, handle: viser.SceneNodeHandle, looks: object, points: Array,
+    def __init__(self, handle: viser.SceneNodeHandle, appearance: object, points: Array,
                  content: object) -> None:
-        self.handle, self.looks, self.points, self.content = handle, looks, points, content
+        self.handle, self.appearance = handle, appearance
+        self.points, self.content = points, content
         self.T: Array | None = None
 
 
@@ -144,12 +145,12 @@ def pose_of(marker: 'Marker') -> Array:
                 (point.x, point.y, point.z))
 
 
-def _looks(marker: 'Marker') -> object:
+def _appearance(marker: 'Marker') -> object:
     """
-    Return all of a marker that it is made with: another one is put in its place if that changes.
+    Return the properties of a marker whose change needs a new node.
 
-    What is removed and added is not seen for a moment. Of texts and lines nearly everything can be
-    changed; other shapes keep their number of points.
+    A new node is invisible for a moment. Nearly all properties of texts and lines can change in
+    place; other shapes keep their number of points.
     """
     scale, colour = marker.scale, marker.color
     if marker.type in (*LINES, TEXT_VIEW_FACING):
@@ -159,7 +160,7 @@ def _looks(marker: 'Marker') -> object:
 
 
 def _content(marker: 'Marker') -> object:
-    """Return the text of a marker, and the colours of its lines, which are changed in place."""
+    """Return the text of a marker, or the colours of its lines, which change in place."""
     if marker.type not in LINES:
         return marker.text
     return [(each.r, each.g, each.b) for each in (marker.color, *marker.colors)]
@@ -190,7 +191,7 @@ def _add_lines(scene: viser.SceneApi, name: str, marker: 'Marker',
 
 def _add_arrow(scene: viser.SceneApi, name: str, marker: 'Marker',
                points: Array) -> viser.SceneNodeHandle:
-    """Add an arrow between two points, or along x where there are none."""
+    """Add an arrow between two points, or along x without points."""
     scale = marker.scale
     if len(points) == 2:
         shaft, head, length = scale.x, scale.y, scale.z
@@ -225,7 +226,7 @@ def _segments(marker: 'Marker', points: Array) -> Array:
 
 
 def _colours(marker: 'Marker', points: Array) -> NDArray[np.uint8]:
-    """Return the colours (k, 2, 3) of the ends of lines; where there are none, that of all."""
+    """Return the colours (k, 2, 3) of the ends of lines; without these, that of the marker."""
     shades = np.array([(each.r, each.g, each.b) for each in (
         marker.colors if len(marker.colors) == len(points) else [marker.color] * len(points))])
     shades = shades.reshape(-1, 3)
@@ -233,9 +234,9 @@ def _colours(marker: 'Marker', points: Array) -> NDArray[np.uint8]:
 
 
 def _change(handle: viser.SceneNodeHandle, marker: 'Marker', points: Array) -> None:
-    """Give a marker other points, colours of lines, or another text."""
+    """Update the points, line colours or text of a marker."""
     if isinstance(handle, viser.LineSegmentsHandle):
-        # Together: there are as many of both.
+        # Both change together: their sizes must match.
         handle.points = _segments(marker, points).astype(np.float32)
         handle.colors = _colours(marker, points)
     elif isinstance(handle, viser.ArrowsHandle):

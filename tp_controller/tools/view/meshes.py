@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Mesh files of robot descriptions, as the browser takes them."""
+"""Mesh files of robot descriptions, converted for the browser."""
 
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -25,36 +25,36 @@ from tp_controller.model.spatial import Array
 from tp_controller.resources import find_file, SCHEME
 from tp_controller.ros.signals import uninterrupted
 
-# It takes whatever is raised in it for an error of its own, Ctrl-C too, and goes on.
+# Its import treats every exception, including that of Ctrl-C, as a missing dependency.
 with uninterrupted():
     import trimesh
 
 FILE_SCHEME = 'file://'
-# The largest of example-robot-data has 25 million bytes.
-LARGEST_FILE = 64_000_000
-# Edges sharper than this stay edges [rad].
-SHARP = 0.6
-# Packages that are installed beside Pinocchio, as example-robot-data is by pip.
-BESIDE = Path(pinocchio.__file__).resolve().parents[4] / 'share'
+# Largest mesh file [bytes]; that of example-robot-data has 25 million.
+MOST_BYTES = 64_000_000
+# Angle of an edge from which it is shaded as an edge [rad].
+EDGE_ANGLE = 0.6
+# Folder of packages installed beside Pinocchio, such as example-robot-data by pip.
+SHARE_FOLDER = Path(pinocchio.__file__).resolve().parents[4] / 'share'
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """
-    A surface.
+    Triangle mesh.
 
     Attributes
     ----------
     unit : float
-        Length that the numbers of the file are multiples of [m].
+        Unit of the coordinates of the file [m].
     vertices : ndarray (v, 3) or None
-        Corners of triangles, where the file says nothing of colours.
+        Vertices of the triangles, if the file has no colours.
     faces : ndarray (f, 3) of int or None
-        The corners of each triangle.
+        Vertex indices of each triangle.
     glb : bytes
-        All of it in glTF's binary form where the file has colours; else empty.
+        The mesh in glTF's binary form if the file has colours; else empty.
     points : ndarray (k, 3)
-        All corners, whatever the form.
+        All vertices, in either form.
 
     """
 
@@ -77,7 +77,7 @@ def mesh_path(name: str) -> Path:
     Raises
     ------
     FileNotFoundError
-        It is not there, or its package is not installed.
+        The file is missing, or its package is not installed.
 
     """
     try:
@@ -85,8 +85,8 @@ def mesh_path(name: str) -> Path:
     except FileNotFoundError:
         if not name.startswith(SCHEME):
             raise
-        path = (BESIDE / name.removeprefix(SCHEME)).resolve()
-        if path.is_relative_to(BESIDE) and path.is_file():
+        path = (SHARE_FOLDER / name.removeprefix(SCHEME)).resolve()
+        if path.is_relative_to(SHARE_FOLDER) and path.is_file():
             return path
         raise
 
@@ -100,37 +100,37 @@ def load_mesh(path: Path) -> Mesh:
     Raises
     ------
     OSError
-        It cannot be read.
+        The file cannot be read.
     ValueError
-        It is too large, or nothing that can be shown.
+        The file is too large, or contains no surface.
     ModuleNotFoundError
-        Its format needs a package that is not installed: ``.dae`` needs pycollada.
+        The format needs a package that is not installed: ``.dae`` needs pycollada.
 
     """
-    if path.stat().st_size > LARGEST_FILE:
-        raise ValueError(f'{path} is larger than {LARGEST_FILE} bytes')
+    if path.stat().st_size > MOST_BYTES:
+        raise ValueError(f'{path} is larger than {MOST_BYTES} bytes')
     scene = _read(path)
     unit = _unit(scene)
     for geometry in scene.geometry.values():
-        # Some files have three corners of its own for every triangle; edges stay what they are.
+        # Some files repeat the vertices of every triangle; the shading of edges is unaffected.
         if isinstance(geometry, trimesh.Trimesh):
             geometry.merge_vertices()
     if path.suffix.lower() == '.stl':
         mesh = scene.to_mesh()
-        mesh = trimesh.graph.smooth_shade(mesh, angle=SHARP)
+        mesh = trimesh.graph.smooth_shade(mesh, angle=EDGE_ANGLE)
         vertices = np.asarray(mesh.vertices)
         return Mesh(unit, vertices, np.asarray(mesh.faces), points=vertices)
     return Mesh(unit, glb=scene.export(file_type='glb'), points=_points(scene))
 
 
 def _read(path: Path) -> trimesh.Scene:
-    """Return what trimesh reads from a file."""
+    """Return the trimesh scene of a file."""
     try:
         scene = trimesh.load_scene(path)
     except (OSError, ModuleNotFoundError):
         raise
     except Exception as error:
-        # Whatever a reader of one of many formats stumbles over.
+        # The readers of the many formats raise arbitrary exceptions.
         raise ValueError(f'{path} cannot be read: {error}') from error
     if scene.is_empty:
         raise ValueError(f'{path} has no surface')
@@ -138,14 +138,14 @@ def _read(path: Path) -> trimesh.Scene:
 
 
 def _points(scene: trimesh.Scene) -> Array:
-    """Return the corners (k, 3) of all surfaces where they are in a scene."""
+    """Return the vertices (k, 3) of all surfaces, at their poses in a scene."""
     placed = (scene.graph[node] for node in scene.graph.nodes_geometry)
     return np.concatenate([trimesh.transform_points(scene.geometry[name].vertices, T)
                            for T, name in placed])
 
 
 def _unit(scene: trimesh.Scene) -> float:
-    """Return the length that the numbers of a file are multiples of [m]; COLLADA says it."""
+    """Return the unit of the coordinates of a file [m], which COLLADA specifies."""
     for geometry in scene.geometry.values():
         number, _, rest = str(geometry.metadata.get('units', '')).partition(' * ')
         if rest == 'meters':

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page: puts together what is seen of a controller, and hands on what is done to it."""
+"""Page of a controller: shows its state, and forwards the actions of users."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ from tp_controller.ros.parameters import TASKS
 from tp_controller.tasks import task_types
 from tp_controller.tools.view.camera import FIELD_OF_VIEW, first_view
 from tp_controller.tools.view.condition import BAD, Condition, ConditionReader
-from tp_controller.tools.view.draggables import GOALS, places_of, Topics
+from tp_controller.tools.view.draggables import draggables_of, GOALS, Topics
 from tp_controller.tools.view.gizmos import Gizmos, SIZES
 from tp_controller.tools.view.joint_sliders import JointSliders
 from tp_controller.tools.view.link import Link
@@ -41,15 +41,15 @@ from tp_controller.untrusted import plain
 import viser
 from visualization_msgs.msg import Marker
 
-# Pictures a second; texts change less often, and even less while nobody looks [s].
+# Frame rate [1/s]; period of the texts, with and without a browser [s].
 RATE, TEXT_SECONDS, UNSEEN_SECONDS = 30.0, 0.2, 1.0
-# Said of a controller that has fewer goals than before, and the colours of such remarks.
-ANEW = ('the controller has been started anew: it has no goals from before; drag them, or send '
-        'them again')
+# Notice after a restart of the controller, and the colours of such notices.
+RESTARTED = ('the controller has been restarted and has no goals; drag them, or send them '
+             'again')
 REMARK = '#eef1f4;color:#5b6470'
-# For how long it is said what was refused [s].
+# Display time of a notice [s].
 NOTICE_SECONDS = 12.0
-# Largest number of actions of browsers that wait; others are dropped.
+# Largest number of pending actions of browsers; others are dropped.
 MOST_WAITING = 100
 # Largest number of internal errors that are reported; longest report [characters].
 MOST_ERRORS, LONGEST_ERROR = 10, 5000
@@ -57,10 +57,10 @@ MOST_ERRORS, LONGEST_ERROR = 10, 5000
 
 class Page:
     """
-    The page of a controller; all browsers that open it see and change the same.
+    Page of a controller, shared by all browsers that open it.
 
-    What is done in a browser waits until the next `update`, which is called `RATE` times a
-    second: everything of ROS happens there, on one thread.
+    Actions in a browser wait until the next `update`, which is called `RATE` times a second: all
+    ROS calls happen there, on one thread.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Page:
     stack : StackPanel
     stop_button, start_button : viser.GuiButtonHandle
     state_text, notice : viser.GuiHtmlHandle
-        What the controller does; what was refused.
+        State of the controller; last refusal.
 
     """
 
@@ -86,10 +86,10 @@ class Page:
         self._condition, self._reader = Condition('', ''), ConditionReader()
         self._concluded = False
         add_sky(server.scene)
-        self._ground, self._stands = add_ground(server.scene), False
+        self._ground, self._grounded = add_ground(server.scene), False
         server.initial_camera.fov = FIELD_OF_VIEW
         self._markers = MarkerScene(server.scene)
-        self._changes = StackChanges(link, self._tell)
+        self._changes = StackChanges(link, self._show_answer)
         self.gizmos = Gizmos(server.scene, link.client.publish, self._changes.set_key)
         self._trail = Trail(server.scene, '/path')
         self._topics: Topics = {}
@@ -102,19 +102,19 @@ class Page:
         self.start_button = gui.add_button('Start', color='green', icon=viser.Icon.PLAYER_PLAY)
         self.notice = gui.add_html('')
         self.stop_button.on_click(lambda _: self._stop())
-        self.start_button.on_click(lambda _: self._later(lambda: link.start(self._tell)))
+        self.start_button.on_click(lambda _: self._later(lambda: link.start(self._show_answer)))
         self._add_tabs(gui)
 
     def _add_tabs(self, gui: viser.GuiApi) -> None:
-        """Add what is below the buttons."""
+        """Add the tabs below the buttons."""
         link, later = self.link, self._later
         tabs = gui.add_tab_group()
         with tabs.add_tab('Stack', viser.Icon.LIST_NUMBERS):
             self.stack = StackPanel(
-                gui, lambda task, on: later(lambda: link.enable(task, on, self._tell)),
+                gui, lambda task, on: later(lambda: link.enable(task, on, self._show_answer)),
                 lambda task, step: later(lambda: self._changes.move(task, step)),
                 lambda task, gain: later(lambda: link.set_parameters(
-                    {f'{TASKS}{task}.gain': gain}, self._tell)))
+                    {f'{TASKS}{task}.gain': gain}, self._show_answer)))
         with tabs.add_tab('Joints', viser.Icon.ADJUSTMENTS):
             self.joints = JointSliders(
                 gui, lambda name, value: later(lambda: self.joints.move(name, value)))
@@ -128,9 +128,9 @@ class Page:
 
     def update(self) -> None:
         """
-        Act on what was done in browsers, take in what has happened, and show how it is.
+        Execute pending actions, process new data of the controller, and update the page.
 
-        An exception in one of these does not keep the others from being done.
+        An exception in one step does not prevent the others.
         """
         for _ in range(len(self._waiting)):
             self._attempt('act', self._act)
@@ -138,8 +138,8 @@ class Page:
         now = time.monotonic()
         self._attempt('change the stack', self._changes.update)
         self._attempt('listen', self.link.update)
-        # Where the robot stands is learned before anybody looks, once.
-        self._attempt('look', partial(self.link.look, watched or self.link.q is None))
+        # The first configuration is received even without a browser.
+        self._attempt('look', partial(self.link.watch, watched or self.link.q is None))
         self._attempt('show the robot', self._show_robot)
         self._attempt('send goals', self._send_goals)
         if now >= self._texts_due and not self._concluded:
@@ -148,19 +148,19 @@ class Page:
             self._attempt('show the tasks', partial(self._show_tasks, now))
 
     def turn(self, seconds: float = 1.0 / RATE) -> None:
-        """Update, and wait until a time has passed since the start of the turn [s]."""
+        """Update, and wait until a time has passed since the start of the call [s]."""
         due = time.monotonic() + seconds
         self.update()
         time.sleep(max(due - time.monotonic(), 0.0))
 
     def conclude(self, text: str) -> None:
         """
-        Show that a demo has finished, and its results, from now on: its nodes are about to end.
+        Show the results of a finished demo from now on: its nodes are about to end.
 
         Parameters
         ----------
         text : str
-            Lines, the first of them a title.
+            Lines, with a title in the first.
 
         """
         title, _, results = text.partition('\n')
@@ -175,8 +175,8 @@ class Page:
             f'{escape(results)}</div></div>')
 
     def _act(self) -> None:
-        """Do what has waited longest, if a Stop has not dropped it meanwhile."""
-        # Stop comes on a thread of the server.
+        """Execute the oldest pending action, unless Stop has dropped it."""
+        # Stop is handled on a thread of the server.
         try:
             action = self._waiting.popleft()
         except IndexError:
@@ -184,23 +184,23 @@ class Page:
         action()
 
     def _later(self, action: Callable[[], None]) -> None:
-        """Do something in the next `update`."""
+        """Execute an action in the next `update`."""
         if len(self._waiting) < MOST_WAITING:
             self._waiting.append(action)
 
     def _stop(self) -> None:
-        """Stop in the next `update`; what was done before and still waits is dropped."""
+        """Stop the robot in the next `update`; earlier pending actions are dropped."""
         self._waiting.clear()
-        self._later(lambda: self.link.stop(self._tell))
+        self._later(lambda: self.link.stop(self._show_answer))
 
     def _attempt(self, what: str, action: Callable[[], None]) -> None:
-        """Do something, and report why it cannot be done."""
+        """Execute an action, and report its failure."""
         try:
             action()
         except TpControllerError as error:
-            self._tell(False, str(error))
+            self._show_answer(False, str(error))
         except Exception as error:
-            # The page goes on, whatever is wrong: its Stop has to work.
+            # The page continues after any error: its Stop must work.
             self._report(what, error)
 
     def _report(self, what: str, error: Exception) -> None:
@@ -209,47 +209,47 @@ class Page:
         if kind in self._errors or len(self._errors) >= MOST_ERRORS:
             return
         self._errors.add(kind)
-        # A terminal that is gone, or a full disk, must not end the page.
+        # A closed terminal, or a full disk, must not end the page.
         with suppress(OSError, ValueError):
             print(plain(''.join(format_exception(error)), LONGEST_ERROR, lines=True),
                   file=sys.stderr, flush=True)
-        self._tell(False, f'internal error: cannot {what}: {in_words(error)}')
+        self._show_answer(False, f'internal error: cannot {what}: {in_words(error)}')
 
-    def _tell(self, worked: bool, text: str) -> None:
-        """Say what was refused."""
+    def _show_answer(self, worked: bool, text: str) -> None:
+        """Show the reason of a refusal; clear the notice on success."""
         if worked:
             self._clear_notice()
             return
         self._notice('refused', plain(text), '#fdecea;color:#8c1d18')
 
     def _notice(self, kind: str, text: str, colours: str) -> None:
-        """Show a text for a while."""
+        """Show a notice for `NOTICE_SECONDS`."""
         self._notice_until = time.monotonic() + NOTICE_SECONDS
         self.notice.content = (
             f'<div data-notice="{kind}" style="margin:4px 12px;padding:6px 10px;border-radius:4px;'
             f'background:{colours};font-size:0.9em">{escape(text)}</div>')
 
     def _clear_notice(self) -> None:
-        """Say no more what was refused."""
+        """Clear the notice."""
         if self._notice_until:
             self._notice_until = 0.0
             self.notice.content = ''
 
     def _show_robot(self) -> None:
-        """Show the robot where it is, and what is drawn of its tasks."""
+        """Show the robot at its configuration, and the markers of its tasks."""
         link = self.link
         if link.robot is None:
             return
         if self._robot is None or self._robot.robot is not link.robot:
-            self._meet_robot()
+            self._replace_robot()
         if self._robot is not None and link.q is not None:
             markers = link.markers if link.present else []
             with self.server.atomic():
                 self._robot.show(link.q, link.passive)
-                if not self._stands:
-                    self._stands = True
-                    self._stand(self._robot)
-                    self._look_at(self._robot)
+                if not self._grounded:
+                    self._grounded = True
+                    self._place_ground(self._robot)
+                    self._set_initial_camera(self._robot)
                 self._show_path()
                 if markers is not self._drawn or not markers:
                     self._drawn = markers
@@ -257,68 +257,68 @@ class Page:
                     self._show_gizmos(markers)
 
     def _show_gizmos(self, markers: Sequence[Marker]) -> None:
-        """Show what can be dragged."""
+        """Update the gizmos."""
         for group, chosen in self.handles.items():
             self.gizmos.shown[group] = chosen.value
-        self.gizmos.follow(places_of(markers, self._topics, self._changes.numbers))
+        self.gizmos.follow(draggables_of(markers, self._topics, self._changes.numbers))
 
     def _send_goals(self) -> None:
-        """Send what was dragged."""
+        """Publish dragged goals and joint goals."""
         self.gizmos.send()
         goal = self.joints.due(time.monotonic())
         if goal is not None and self.joints.task.value:
             self.link.client.publish(self.joints.task.value, 'goal', goal)
 
     def _show_path(self) -> None:
-        """Show where the chosen frame has been."""
+        """Show the path of the chosen frame."""
         if self._robot is not None and self.trail.value and self.frame.value:
             self._trail.add(self._robot.state.position(self.frame.value))
         else:
             self._trail.clear()
 
-    def _meet_robot(self) -> None:
-        """Show another robot."""
+    def _replace_robot(self) -> None:
+        """Show another robot, in place of the previous one."""
         link = self.link
         if link.robot is None:
             return
         if self._robot is not None:
             self._robot.remove()
-        self._robot, self._stands = RobotScene(self.server.scene, link.robot), False
-        self._stand(self._robot)
+        self._robot, self._grounded = RobotScene(self.server.scene, link.robot), False
+        self._place_ground(self._robot)
         self.joints.build(link.robot)
         self._trail.clear()
         self.frame.options = link.robot.frame_names
         assign(self.frame, tip(link.robot))
 
-    def _stand(self, robot: RobotScene) -> None:
-        """Have the ground where a robot stands."""
+    def _place_ground(self, robot: RobotScene) -> None:
+        """Place the ground below a robot."""
         self._ground.position = (0.0, 0.0, robot.ground())
 
-    def _look_at(self, robot: RobotScene) -> None:
+    def _set_initial_camera(self, robot: RobotScene) -> None:
         """
-        Show a robot where it is to whoever opens the page, and to whoever has opened it already.
+        Point the cameras of present and future browsers at a robot.
 
-        Browsers go where they are told to first, once: nothing may be told before it is known
-        where the robot is. From then on their cameras belong to those who look.
+        Browsers apply only the first initial camera, so it is set once the configuration is known.
+        From then on users control their cameras.
         """
         camera = self.server.initial_camera
         camera.position, camera.look_at = first_view(
             robot.points_in_view(SIZES[GOALS]), moves=robot.robot.moves)
 
     def _show_tasks(self, now: float) -> None:
-        """Show the stack, and how its tasks do."""
+        """Show the stack and the state of its tasks."""
         link = self.link
         self._topics = link.client.tasks()
         self._changes.read()
         self.stack.show(link.rows, link.gains(), link.present)
         self._show_refusals()
         if link.robot is not None and self._robot is not None:
-            self.joints.show(link.robot, link.q, self._about_joints())
+            self.joints.show(link.robot, link.q, self._joint_tasks())
             self.plots.add(now, link.rows, link.robot, self._robot.state, link.velocity,
                            self.frame.value)
 
     def _show_state(self, now: float) -> None:
-        """Show what the controller does."""
+        """Update the state of the controller, the buttons and the notice."""
         link = self.link
         self._show_condition()
         self.start_button.disabled = not self._condition.waits
@@ -327,7 +327,7 @@ class Page:
             self._clear_notice()
 
     def _show_condition(self) -> None:
-        """Show what the controller does."""
+        """Show the state of the controller, and warn about a slow machine."""
         link = self.link
         found = self._reader.read(link.head, link.present)
         if link.fault:
@@ -343,19 +343,19 @@ class Page:
             self._notice('slow', remark, REMARK)
 
     def _show_refusals(self) -> None:
-        """Show why a goal was refused, and that the goals are gone with their controller."""
+        """Show the reason of a refused goal, and a restart of the controller."""
         accepted = {row.name: row.accepted for row in self.link.rows}
         if any(accepted[name] < before for name, before in self._accepted.items()
                if name in accepted):
-            self._notice('anew', ANEW, REMARK)
+            self._notice('restarted', RESTARTED, REMARK)
         self._accepted = accepted
         for row in self.link.rows:
             if row.refused > self._refused.get(row.name, row.refused):
-                self._tell(False, f'goal for task {row.name} refused: {row.refusal}')
+                self._show_answer(False, f'goal for task {row.name} refused: {row.refusal}')
             self._refused[row.name] = row.refused
 
-    def _about_joints(self) -> list[str]:
-        """Return the tasks whose goals are positions of joints."""
+    def _joint_tasks(self) -> list[str]:
+        """Return the tasks with joint positions as goals."""
         kinds = task_types()
         return [row.name for row in self.link.rows
                 if row.kind in kinds and kinds[row.kind].goal_type == 'joints']

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Solid shapes, and how they get into a scene of the browser."""
+"""Solid shapes in a scene of the browser."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,20 +25,20 @@ import viser
 
 Colour = tuple[int, int, int]
 Vector = tuple[float, float, float]
-# w first.
+# Order w, x, y, z.
 Quaternion = tuple[float, float, float, float]
 
 LINK_COLOUR: Colour = (224, 227, 232)
-# Largest distance of anything from the root [m].
+# Largest distance from the root frame [m].
 FARTHEST = 1e6
-# How far the norm of a quaternion may be from 1.
+# Tolerance of the norm of a quaternion.
 UNIT_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
     """
-    A solid that is fixed to a link.
+    Solid fixed to a link.
 
     Attributes
     ----------
@@ -47,11 +47,11 @@ class Part:
     size : tuple of float
         Sides; radius; radius and length [m]; for a mesh the scale along each axis.
     T : ndarray (4, 4)
-        Where it is on the link.
+        Pose on the link.
     colour : tuple of int or None
-        Red, green and blue up to 255; None where the mesh has its own.
+        Red, green and blue up to 255; None if the mesh has its own colour.
     opacity : float
-        1 if nothing is seen through it.
+        1 for an opaque solid.
     mesh : Mesh or None
 
     """
@@ -65,13 +65,13 @@ class Part:
 
 
 def is_pose(wxyz: Quaternion, position: Vector) -> bool:
-    """Return whether a quaternion and a position [m] are a pose that can be shown."""
+    """Return whether a quaternion and a position [m] form a pose within range."""
     return (abs(math.hypot(*wxyz) - 1.0) <= UNIT_TOLERANCE
             and all(abs(each) <= FARTHEST for each in position))
 
 
 def wxyz(R: Array) -> Array:
-    """Return a rotation (3, 3) as the quaternion (4,) that viser takes, w first."""
+    """Return a rotation (3, 3) as the quaternion (4,) of viser, w first."""
     return np.roll(quaternion_from_rotation(R), 1)
 
 
@@ -82,19 +82,19 @@ def place(handle: viser.SceneNodeHandle, T: Array) -> None:
 
 
 def add_part(scene: viser.SceneApi, name: str, part: Part) -> viser.SceneNodeHandle:
-    """Add a solid to a scene, on the node that the name of its own begins with."""
+    """Add a solid to a scene, below the node that its name starts with."""
     handle = ADD[part.kind](scene, name, part)
     place(handle, part.T)
     return handle
 
 
 def _opacity(part: Part) -> float | None:
-    """Return an opacity as viser has it."""
+    """Return the opacity for viser; None for an opaque part."""
     return part.opacity if part.opacity < 1.0 else None
 
 
 def _scale(part: Part) -> tuple[float, float, float]:
-    """Return three sizes, which are all the same where there is only one."""
+    """Return the scale along three axes; a single size applies to all."""
     x, y, z = part.size if len(part.size) == 3 else 3 * part.size
     return x, y, z
 
@@ -106,7 +106,7 @@ def _box(scene: viser.SceneApi, name: str, part: Part) -> viser.SceneNodeHandle:
 
 
 def _sphere(scene: viser.SceneApi, name: str, part: Part) -> viser.SceneNodeHandle:
-    """Add a sphere; an ellipsoid where there are three radii."""
+    """Add a sphere, or an ellipsoid with three radii."""
     return scene.add_icosphere(name, 1.0, part.colour or LINK_COLOUR,
                                scale=_scale(part),
                                opacity=_opacity(part), cast_shadow=part.opacity == 1.0)

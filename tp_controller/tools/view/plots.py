@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Running plots on the page: errors, joint velocities against their limits, manipulability."""
+"""Running plots on the page: errors, joint velocities relative to their limits, manipulability."""
 
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
@@ -26,47 +26,48 @@ from tp_controller.model.state import RobotState
 from tp_controller.tools.view.rows import Row
 import viser
 
-# How far back plots go, and the time between two samples [s].
+# Time span of a plot, and sampling period [s].
 SECONDS, SAMPLE_SECONDS = 20.0, 0.1
 COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000',
            '#7F3C8D', '#80BA5A')
 LIMIT_COLOUR = '#B00020'
 HEIGHT = 190
-# Above, at the right, below and at the left: half of the uppermost label is above its line.
+# Top, right, bottom and left: half of the uppermost label is above its line.
 PADDING = 8, 24, 0, 0
-# Smaller and larger errors are drawn as these: a logarithmic scale (`distr` 3) has no zero.
+# Errors are clamped to these bounds: a logarithmic scale (`distr` 3) has no zero.
 LEAST_ERROR, MOST_ERROR = 1e-6, 1e9
-# How many powers of ten an axis has labels for at most.
+# Largest number of labels of an axis.
 MOST_LABELS = 6
-# A plot whose tab was just opened has no width until the browser draws the next picture, and its
-# legend would be all that is seen of it.
+# A plot in a tab that was just opened has no width until the browser draws the next frame; it
+# would show its legend only.
 HIDE_NARROW = '<style>.uplot:has(canvas[width="0"]) {visibility: hidden}</style>'
-# As uPlot has them without being told; viser makes them as dark as the labels.
+# The default of uPlot; viser makes the ticks as dark as the labels.
 TICKS: viser.uplot.Axis_Ticks = {'stroke': '#00000012'}
 EXPONENTS = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
-# Entries of a Jacobian below this are zero at all configurations, if they are at some.
-NOTHING = 1e-9
-TRIED = 5
+# Entries of a Jacobian below this count as zero.
+JACOBIAN_TOLERANCE = 1e-9
+# Number of random configurations that find the rows of a Jacobian that are not zero.
+JACOBIAN_SAMPLES = 5
 
 
 class RunningPlot:
     """
-    A plot of the last seconds.
+    Plot of the last seconds.
 
     Parameters
     ----------
     gui : viser.GuiApi
-        The plot goes to its current container.
+        The plot is added to its current container.
     title : str
     scale : dict, optional
-        Of the y axis, as uPlot has it; without one it is logarithmic.
+        Scale of the y axis, in the form of uPlot; logarithmic by default.
     limits : sequence of float
-        Drawn as lines.
+        Limits, drawn as lines.
 
     Attributes
     ----------
     names : tuple of str
-        Of the curves.
+        Names of the curves.
 
     """
 
@@ -80,9 +81,9 @@ class RunningPlot:
 
     def add(self, now: float, values: Mapping[str, float]) -> None:
         """
-        Take a sample, in which every value is known.
+        Add a sample if all its values are finite.
 
-        With other names than before the plot begins anew.
+        Different names than before clear the plot.
 
         Parameters
         ----------
@@ -102,32 +103,32 @@ class RunningPlot:
         del self._times[:first], self._rows[:first]
 
     def show(self) -> None:
-        """Show what was taken."""
+        """Show the samples."""
         if not self.names or not self._times:
             return
         data, series = self._data(), self._series()
         if self._plot is None:
             self._plot = self._gui.add_uplot(data, series, title=self._title, height=HEIGHT,
                                              padding=PADDING, **self._axes())
-        # Not another plot: a browser may still have updates of the one before.
+        # Reuse the plot: a browser may still have updates of it.
         for name, value in {'series': series, **self._axes()}.items():
             if getattr(self._plot, name) != value:
                 setattr(self._plot, name, value)
         self._plot.data = data
 
     def _axes(self) -> dict[str, Any]:
-        """Return the axes, and how values go onto them, as uPlot has both."""
+        """Return axes and scales, in the form of uPlot."""
         x: viser.uplot.Scale = {'time': False, 'range': (-SECONDS, 0.0)}
         if self._scale is not None:
             return {'scales': {'x': x, 'y': self._scale}}
         powers = powers_of_ten(self._rows)
-        # Labels of its own are rounded to thousandths, and its grid has lines between powers.
+        # The default labels are rounded to thousandths, and the grid has lines between powers.
         return {'scales': {'x': x, 'y': {'distr': 3, 'log': 10, 'range': (powers[0], powers[-1])}},
                 'axes': ({'ticks': TICKS}, {'ticks': TICKS, 'splits': powers,
                                             'values': labels(powers)})}
 
     def _series(self) -> tuple[viser.uplot.Series, ...]:
-        """Return how the curves look."""
+        """Return labels and styles of the curves."""
         series: list[viser.uplot.Series] = [{'label': 's'}]
         series += [{'label': name, 'stroke': COLOURS[number % len(COLOURS)], 'width': 1.5}
                    for number, name in enumerate(self.names)]
@@ -136,7 +137,7 @@ class RunningPlot:
         return tuple(series)
 
     def _data(self) -> tuple[Array, ...]:
-        """Return times, counted from now, and values (k,)."""
+        """Return times relative to the last sample, and values (k,)."""
         times = np.array(self._times) - self._times[-1]
         return (times, *np.array(self._rows).T,
                 *(np.full(len(times), limit) for limit in self._limits))
@@ -144,13 +145,13 @@ class RunningPlot:
 
 class Plots:
     """
-    All plots of the page.
+    Plots of the page.
 
     Parameters
     ----------
     gui : viser.GuiApi
     tab : viser.GuiTabHandle
-        Where they are.
+        Tab of the plots.
 
     Attributes
     ----------
@@ -172,7 +173,7 @@ class Plots:
     def add(self, now: float, rows: Sequence[Row], robot: Robot, state: RobotState,
             velocity: Array, frame: str) -> None:
         """
-        Take a sample if it is time for one, and show it.
+        Add a sample if it is due, and show it.
 
         Parameters
         ----------
@@ -181,13 +182,13 @@ class Plots:
         rows : list of Row
             Tasks.
         robot : Robot
-            Whose limits and Jacobian are shown.
+            Robot whose limits and Jacobian are used.
         state : RobotState
-            Where it is.
+            State of the robot.
         velocity : ndarray (n,)
-            Not a number where it is not known [rad/s or m/s].
+            Joint velocities; not a number if unknown [rad/s or m/s].
         frame : str
-            Whose manipulability is shown.
+            Frame whose manipulability is shown.
 
         """
         if now < self._due:
@@ -207,21 +208,21 @@ class Plots:
 
 
 def error_curves(rows: Sequence[Row]) -> dict[str, float]:
-    """Return {task and unit: error}, none of them zero; not a number where it is not known."""
+    """Return {task and unit: error}, clamped to positive values; not a number if unknown."""
     return {f'{row.name} [{unit}]': error if math.isnan(error)
             else min(max(error, LEAST_ERROR), MOST_ERROR)
             for row in rows for unit, error in row.errors}
 
 
 def powers_of_ten(values: Sequence[Sequence[float]]) -> tuple[float, ...]:
-    """Return the powers of ten from the last below all values, which are positive, to the next."""
+    """Return the powers of ten that enclose positive values."""
     lower = math.floor(math.log10(min(map(min, values))))
     upper = math.ceil(math.log10(max(map(max, values))))
     return tuple(10.0**each for each in range(lower, max(upper, lower + 1) + 1))
 
 
 def labels(powers: Sequence[float]) -> tuple[str, ...]:
-    """Return a label for each power of ten; empty ones between where there are many."""
+    """Return a label for each power of ten; with many powers some labels are empty."""
     step = math.ceil(len(powers) / MOST_LABELS)
     exponents = [round(math.log10(power)) for power in powers]
     return tuple('' if each % step else f'10{str(each).translate(EXPONENTS)}'
@@ -229,14 +230,14 @@ def labels(powers: Sequence[float]) -> tuple[str, ...]:
 
 
 def moving_rows(robot: Robot, frame: str) -> list[int]:
-    """Return the rows of the Jacobian of a frame in which it can move at all."""
+    """Return the rows of the Jacobian of a frame that are not always zero."""
     random = np.random.default_rng(0)
     state = robot.state(robot.neutral())
     found = np.zeros(6)
-    for _ in range(TRIED):
+    for _ in range(JACOBIAN_SAMPLES):
         state.update(robot.integrate(robot.neutral(), random.uniform(-1.0, 1.0, robot.n), 1.0))
         found = np.maximum(found, np.abs(state.jacobian(frame)).max(axis=1))
-    return np.flatnonzero(found > NOTHING).tolist()
+    return np.flatnonzero(found > JACOBIAN_TOLERANCE).tolist()
 
 
 def manipulability(state: RobotState, frame: str, rows: Sequence[int]) -> float:

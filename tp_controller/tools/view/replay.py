@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The motion of a recording, as a page that shows it in the browser, without a server."""
+"""Motion of a recording as a page for the browser, without a server."""
 
 from collections.abc import Sequence
 from contextlib import redirect_stdout
@@ -37,31 +37,31 @@ from tp_controller.tools.view.scene import (
 )
 import viser
 
-# Path of the tool, all of it.
+# Name of the node with the whole path of the tool.
 PATH = '/path'
-# Where the recording has no messages the replay goes on after this time [s].
+# Longest pause of the replay, where the recording has no messages [s].
 LONGEST_GAP = 2.0
-# Largest number of poses of links in a page; of a robot with many links fewer moments are shown.
+# Largest number of link poses in a page; robots with many links have a lower frame rate.
 MOST_POSES = 1_000_000
-# From how many configurations the view is chosen.
+# Number of configurations that define the view.
 VIEWS = 20
 
 
 def replay_page(history: History, robot: Robot) -> str:
     """
-    Return a page that shows what a robot did, with everything in it.
+    Return a self-contained page that shows the motion of a robot.
 
     Parameters
     ----------
     history : History
-        What happened.
+        Content of the recording.
     robot : Robot
-        Its meshes are shown where they are found.
+        Robot, shown with the meshes that are available.
 
     Returns
     -------
     str
-        HTML; empty if nothing is known of where the robot was.
+        HTML; empty if no configuration is known.
 
     """
     times, q, passive, moments = configurations(history, robot)
@@ -69,7 +69,7 @@ def replay_page(history: History, robot: Robot) -> str:
         return ''
     step = math.ceil(len(times) * len(robot.frame_names) / MOST_POSES)
     times, q, passive, moments = times[::step], q[::step], passive[::step], moments[::step]
-    # It tells of a server that nobody has use for.
+    # viser would print the address of this temporary server.
     with redirect_stdout(io.StringIO()), Guard(Gate(LOCAL), pictures=True).watching():
         server = viser.ViserServer(LOCAL, 0, verbose=False)
         try:
@@ -101,7 +101,7 @@ def _recorded(server: viser.ViserServer, history: History, robot: Robot, times: 
 
 
 def _look(server: viser.ViserServer, shown: RobotScene, q: Array, passive: Array) -> None:
-    """Look from where the robot is seen well all the time."""
+    """Set a view that contains the robot all the time."""
     points = []
     for row in np.unique(np.linspace(0, len(q) - 1, VIEWS).astype(int)):
         shown.state.update(q[row], passive[row])

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The status of a controller as rows that are shown, one for each task."""
+"""Status of a controller as displayed rows, one per task."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,37 +21,37 @@ import math
 from diagnostic_msgs.msg import DiagnosticArray
 from tp_controller.untrusted import count, errors_of, number
 
-# Units that are shown with others, and by what they are multiplied.
+# Displayed units, with their conversion factors.
 SHOWN = {'m': ('mm', 1e3), 'rad': ('°', math.degrees(1.0)), 'm/s': ('mm/s', 1e3),
          'rad/s': ('°/s', math.degrees(1.0))}
-# A task whose desired speed is below this is at rest.
-STILL = 1e-6
+# Desired speed of a task up to which it is at rest, in its own unit.
+REST_SPEED = 1e-6
 DISABLED = 'disabled'
-# The status of all tasks while zeros are commanded.
+# Status of all tasks while zeros are commanded.
 STOPPED = 'stopped'
 
 
 @dataclass(frozen=True)
 class Row:
     """
-    What is shown of a task.
+    Displayed state of a task.
 
     Attributes
     ----------
     name, kind, level : str
-        The kind is its type, the level ``1``, ``2`` …, or ``disabled``.
+        Name and type of the task; level ``1``, ``2`` …, or ``disabled``.
     status : str
         ``reached``, ``moving``, ``limited`` …
     errors : tuple of (str, float)
-        Unit and value of each.
+        Unit and value of each error.
     share : float
-        What part of the desired speed is achieved; not a number at rest.
+        Achieved share of the desired speed; not a number at rest.
     reason, hint : str
-        What limits the task, and what may help.
+        Cause of a limit, and possible remedy.
     accepted, refused : int
-        How many goals were accepted, and refused.
+        Number of accepted and refused goals.
     refusal, warning : str
-        Why the last one was, and what is probably a mistake in the last that was not.
+        Reason of the last refusal, and probable mistake in the last accepted goal.
 
     """
 
@@ -74,7 +74,7 @@ class Row:
         return self.level != DISABLED
 
     def error_text(self) -> str:
-        """Return the errors, in units that suit their size."""
+        """Return the errors as text, in suitable units."""
         return ', '.join(quantity(unit, value) for unit, value in self.errors)
 
 
@@ -89,7 +89,7 @@ def _row(name: str, values: Mapping[str, str]) -> Row:
     """Return the row of a task."""
     errors = tuple(errors_of(values).items())
     wanted, achieved = (number(values.get(key, '')) for key in ('wanted speed', 'achieved speed'))
-    share = min(max(achieved / wanted, 0.0), 1.0) if wanted > STILL else math.nan
+    share = min(max(achieved / wanted, 0.0), 1.0) if wanted > REST_SPEED else math.nan
     return Row(name, values.get('type', ''), values.get('level', ''), values.get('status', ''),
                errors, share, values.get('reason', ''), values.get('hint', ''),
                count(values.get('goals accepted', '')), count(values.get('goals refused', '')),
@@ -103,7 +103,7 @@ def _warnings(values: Mapping[str, str]) -> list[str]:
 
 
 def quantity(unit: str, value: float) -> str:
-    """Return a value with its unit, or with one that suits its size."""
+    """Return a value as text with its unit, converted to a suitable one."""
     if math.isnan(value):
         return '-'
     shown, factor = SHOWN.get(unit, (unit, 1.0))

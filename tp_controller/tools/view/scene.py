@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A robot in a scene of the browser: its links, the ground, and where its tool has been."""
+"""Robot in a scene of the browser: links, ground, and the path of a frame."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,60 +21,60 @@ from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.tools.view.bounds import corners, lowest, outer_points
 from tp_controller.tools.view.parts import add_part, Colour, place
-from tp_controller.tools.view.visuals import Looks, looks_of
+from tp_controller.tools.view.visuals import Visuals, visuals_of
 import viser
 
 GROUND = '/ground'
 ROBOT = '/robot'
-# How far the grid of the ground goes, and what is between its lines [m].
+# Size of the ground, and spacing of its fine and coarse lines [m].
 GROUND_SIZE, CELL, SECTION = 8.0, 0.25, 1.0
 GROUND_COLOUR, CELL_COLOUR, SECTION_COLOUR = (228, 232, 238), (206, 212, 221), (176, 184, 196)
 SHADOW = 0.3
-# Of the sky, at its top and where it meets the ground.
+# Colours of the sky at the zenith and at the horizon; number of shades.
 SKY_COLOURS, SHADES = ((186, 203, 224), (240, 243, 247)), 64
 BRIGHTNESS = 0.25
 TRAIL_COLOUR: Colour = (0, 114, 178)
-# Points of a trail, and how far a frame moves between two of them [m].
-MOST_POINTS, STEP = 400, 0.004
+# Number of points of a trail, and smallest distance between two of them [m].
+MOST_TRAIL_POINTS, TRAIL_STEP = 400, 0.004
 TRAIL_WIDTH = 3.0
-# A base whose lowest point is as near to the root as this stands there [m].
-STANDS = 0.02
-# A pose that differs by less is the same.
-SAME = 1e-7
+# Largest height of the lowest point of a base that stands on the root plane [m].
+BASE_TOLERANCE = 0.02
+# Smallest change of an entry of a pose that is sent [m, 1].
+LINK_TOLERANCE = 1e-7
 
 
 class RobotScene:
     """
-    A robot in a scene.
+    Robot in a scene.
 
-    The shapes of each link are sent once. `show` moves them, and nothing else.
+    The shapes of each link are sent once; `show` only moves them.
 
     Parameters
     ----------
     scene : viser.SceneApi
-        Of a server, whose browsers all see the same.
+        Scene of a server, shared by its browsers.
     robot : Robot
     name : str
-        Of the node that all links are below.
-    looks : Looks, optional
-        What the links look like; by default what the description of the robot says.
+        Name of the parent node of the links.
+    looks : Visuals, optional
+        Visual model; by default that of the description.
 
     Attributes
     ----------
     state : RobotState
-        The robot where it is shown.
+        Displayed state of the robot.
     frames : dict
-        {link: handle} of the links that have a shape.
+        {link: handle} of the links with a shape.
     parts : dict
         {link: list of Part}
     remarks : tuple of str
-        What of the description is not shown, and why.
+        Parts of the description that are not shown, with the reasons.
 
     """
 
     def __init__(self, scene: viser.SceneApi, robot: Robot, name: str = ROBOT,
-                 looks: Looks | None = None) -> None:
-        looks = looks_of(robot) if looks is None else looks
+                 looks: Visuals | None = None) -> None:
+        looks = visuals_of(robot) if looks is None else looks
         self.robot, self.parts, self.remarks = robot, looks.parts, looks.remarks
         self._corners = corners(looks.parts)
         self._root = scene.add_frame(name, show_axes=False)
@@ -82,7 +82,7 @@ class RobotScene:
         self._shown: dict[str, Array] = {}
         for number, (link, parts) in enumerate(looks.parts.items()):
             if parts:
-                # A name could have a slash, which would make it a branch.
+                # A slash in a name would create a branch.
                 node = f'{name}/{number}_{link.replace("/", "_")}'
                 self.frames[link] = scene.add_frame(node, show_axes=False)
                 for index, part in enumerate(parts):
@@ -92,7 +92,7 @@ class RobotScene:
 
     def show(self, q: ArrayLike, passive: ArrayLike | None = None) -> None:
         """
-        Show another configuration.
+        Show a configuration.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class RobotScene:
         Raises
         ------
         RobotError
-            Wrong shape, or not finite.
+            The configuration has a wrong shape or is not finite.
 
         """
         self.state.update(q, passive)
@@ -112,47 +112,47 @@ class RobotScene:
 
     def ground(self) -> float:
         """
-        Return the height at which the robot stands where it is shown [m].
+        Return the height of the ground below the displayed robot [m].
 
-        That of the root, if what is fixed there stands on it: an arm may reach below its base.
-        Else of the lowest point of the robot, as the root may be the pelvis above two legs; but
-        never above the root.
+        This is the height of the root if the fixed links stand on it: an arm may reach below its
+        base. Otherwise it is the height of the lowest point of the robot, as the root may be the
+        pelvis above two legs; but never above the root.
         """
         model, ids = self.robot.kinematics.model, self.robot.kinematics.frame_ids
         fixed = {link: parts for link, parts in self.parts.items()
                  if model.frames[ids[link]].parentJoint == 0}
-        if abs(lowest(self.state, fixed)) < STANDS:
+        if abs(lowest(self.state, fixed)) < BASE_TOLERANCE:
             return 0.0
         return min(lowest(self.state, self.parts), 0.0)
 
     def outer_points(self) -> Array:
-        """Return points (k, 3) that the robot is between where it is shown [m]."""
+        """Return points (k, 3) that enclose the displayed robot [m]."""
         if self._corners:
             return outer_points(self.state, self._corners)
         return np.array([self.state.position(frame) for frame in self.robot.frame_names])
 
     def points_in_view(self, size: float) -> Array:
-        """Return points (k, 3) of the robot, and so far around its tip, where its goal is [m]."""
+        """Return points (k, 3) around the robot, and `size` around its tip, for its goal [m]."""
         around = size * np.concatenate((np.eye(3), -np.eye(3)))
         return np.concatenate((self.outer_points(),
                                self.state.position(tip(self.robot)) + around))
 
     def remove(self) -> None:
-        """Take the robot out of the scene."""
+        """Remove the robot from the scene."""
         self._root.remove()
 
     def _place(self) -> None:
-        """Move the links that are not where they were."""
+        """Move the links whose poses have changed."""
         for link, frame in self.frames.items():
             T = self.state.pose(link)
-            if link not in self._shown or np.abs(T - self._shown[link]).max() > SAME:
+            if link not in self._shown or np.abs(T - self._shown[link]).max() > LINK_TOLERANCE:
                 self._shown[link] = T
                 place(frame, T)
 
 
 class Trail:
     """
-    The path of a point, which fades away at its old end by being cut off.
+    Path of a point, limited to its latest `MOST_TRAIL_POINTS` points.
 
     Parameters
     ----------
@@ -170,9 +170,9 @@ class Trail:
 
     def add(self, point: Array) -> None:
         """Add a point (3,) [m] if it is far enough from the last one."""
-        if self._points and np.linalg.norm(point - self._points[-1]) < STEP:
+        if self._points and np.linalg.norm(point - self._points[-1]) < TRAIL_STEP:
             return
-        self._points = [*self._points[1 - MOST_POINTS:], np.array(point)]
+        self._points = [*self._points[1 - MOST_TRAIL_POINTS:], np.array(point)]
         if len(self._points) < 2:
             return
         segments = np.stack((self._points[:-1], self._points[1:]), axis=1)
@@ -184,7 +184,7 @@ class Trail:
             self._line.points = segments.astype(np.float32)
 
     def clear(self) -> None:
-        """Forget where the point has been."""
+        """Remove the path."""
         self._points = []
         if self._line is not None:
             self._line.remove()
@@ -192,7 +192,7 @@ class Trail:
 
 
 def add_ground(scene: viser.SceneApi, height: float = 0.0) -> viser.GridHandle:
-    """Add the ground, at a height [m], and light; return the ground."""
+    """Add light and the ground at a height [m]; return the ground."""
     scene.configure_environment_map('studio', environment_intensity=BRIGHTNESS)
     return scene.add_grid(
         GROUND, GROUND_SIZE, GROUND_SIZE, cell_size=CELL, section_size=SECTION,
@@ -202,9 +202,9 @@ def add_ground(scene: viser.SceneApi, height: float = 0.0) -> viser.GridHandle:
 
 def add_sky(scene: viser.SceneApi) -> None:
     """
-    Add what is behind all.
+    Add the sky as the background.
 
-    It follows the camera of who looks at the page, not that of a picture that is taken of it.
+    The sky follows the camera of a browser, but not the camera of a rendered picture.
     """
     shares = np.linspace(0.0, 1.0, SHADES)[:, np.newaxis, np.newaxis]
     sky = (1.0 - shares) * np.array(SKY_COLOURS[0]) + shares * np.array(SKY_COLOURS[1])

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The server of the page: where it is found, and who is let in."""
+"""Server of the page: address, port and protection."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -26,44 +26,44 @@ from tp_controller.tools.view.guard import Guard
 from tp_controller.tools.view.trial import try_from_outside
 import viser
 
-# Where a free port is looked for, if none is named.
+# Ports that are tried if none is given.
 PORTS = range(8080, 8180)
 TITLE = 'tp_controller'
-# Of the panel beside the scene [pixels].
+# Width of the panel beside the scene [pixels].
 PANEL_WIDTH = 384
 
 
 class PageServer(viser.ViserServer):
-    """A server whose page is not handed to anybody outside by a button."""
+    """Server that cannot be shared through the internet."""
 
     def stop(self) -> None:
-        """Take the page away, and leave out that viser says so."""
+        """Stop the server, without the message of viser."""
         with _quiet():
             super().stop()
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """Do nothing: viser would open a way in from the internet."""
+        """Do nothing: viser would make the page reachable from the internet."""
         return None
 
 
 def open_server(host: str = LOCAL, port: int = 0, *, pictures: bool = False) -> PageServer:
     """
-    Return a server of an empty page, once it has refused what pages of other sites could do.
+    Return a server of an empty page that has refused the requests of pages of other sites.
 
     Parameters
     ----------
     host : str
-        Address that it listens on; that of this machine by default, which others cannot reach.
+        Address to listen on; by default that of this machine, which others cannot reach.
     port : int
-        0: the first that is free from 8080 on.
+        Port; 0 selects the first free one from 8080 on.
     pictures : bool
-        Take pictures of the scene from browsers, and nothing that somebody does in them.
+        Accept only pictures of the scene from browsers.
 
     Raises
     ------
     TpControllerError
-        The port is taken, or the address is none of this machine; or the server answers requests
-        that it must refuse, as with a version of viser that it is not made for.
+        The port is taken, the address is not one of this machine, or the server accepts requests
+        that it must refuse, as with an unsupported version of viser.
 
     """
     port = port or free_port(host)
@@ -80,25 +80,25 @@ def open_server(host: str = LOCAL, port: int = 0, *, pictures: bool = False) -> 
         raise
     server.gui.configure_theme(show_logo=False, show_share_button=False,
                                brand_color=(52, 74, 99))
-    # Said in pixels: a width of the theme is taken or not, as a browser has it before it docks.
+    # In pixels: browsers apply a width of the theme only if they receive it before docking.
     server.gui.main_panel.set_width(PANEL_WIDTH)
     server.gui.main_panel.dock_right()
     return server
 
 
 def address(server: viser.ViserServer) -> str:
-    """Return where the page of a server is, as a browser takes it."""
+    """Return the URL of the page of a server."""
     return url(server.get_host(), server.get_port())
 
 
 def url(host: str, port: int) -> str:
-    """Return the address of a page; one that all of this machine's addresses lead to has one."""
+    """Return the URL of a page; localhost if the server listens on all addresses."""
     shown = 'localhost' if host in ('0.0.0.0', '::', '') else host
     return f'http://{f"[{shown}]" if ":" in shown else shown}:{port}'
 
 
 def exposure(host: str) -> str:
-    """Return a warning where others can reach an address; empty where they cannot."""
+    """Return a warning if others can reach an address; else an empty string."""
     if is_local(host):
         return ''
     return (f'whoever can reach {host} can move the robot with this page: there is no password '
@@ -106,7 +106,7 @@ def exposure(host: str) -> str:
 
 
 def free_port(host: str) -> int:
-    """Return the first port that is free; `TpControllerError` if there is none."""
+    """Return the first free port; raise `TpControllerError` if there is none."""
     for port in PORTS:
         if _fault(host, port) is None:
             return port
@@ -116,9 +116,9 @@ def free_port(host: str) -> int:
 
 def unused_port() -> int:
     """
-    Return a port that is free, and where no browser looks for a page.
+    Return a free port outside `PORTS`.
 
-    One that showed a page before connects again to whatever is at its address.
+    A browser with an old page reconnects to any new server at the address of that page.
     """
     with socket.socket() as tried:
         tried.bind((LOCAL, 0))
@@ -127,18 +127,18 @@ def unused_port() -> int:
 
 
 def check_port(host: str, port: int) -> None:
-    """Raise `TpControllerError` where a port cannot be listened on."""
+    """Raise `TpControllerError` if a port is not available."""
     fault = _fault(host, port)
     if fault is not None:
         raise TpControllerError(f'the page cannot be shown at {url(host, port)}: {fault}')
 
 
 def _fault(host: str, port: int) -> OSError | OverflowError | None:
-    """Return why a port cannot be listened on, None if it can."""
+    """Return the error of listening on a port; None if it is available."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         with socket.socket(family, socket.SOCK_STREAM) as tried:
-            # As the server does: a port that was left a moment ago is free.
+            # As the server does: a port closed a moment ago is free.
             tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             tried.bind((host, port))
     except (OSError, OverflowError) as error:
@@ -148,6 +148,6 @@ def _fault(host: str, port: int) -> OSError | OverflowError | None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep a frame with the address, which viser prints, from the terminal."""
+    """Suppress the address that viser prints on the terminal."""
     with redirect_stdout(io.StringIO()):
         yield

@@ -25,24 +25,25 @@ from tp_controller.tools.view.meshes import Mesh
 from tp_controller.tools.view.parts import Colour, LINK_COLOUR, Part
 
 JOINT_COLOUR: Colour = (52, 74, 99)
-# Radius of a link as a share of the length of the robot, and how large it may be [m].
+# Radius of a link as a share of the length of the robot, and its bounds [m].
 THICKNESS, THINNEST, THICKEST = 0.033, 0.008, 0.06
-# From the first link to the last, in that radius.
+# Factors on that radius at the first and the last link.
 TAPER = 1.3, 0.8
-# In radii of the link: radius and length of a drum about an axis across the link, of its caps, and
-# of a collar about an axis along it, which is so far from the joint.
+# In radii of the link: radius and length of the drum of an axis across the link, of its caps, and
+# of the collar of an axis along it; distance of the collar from the joint.
 DRUM, CAP, COLLAR, COLLAR_AT = (1.2, 2.5), (0.92, 2.8), (1.1, 0.45), 1.9
-# Share of the edges that is round.
+# Radius of the rounded edges, in radii.
 EDGE = 0.3
-# Of the tip of a tool, in radii.
+# Radius of the tip of a tool, in radii.
 TIP = 0.16
-# Length of a pointer at the end of a link, and from which length on a link is long, in radii.
+# Length of a pointer at the end of a link, and smallest length of a long link, in radii.
 POINTER, LONG = 2.2, 5.0
-FOOT_HEIGHT, PLATE = 2.6, 0.5
-SHORT = 1e-6
-# Cosine of the angle up to which an axis is along a link.
-ALONG = 0.9
-# A slide without end is not drawn [m].
+FOOT_HEIGHT, PLATE = 2.6, 0.5  # in radii
+# Shorter limbs and offsets are ignored [m].
+MIN_LIMB_LENGTH = 1e-6
+# Smallest cosine between a link and an axis that is along it.
+ALONG_COSINE = 0.9
+# Longest travel of a prismatic joint that is drawn [m].
 LONGEST_SLIDE = 2.0
 
 
@@ -58,14 +59,14 @@ def skeleton(tree: Element) -> dict[str, list[Part]]:
     Returns
     -------
     dict
-        {link: list of Part}: a limb to each of its joints, and what it turns or slides in.
+        {link: list of Part}: a limb to each of its joints, and the body of its own joint.
 
     """
     return _Skeleton(tree).parts
 
 
 class _Skeleton:
-    """The parts of all links of a description, built one joint after the other."""
+    """Parts of all links of a description, built joint by joint."""
 
     def __init__(self, tree: Element) -> None:
         joints = tree.findall('joint')
@@ -85,46 +86,47 @@ class _Skeleton:
             self._add_foot(link)
 
     def _add(self, joint: Element) -> None:
-        """Add the limb that a joint is at the end of, and the joint."""
+        """Add a joint, and the limb that ends at it."""
         parent, child = _parent(joint), _child(joint)
         start, end = self._thickness(parent), self._thickness(child)
         if child in self._moved or child in self._carrying:
             self.parts[parent] += _limb(self._offsets[child], start, end,
-                                        self._reach(parent) < SHORT)
+                                        self._reach(parent) < MIN_LIMB_LENGTH)
         elif parent in self._moved | self._carrying or self._is_tool(parent):
             self.parts[parent] += self._tool(child, start)
         if child in self._moved:
             self.parts[child] += self._joint(joint, end)
 
     def _tool(self, child: str, radius: float) -> list[Part]:
-        """Return what leads to a frame of a tool: a flange, at the end a pointer."""
-        way = self._offsets[child]
-        length = float(np.linalg.norm(way))
-        if length < SHORT:
+        """Return the parts up to a frame of a tool: a flange, with a pointer at the last frame."""
+        offset = self._offsets[child]
+        length = float(np.linalg.norm(offset))
+        if length < MIN_LIMB_LENGTH:
             return []
-        T = pose_along(way / length, np.zeros(3))
-        last = not any(np.linalg.norm(self._offsets[link]) > SHORT
+        T = pose_along(offset / length, np.zeros(3))
+        last = not any(np.linalg.norm(self._offsets[link]) > MIN_LIMB_LENGTH
                        for link in self._parents if child in self._above(link))
         if last:
-            # A link that is long has a pointer at its end only.
+            # A long link has a pointer only at its end.
             bare = length - POINTER * radius if length > LONG * radius else 0.0
-            return [*_limb((bare / length) * way, radius, 0.85 * radius), _solid(
+            return [*_limb((bare / length) * offset, radius, 0.85 * radius), _solid(
                 pointer(0.85 * radius, TIP * radius, length - bare),
-                pose_along(way / length, (bare / length) * way), JOINT_COLOUR)]
-        return [_solid(limb(radius, 0.85 * radius, max(length - 0.5 * radius, SHORT), 1.0), T)]
+                pose_along(offset / length, (bare / length) * offset), JOINT_COLOUR)]
+        shaft = max(length - 0.5 * radius, MIN_LIMB_LENGTH)
+        return [_solid(limb(radius, 0.85 * radius, shaft, 1.0), T)]
 
     def _joint(self, joint: Element, radius: float) -> list[Part]:
-        """Return a joint, on the link that it moves."""
+        """Return the body of a joint, on the link that it moves."""
         child = _child(joint)
         axis = vector(joint.find('axis'), 'xyz', '1 0 0')
         axis = axis / np.linalg.norm(axis)
         if joint.get('type') == 'prismatic':
             return _slide(joint, axis, radius)
         back = -self._turns[child].T @ self._offsets[child]
-        for way in (back, *self._ways(child)):
-            length = float(np.linalg.norm(way))
-            if length > SHORT and abs(axis @ way) > ALONG * length:
-                at = min(COLLAR_AT * radius, 0.5 * length) / length * way
+        for offset in (back, *self._joint_offsets(child)):
+            length = float(np.linalg.norm(offset))
+            if length > MIN_LIMB_LENGTH and abs(axis @ offset) > ALONG_COSINE * length:
+                at = min(COLLAR_AT * radius, 0.5 * length) / length * offset
                 return [_solid(drum(COLLAR[0] * radius, COLLAR[1] * radius, 0.1 * radius),
                                pose_along(axis, at), JOINT_COLOUR)]
         T = pose_along(axis, np.zeros(3))
@@ -132,33 +134,33 @@ class _Skeleton:
                 _solid(drum(CAP[0] * radius, CAP[1] * radius, 0.1 * radius), T, JOINT_COLOUR)]
 
     def _add_foot(self, link: str) -> None:
-        """Have a root stand on a foot if its first limb rises from it."""
+        """Add a foot below a root link whose first limb rises."""
         radius = self._thickness(link)
-        if any(way[2] > max(FOOT_HEIGHT * radius, ALONG * np.linalg.norm(way))
-               for way in self._ways(link)):
+        if any(offset[2] > max(FOOT_HEIGHT * radius, ALONG_COSINE * np.linalg.norm(offset))
+               for offset in self._joint_offsets(link)):
             self.parts[link].insert(0, _solid(
                 foot(1.02 * radius, FOOT_HEIGHT * radius, PLATE * radius), np.eye(4)))
 
-    def _ways(self, link: str) -> list[Array]:
-        """Return where the next joints are that are not at the origin of a link, seen from it."""
+    def _joint_offsets(self, link: str) -> list[Array]:
+        """Return the positions on a link of the next joints that are not at its origin."""
         found = []
         for child in (each for each, parent in self._parents.items() if parent == link):
             offset = self._offsets[child]
-            found += [offset] if np.linalg.norm(offset) > SHORT else [
-                self._turns[child] @ way for way in self._ways(child)]
+            found += [offset] if np.linalg.norm(offset) > MIN_LIMB_LENGTH else [
+                self._turns[child] @ offset for offset in self._joint_offsets(child)]
         return found
 
     def _thickness(self, link: str) -> float:
-        """Return the radius of a link, the smaller the farther it is from the root [m]."""
-        share = self._reach(link) / max(self._length, SHORT)
+        """Return the radius of a link, which decreases with the distance from the root [m]."""
+        share = self._reach(link) / max(self._length, MIN_LIMB_LENGTH)
         return self._radius * (TAPER[0] + (TAPER[1] - TAPER[0]) * share)
 
     def _is_tool(self, link: str) -> bool:
-        """Return whether a link is fixed to one that moves."""
+        """Return whether a link is fixed to a moving one."""
         return any(above in self._moved for above in self._above(link))
 
     def _above(self, link: str) -> list[str]:
-        """Return the links that a link hangs on."""
+        """Return the ancestors of a link."""
         found = []
         while link in self._parents:
             link = self._parents[link]
@@ -177,31 +179,31 @@ def _solid(mesh: Mesh, T: Array, colour: Colour = LINK_COLOUR) -> Part:
 
 
 def _limb(end: Array, first: float, last: float, flat: bool = False) -> list[Part]:
-    """Return a limb from the origin of a link, where it may be flat, to a point; radii at both."""
+    """Return a limb from the origin of a link, flat there or not, to a point; radii at both."""
     length = float(np.linalg.norm(end))
-    if length < SHORT:
+    if length < MIN_LIMB_LENGTH:
         return []
     return [_solid(limb(first, last, length, flat=flat), pose_along(end / length, np.zeros(3)))]
 
 
 def _slide(joint: Element, axis: Array, radius: float) -> list[Part]:
-    """Return a joint that slides: a box, and what comes out of the link before."""
+    """Return the body of a prismatic joint: a box, and a rod as long as its travel."""
     T, side = pose_along(axis, np.zeros(3)), 2.0 * DRUM[0] * radius
     limit = joint.find('limit')
     travel = 0.0 if limit is None else float(limit.get('upper', 0.0))
     parts = [Part('box', (side, side, DRUM[1] * radius), T, JOINT_COLOUR)]
-    if SHORT < travel < LONGEST_SLIDE:
+    if MIN_LIMB_LENGTH < travel < LONGEST_SLIDE:
         parts += _limb(-travel * T[:3, 2], 0.6 * radius, 0.6 * radius)
     return parts
 
 
 def _parent(joint: Element) -> str:
-    """Return the link that a joint is on."""
+    """Return the parent link of a joint."""
     return next(joint.iter('parent')).attrib['link']
 
 
 def _child(joint: Element) -> str:
-    """Return the link that a joint moves."""
+    """Return the child link of a joint."""
     return next(joint.iter('child')).attrib['link']
 
 
@@ -212,5 +214,5 @@ def vector(element: Element | None, key: str, default: str = '0 0 0') -> Array:
 
 
 def numbers(text: str) -> list[float]:
-    """Return the numbers of a text."""
+    """Return the numbers in a text."""
     return [float(word) for word in text.split()]

@@ -29,16 +29,16 @@ GOAL_COLOUR: Colour = (213, 94, 0)
 REGION_COLOUR: Colour = (0, 158, 115)
 OBSTACLE_COLOUR: Colour = (176, 122, 66)
 CONE_COLOUR: Colour = (86, 180, 233)
-SEEN_THROUGH = 0.18
+TRANSLUCENT = 0.18
 CORNERS = 48
-# Of the axes of a goal and the ball at its origin, in shares of the size of what is seen.
+# Length and radius of the axes of a goal, and radius of its ball, as shares of the scene size.
 AXES, BALL = (0.07, 0.005), 0.013
-# How long a cone is at most, in shares of that size.
+# Largest length of a cone as a share of the scene size.
 LONGEST_CONE = 0.14
 
 
 def shape_part(shape: Shape, T: Array, colour: Colour, opacity: float = 1.0) -> Part | None:
-    """Return a shape as a solid; None for a half-space, which has no end."""
+    """Return a shape as a solid; None for a half-space, which is infinite."""
     if isinstance(shape, Box):
         return Part('box', tuple((2.0 * shape.half).tolist()), T, colour, opacity)
     if isinstance(shape, Sphere):
@@ -51,12 +51,12 @@ def shape_part(shape: Shape, T: Array, colour: Colour, opacity: float = 1.0) -> 
 
 def extent(sketch: Sketch, size: float) -> Array:
     """
-    Return points (k, 3) between which a sketch is drawn; none of a body or a path [m].
+    Return points (k, 3) that enclose a sketch; empty for a body or a path [m].
 
     Parameters
     ----------
     sketch : Sketch
-        Of a task.
+        Sketch of a task.
     size : float
         See `SketchScene`.
 
@@ -71,13 +71,13 @@ def extent(sketch: Sketch, size: float) -> Array:
 
 class SketchScene:
     """
-    What is drawn of tasks, in a scene.
+    Sketches of tasks in a scene.
 
     Parameters
     ----------
     scene : viser.SceneApi
     size : float
-        Of what is seen; goals are drawn so large that they are seen in it [m].
+        Size of the scene, to which the size of goals is proportional [m].
 
     """
 
@@ -88,12 +88,12 @@ class SketchScene:
 
     def draw(self, sketches: Mapping[str, Sequence[Sketch]]) -> None:
         """
-        Show sketches in place of those that were shown before.
+        Show sketches in place of the previous ones.
 
         Parameters
         ----------
         sketches : mapping
-            {task: sketches}; of two with the same part the last is shown.
+            {task: sketches}; the last of two with the same part is shown.
 
         """
         wanted = {f'{TASKS}/{task}/{sketch.part}': sketch for task, parts in sketches.items()
@@ -104,25 +104,25 @@ class SketchScene:
             self._draw(name, sketch)
 
     def _draw(self, name: str, sketch: Any) -> None:
-        """Show a sketch: move what is there if it looks the same."""
-        looks = _looks(sketch)
-        if name in self._shown and self._shown[name][0] != looks:
+        """Show a sketch; move its node if its appearance is the same."""
+        appearance = _appearance(sketch)
+        if name in self._shown and self._shown[name][0] != appearance:
             self._remove(name)
         if name not in self._shown:
             handle = _ADD[type(sketch)](self._scene, name, sketch, self._size)
             if handle is None:
                 return
-            self._shown[name] = looks, handle
+            self._shown[name] = appearance, handle
         if not isinstance(sketch, Path | Arrow):
             place(self._shown[name][1], _pose(sketch))
 
     def _remove(self, name: str) -> None:
-        """Take a sketch away."""
+        """Remove a sketch."""
         self._shown.pop(name)[1].remove()
 
 
 def _pose(sketch: Any) -> Array:
-    """Return where a sketch is (4, 4)."""
+    """Return the pose of a sketch (4, 4)."""
     if isinstance(sketch, Dot):
         T = np.eye(4)
         T[:3, 3] = sketch.p
@@ -131,8 +131,8 @@ def _pose(sketch: Any) -> Array:
     return T_sketch
 
 
-def _looks(sketch: Any) -> object:
-    """Return all of a sketch that does not change as it moves."""
+def _appearance(sketch: Any) -> object:
+    """Return the properties of a sketch whose change needs a new node."""
     if isinstance(sketch, Cone):
         return round(sketch.half_angle, 3), round(sketch.length, 2)
     if isinstance(sketch, Body):
@@ -156,8 +156,8 @@ def _goal(scene: viser.SceneApi, name: str, sketch: Triad | Dot,
 
 def _body(scene: viser.SceneApi, name: str, sketch: Body,
           size: float) -> viser.SceneNodeHandle | None:
-    """Add a shape; the robot can be seen in one that it may be in."""
-    part = shape_part(sketch.shape, sketch.T, REGION_COLOUR, SEEN_THROUGH) if sketch.allowed \
+    """Add a shape, translucent if the robot may be inside it."""
+    part = shape_part(sketch.shape, sketch.T, REGION_COLOUR, TRANSLUCENT) if sketch.allowed \
         else shape_part(sketch.shape, sketch.T, OBSTACLE_COLOUR)
     return None if part is None else add_part(scene, name, part)
 
@@ -168,7 +168,7 @@ def _cone(scene: viser.SceneApi, name: str, sketch: Cone, size: float) -> viser.
     return scene.add_mesh_simple(
         name, np.concatenate((np.zeros((1, 3)), _rim(sketch, size))),
         np.column_stack((np.zeros(CORNERS, dtype=int), numbers, np.roll(numbers, -1))),
-        color=CONE_COLOUR, opacity=SEEN_THROUGH, side='double', cast_shadow=False,
+        color=CONE_COLOUR, opacity=TRANSLUCENT, side='double', cast_shadow=False,
         receive_shadow=False)
 
 

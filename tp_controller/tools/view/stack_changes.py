@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Changes that the page makes to the stack of a controller, through its parameter."""
+"""Edits of the stack of a controller through its parameter."""
 
 from collections.abc import Callable
 from functools import partial
@@ -21,31 +21,30 @@ from typing import Any
 from tp_controller.errors import TpControllerError
 from tp_controller.ros.parameters import TASKS
 from tp_controller.tools.view.draggables import Numbers
-from tp_controller.tools.view.link import Link, Told
+from tp_controller.tools.view.link import Link, OnAnswer
 from tp_controller.tools.view.stack_text import moved, numbers, stack_text, with_number
 
 
 class StackChanges:
     """
-    Changes the text of a stack, one request at a time; goals, gains and tolerances stay.
+    Editor of the text of a stack, one request at a time; goals, gains and tolerances stay.
 
-    What comes while the controller still reads a stack is put together, and of the numbers of a
-    key only the last one counts.
+    Edits during a pending request are combined, and only the last value of a key counts.
 
     Parameters
     ----------
     link : Link
     tell : callable
-        Told whether a change worked, and why not.
+        Called with the success of a change and the reason of a failure.
 
     Attributes
     ----------
     numbers : dict
-        {task: {key: number}}; empty where the text of the stack is not at hand.
+        {task: {key: number}}; empty if the text of the stack is not available.
 
     """
 
-    def __init__(self, link: Link, tell: Told) -> None:
+    def __init__(self, link: Link, tell: OnAnswer) -> None:
         self._link, self._tell = link, tell
         self._edits: dict[object, Callable[[str], str]] = {}
         self._busy = False
@@ -53,15 +52,15 @@ class StackChanges:
         self.numbers: Numbers = {}
 
     def move(self, task: str, step: int) -> None:
-        """Give the level of a task another place in the order: -1 is one up."""
+        """Move the level of a task in the order: -1 is one up."""
         self._edits[object()] = partial(moved, task=task, step=step)
 
     def set_key(self, task: str, key: str, value: float) -> None:
-        """Give a key of a task another value."""
+        """Set the value of a key of a task."""
         self._edits[task, key] = partial(with_number, task=task, key=key, value=value)
 
     def update(self) -> None:
-        """Have the controller change what is to be changed, unless it has not answered yet."""
+        """Send the pending edits, unless a request is pending."""
         if not self._edits or self._busy:
             return
         edits, self._edits = self._edits, {}
@@ -74,13 +73,13 @@ class StackChanges:
             return
         if text != before:
             self._busy = True
-            # A stack comes with the gains and tolerances that it was written with.
+            # A new stack resets the gains and tolerances to those in its text.
             given = {name: value for name, value in self._link.values.items()
                      if name.startswith(TASKS)}
             self._link.set_parameters({'stack': text}, partial(self._changed, given))
 
     def read(self) -> None:
-        """Read the stack that the controller has, if its parameters came again."""
+        """Read the stack of the controller if its parameters were refreshed."""
         if self._link.values is self._read:
             return
         self._read = self._link.values
@@ -90,11 +89,11 @@ class StackChanges:
             self.numbers = {}
 
     def _text(self) -> str:
-        """Return the text of the stack; `TpControllerError` where it is not at hand."""
+        """Return the text of the stack; raise `TpControllerError` if it is not available."""
         return stack_text(str(self._link.values.get('stack', '')))
 
     def _changed(self, given: dict[str, Any], worked: bool, reason: str) -> None:
-        """Take the answer, and set the parameters of the tasks again."""
+        """Process the response, and restore the parameters of the tasks."""
         self._tell(worked, reason)
         if worked and given:
             self._link.set_parameters(given, self._restored)
@@ -102,6 +101,6 @@ class StackChanges:
             self._busy = False
 
     def _restored(self, worked: bool, reason: str) -> None:
-        """Take the answer to that."""
+        """Process the response of the restoration."""
         self._busy = False
         self._tell(worked, reason)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The stack on the page: a row for each task, in order of priority, with what changes it."""
+"""Stack on the page: a row for each task, in order of priority, with its controls."""
 
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
@@ -25,17 +25,17 @@ from tp_controller.tools.view.condition import FAINT
 from tp_controller.tools.view.rows import Row, STOPPED
 import viser
 
-# By status: of the dot before the name of a task.
+# Colour of the dot before the name of a task, by status.
 COLOURS = {'reached': '#2e9e5b', 'satisfied': '#2e9e5b', 'moving': '#2f7fd1',
            'limited': '#e08a00', 'failed': '#c62828', STOPPED: FAINT,
            'disabled': '#b8bec6'}
 DONE = ('reached', 'satisfied')
 UP, DOWN = '▲ up', '▼ down'
 GAIN = 'gain'
-# As many digits of a gain are shown, and taken.
-DIGITS = 6
-# For how long what somebody has chosen is shown, whatever the status says [s].
-PATIENCE = 1.0
+# Digits of a gain.
+GAIN_DIGITS = 6
+# Time for which user input takes precedence over the status [s].
+INPUT_SECONDS = 1.0
 
 Value = TypeVar('Value')
 Gain = float | list[float]
@@ -43,23 +43,23 @@ Gain = float | list[float]
 
 class StackPanel:
     """
-    The rows of the tasks.
+    Rows of the tasks.
 
     Parameters
     ----------
     gui : viser.GuiApi
     enable : callable
-        Told the name of a task, and whether it is to be in the stack.
+        Called with the name of a task, and whether to enable it.
     move : callable
-        Told the name of a task, and by how many places it is to move: -1 is up.
+        Called with the name of a task, and the number of places to move it: -1 is up.
     set_gain : callable
-        Told the name of a task, and its gain: one number, or a list with one for each row.
+        Called with the name of a task, and its gain: one number, or a list with one per row.
 
     Attributes
     ----------
     rows : dict
-        {task: TaskRow}; those of tasks that are gone are hidden and used again, since a browser
-        that draws seldom may still have updates of them.
+        {task: TaskRow}; the rows of removed tasks are hidden and reused, since a slow browser
+        may still have updates of them.
 
     """
 
@@ -73,16 +73,16 @@ class StackPanel:
 
     def show(self, rows: Sequence[Row], gains: Mapping[str, Gain], present: bool = True) -> None:
         """
-        Show the tasks; while the robot is stopped, in grey, what was known of them before.
+        Show the tasks; while the robot is stopped, show their last state in grey.
 
         Parameters
         ----------
         rows : list of Row
-            By priority.
+            Rows by priority.
         gains : dict
-            {task: gain} of those that have one.
+            {task: gain} of the tasks with a gain.
         present : bool
-            Whether the controller is there: of one that is gone the last status is shown.
+            Whether the controller is present; if not, its last status is shown.
 
         """
         names = [row.name for row in rows]
@@ -99,14 +99,14 @@ class StackPanel:
 
 class TaskRow:
     """
-    The row of a task, of the one that was shown last.
+    Row of a task; it can be reused for another one.
 
     Attributes
     ----------
     folder : viser.GuiFolderHandle
-        Its label begins with the place in the order.
+        Folder whose label begins with the place in the order.
     text : viser.GuiHtmlHandle
-        Error, share achieved and cause.
+        Error, achieved share and cause.
     enabled : viser.GuiCheckboxHandle
     order : viser.GuiButtonGroupHandle
         Two buttons.
@@ -140,11 +140,11 @@ class TaskRow:
 
     @property
     def gains(self) -> 'list[viser.GuiNumberHandle[float]]':
-        """Return the inputs of the gain: one, or one for each row of the task, as it has it."""
+        """Return the inputs of the gain: one, or one for each row of the task."""
         return self._gain.shown or self._gain_by_row.shown
 
     def show(self, row: Row, place: int, gain: Gain | None, present: bool = True) -> None:
-        """Show what is known of the task."""
+        """Show the state of a task."""
         if row.name != self._name:
             self._name, self._report = row.name, None
             self._chosen = dict.fromkeys(self._chosen, -math.inf)
@@ -162,11 +162,11 @@ class TaskRow:
             self._gain.show([gain] if isinstance(gain, float) else [])
 
     def _settled(self, what: str) -> bool:
-        """Say whether nobody has chosen something a moment ago."""
-        return time.monotonic() - self._chosen[what] > PATIENCE
+        """Return whether the last user input is older than `INPUT_SECONDS`."""
+        return time.monotonic() - self._chosen[what] > INPUT_SECONDS
 
     def _on_gain(self, event: viser.GuiEvent[viser.GuiNumberHandle[float]]) -> None:
-        """Take a gain that somebody has chosen."""
+        """Set a gain that a user has entered."""
         if event.client_id is not None:
             self._chosen['gain'] = time.monotonic()
             values = [float(handle.value) for handle in self.gains]
@@ -175,16 +175,16 @@ class TaskRow:
 
 class GainInputs:
     """
-    Inputs of the numbers of a gain, as many as are shown.
+    Inputs of the numbers of a gain.
 
     Parameters
     ----------
     gui : viser.GuiApi
     parent : viser.GuiFolderHandle
     label : str or None
-        Of a folder of inputs of rows, which is closed; None: there is one input, in no folder.
+        Label of a closed folder of inputs by row; None: a single input without a folder.
     on_update : callable
-        Told what somebody does to an input.
+        Called with the event of an input.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ class GainInputs:
         self.shown: list[viser.GuiNumberHandle[float]] = []
 
     def show(self, values: Sequence[float]) -> None:
-        """Show numbers."""
+        """Show an input for each value."""
         with self._folder:
             while len(self._all) < len(values):
                 self._all.append(self._new_input(len(self._all) + 1))
@@ -215,22 +215,22 @@ class GainInputs:
         self.shown = self._all[:len(values)]
 
     def _new_input(self, number: int) -> 'viser.GuiNumberHandle[float]':
-        """Return one more input."""
+        """Return a new input."""
         handle = self._gui.add_number(f'row {number}' if self._label else GAIN, 0.0, min=0.0,
                                       step=0.1, hint='1/s')
-        handle.precision = DIGITS
+        handle.precision = GAIN_DIGITS
         handle.on_update(self._on_update)
         return handle
 
 
 def assign(handle: viser.GuiInputHandle[Value], value: Value) -> None:
-    """Give an input another value."""
-    # mypy sees no setter that does not stand right below its getter.
+    """Set the value of an input."""
+    # mypy only recognizes a setter directly below its getter.
     handle.value = value  # type: ignore[misc]
 
 
 def row_html(row: Row, stopped: bool = False) -> str:
-    """Return error, share achieved and cause of a task, with its status as a colour; or grey."""
+    """Return the status, error, achieved share and cause of a task as HTML, grey while stopped."""
     colour = COLOURS.get(row.status, FAINT)
     before = ' before' if stopped and row.status != STOPPED else ''
     lines = [f'<div style="display:flex;justify-content:space-between">'

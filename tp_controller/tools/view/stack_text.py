@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Changes to the text of a stack; everything else of it stays as it is."""
+"""Edits of the text of a stack that preserve the rest of it."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -23,7 +23,7 @@ from tp_controller.tasks import task_types
 from tp_controller.tasks.stack import is_stack
 import yaml
 
-# No line is broken by YAML.
+# Line width that keeps YAML from breaking lines.
 WIDTH = 10_000
 
 
@@ -45,12 +45,12 @@ def stack_text(source: str) -> str:
     try:
         return read_source(source, is_stack)
     except (OSError, ValueError) as error:
-        raise TpControllerError(f'the text of the stack is not at hand here: {error}') from error
+        raise TpControllerError(f'the text of the stack is not available here: {error}') from error
 
 
 def moved(text: str, task: str, step: int) -> str:
     """
-    Return a stack with the level of a task at another place.
+    Return a stack with the level of a task moved.
 
     Comments above a level go with it, except those above the first.
 
@@ -59,14 +59,14 @@ def moved(text: str, task: str, step: int) -> str:
     text : str
         YAML list.
     task : str
-        Name of a task; others that share its level go with it.
+        Name of a task; the other tasks of its level move with it.
     step : int
-        By how many places: -1 is one up.
+        Number of places: -1 is one up.
 
     Returns
     -------
     str
-        The same text where the level is at the end already.
+        The new text; unchanged if the level is already at the end.
 
     Raises
     ------
@@ -80,12 +80,12 @@ def moved(text: str, task: str, step: int) -> str:
     if place is None:
         raise TpControllerError(f'the stack has no task {task!r}')
     order.insert(min(max(place + step, 0), len(order) - 1), order.pop(place))
-    # Where there is more than a plain list, as anchors, lines cannot be moved about.
+    # Anchors and other syntax beyond a plain list prevent moving lines.
     return _as_written(_arranged(text, order), [entries[number] for number in order])
 
 
 def numbers(text: str) -> dict[str, dict[str, float]]:
-    """Return {task: {key: number}} of the keys that are one number, default values included."""
+    """Return {task: {key: number}} of the keys with a numeric value, including default values."""
     kinds = task_types()
     found: dict[str, dict[str, float]] = {}
     for name, keys in (item for part in _parts(_entries(text)) for item in part.items()):
@@ -99,16 +99,16 @@ def numbers(text: str) -> dict[str, dict[str, float]]:
 
 def with_number(text: str, task: str, key: str, value: float) -> str:
     """
-    Return a stack with another number for a key of a task.
+    Return a stack with a new value of a key of a task.
 
     Parameters
     ----------
     text : str
         YAML list.
     task, key : str
-        The key is added where the task does not have it.
+        Task and key; a missing key is added.
     value : float
-        Not a default, but what the stack then says.
+        New value.
 
     Returns
     -------
@@ -129,15 +129,15 @@ def with_number(text: str, task: str, key: str, value: float) -> str:
 
 
 def _as_written(text: str | None, entries: object) -> str:
-    """Return a text if it says what the entries are, else the entries in YAML's own manner."""
-    if text is not None and _says(text, entries):
+    """Return a text if it parses to the entries; else dump the entries as YAML."""
+    if text is not None and _parses_to(text, entries):
         return text
     return yaml.safe_dump(entries, sort_keys=False, width=WIDTH, allow_unicode=True,
                           default_flow_style=None)
 
 
 def _replaced(text: str, task: str, key: str, value: float) -> str | None:
-    """Return the text with a number for a key; None where it cannot be told where that is."""
+    """Return the text with a new value of a key; None if its position is unknown."""
     nodes = next((keys for name, keys in _nodes(yaml.compose(text, Loader=YamlLoader))
                   if name == task), None)
     if nodes is None or not nodes.value:
@@ -151,7 +151,7 @@ def _replaced(text: str, task: str, key: str, value: float) -> str | None:
 
 
 def _nodes(node: yaml.Node | None) -> Iterator[tuple[str, yaml.MappingNode]]:
-    """Yield the names and the keys of tasks, which may be in lists in lists."""
+    """Yield the names and the keys of tasks, which may be in nested lists."""
     if isinstance(node, yaml.SequenceNode):
         for part in node.value:
             yield from _nodes(part)
@@ -162,7 +162,7 @@ def _nodes(node: yaml.Node | None) -> Iterator[tuple[str, yaml.MappingNode]]:
 
 
 def _arranged(text: str, order: Sequence[int]) -> str | None:
-    """Return the lines of a text with its entries in an order; None where they share lines."""
+    """Return the lines of a text with its entries reordered; None if entries share lines."""
     root = yaml.compose(text, Loader=YamlLoader)
     nodes = root.value if isinstance(root, yaml.SequenceNode) else []
     lines = text.splitlines(keepends=True)
@@ -179,7 +179,7 @@ def _arranged(text: str, order: Sequence[int]) -> str | None:
 
 
 def _with_comments(lines: Sequence[str], line: int) -> int:
-    """Return the first of the comments right above a line, or the line."""
+    """Return the index of the first comment directly above a line, or that of the line."""
     while line and lines[line - 1].lstrip().startswith('#'):
         line -= 1
     return line
@@ -189,20 +189,20 @@ def _entries(text: str) -> list[Any]:
     """Return the entries of a stack."""
     entries = _read(text)
     if not isinstance(entries, list):
-        raise TpControllerError('the stack is no list of tasks')
+        raise TpControllerError('the stack is not a list of tasks')
     return entries
 
 
 def _read(text: str) -> object:
-    """Return what a text says."""
+    """Return the value of a YAML text."""
     try:
         return load_yaml(text)
     except ValueError as error:
         raise TpControllerError(f'the stack cannot be read: {error}') from error
 
 
-def _says(text: str, wanted: object) -> bool:
-    """Say whether a text can be read and says what is wanted."""
+def _parses_to(text: str, wanted: object) -> bool:
+    """Return whether a text is valid YAML of a value."""
     try:
         return load_yaml(text) == wanted
     except ValueError:
@@ -215,7 +215,7 @@ def _names(entry: object) -> list[str]:
 
 
 def _parts(entries: Sequence[object]) -> Iterator[dict[Any, Any]]:
-    """Yield what names tasks: an entry, or one of several that share a level."""
+    """Yield the mappings of tasks: entries, or their elements if several share a level."""
     for entry in entries:
         yield from (part for part in (entry if isinstance(entry, list) else [entry])
                     if isinstance(part, dict))

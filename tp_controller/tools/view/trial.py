@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The trial of a server at its start: what a page of another site could do is tried on it."""
+"""Test of a server at its start: requests of other sites that it must refuse."""
 
 from collections.abc import Iterator
 import socket
@@ -26,23 +26,23 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 FOREIGN = 'http://other.example'
-# What a browser sends that sets a property of a widget which is none of its business.
+# Message of a browser that sets a property of a widget other than its value.
 FORGED = (b'\x83\xa4type\xb0GuiUpdateMessage\xa4uuid\xa1x\xa7updates\x81\xa8disabled\xc3')
-# Time that a busy machine may take to answer [s], and to check a message.
-PATIENCE = CHECK_SECONDS = 30.0
+# Timeouts of a response and of the check of a message on a busy machine [s].
+ANSWER_SECONDS = CHECK_SECONDS = 30.0
 POLL_SECONDS = 0.01
 
 
 def try_from_outside(host: str, port: int, guard: Guard) -> None:
     """
-    Raise `TpControllerError` unless a server refuses what pages of other sites could do.
+    Raise `TpControllerError` unless a server refuses the requests of pages of other sites.
 
     Parameters
     ----------
     host, port
-        Where it listens.
+        Address of the server.
     guard : Guard
-        Counts refused messages.
+        Guard that counts refused messages.
 
     """
     try:
@@ -56,26 +56,26 @@ def try_from_outside(host: str, port: int, guard: Guard) -> None:
 
 
 def _faults(host: str, port: int, guard: Guard) -> Iterator[str]:
-    """Yield what a server does not refuse."""
+    """Yield the faults of a server."""
     near = _near(host)
     own = f'{f"[{near}]" if ":" in near else near}:{port}'
     if _head(near, port, own, '/')[0] != 200:
         yield 'its page cannot be fetched'
-    for what, lines, target in (
+    for origin, lines, target in (
             ('another site', f'{own}\r\nOrigin: {FOREIGN}', '/'),
             ('another port of this machine', f'{own}\r\nOrigin: http://localhost:1', '/'),
             ('another name of this machine', f'other.example:{port}', '/'),
             ('an address that names another server', own, '/?websocket=ws://other.example')):
         for upgrade in ('', UPGRADE):
             if _head(near, port, lines + upgrade, target)[0] != 403:
-                yield f'{what} is let in'
+                yield f'{origin} is allowed'
     _, headers = _head(near, port, own, '/')
     for name in HEADERS:
         if name.lower() not in headers:
             yield f'{name} is not sent'
     before = guard.refused
     with connect(f'ws://{own}', subprotocols=[Subprotocol(SUBPROTOCOL)],
-                 open_timeout=PATIENCE) as browser:
+                 open_timeout=ANSWER_SECONDS) as browser:
         browser.send(FORGED)
         end = time.monotonic() + CHECK_SECONDS
         while guard.refused == before and time.monotonic() < end:
@@ -89,15 +89,15 @@ UPGRADE = ('\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Versi
 
 
 def _near(host: str) -> str:
-    """Return the address of a server as this machine reaches it."""
+    """Return an address at which this machine reaches a server."""
     if is_local(host):
         return host
     return {'0.0.0.0': '127.0.0.1', '': '127.0.0.1', '::': '::1'}.get(host, host)
 
 
 def _head(host: str, port: int, lines: str, target: str) -> tuple[int, dict[str, str]]:
-    """Return status and headers (names in lower case) of the answer to a request."""
-    with socket.create_connection((host, port), PATIENCE) as found:
+    """Return status and headers (names in lower case) of the response to a request."""
+    with socket.create_connection((host, port), ANSWER_SECONDS) as found:
         found.sendall(f'GET {target} HTTP/1.1\r\nHost: {lines}\r\n\r\n'.encode())
         received = b''
         while b'\r\n\r\n' not in received:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Shows a running controller on a page in the browser, to be seen, changed and pulled about."""
+"""Node that shows a running controller on a page in the browser."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -41,7 +41,7 @@ PARAMETERS = (
 
 
 class ViewerNode(ClosableNode):
-    """Has the page, and keeps it up to date."""
+    """Node of the page."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, **options)
@@ -66,7 +66,7 @@ class ViewerNode(ClosableNode):
                 self._page.conclude(parameter.value)
 
     def close(self, reason: str) -> None:
-        """Take the page away."""
+        """Close the page."""
         self._server.stop()
         self._client.close()
 

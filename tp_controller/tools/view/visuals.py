@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the links of a robot look like: its meshes, else its collision shapes, else solid links."""
+"""Visual model of a robot: meshes, else collision shapes, else solid links."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -23,28 +23,28 @@ from tp_controller.model.dh import LINK_RADIUS
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import pose, rotation_from_rpy
 from tp_controller.model.urdf import parse
-from tp_controller.tools.view.borrowed import carriers, lender
+from tp_controller.tools.view.borrowed import attachments, matching_robot
 from tp_controller.tools.view.meshes import load_mesh, mesh_path
 from tp_controller.tools.view.parts import Colour, LINK_COLOUR, Part
 from tp_controller.tools.view.skeleton import numbers, skeleton, vector
 
-# Environment variable that keeps robots from borrowing the meshes of others, and its value.
+# Environment variable that disables the meshes of example robots, and its value.
 CHOICE, OWN = 'TP_CONTROLLER_MESHES', 'own'
 # Attributes of primitives, in the order of `Part.size`.
 SIZES = {'box': ('size',), 'sphere': ('radius',), 'cylinder': ('radius', 'length')}
 
 
 @dataclass(frozen=True)
-class Looks:
+class Visuals:
     """
-    What a robot looks like.
+    Visual model of a robot.
 
     Attributes
     ----------
     parts : dict
         {link: list of Part}
     remarks : tuple of str
-        What of the description cannot be shown, and why.
+        Parts of the description that cannot be shown, with the reasons.
 
     """
 
@@ -52,31 +52,31 @@ class Looks:
     remarks: tuple[str, ...] = field(default=())
 
 
-def looks_of(robot: Robot) -> Looks:
+def visuals_of(robot: Robot) -> Visuals:
     """
-    Return what the links of a robot look like.
+    Return the visual model of a robot.
 
-    Of each link what its description says is seen if all of it can be read, else what collides.
-    Where nothing of this is there, the link is a rod to each of its joints. A description without
-    shapes, or one made of a DH table, gives the looks of the same robot of example-robot-data if
-    that is installed; else rods and joints throughout.
+    Each link shows its visual geometry if all of it loads, else its collision geometry, else a rod
+    to each of its joints. A description without shapes, or one made of a DH table, has the
+    geometry of the same robot of example-robot-data if that is installed; else rods and joints
+    throughout.
     """
     tree = parse(robot.urdf)
     if not _is_bare(tree):
         return _described(tree)
-    other = None if os.environ.get(CHOICE) == OWN else lender(robot)
+    other = None if os.environ.get(CHOICE) == OWN else matching_robot(robot)
     if other is None:
-        return Looks(skeleton(tree))
+        return Visuals(skeleton(tree))
     lent = _described(parse(other.urdf))
     parts: dict[str, list[Part]] = {}
-    for link, (frame, T) in carriers(robot, other, parse(other.urdf)).items():
+    for link, (frame, T) in attachments(robot, other, parse(other.urdf)).items():
         parts.setdefault(frame, []).extend(
             replace(part, T=T.dot(part.T)) for part in lent.parts.get(link, ()))
-    return Looks(parts, lent.remarks)
+    return Visuals(parts, lent.remarks)
 
 
-def _described(tree: Element) -> Looks:
-    """Return what a description says that its links look like."""
+def _described(tree: Element) -> Visuals:
+    """Return the visual model in a description."""
     reader, bones = _Reader(tree), skeleton(tree)
     parts: dict[str, list[Part]] = {}
     for link in tree.findall('link'):
@@ -84,11 +84,11 @@ def _described(tree: Element) -> Looks:
         if any(link.find(tag) is not None for tag in shapes):
             parts[name] = next(filter(None, (reader.parts(link, tag) for tag in shapes)),
                                bones.get(name, []))
-    return Looks(parts, tuple(reader.remarks))
+    return Visuals(parts, tuple(reader.remarks))
 
 
 class _Reader:
-    """Reads shapes of links and notes what cannot be read."""
+    """Reader of the shapes of links, with remarks about unreadable ones."""
 
     def __init__(self, tree: Element) -> None:
         self._colours = {material.get('name'): colour for material in tree.findall('material')
@@ -96,7 +96,7 @@ class _Reader:
         self.remarks: list[str] = []
 
     def parts(self, link: Element, tag: str) -> list[Part]:
-        """Return the visual or collision shapes of a link; none if one of them cannot be read."""
+        """Return the visual or collision shapes of a link; empty if one of them cannot be read."""
         parts = []
         for element in link.findall(tag):
             try:
@@ -129,7 +129,7 @@ class _Reader:
                     None if mesh.glb else colour or LINK_COLOUR, opacity, mesh)
 
     def _colour(self, element: Element) -> tuple[Colour | None, float]:
-        """Return the colour of a shape, None where nothing is said of it, and its opacity."""
+        """Return the colour of a shape, None if it is not specified, and its opacity."""
         material = element.find('material')
         if material is None:
             return None, 1.0
@@ -143,7 +143,7 @@ class _Reader:
 
 
 def _is_bare(tree: Element) -> bool:
-    """Say whether a description has no shapes but, perhaps, the thin rods of a DH table."""
+    """Return whether a description has no shapes except the thin rods of a DH table."""
     shapes = [shape for tag in ('visual', 'collision') for shape in tree.findall(
         f'link/{tag}/geometry/*')]
     return all(shape.tag == 'cylinder' and shape.get('radius') == str(LINK_RADIUS)

@@ -24,7 +24,7 @@ from tp_controller import Controller, GoalError, KinematicSimulator, Settings
 from tp_controller.model.simulator import initial_positions
 from tp_controller.tasks import task_types
 from tp_controller.tools.cli.demo import DEMOS as DESCRIBED
-from tp_controller.tools.cli.demo import TO_PLAY_WITH
+from tp_controller.tools.cli.demo import INTERACTIVE_DEMO
 from tp_controller.tools.cli.view import DEMOS as VIEWED
 from tp_controller.tools.cli.view import WITHOUT_NODES
 from tp_controller.tools.demos import ros_demos
@@ -270,6 +270,6 @@ def test_lines_of_errors_are_interrupted_where_the_controller_was_stopped():
 
 
 def test_every_demo_is_found_by_both_commands():
-    ours = set(DESCRIBED) | {TO_PLAY_WITH}
+    ours = set(DESCRIBED) | {INTERACTIVE_DEMO}
     assert set(VIEWED) | set(WITHOUT_NODES) == ours
-    assert not set(VIEWED) & set(WITHOUT_NODES) and set(VIEWED) - set(DEMOS) == {TO_PLAY_WITH}
+    assert not set(VIEWED) & set(WITHOUT_NODES) and set(VIEWED) - set(DEMOS) == {INTERACTIVE_DEMO}

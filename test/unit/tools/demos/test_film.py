@@ -239,7 +239,7 @@ def test_all_that_a_solid_film_shows_is_in_its_picture():
     for view in ((-90.0, 90.0), (-45.0, 25.0), (130.0, -20.0)):
         camera = film_solid.camera_for(seen, view, 4.0 / 3.0)
         right, down, forward = ((seen - camera.position) @ camera.R).T
-        half = np.tan(0.5 * film_solid.FIELD)
+        half = np.tan(0.5 * film_solid.FILM_FOV)
         assert np.abs(right / forward).max() < half * 4.0 / 3.0 * 0.95
         height = down / forward / half
         # Something is at the edge that is left free, or the camera could be nearer.

@@ -172,13 +172,14 @@ def test_a_long_recording_has_no_more_moments_than_a_short_one(tmp_path):
 
 def answer(goals, time, accepted=0, refused=0, state='moving', refusal=''):
     """Tell what the status of the task says."""
-    goals.answered(time, 'tool', {'goals accepted': str(accepted), 'status': state,
-                                  'goals refused': str(refused), 'last refusal': refusal})
+    goals.add_status(time, 'tool', {'goals accepted': str(accepted), 'status': state,
+                                    'goals refused': str(refused), 'last refusal': refusal})
 
 
 def came(goals, time):
     """Tell that a goal came."""
-    goals.came(time, 'tool', 'geometry_msgs/msg/PointStamped', recordings.point(1.0, 2.0, 3.0))
+    point = recordings.point(1.0, 2.0, 3.0)
+    goals.add_message(time, 'tool', 'geometry_msgs/msg/PointStamped', point)
 
 
 def test_a_goal_whose_message_is_missing_is_told_too():

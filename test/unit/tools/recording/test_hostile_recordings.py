@@ -87,7 +87,7 @@ def read(path):
     try:
         bag = Bag(path)
         count = sum(1 for _ in bag.messages(lambda size: None))
-        assert tracemalloc.get_traced_memory()[1] < 3 * expansion.LONGEST + LITTLE
+        assert tracemalloc.get_traced_memory()[1] < 3 * expansion.CHUNK_BYTES + LITTLE
     finally:
         tracemalloc.stop()
     assert time.thread_time() - began < SOON
@@ -124,7 +124,7 @@ def test_a_chunk_that_becomes_more_than_is_read_is_refused(write, compression, c
 
 
 def test_many_chunks_become_no_more_than_a_multiple_of_the_file(write, monkeypatch):
-    monkeypatch.setattr(expansion, 'FREE', 10_000_000)
+    monkeypatch.setattr(expansion, 'EXTRA_BYTES', 10_000_000)
     data = message(bytes(4_000_000))
     one = chunk('zstd', packed('zstd', data), len(data))
     count, remarks = read(write(channel(), one * 100))
@@ -223,7 +223,7 @@ def test_an_sqlite_file_is_read_within_bounds(database, statements, found, fault
 
 
 def test_an_sqlite_file_with_more_rows_than_fit_into_it_is_left(database, monkeypatch):
-    monkeypatch.setattr(sqlite, 'LEAST', 1000)
+    monkeypatch.setattr(sqlite, 'MESSAGE_OVERHEAD', 1000)
     count, remarks = read(database(TABLE, *[ROW] * 100))
     assert 0 < count < 100 and remarks
 
@@ -262,12 +262,12 @@ def test_what_is_no_regular_file_is_not_waited_for(write):
     assert read(path.parent)[0] == 1
     os.mkfifo(path.with_name('metadata.yaml'))
     assert not Bag(path.parent)._is_compressed
-    with pytest.raises(TpControllerError, match='no regular file'):
+    with pytest.raises(TpControllerError, match='not a regular file'):
         Bag(path.with_name('run_1.mcap'))
 
 
 def test_a_message_that_is_too_long_is_not_decoded(write):
-    bag = Bag(write(channel(), message(bytes(reader.LONGEST + 1))))
+    bag = Bag(write(channel(), message(bytes(reader.MESSAGE_BYTES + 1))))
     raw, = bag.messages(lambda size: None)
     with pytest.raises(Unreadable, match='too long'):
         bag.decode(raw)

@@ -151,7 +151,7 @@ def test_a_message_that_is_damaged_is_named(run):
 
 @pytest.mark.parametrize(('name', 'content', 'fault'), [
     ('missing', None, 'there is no '),
-    ('text.txt', b'text', 'is no recording'),
+    ('text.txt', b'text', 'is not a recording'),
     ('folder/notes.txt', b'text', 'no recording in'),
     ('folder/run.db3.zstd', b'', 'compressed as a whole')])
 def test_what_is_no_recording_is_refused(tmp_path, name, content, fault):
@@ -167,7 +167,7 @@ def test_what_is_no_recording_is_refused(tmp_path, name, content, fault):
 def test_a_file_of_another_format_is_refused(tmp_path):
     path = tmp_path / 'run.mcap'
     path.write_bytes(b'0123456789')
-    with pytest.raises(TpControllerError, match='is no MCAP file'):
+    with pytest.raises(TpControllerError, match='is not an MCAP file'):
         messages(path)
     path = path.rename(tmp_path / 'run.db3')
     assert 'cut off or damaged' in messages(path)[1][0]

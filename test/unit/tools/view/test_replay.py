@@ -92,10 +92,10 @@ def test_markers_that_stay_are_decoded_once(history, monkeypatch):
 def test_the_robot_of_the_replay_stands_on_the_ground(history):
     from tp_controller.tools.view.replay import replay_page
     from tp_controller.tools.view.skeleton import JOINT_COLOUR
-    from tp_controller.tools.view.visuals import looks_of
+    from tp_controller.tools.view.visuals import visuals_of
     robot = robot_of(history)
     # Its joints turn about drums, half of each of which is below the root.
-    drum = next(part for parts in looks_of(robot).parts.values() for part in parts
+    drum = next(part for parts in visuals_of(robot).parts.values() for part in parts
                 if part.colour == JOINT_COLOUR)
     _, told = content(replay_page(history, robot))
     height, = (message['position'][2] for _, message in told

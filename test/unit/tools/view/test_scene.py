@@ -85,7 +85,7 @@ def configuration(robot, seed):
 @pytest.mark.parametrize('base', ['fixed', 'planar', 'underwater'])
 def test_links_are_shown_where_the_kinematics_have_them(stage, base):
     robot = robots.moving_panda(base) if base != 'fixed' else robots.panda()
-    shown = scene.RobotScene(stage, robot, looks=looks.Looks(skeleton(parse(robot.urdf))))
+    shown = scene.RobotScene(stage, robot, looks=looks.Visuals(skeleton(parse(robot.urdf))))
     assert {'panda_link2', 'panda_link4', 'panda_link7'} <= set(shown.frames)
     for seed in range(3):
         q = configuration(robot, seed)
@@ -126,21 +126,21 @@ def test_a_robot_that_is_removed_leaves_nothing_behind(stage):
 
 
 def test_visual_shapes_are_shown_before_those_that_collide():
-    found = looks.looks_of(two_links(f'<visual>{BOX}</visual><collision>{BALL}</collision>',
-                                     f'<collision>{BALL}</collision>'))
+    found = looks.visuals_of(two_links(f'<visual>{BOX}</visual><collision>{BALL}</collision>',
+                                       f'<collision>{BALL}</collision>'))
     assert [part.kind for part in found.parts['a']] == ['box']
     assert [part.kind for part in found.parts['b']] == ['sphere']
     assert found.remarks == ()
 
 
 def test_where_a_mesh_is_missing_the_collision_shape_is_shown_and_it_is_said():
-    found = looks.looks_of(two_links(f'<visual>{MISSING}</visual><collision>{BALL}</collision>'))
+    found = looks.visuals_of(two_links(f'<visual>{MISSING}</visual><collision>{BALL}</collision>'))
     assert [part.kind for part in found.parts['a']] == ['sphere']
     assert len(found.remarks) == 1 and 'no_such_package' in found.remarks[0]
 
 
 def test_where_nothing_can_be_read_links_are_rods_that_reach_the_next_joint():
-    found = looks.looks_of(two_links(f'<visual>{MISSING}</visual>'))
+    found = looks.visuals_of(two_links(f'<visual>{MISSING}</visual>'))
     limb = found.parts['a'][-1]
     points = limb.mesh.vertices @ limb.T[:3, :3].T + limb.T[:3, 3]
     radius = np.hypot(*points[:, :2].T).max()
@@ -149,12 +149,12 @@ def test_where_nothing_can_be_read_links_are_rods_that_reach_the_next_joint():
 
 
 def test_a_link_without_shapes_beside_others_stays_invisible():
-    found = looks.looks_of(two_links(f'<visual>{BOX}</visual>'))
+    found = looks.visuals_of(two_links(f'<visual>{BOX}</visual>'))
     assert 'b' not in found.parts
 
 
 def test_joints_of_bare_robots_are_drums_about_their_axes():
-    found = looks.looks_of(two_links())
+    found = looks.visuals_of(two_links())
     drum = found.parts['b'][0]
     np.testing.assert_allclose(np.abs(drum.T[:3, 2]), [0, 1, 0], atol=1e-9)
 
@@ -162,7 +162,7 @@ def test_joints_of_bare_robots_are_drums_about_their_axes():
 def test_robot_of_a_dh_table_is_drawn_solid(monkeypatch, tmp_path):
     # Without example-robot-data, as most users are.
     monkeypatch.setattr(borrowed, 'ROBOTS', tmp_path)
-    found = looks.looks_of(robots.panda())
+    found = looks.visuals_of(robots.panda())
     kinds = {part.kind for each in found.parts.values() for part in each}
     assert kinds == {'mesh'}
     # Each of the seven joints is there, and the tool; joints and links have colours of their own.
@@ -180,7 +180,7 @@ def test_robot_of_a_dh_table_is_drawn_solid(monkeypatch, tmp_path):
 def test_links_stay_as_they_are_where_the_meshes_of_others_are_not_wanted(monkeypatch):
     robots.urdf_path('panda')
     monkeypatch.setenv(looks.CHOICE, looks.OWN)
-    assert {part.mesh.glb for each in looks.looks_of(robots.panda()).parts.values()
+    assert {part.mesh.glb for each in looks.visuals_of(robots.panda()).parts.values()
             for part in each} == {b''}
 
 
@@ -209,7 +209,7 @@ def test_an_arm_that_rises_has_a_foot_on_the_ground():
 
 def test_robot_of_a_dh_table_borrows_the_looks_of_the_same_example_robot():
     robots.urdf_path('panda')
-    ours, theirs = looks.looks_of(robots.panda()), looks.looks_of(robots.urdf_robot('panda'))
+    ours, theirs = looks.visuals_of(robots.panda()), looks.visuals_of(robots.urdf_robot('panda'))
     assert [part.mesh for part in ours.parts['panda_link4']] == [
         part.mesh for part in theirs.parts['panda_link4']]
     # The fingers, which the table does not have, are on the hand.
@@ -225,22 +225,23 @@ def test_robot_of_a_dh_table_borrows_the_looks_of_the_same_example_robot():
 def test_only_a_robot_with_the_same_kinematics_lends_its_looks(base):
     robots.urdf_path('panda')
     text = robots.PANDA_DH.read_text()
-    assert borrowed.lender(Robot.from_dh(text, base=base)) is not None
-    assert borrowed.lender(Robot.from_dh(text.replace('0.316', '0.317'), base=base)) is None
-    assert borrowed.lender(Robot.from_dh(text.replace('joint7', 'joint8'), base=base)) is None
-    assert borrowed.lender(Robot.from_dh(text.replace('name: panda\n', 'name: p\n'))) is None
+    match = borrowed.matching_robot
+    assert match(Robot.from_dh(text, base=base)) is not None
+    assert match(Robot.from_dh(text.replace('0.316', '0.317'), base=base)) is None
+    assert match(Robot.from_dh(text.replace('joint7', 'joint8'), base=base)) is None
+    assert match(Robot.from_dh(text.replace('name: panda\n', 'name: p\n'))) is None
 
 
 def test_colours_come_from_the_description():
     red = '<material name="m"><color rgba="1 0 0 0.5"/></material>'
-    part, = looks.looks_of(two_links(f'<visual>{BOX}{red}</visual>')).parts['a']
+    part, = looks.visuals_of(two_links(f'<visual>{BOX}{red}</visual>')).parts['a']
     assert part.colour == (255, 0, 0) and part.opacity == 0.5
 
 
 @pytest.mark.parametrize('name', ['panda', 'ur5', 'xarm7', 'tiago', 'baxter', 'talos_arm'])
 def test_meshes_of_example_robots_are_all_found(name):
     pytest.importorskip('collada', reason='needs pip install pycollada')
-    found = looks.looks_of(robots.urdf_robot(name))
+    found = looks.visuals_of(robots.urdf_robot(name))
     assert found.remarks == ()
     assert any(part.kind == 'mesh' for each in found.parts.values() for part in each)
 
@@ -397,11 +398,11 @@ def test_talos_stands_on_its_soles(stage):
 
 def test_trail_ends_where_the_frame_is_and_has_a_longest_length(stage):
     trail = scene.Trail(stage, '/trail')
-    for number in range(scene.MOST_POINTS + 50):
+    for number in range(scene.MOST_TRAIL_POINTS + 50):
         trail.add(np.array([0.01 * number, 0.0, 0.0]))
     points = stage.get_handle_by_name('/trail').points
-    assert len(points) == scene.MOST_POINTS - 1
-    np.testing.assert_allclose(points[-1, 1], [0.01 * (scene.MOST_POINTS + 49), 0.0, 0.0],
+    assert len(points) == scene.MOST_TRAIL_POINTS - 1
+    np.testing.assert_allclose(points[-1, 1], [0.01 * (scene.MOST_TRAIL_POINTS + 49), 0.0, 0.0],
                                rtol=1e-6)
     np.testing.assert_allclose(points[1:, 0], points[:-1, 1])
 

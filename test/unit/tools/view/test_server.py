@@ -183,7 +183,7 @@ def unguarded(monkeypatch, **methods):
 
 @pytest.mark.parametrize('methods, fault', [
     ({'_process': lambda self, connection, request: self._answer(connection, request)},
-     'another site is let in; .*another port .*another name .*X-Frame-Options is not sent'),
+     'another site is allowed; .*another port .*another name .*X-Frame-Options is not sent'),
     ({'_serve': lambda self, serve, *arguments, **options: serve(*arguments, **options)},
      'it is not guarded'),
     ({'_count_refusal': lambda self: None}, 'messages are not checked')])

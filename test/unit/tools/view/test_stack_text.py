@@ -76,7 +76,7 @@ def test_stacks_in_other_notations_keep_what_they_say(text, task, order):
 
 
 @pytest.mark.parametrize('text, said', [
-    (TEXT, "no task 'fourth'"), ('a: 1\n', 'no list'), ('- [', 'cannot be read')])
+    (TEXT, "no task 'fourth'"), ('a: 1\n', 'not a list'), ('- [', 'cannot be read')])
 def test_what_cannot_be_moved_is_said(text, said):
     with pytest.raises(TpControllerError, match=said):
         moved(text, 'fourth', 1)
@@ -120,7 +120,7 @@ def test_stacks_in_other_notations_get_the_number_of_one_task(text, value):
 
 
 @pytest.mark.parametrize('text, said', [
-    (TEXT, "no task 'fourth'"), ('a: 1\n', 'no list'), ('- [', 'cannot be read')])
+    (TEXT, "no task 'fourth'"), ('a: 1\n', 'not a list'), ('- [', 'cannot be read')])
 def test_number_that_cannot_be_set_is_said(text, said):
     with pytest.raises(TpControllerError, match=said):
         with_number(text, 'fourth', 'gain', 1.0)
@@ -131,5 +131,5 @@ def test_text_of_a_file_is_its_content_and_a_missing_file_is_said(tmp_path):
     path.write_text(TEXT)
     assert stack_text(str(path)) == TEXT
     assert stack_text(TEXT) == TEXT
-    with pytest.raises(TpControllerError, match='not at hand'):
+    with pytest.raises(TpControllerError, match='not available'):
         stack_text(str(tmp_path / 'elsewhere.yaml'))
