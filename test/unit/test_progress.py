@@ -36,7 +36,7 @@ def clock(monkeypatch):
 
 def last_line(stream):
     """Return what stands on the line of a terminal in the end."""
-    return stream.getvalue().rpartition(module.CLEAR)[2]
+    return stream.getvalue().rpartition(module.CLEAR_LINE)[2]
 
 
 def test_bar_shows_the_part_that_is_done_and_the_time_left(clock):
@@ -59,7 +59,7 @@ def test_bar_is_drawn_now_and_then_only(clock):
     stream = io.StringIO()
     bar = Progress(1000, 'reading', stream)
     for _ in range(1000):
-        clock[0] += module.PERIOD / 10.0
+        clock[0] += module.DRAW_SECONDS / 10.0
         bar.advance()
     assert 90 <= stream.getvalue().count('%') <= 101
 

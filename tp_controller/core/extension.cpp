@@ -41,7 +41,7 @@ PyObject *constants() {
       "model.state", "LARGEST", LARGEST,
       "model.spatial", "HALF_TURN_BAND", HALF_TURN_BAND,
       "control.velocity_limits", "RETURN_SHARE", RETURN_SHARE, "RETURN_SPEED", RETURN_SPEED,
-      "FAR", FAR,
+      "LARGEST_DISTANCE", LARGEST_DISTANCE,
       "tasks.bounded", "RETURN_JOINT_SPEED", bounded::RETURN_JOINT_SPEED, "FAR", bounded::FAR,
       "STILL", bounded::STILL, "LOOSE", bounded::LOOSE, "DRIFT", bounded::DRIFT,
       "TINY", bounded::TINY);

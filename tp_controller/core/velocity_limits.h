@@ -26,7 +26,7 @@
 namespace {
 
 // Constants of the reference.
-constexpr double RETURN_SHARE = 0.2, RETURN_SPEED = 1.0, FAR = 1e6;
+constexpr double RETURN_SHARE = 0.2, RETURN_SPEED = 1.0, LARGEST_DISTANCE = 1e6;
 
 class Limits {
  public:
@@ -84,7 +84,7 @@ class Limits {
  private:
   // The distance nearest to zero that commands under way can leave.
   double felt(double distance, double towards, double away) const {
-    if (endless) distance = std::min(distance, FAR);
+    if (endless) distance = std::min(distance, LARGEST_DISTANCE);
     return std::max(distance - towards, std::min(distance + away, 0.0));
   }
 

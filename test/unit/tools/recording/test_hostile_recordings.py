@@ -132,7 +132,7 @@ def test_many_chunks_become_no_more_than_a_multiple_of_the_file(write, monkeypat
 
 
 def test_holes_do_not_add_to_what_chunks_may_become(write, monkeypatch):
-    monkeypatch.setattr(expansion, 'FREE', 10_000_000)
+    monkeypatch.setattr(expansion, 'EXTRA_BYTES', 10_000_000)
     data = message(bytes(4_000_000))
     path = write(channel(), chunk('zstd', packed('zstd', data), len(data)) * 100)
     os.truncate(path, 60 << 30)
