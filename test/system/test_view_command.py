@@ -125,7 +125,7 @@ def test_results_of_a_demo_go_to_its_page(domain, tmp_path):
 
 def test_demo_without_viser_goes_on_and_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(live_page, 'find_spec', lambda name: None)
-    with pytest.raises(TpControllerError, match=live_page.WITHOUT) as error:
+    with pytest.raises(TpControllerError, match=live_page.WITHOUT_PAGE) as error:
         live_page.start_page(ExitStack(), {}, tmp_path)
     assert install_command('view') in str(error.value)
 
@@ -133,7 +133,7 @@ def test_demo_without_viser_goes_on_and_says_so(tmp_path, monkeypatch):
 def test_demo_without_a_free_port_goes_on_and_says_so(tmp_path, monkeypatch, taken):
     from tp_controller.tools.view import server
     monkeypatch.setattr(server, 'PORTS', range(taken, taken + 1))
-    with pytest.raises(TpControllerError, match=f'{live_page.WITHOUT}no free port from {taken}'):
+    with pytest.raises(TpControllerError, match=f'{live_page.WITHOUT_PAGE}no free port from {taken}'):
         live_page.start_page(ExitStack(), {}, tmp_path)
 
 
@@ -145,7 +145,7 @@ def test_demo_whose_page_cannot_start_goes_on_and_says_why(tmp_path, monkeypatch
     with ExitStack() as stack:
         environment = stack.enter_context(own_domain())
         said = wait_for_page(live_page.start_page(stack, environment, tmp_path))
-    assert said.startswith(live_page.WITHOUT) and 'in use' in said
+    assert said.startswith(live_page.WITHOUT_PAGE) and 'in use' in said
     assert str(tmp_path / 'viewer_node.log') in said
 
 
