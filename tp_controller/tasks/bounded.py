@@ -150,7 +150,7 @@ class BoundedTask(Task):
         """
 
     def observe_rows(self, state: RobotState) -> Observation:
-        """Return the `Observation` at a state: value, Jacobian and names of the rows."""
+        """Return the observation at a state: value, Jacobian and names of the rows."""
         value, J = self.observe(state)
         return Observation(value, J, self.row_names)
 
