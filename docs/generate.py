@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Write the tables of README.md and docs/*.md that repeat what is in the code.
+Write the tables of README.md and the pages in docs/ that repeat what is in the code.
 
 ``python docs/generate.py`` rewrites every region between ``<!-- begin generated: name -->`` and
 ``<!-- end generated -->``; with ``--check`` it changes nothing, and fails if a region is out of
@@ -41,11 +41,14 @@ from tp_controller.tools.check.results import schema
 from tp_controller.tools.cli.main import make_parser
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))
+# Pages of the families of task types, in the order of the table of all types.
+FAMILIES = [ROOT / 'docs' / 'tasks' / f'{name}.md'
+            for name in ('frames', 'joints', 'inequality', 'gradient')]
+PAGES = (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')), *FAMILIES)
 REGION = re.compile(r'(<!-- begin generated: (?P<name>[\w ]+) -->\n).*?(<!-- end generated -->)',
                     re.DOTALL)
-SECTION = re.compile(r'^### (\w+)$', re.MULTILINE)
-FAMILY = re.compile(r'^## (.+)$', re.MULTILINE)
+TITLE = re.compile(r'^# (.+)$', re.MULTILINE)
+SECTION = re.compile(r'^## (\w+)$', re.MULTILINE)
 PANDA = ROOT / 'config' / 'robots' / 'panda.yaml'
 # Packages of the types that every node's own topics and services have.
 EVERY_NODE = ('lifecycle_msgs', 'rcl_interfaces', 'type_description_interfaces')
@@ -204,14 +207,11 @@ def summary(described):
 
 @cache
 def families():
-    """Return {title: {name: class}} of this package's task types, as the page has them."""
-    text = (ROOT / 'docs' / 'tasks.md').read_text(encoding='utf-8')
-    _, *parts = FAMILY.split(text)
+    """Return {page: {name: class}} of this package's task types, in the order of the pages."""
     known = {name: kind for name, kind in task_types().items()
              if kind.__module__.startswith('tp_controller.')}
-    found = {title: {name: known[name] for name in SECTION.findall(part) if name in known}
-             for title, part in zip(parts[::2], parts[1::2])}
-    return {title: kinds for title, kinds in found.items() if kinds}
+    return {page: {name: known[name] for name in SECTION.findall(page.read_text(encoding='utf-8'))
+                   if name in known} for page in FAMILIES}
 
 
 def types_in_order():
@@ -222,12 +222,13 @@ def types_in_order():
 def tasks():
     """Return a table of task types for each family."""
     tables = []
-    for title, kinds in families().items():
-        rows = [(f'[`{name}`](docs/tasks.md#{name})', summary(kind).partition(':')[0],
+    for page, kinds in families().items():
+        path = page.relative_to(ROOT)
+        rows = [(f'[`{name}`]({path}#{name})', summary(kind).partition(':')[0],
                  ', or '.join(GOALS[goal][0] for goal in goal_types(kind)) or 'none')
                 for name, kind in kinds.items()]
-        anchor = title.lower().replace(' ', '-')
-        tables.append(f'**[{title}](docs/tasks.md#{anchor})**\n\n'
+        title = TITLE.search(page.read_text(encoding='utf-8'))[1]
+        tables.append(f'**[{title}]({path})**\n\n'
                       + table(('`type`', 'what it does', 'goal'), rows))
     return '\n'.join(tables)
 
@@ -538,7 +539,8 @@ def renewed(page, ros=True):
             return match[0]
         text = content(name)
         if page.parent != ROOT:
-            text = text.replace('(docs/', '(').replace(f'({page.name}#', '(#')
+            up = '../' * (page in FAMILIES)
+            text = text.replace('(docs/', f'({up}').replace(f'({page.name}#', '(#')
         return f'{match[1]}\n{text}\n{match[3]}'
 
     return REGION.sub(region, page.read_text(encoding='utf-8'))

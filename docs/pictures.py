@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Draw the pictures of docs/tasks.md: one for a task type, of a run with an ideal robot.
+Draw the pictures of docs/tasks/: one for a task type, of a run with an ideal robot.
 
 ``python docs/pictures.py`` writes docs/images/tasks/<type>.png for all types, ``python
 docs/pictures.py keep_out look_at`` only those two, and prints the numbers that the page quotes.

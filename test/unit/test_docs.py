@@ -52,9 +52,10 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / 'docs'
 HOW_TO = sorted((DOCS / 'howto').glob('*.md'))
 ROBOTS = sorted((DOCS / 'robots').glob('*.md'))
+FAMILIES = sorted((DOCS / 'tasks').glob('*.md'))
 BESIDE = [ROOT / f'{name}.md' for name in (
     'README', 'CONTRIBUTING', 'RELEASING', 'QUALITY_DECLARATION')]
-PAGES = [*BESIDE, *sorted(DOCS.glob('*.md')), *HOW_TO, *ROBOTS]
+PAGES = [*BESIDE, *sorted(DOCS.glob('*.md')), *HOW_TO, *ROBOTS, *FAMILIES]
 # What they show is a file beside the folder.
 INCLUDING = {DOCS / f'{name}.md' for name in (
     'contributing', 'changelog', 'versions', 'quality_declaration')}
@@ -225,9 +226,11 @@ def test_list_of_messages_has_nothing_else(generate):
 def test_every_task_type_has_a_section_with_its_keys_and_an_example(generate):
     own = {name for name, kind in generate.task_types().items()
            if kind.__module__.startswith('tp_controller.')}
+    assert sorted(generate.FAMILIES) == FAMILIES
+    assert all(generate.families().values())
     assert set(generate.types_in_order()) == own
-    text = (DOCS / 'tasks.md').read_text(encoding='utf-8')
-    for section in re.split(r'^### ', text, flags=re.MULTILINE)[1:]:
+    text = '\n'.join(page.read_text(encoding='utf-8') for page in FAMILIES)
+    for section in re.split(r'^## ', text, flags=re.MULTILINE)[1:]:
         name = section.partition('\n')[0]
         if name in own:
             assert re.search(rf'type: {name}\b', section), name
@@ -283,8 +286,9 @@ def test_python_blocks_run_and_print_what_is_shown(page, monkeypatch, own_task_t
 
 
 def test_task_type_of_another_package_works_as_documented(tmp_path):
+    page = DOCS / 'howto' / 'own_task_type.md'
     files = {block.file: block.text for block in blocks('python', 'yaml')
-             if block.file and block.page == DOCS / 'tasks.md'}
+             if block.file and block.page == page}
     for name, text in files.items():
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -307,7 +311,6 @@ def test_task_type_of_another_package_works_as_documented(tmp_path):
         [sys.executable, script], cwd=tmp_path, text=True, capture_output=True, timeout=60,
         env={**os.environ, 'PYTHONPATH': os.pathsep.join((str(tmp_path), str(ROOT)))})
     assert done.returncode == 0, done.stderr
-    page = DOCS / 'tasks.md'
     shown, = (output_of(page, block, end) for block, end in blocks_of(page)
               if block.file == script)
     assert done.stdout == shown

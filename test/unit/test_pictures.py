@@ -26,8 +26,8 @@ from tp_controller import solve, Stack
 from tp_controller.tasks import task_types
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'
-SECTION = re.compile(r'^### (\w+)\n(.*?)(?=^##)', re.MULTILINE | re.DOTALL)
-PICTURE = re.compile(r'^!\[([^\]]+)\]\(images/tasks/(\w+)\.png\)$', re.MULTILINE)
+SECTION = re.compile(r'^## (\w+)\n(.*?)(?=^## |\Z)', re.MULTILINE | re.DOTALL)
+PICTURE = re.compile(r'^!\[([^\]]+)\]\(\.\./images/tasks/(\w+)\.png\)$', re.MULTILINE)
 
 
 @pytest.fixture(scope='module')
@@ -40,8 +40,9 @@ def pictures():
 
 
 def shown():
-    """Return {task type: names of the pictures in its section} of the page about tasks."""
-    text = (DOCS / 'tasks.md').read_text(encoding='utf-8')
+    """Return {task type: names of the pictures in its section} of the pages about task types."""
+    text = '\n'.join(page.read_text(encoding='utf-8')
+                     for page in sorted((DOCS / 'tasks').glob('*.md')))
     return {kind: [name for _, name in PICTURE.findall(section)]
             for kind, section in SECTION.findall(text) if PICTURE.search(section)}
 
