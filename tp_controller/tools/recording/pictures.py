@@ -106,18 +106,18 @@ def command_topic(history: History) -> str:
 def _error_curves(history: History) -> tuple[
         Array, list[tuple[str, str, Array]], dict[str, list[str]]] | None:
     """Return times (T,), (task, unit, errors (T,)) and {task: reasons (T,)}."""
-    times, values = history.errors.rows()
-    _, codes = history.reasons.rows()
+    times, values = history.curves.errors.rows()
+    _, codes = history.curves.reasons.rows()
     curves = [(_label(task), _label(unit), values[:, column])
-              for (task, unit), column in history.columns.items()
+              for (task, unit), column in history.curves.columns.items()
               if np.nan_to_num(values[:, column]).max(initial=0.0) > 0.0][:MOST_CURVES]
     if not curves:
         return None
-    texts = [_label(text, LONGEST_TEXT) for text in history.texts]
+    texts = [_label(text, LONGEST_TEXT) for text in history.curves.texts]
     # A task outside the stack has no reason.
     reasons = {_label(task): [texts[code] for code in np.nan_to_num(
         codes[:, column]).astype(int).tolist()]
-               for task, column in history.reason_columns.items()}
+               for task, column in history.curves.reason_columns.items()}
     return times, curves, reasons
 
 

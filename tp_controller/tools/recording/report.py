@@ -27,9 +27,10 @@ import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.tools.files import new_file
 from tp_controller.tools.recording.goals import Goal, outcome
-from tp_controller.tools.recording.history import History, STOPPED, TaskHistory
+from tp_controller.tools.recording.history import History
 from tp_controller.tools.recording.pictures import command_topic
 from tp_controller.tools.recording.robots import command_names
+from tp_controller.tools.recording.task_history import STOPPED, TaskHistory
 from tp_controller.untrusted import plain
 
 # Largest numbers of causes of a task and of rows of a table.
@@ -110,7 +111,7 @@ def write_report(path: Path, history: History, robot: Robot | None,
                        _goal_rows(history), history.goals.more),
              *_section('Stops', ('time', 'duration', 'reason of zero commands'),
                        [(f'{stop.start:.1f} s', f'{stop.end - stop.start:.1f} s',
-                         stop.reason) for stop in history.stops], history.more_stops)]
+                         stop.reason) for stop in history.stops.stops], history.stops.more)]
     for name, plot in plots:
         data = base64.b64encode(plot.read_bytes()).decode()
         parts += [f'<h2>{escape(name)}</h2>',
@@ -215,7 +216,7 @@ def _joint_rows(history: History, robot: Robot | None) -> Iterator[Row]:
     limits = {} if robot is None else dict(zip(robot.velocity_names, zip(
         robot.velocity_units, robot.lower.tolist(), robot.upper.tolist(),
         robot.velocity.tolist())))
-    ranges = history.ranges
+    ranges = history.motion.ranges
     for name in dict.fromkeys((*largest, *ranges)):
         unit, lower, upper, fastest = limits.get(name, ('', -math.inf, math.inf, math.inf))
         low, high = ranges.get(name, (math.nan, math.nan))

@@ -24,7 +24,8 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.stack import Stack
-from tp_controller.tools.recording.history import History, Moment, nearest
+from tp_controller.tools.recording.history import History, nearest
+from tp_controller.tools.recording.motion import Moment
 
 # Prefix of the parameters that replace limits of the description.
 LIMITS = 'limits.'
@@ -79,7 +80,7 @@ def configurations(history: History, robot: Robot) -> tuple[Array, Array, Array,
 
     """
     rows = []
-    for moment in history.moments:
+    for moment in history.motion.moments:
         T = _base(moment, robot)
         if T is not None and all(name in moment.joints for name in robot.joint_names):
             rows.append((moment.time,

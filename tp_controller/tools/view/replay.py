@@ -22,7 +22,8 @@ import math
 import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
-from tp_controller.tools.recording.history import History, Moment
+from tp_controller.tools.recording.history import History
+from tp_controller.tools.recording.motion import Moment
 from tp_controller.tools.recording.robots import configurations, path_of, tool_frames
 from tp_controller.tools.view.camera import FIELD_OF_VIEW, first_view
 from tp_controller.tools.view.gate import Gate, LOCAL

@@ -21,7 +21,8 @@ import pytest
 import recordings
 from tp_controller import TpControllerError
 from tp_controller.tools.recording.goals import Goal, Goals, outcome
-from tp_controller.tools.recording.history import History, MOST_FRAMES, nearest
+from tp_controller.tools.recording.history import History, nearest
+from tp_controller.tools.recording.motion import MOST_FRAMES
 from tp_controller.tools.recording.reader import Bag
 from tp_controller.tools.recording.report import summary
 from tp_controller.tools.recording.robots import configurations, path_of, robot_of, tool_frames
@@ -45,8 +46,8 @@ def test_errors_and_tasks_are_those_of_the_status(run):
     tool, posture = run.tasks['tool'], run.tasks['posture']
     assert tool.status == 'reached' and tool.errors == {'m': (0.0, 0.001)}
     assert tool.largest == {'m': 1.0} and posture.largest == {'rad': 0.25}
-    times, values = run.errors.rows()
-    column = values[:, run.columns['tool', 'm']]
+    times, values = run.curves.errors.rows()
+    column = values[:, run.curves.columns['tool', 'm']]
     np.testing.assert_allclose(column, np.maximum((2.0 - times) / 2.0, 0.0), atol=1e-9)
     np.testing.assert_allclose(times, np.arange(0.0, 4.0, 0.1), atol=1e-9)
 
@@ -63,7 +64,7 @@ def test_a_stop_at_the_end_does_not_hide_what_was_reached(tmp_path):
     assert tool.reached == pytest.approx(1.0)
     assert 'reached, then stopped' in summary(found) and '0.0004 m' in summary(found)
     # Lines are interrupted all the same.
-    assert np.isnan(found.errors.rows()[1][-5:]).all()
+    assert np.isnan(found.curves.errors.rows()[1][-5:]).all()
 
 
 def test_durations_are_those_between_messages(run):
@@ -84,7 +85,7 @@ def test_goals_are_told_with_what_became_of_them(run):
 
 
 def test_stops_are_told_with_their_reasons(run):
-    stop, = run.stops
+    stop, = run.stops.stops
     assert stop.reason == 'stopped by ~/stop'
     assert (stop.start, stop.end) == (pytest.approx(1.0), pytest.approx(1.2))
 
@@ -93,8 +94,8 @@ def test_commands_and_positions_are_those_that_were_published(run):
     times, velocities = run.commands['/velocity_controller/commands'].rows()
     assert velocities.shape == (200, 3)
     np.testing.assert_allclose(velocities[:, 0], np.where(times < 2.0 - 1e-9, 0.1, 0.0))
-    assert run.ranges == {'joint1': (0.0, pytest.approx(0.2)), 'joint2': (0.6, 0.6),
-                          'joint3': (0.3, 0.3)}
+    assert run.motion.ranges == {
+        'joint1': (0.0, pytest.approx(0.2)), 'joint2': (0.6, 0.6), 'joint3': (0.3, 0.3)}
 
 
 def test_robot_is_the_one_of_the_recording_with_its_limits(run):
@@ -138,9 +139,9 @@ def test_other_messages_of_the_same_types_are_left_alone(tmp_path):
              (0.2, '/tp_controller/posture/goal', recordings.joint_state((9.0, 9.0, 9.0)))]
     other[0][2].status[0].values = []
     found = history_of(recordings.write(tmp_path / 'run', [*other, *recordings.run()]))
-    assert found.node == 'tp_controller' and len(found.stops) == 1
+    assert found.node == 'tp_controller' and len(found.stops.stops) == 1
     assert list(found.commands) == ['/velocity_controller/commands']
-    assert max(high for _, high in found.ranges.values()) < 1.0
+    assert max(high for _, high in found.motion.ranges.values()) < 1.0
     assert any(goal.task == 'posture' for goal in found.goals.goals)
 
 
@@ -152,7 +153,7 @@ def test_nonsense_is_counted_and_the_rest_is_told(tmp_path):
         *recordings.run(), (5.0, '/tp_controller/status', word),
         *[(5.0, '/parameter_events', wrong)] * 2]))
     found = History(bag, '', lambda size: None)
-    times, errors = found.errors.rows()
+    times, errors = found.curves.errors.rows()
     assert found.tasks['tool'].status and len(times) == 41
     assert np.isnan(errors[-1]).all() and not np.isnan(errors[-2]).all()
     assert '2 messages of /parameter_events could not be read' in bag.remarks
@@ -162,7 +163,7 @@ def test_a_long_recording_has_no_more_moments_than_a_short_one(tmp_path):
     path = recordings.write(tmp_path / 'run', (
         (step / 25.0, '/joint_states', recordings.joint_state((step, 0.0, 0.0)))
         for step in range(5 * MOST_FRAMES)))
-    moments = history_of(path).moments
+    moments = history_of(path).motion.moments
     assert MOST_FRAMES <= len(moments) < 2 * MOST_FRAMES
     steps = np.diff([moment.time for moment in moments])
     assert steps.max() < 1.6 * steps.min() and moments[0].time == 0.0

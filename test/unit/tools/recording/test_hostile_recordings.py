@@ -26,7 +26,15 @@ import pytest
 import recordings
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from tp_controller.errors import TpControllerError
-from tp_controller.tools.recording import expansion, history, mcap, reader, sqlite
+from tp_controller.tools.recording import (
+    expansion,
+    history,
+    mcap,
+    motion,
+    reader,
+    sqlite,
+    task_history,
+)
 from tp_controller.tools.recording.history import History
 from tp_controller.tools.recording.reader import Bag, Unreadable
 
@@ -286,6 +294,7 @@ def histories(tmp_path, rows):
 
 def test_what_is_kept_of_a_recording_is_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(history, 'MOST_TOPICS', 5)
+    monkeypatch.setattr(motion, 'MOST_NAME_LISTS', 5)
     node = 'tp_controller'
 
     def rows():
@@ -306,19 +315,19 @@ def test_what_is_kept_of_a_recording_is_bounded(tmp_path, monkeypatch):
 
     found, memory = histories(tmp_path, rows())
     assert len(found.tasks) == history.MOST_TASKS
-    assert all(len(task.errors) <= history.MOST_ERRORS for task in found.tasks.values())
-    assert len(found.columns) <= history.MOST_TASKS * history.MOST_ERRORS
-    assert all(len(moment.joints) <= history.MOST_JOINTS for moment in found.moments)
+    assert all(len(task.errors) <= task_history.MOST_ERRORS for task in found.tasks.values())
+    assert len(found.curves.columns) <= history.MOST_TASKS * task_history.MOST_ERRORS
+    assert all(len(moment.joints) <= motion.MOST_JOINTS for moment in found.motion.moments)
     assert sum(map(len, found.commands.values())) <= history.MOST_COMMANDS
     assert len(found.descriptions) <= history.MOST_TOPICS
     assert sum(map(len, found.parameters.values())) <= history.LONGEST_PARAMETERS
     assert all(len(goal.text) < 2100 for goal in found.goals.goals)
-    assert all(len(text) < 2100 for text in found.texts)
+    assert all(len(text) < 2100 for text in found.curves.texts)
     assert memory < LITTLE
 
 
 def test_the_markers_of_the_moments_are_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr(history, 'MOST_MARKER_BYTES', 100_000)
+    monkeypatch.setattr(motion, 'MOST_MARKER_BYTES', 100_000)
     kind = recordings.STORE.types['visualization_msgs/msg/MarkerArray']
 
     def rows():
@@ -335,8 +344,8 @@ def test_the_markers_of_the_moments_are_bounded(tmp_path, monkeypatch):
             yield 0.1 * number, '/joint_states', recordings.joint_state([0.0, 0.0, 0.0])
 
     found, _ = histories(tmp_path, rows())
-    kept = {id(moment.markers): len(moment.markers.data) for moment in found.moments}
-    assert len(found.moments) > 2 and sum(kept.values()) <= 100_000
+    kept = {id(moment.markers): len(moment.markers.data) for moment in found.motion.moments}
+    assert len(found.motion.moments) > 2 and sum(kept.values()) <= 100_000
 
 
 POSE = recordings.make('geometry_msgs/msg/Pose',

@@ -67,7 +67,8 @@ def test_the_replay_lasts_as_long_as_the_run_and_moves_the_links(history, capsys
     from tp_controller.tools.view.replay import replay_page
     robot = robot_of(history)
     seconds, told = content(replay_page(history, robot))
-    assert seconds == pytest.approx(history.moments[-1].time - history.moments[0].time)
+    moments = history.motion.moments
+    assert seconds == pytest.approx(moments[-1].time - moments[0].time)
     assert capsys.readouterr().out == ''
     moves = [time for time, message in told if message['type'] == 'SetPositionMessage'
              and message['name'].startswith('/robot/')]
@@ -86,7 +87,7 @@ def test_markers_that_stay_are_decoded_once(history, monkeypatch):
         self, moment))
     assert replay_page(history, robot_of(history))
     # A message may be of megabytes, and may be shown at thousands of moments.
-    assert len(decoded) == 1 and len(history.moments) > 50
+    assert len(decoded) == 1 and len(history.motion.moments) > 50
 
 
 def test_the_robot_of_the_replay_stands_on_the_ground(history):

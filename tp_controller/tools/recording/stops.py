@@ -1,0 +1,73 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Stops of the robot, with their reasons."""
+
+from dataclasses import dataclass
+import re
+
+from tp_controller.untrusted import plain
+
+# Largest number of listed stops; more are counted.
+MOST_STOPS = 500
+# Parts of the reason of a stop that change while it lasts.
+VARIABLE_PARTS = re.compile(r' \(ignored: .*\)|, until a moment ago|[-+]?\d+(\.\d+)?')
+
+
+@dataclass
+class Stop:
+    """Stop: zeros were commanded from `start` to `end` [s], for a reason."""
+
+    start: float
+    end: float
+    reason: str
+
+
+class Stops:
+    """
+    Stops of one controller.
+
+    Attributes
+    ----------
+    stops : list of Stop
+        Stops in order of time.
+    more : int
+        Number of stops that are not listed.
+
+    """
+
+    def __init__(self) -> None:
+        self.stops: list[Stop] = []
+        self.more = 0
+        self._current: Stop | None = None
+
+    def add_status(self, time: float, head: str) -> None:
+        """Process the reason of zero commands, or the end of a stop."""
+        stop, head = self._current, plain(head)
+        if stop is not None:
+            stop.end = time
+            if _constant_part(head) == _constant_part(stop.reason):
+                return
+        self._current = None
+        if head != 'running':
+            self._current = Stop(time, time, head)
+            if len(self.stops) < MOST_STOPS:
+                self.stops.append(self._current)
+            else:
+                self.more += 1
+
+
+def _constant_part(reason: str) -> str:
+    """Return a reason without its variable parts."""
+    return VARIABLE_PARTS.sub('', reason)

@@ -1,0 +1,89 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Curves of the errors and limiting causes of all tasks over time."""
+
+from collections.abc import Mapping
+import math
+from typing import Any
+
+from tp_controller.tools.recording.series import Series
+from tp_controller.tools.recording.task_history import brief_cause
+
+# Largest number of distinct reasons, which bounds the memory for any recording.
+MOST_REASONS = 5000
+
+
+class TaskCurves:
+    """
+    Curves of all tasks of one controller.
+
+    Attributes
+    ----------
+    errors : Series
+        Errors, in the order of `columns`.
+    columns : dict
+        {(task, unit): column}
+    reasons : Series
+        Codes of the limiting causes of each task, in the order of `reason_columns`; see `texts`.
+    reason_columns : dict
+        {task: column}
+    texts : list of str
+        Texts of the codes; 0 stands for no reason.
+
+    """
+
+    def __init__(self) -> None:
+        self.errors, self.columns = Series(0), dict[tuple[str, str], int]()
+        self.reasons, self.reason_columns = Series(0), dict[str, int]()
+        self.texts = ['']
+        self._codes = {'': 0.0}
+
+    def add(self, time: float, samples: Mapping[str, tuple[Mapping[str, float], str]]) -> None:
+        """
+        Add the samples of one time.
+
+        Parameters
+        ----------
+        time : float
+            [s]
+        samples : dict
+            {task: ({unit: error}, reason)}
+
+        """
+        errors, codes = [math.nan] * len(self.columns), [0.0] * len(self.reason_columns)
+        for name, (values, reason) in samples.items():
+            for unit, error in values.items():
+                _put(errors, self.columns, (name, unit), error, math.nan)
+            _put(codes, self.reason_columns, name, self._code(reason), 0.0)
+        self.errors.add(time, errors)
+        self.reasons.add(time, codes)
+
+    def _code(self, reason: str) -> float:
+        """Return the code of a reason, independent of the order of its parts."""
+        text = '; '.join(sorted({brief_cause(cause) for cause in reason.split('; ')}))
+        if text not in self._codes and len(self.texts) >= MOST_REASONS:
+            text = 'another reason'
+        if text not in self._codes:
+            self._codes[text] = float(len(self.texts))
+            self.texts.append(text)
+        return self._codes[text]
+
+
+def _put(row: list[float], columns: dict[Any, int], key: object, value: float,
+         missing: float) -> None:
+    """Set the value in the column of a key; add the column if it is new."""
+    column = columns.setdefault(key, len(columns))
+    row.extend([missing] * (column + 1 - len(row)))
+    row[column] = value
