@@ -33,6 +33,7 @@ from tp_controller.tools.view.gizmos import Gizmos, SIZES
 from tp_controller.tools.view.joint_sliders import JointSliders
 from tp_controller.tools.view.link import Link
 from tp_controller.tools.view.markers import MarkerScene
+from tp_controller.tools.view.notice import Notice
 from tp_controller.tools.view.plots import Plots
 from tp_controller.tools.view.scene import add_ground, add_sky, RobotScene, tip, Trail
 from tp_controller.tools.view.stack_changes import StackChanges
@@ -43,12 +44,9 @@ from visualization_msgs.msg import Marker
 
 # Frame rate [1/s]; period of the texts, with and without a browser [s].
 RATE, TEXT_SECONDS, UNSEEN_SECONDS = 30.0, 0.2, 1.0
-# Notice after a restart of the controller, and the colours of such notices.
+# Notice after a restart of the controller.
 RESTARTED = ('the controller has been restarted and has no goals; drag them, or send them '
              'again')
-REMARK = '#eef1f4;color:#5b6470'
-# Display time of a notice [s].
-NOTICE_SECONDS = 12.0
 # Largest number of pending actions of browsers; others are dropped.
 MOST_WAITING = 100
 # Largest number of internal errors that are reported; longest report [characters].
@@ -71,8 +69,10 @@ class Page:
     ----------
     stack : StackPanel
     stop_button, start_button : viser.GuiButtonHandle
-    state_text, notice : viser.GuiHtmlHandle
-        State of the controller; last refusal.
+    state_text : viser.GuiHtmlHandle
+        State of the controller.
+    notice : Notice
+        Last refusal or remark.
 
     """
 
@@ -82,7 +82,6 @@ class Page:
         self._errors: set[tuple[str, type]] = set()
         self._robot: RobotScene | None = None
         self._texts_due = 0.0
-        self._notice_until = 0.0
         self._condition, self._reader = Condition('', ''), ConditionReader()
         self._concluded = False
         add_sky(server.scene)
@@ -100,7 +99,7 @@ class Page:
         self.state_text = gui.add_html('')
         self.stop_button = gui.add_button('Stop', color='red', icon=viser.Icon.HAND_STOP)
         self.start_button = gui.add_button('Start', color='green', icon=viser.Icon.PLAYER_PLAY)
-        self.notice = gui.add_html('')
+        self.notice = Notice(gui)
         self.stop_button.on_click(lambda _: self._stop())
         self.start_button.on_click(lambda _: self._later(lambda: link.start(self._show_answer)))
         self._add_tabs(gui)
@@ -167,7 +166,7 @@ class Page:
         # The last report, which is shown less often than it comes.
         self._attempt('show the tasks', partial(self._show_tasks, time.monotonic()))
         self._concluded = True
-        self._clear_notice()
+        self.notice.clear()
         self.stop_button.visible = self.start_button.visible = False
         self.state_text.content = (
             f'<div data-state="{escape(title)}" style="padding:4px 12px"><b>{escape(title)}</b>'
@@ -218,22 +217,9 @@ class Page:
     def _show_answer(self, worked: bool, text: str) -> None:
         """Show the reason of a refusal; clear the notice on success."""
         if worked:
-            self._clear_notice()
-            return
-        self._notice('refused', plain(text), '#fdecea;color:#8c1d18')
-
-    def _notice(self, kind: str, text: str, colours: str) -> None:
-        """Show a notice for `NOTICE_SECONDS`."""
-        self._notice_until = time.monotonic() + NOTICE_SECONDS
-        self.notice.content = (
-            f'<div data-notice="{kind}" style="margin:4px 12px;padding:6px 10px;border-radius:4px;'
-            f'background:{colours};font-size:0.9em">{escape(text)}</div>')
-
-    def _clear_notice(self) -> None:
-        """Clear the notice."""
-        if self._notice_until:
-            self._notice_until = 0.0
-            self.notice.content = ''
+            self.notice.clear()
+        else:
+            self.notice.refuse(text)
 
     def _show_robot(self) -> None:
         """Show the robot at its configuration, and the markers of its tasks."""
@@ -323,8 +309,7 @@ class Page:
         self._show_condition()
         self.start_button.disabled = not self._condition.waits
         self.stop_button.disabled = not link.present and not link.reachable
-        if now > self._notice_until:
-            self._clear_notice()
+        self.notice.expire(now)
 
     def _show_condition(self) -> None:
         """Show the state of the controller, and warn about a slow machine."""
@@ -340,14 +325,14 @@ class Page:
                 f'{escape(found.text)}</span></div>')
         remark = self._reader.remark()
         if remark:
-            self._notice('slow', remark, REMARK)
+            self.notice.remark('slow', remark)
 
     def _show_refusals(self) -> None:
         """Show the reason of a refused goal, and a restart of the controller."""
         accepted = {row.name: row.accepted for row in self.link.rows}
         if any(accepted[name] < before for name, before in self._accepted.items()
                if name in accepted):
-            self._notice('restarted', RESTARTED, REMARK)
+            self.notice.remark('restarted', RESTARTED)
         self._accepted = accepted
         for row in self.link.rows:
             if row.refused > self._refused.get(row.name, row.refused):
