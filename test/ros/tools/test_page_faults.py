@@ -266,7 +266,7 @@ def test_an_answer_that_makes_no_sense_does_not_take_others_along(made_up):
     made_up.link.set_parameters({'a': 1.0}, lambda *answer: told.append(answer))
     made_up.link.stop(lambda *answer: told.append(answer))
     made_up.update()
-    assert [worked for worked, _ in told] == [False, True] and 'no sense' in told[0][1]
+    assert [worked for worked, _ in told] == [False, True] and 'invalid' in told[0][1]
 
 
 def test_a_stop_drops_what_was_done_before_it_and_waits(made_up):
@@ -286,7 +286,7 @@ def test_a_stop_in_the_middle_of_an_update_does_not_end_the_page(made_up):
     # Stop comes on a thread of the server, also while an action before it is done.
     page._later(page._stop)
     for _ in range(3):
-        page._later(lambda: made_up.link.start(page._tell))
+        page._later(lambda: made_up.link.start(page._show_answer))
     made_up.client.calls.clear()
     made_up.update()
     made_up.update()
