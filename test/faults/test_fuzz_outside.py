@@ -221,7 +221,7 @@ def test_the_page_goes_on_whatever_browsers_send(made_up, messages):
             assert np.isfinite(goal.position).all()
     made_up.client.sent.clear()
     for gizmo in made_up.page.gizmos.gizmos.values():
-        gizmo.leave()
+        gizmo.end_drag()
 
 
 # From the network
