@@ -133,7 +133,8 @@ def test_demo_without_viser_goes_on_and_says_so(tmp_path, monkeypatch):
 def test_demo_without_a_free_port_goes_on_and_says_so(tmp_path, monkeypatch, taken):
     from tp_controller.tools.view import server
     monkeypatch.setattr(server, 'PORTS', range(taken, taken + 1))
-    with pytest.raises(TpControllerError, match=f'{live_page.WITHOUT_PAGE}no free port from {taken}'):
+    with pytest.raises(TpControllerError,
+                       match=f'{live_page.WITHOUT_PAGE}no free port from {taken}'):
         live_page.start_page(ExitStack(), {}, tmp_path)
 
 
