@@ -191,6 +191,27 @@ def test_a_base_that_does_not_follow_is_stopped_until_a_start(monkeypatch, fault
     assert 'call ~/start to go on' in world.stopped()
 
 
+# Less than 1.5 times the tolerance of jumps in a window: five windows of 1 s, and a lag of 0.3 s.
+SLOWER, FOLLOWS_SLOWLY = (0.3, 0.1), 5.5
+
+
+@outcomes('Odometry', (Outcome(f'{fault.text}, and the base is slower than 0.375 m/s', AT_ONCE,
+                               START, 'does not follow', FOLLOWS_SLOWLY)
+                       for fault in (frozen, blocked)))
+@pytest.mark.parametrize('rate', RATES[:2])
+@pytest.mark.parametrize('base', BASES)
+@pytest.mark.parametrize('speed', SLOWER)
+@pytest.mark.parametrize('fault', [frozen, blocked])
+def test_a_slow_base_that_does_not_follow_is_stopped_later(monkeypatch, fault, speed, base, rate):
+    world = make_world(monkeypatch, base, rate)
+    world.controller.set_velocity_limits({'base_x': speed})
+    world.run(1.0)
+    assert np.abs(world.twist).max() == pytest.approx(speed, rel=0.01)
+    fault(world)
+    assert world.run(FOLLOWS_SLOWLY, until=world.stopped)
+    assert 'base_x does not follow' in world.stopped() and not world.twist.any()
+
+
 @pytest.mark.parametrize('base', BASES)
 def test_a_base_that_moves_slowly_has_to_follow_as_well(monkeypatch, base):
     world = make_world(monkeypatch, base, 100.0)

@@ -384,6 +384,19 @@ def test_commands_count_as_pending_for_as_many_cycles_as_are_set():
     assert command(11) == pytest.approx(0.9)
 
 
+def test_ramp_takes_no_longer_if_a_cycle_is_late():
+    # However late it is: a stop is not put off. The period is 2 ms.
+    robot = robots.mixed()
+    controller = control('- m: {type: joint_velocity, joints: turn, timeout: 100}\n', robot,
+                         Settings(blend=0.0, period=0.002))
+    q = np.zeros(robot.nq)
+    controller.update(q, 0.0)
+    controller.set_goal('m', [1.0], 0.0)
+    assert controller.update(q, 0.002).velocity[0] == pytest.approx(1.0)
+    speeds = [controller.slow_down(q, now, 4.0)[0] for now in (0.004, 0.054, 0.056, 0.26)]
+    assert speeds == pytest.approx([0.992, 0.792, 0.784, 0.0])
+
+
 def test_pending_commands_count_for_twice_the_mean_time_between_two_and_a_period_at_most():
     robot, near = robots.mixed(), np.array([2.45, 0.0, 0.0, 0.0])
     controller = control('- m: {type: joint_velocity, joints: turn, timeout: 100}\n', robot,
