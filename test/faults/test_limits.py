@@ -38,7 +38,7 @@ from tp_controller.model.srdf import srdf_pairs
 from tp_controller.resources import find_file, load_xml, load_yaml, read_source
 from tp_controller.solver.errors import SolverError
 from tp_controller.solver.solve import solve
-from tp_controller.tasks import stack
+from tp_controller.tasks import stack_reader
 from tp_controller.tasks.collision import MOST_PAIRS
 
 # What takes longer than this on a machine that does nothing else took minutes without limits [s].
@@ -144,7 +144,7 @@ def test_no_name_is_suggested_in_its_own_place():
 
 
 def test_no_more_tasks_are_read_once_they_took_too_long(monkeypatch):
-    monkeypatch.setattr(stack, 'READ_SECONDS', -1.0)
+    monkeypatch.setattr(stack_reader, 'READ_SECONDS', -1.0)
     assert 'the tasks above took more than -1 s to read' in refusal(TASK.format(1))
 
 
