@@ -15,7 +15,7 @@
 """Keys of a task: validation, and one report of all faults."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import cast, NamedTuple, ParamSpec, TypeAlias, TypeVar
+from typing import Any, cast, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,6 +99,14 @@ def non_negative(value: object) -> float:
     return found
 
 
+def named_positive(key: str, value: object) -> float:
+    """Return a positive float, or raise a ValueError that names the key."""
+    try:
+        return positive(value)
+    except ValueError as error:
+        raise ValueError(f'{key} {error}') from error
+
+
 def has_shape(values: ArrayLike, shape: tuple[int, ...]) -> bool:
     """Return whether `values` is an array, or nested lists, of a shape."""
     try:
@@ -159,3 +167,15 @@ def parse_tolerance(units: Sequence[str],
     tolerances = {**DEFAULT_TOLERANCE, **given}
     return tuple(UnitRows(np.flatnonzero([unit == other for other in units]), unit,
                           positive(tolerances[unit])) for unit in present)
+
+
+def check_mapping(name: str, keys: Any, valid: Sequence[str], needed: set[str],
+                  form: str) -> None:
+    """Raise ValueError if a needed key is missing, or a key is invalid."""
+    if not isinstance(keys, dict):
+        raise ValueError(f'{name} needs {form}, got {keys!r}')
+    for key in keys:
+        if key not in valid:
+            raise ValueError(f'{name}: {unknown("key", key, valid)}')
+    if not needed <= set(keys):
+        raise ValueError(f'{name} needs {form}, got {keys!r}')

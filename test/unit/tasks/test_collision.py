@@ -37,7 +37,8 @@ from tp_controller.model import collision as geometry
 from tp_controller.model import shapes
 from tp_controller.model.spatial import pose
 from tp_controller.tasks import task_types
-from tp_controller.tasks.collision import CORNER_MARGIN, MOST_OBSTACLES
+from tp_controller.tasks.collision import CORNER_MARGIN
+from tp_controller.tasks.obstacles import MOST_OBSTACLES
 from tp_controller.tasks.sketch import Gaps
 
 TOOL = robots.PANDA_TOOL
