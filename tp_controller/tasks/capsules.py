@@ -17,8 +17,8 @@
 from typing import Any
 
 from tp_controller.errors import GoalError
-from tp_controller.model.collision import capsule, Solid
 from tp_controller.model.robot import Robot
+from tp_controller.model.solids import capsule, Solid
 from tp_controller.resources import load_yaml, read_source
 from tp_controller.tasks.keys import check_mapping, finite_vector, named_positive
 

@@ -18,10 +18,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from tp_controller.model.collision import Clearance, Distances, Solid, urdf_solids
+from tp_controller.model.clearance import Clearance, Distances
 from tp_controller.model.robot import Robot
+from tp_controller.model.solids import Solid
 from tp_controller.model.spatial import Array, cross, skews
 from tp_controller.model.state import RobotState
+from tp_controller.model.urdf_solids import urdf_solids
 from tp_controller.tasks.bounded import (
     BoundedTask,
     DEFAULT_BOUND_GAIN,

@@ -19,8 +19,8 @@ from dataclasses import replace
 from typing import Any
 
 from tp_controller.errors import GoalError
-from tp_controller.model.collision import solid
 from tp_controller.model.robot import Robot
+from tp_controller.model.solids import solid
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.bounded import DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED

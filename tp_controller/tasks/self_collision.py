@@ -19,7 +19,7 @@ import math
 from typing import Any
 
 import numpy as np
-from tp_controller.model.collision import Clearance
+from tp_controller.model.clearance import Clearance
 from tp_controller.model.robot import Robot
 from tp_controller.model.srdf import srdf_pairs
 from tp_controller.tasks.bounded import DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
