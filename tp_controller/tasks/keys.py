@@ -15,6 +15,7 @@
 """Keys of a task: validation, and one report of all faults."""
 
 from collections.abc import Callable, Mapping, Sequence
+import inspect
 from typing import Any, cast, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
@@ -179,3 +180,24 @@ def check_mapping(name: str, keys: Any, valid: Sequence[str], needed: set[str],
             raise ValueError(f'{name}: {unknown("key", key, valid)}')
     if not needed <= set(keys):
         raise ValueError(f'{name} needs {form}, got {keys!r}')
+
+
+def constructor_keys(task_type: type) -> dict[str, Any]:
+    """
+    Return {key: default} of the keyword-only arguments of a constructor and those it calls.
+
+    `inspect.Parameter.empty` marks a required key.
+    """
+    accepted: dict[str, Any] = {}
+    for base in task_type.__mro__:
+        if '__init__' in vars(base):
+            parameters = inspect.signature(vars(base)['__init__']).parameters.values()
+            for parameter in parameters:
+                if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
+                    # A key that is optional for the base may be required by a subclass.
+                    accepted.setdefault(parameter.name, parameter.default)
+            # Only a constructor with ** passes keys on to the next one.
+            if not any(parameter.kind is inspect.Parameter.VAR_KEYWORD
+                       for parameter in parameters):
+                break
+    return accepted
