@@ -43,9 +43,9 @@ from tp_controller import (
     StackError,
     TimeError,
 )
-from tp_controller.model.collision import urdf_solids
 from tp_controller.model.simulator import initial_positions
 from tp_controller.model.srdf import srdf_pairs
+from tp_controller.model.urdf_solids import urdf_solids
 from tp_controller.resources import load_yaml
 from tp_controller.ros.loop.joint_state_buffer import JointStateBuffer
 from tp_controller.tasks import task_types

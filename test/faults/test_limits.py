@@ -32,13 +32,14 @@ from tp_controller import (
     StackError,
 )
 from tp_controller.errors import suggestion
-from tp_controller.model import collision, urdf
+from tp_controller.model import urdf
 from tp_controller.model.simulator import initial_positions, SimulatorNoise
 from tp_controller.model.srdf import srdf_pairs
+from tp_controller.model.urdf_solids import urdf_solids
 from tp_controller.resources import find_file, load_xml, load_yaml, read_source
 from tp_controller.solver.errors import SolverError
 from tp_controller.solver.solve import solve
-from tp_controller.tasks import stack
+from tp_controller.tasks import stack_reader
 from tp_controller.tasks.collision import MOST_PAIRS
 
 # What takes longer than this on a machine that does nothing else took minutes without limits [s].
@@ -144,7 +145,7 @@ def test_no_name_is_suggested_in_its_own_place():
 
 
 def test_no_more_tasks_are_read_once_they_took_too_long(monkeypatch):
-    monkeypatch.setattr(stack, 'READ_SECONDS', -1.0)
+    monkeypatch.setattr(stack_reader, 'READ_SECONDS', -1.0)
     assert 'the tasks above took more than -1 s to read' in refusal(TASK.format(1))
 
 
@@ -343,7 +344,7 @@ def test_no_path_leads_out_of_its_package(packages, rest):
             f'{rest}"/></geometry></collision></link></robot>')
     if '\0' not in rest:
         with pytest.raises(RobotError, match='cannot be read: a: no file'):
-            collision.urdf_solids(mesh, ['a'])
+            urdf_solids(mesh, ['a'])
 
 
 def test_path_may_go_up_within_its_package(packages):
@@ -383,10 +384,10 @@ def with_mesh(path, scale='1 1 1'):
 @pytest.mark.parametrize('scale', ['1 1 1', '0.5 2 3', '-1 1 1'])
 def test_hull_of_a_binary_stl_is_the_one_that_coal_finds(tmp_path, scale, monkeypatch):
     stl(tmp_path / 'a.stl', np.random.default_rng(1).normal(size=(200, 3, 3)))
-    solid, = collision.urdf_solids(with_mesh(tmp_path / 'a.stl', scale), ['a'])
-    monkeypatch.setattr('tp_controller.model.collision.binary_stl', lambda path: None)
+    solid, = urdf_solids(with_mesh(tmp_path / 'a.stl', scale), ['a'])
+    monkeypatch.setattr('tp_controller.model.solids.binary_stl', lambda path: None)
     (tmp_path / 'b.stl').write_bytes((tmp_path / 'a.stl').read_bytes())
-    other, = collision.urdf_solids(with_mesh(tmp_path / 'b.stl', scale), ['a'])
+    other, = urdf_solids(with_mesh(tmp_path / 'b.stl', scale), ['a'])
     hulls = [solid.geometry, other.geometry]
     assert len({hull.num_points for hull in hulls}) == 1
     corners = [sorted(np.round(hull.points(), 6).tolist()) for hull in hulls]
@@ -398,11 +399,11 @@ def test_mesh_is_read_again_only_when_its_file_changed(tmp_path):
     path = tmp_path / 'a.stl'
     rng = np.random.default_rng(2)
     stl(path, rng.normal(size=(20, 3, 3)))
-    first, second = (collision.urdf_solids(with_mesh(path), ['a'])[0] for _ in range(2))
+    first, second = (urdf_solids(with_mesh(path), ['a'])[0] for _ in range(2))
     assert first.geometry is second.geometry
     stl(path, rng.normal(size=(30, 3, 3)))
     os.utime(path, ns=(1, 1))
-    assert collision.urdf_solids(with_mesh(path), ['a'])[0].geometry is not first.geometry
+    assert urdf_solids(with_mesh(path), ['a'])[0].geometry is not first.geometry
 
 
 @pytest.mark.parametrize('corners', [np.zeros((4, 3, 3)), np.full((4, 3, 3), np.nan),
@@ -410,7 +411,7 @@ def test_mesh_is_read_again_only_when_its_file_changed(tmp_path):
 def test_mesh_without_a_volume_is_refused(tmp_path, corners):
     stl(tmp_path / 'a.stl', corners)
     with pytest.raises(RobotError, match='collision meshes cannot be read: a: '):
-        collision.urdf_solids(with_mesh(tmp_path / 'a.stl'), ['a'])
+        urdf_solids(with_mesh(tmp_path / 'a.stl'), ['a'])
 
 
 def test_large_mesh_is_refused(tmp_path):
@@ -418,7 +419,7 @@ def test_large_mesh_is_refused(tmp_path):
     with open(path, 'wb') as file:
         file.truncate(20_000_001)
     with pytest.raises(RobotError, match='20000001 bytes; at most 20000000 are read'):
-        collision.urdf_solids(with_mesh(path), ['a'])
+        urdf_solids(with_mesh(path), ['a'])
 
 
 # YAML has whole numbers of any size, and Python adds up what no float can hold.

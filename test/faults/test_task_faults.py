@@ -632,9 +632,9 @@ def test_all_that_a_task_can_override_is_covered():
     # Called by those above, `level` in place of `make_evaluation`; and where a parameter is set,
     # which is refused whatever they raise.
     inner = {'level', 'in_rows', 'set_gain', 'parse_tolerance', 'set_tolerance'}
-    methods = {name for name, member in vars(Task).items()
+    methods = {name for name, member in inspect.getmembers(Task)
                if not name.startswith('_') and (inspect.isfunction(member)
-                                                or isinstance(member, classmethod))}
+                                                or inspect.ismethod(member))}
     assert methods == covered | inner
 
 

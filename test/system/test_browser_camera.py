@@ -39,7 +39,7 @@ class FakeLink(SimpleNamespace):
     def update(self):
         """Hear nothing new."""
 
-    def look(self, wanted):
+    def watch(self, wanted):
         """Listen to nothing else."""
 
     def gains(self):

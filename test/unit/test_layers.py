@@ -241,5 +241,6 @@ def test_tests_here_need_no_ros():
             assert not module.startswith('tp_controller.ros'), path
 
 
-def test_only_one_module_knows_the_collision_library():
-    assert [name for name in METHOD if 'coal' in imported(MODULES[name])] == ['model.collision']
+def test_only_solids_and_their_distances_know_the_collision_library():
+    assert [name for name in METHOD if 'coal' in imported(MODULES[name])] == [
+        'model.clearance', 'model.solids', 'model.urdf_solids']

@@ -42,10 +42,11 @@ from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.model.state import RobotState
 from tp_controller.solver.damping import Memory
 from tp_controller.solver.level import Level
+from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.keys import Gain, Tolerance
 from tp_controller.tasks.pose import parse_pose
 from tp_controller.tasks.stack import check_type, Groups, levels_of, shared_levels, Stack
-from tp_controller.tasks.task import Evaluation, Goal, Task
+from tp_controller.tasks.task import Evaluation, Task
 from tp_controller.tasks.task_errors import accept
 
 # Longest time that a command is in force, relative to the mean time between two; at most a period.

@@ -23,7 +23,8 @@ from tp_controller.control.units import with_unit
 from tp_controller.errors import GoalError
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.task import Goal, norm, Task
+from tp_controller.tasks.goal_holder import Goal
+from tp_controller.tasks.task import norm, Task
 
 # Goal types with a target value; others are velocities and obstacles.
 TARGETS = {'point', 'direction', 'quaternion', 'pose', 'joints'}

@@ -15,12 +15,16 @@
 """Limits of a robot: those of its URDF, narrowed by mimic joints, or overridden by the user."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 import math
 from typing import TypeAlias
 from xml.etree.ElementTree import Element
 
+import numpy as np
+from numpy.typing import NDArray
 from tp_controller.errors import RobotError, unknown
 from tp_controller.model.mobile_base import Base, DEFAULT_VELOCITY
+from tp_controller.model.spatial import Array, read_only
 from tp_controller.model.urdf import MimicRules, resolve_mimic, UNLIMITED
 from tp_controller.resources import is_number
 
@@ -38,8 +42,31 @@ Limits: TypeAlias = dict[str, float]
 LimitOverrides: TypeAlias = Mapping[str, Mapping[str, float]]
 
 
-def velocity_limits(base: Base, driven: Sequence[str], elements: Mapping[str, Element],
-                    mimics: MimicRules, overrides: LimitOverrides) -> dict[str, Limits]:
+@dataclass(frozen=True, eq=False)
+class LimitArrays:
+    """
+    Limits of the velocities of a robot, as read-only arrays.
+
+    Attributes
+    ----------
+    lower, upper : ndarray (n,)
+        Position limits [rad or m], infinite if there are none.
+    velocity, acceleration : ndarray (n,)
+        Limits of the absolute values [rad/s or m/s, rad/s² or m/s²].
+    continuous : ndarray (n,) of bool
+        Joints that turn without limits.
+
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    continuous: NDArray[np.bool_]
+
+
+def limit_arrays(base: Base, driven: Sequence[str], elements: Mapping[str, Element],
+                 mimics: MimicRules, overrides: LimitOverrides) -> LimitArrays:
     """
     Return the limits of every velocity: those of the base, then those of the driven joints.
 
@@ -62,6 +89,25 @@ def velocity_limits(base: Base, driven: Sequence[str], elements: Mapping[str, El
         An override names an unknown velocity or limit, or limits leave no range.
 
     """
+    rows = _velocity_limits(base, driven, elements, mimics, overrides)
+    lower, upper, velocity, acceleration = (
+        read_only(np.array([float(row[key]) for row in rows.values()])) for key in LIMIT_KEYS)
+    # An override can limit a joint of type continuous.
+    continuous = read_only(np.array(
+        [name in elements and elements[name].get('type') == 'continuous' for name in rows],
+        dtype=bool) & np.isinf(lower) & np.isinf(upper))
+    return LimitArrays(lower, upper, velocity, acceleration, continuous)
+
+
+def nearest_to_zero(names: Sequence[str], elements: Mapping[str, Element]) -> Array:
+    """Return the position of each joint that is nearest to zero within its limits [rad or m]."""
+    ranges = [joint_limits(name, elements[name]) for name in names]
+    return np.array([min(max(0.0, row['lower']), row['upper']) for row in ranges])
+
+
+def _velocity_limits(base: Base, driven: Sequence[str], elements: Mapping[str, Element],
+                     mimics: MimicRules, overrides: LimitOverrides) -> dict[str, Limits]:
+    """Return the limits of every velocity; arguments as for `limit_arrays`."""
     for name, limits in overrides.items():
         _check_override(name, limits, base, driven)
     rows = {name: {'lower': -math.inf, 'upper': math.inf, 'velocity': DEFAULT_VELOCITY,

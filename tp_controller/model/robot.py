@@ -23,26 +23,19 @@ from numpy.typing import ArrayLike
 import pinocchio
 from tp_controller.errors import RobotError, unknown
 from tp_controller.model.dh import Table, urdf_from_dh
+from tp_controller.model.joint_choice import choose_joints, JointChoice
 from tp_controller.model.kinematics import Kinematics
 from tp_controller.model.limits import (
     in_degrees,
-    joint_limits,
-    LIMIT_KEYS,
+    limit_arrays,
+    LimitArrays,
     LimitOverrides,
-    velocity_limits,
-    without_range,
+    nearest_to_zero,
 )
 from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
-from tp_controller.model.spatial import Array, read_only
+from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.model.urdf import (
-    build_model,
-    check_tree,
-    mimic_rules,
-    MimicRules,
-    moving_joints,
-    parse,
-)
+from tp_controller.model.urdf import build_model, check_tree, mimic_rules, moving_joints, parse
 from tp_controller.resources import MOST_XML_CHARACTERS, read_source
 
 # Index of Pinocchio's universe frame, before all others.
@@ -139,8 +132,11 @@ class Robot:
         self.frame_names = tuple(frame_ids)
         self.root = self.frame_names[0]
         mimics = mimic_rules(elements)
-        self._name_joints(model.names, elements, mimics, joints, limits or {})
-        self._read_limits(elements, mimics, limits or {})
+        self._name_joints(choose_joints(model.names, elements, mimics, self._base, joints,
+                                        limits or {}), elements)
+        self._set_limits(limit_arrays(self._base, self.joint_names, elements, mimics,
+                                      limits or {}))
+        self.passive_neutral = nearest_to_zero(self.passive_names, elements)
         # The reach of a frame depends on them.
         for name, lower, upper in zip(self.joint_names, self.lower[self.joint_columns],
                                       self.upper[self.joint_columns]):
@@ -230,19 +226,10 @@ class Robot:
 
     def reach(self, frame: str, reference: str | None = None) -> float:
         """
-        Return an upper bound of the distance of two frames.
+        Return an upper bound of the distance of two frames, of which the root is the default [m].
 
-        Parameters
-        ----------
-        frame, reference : str
-            Two frames of the robot; the root is the default of the second.
-
-        Returns
-        -------
-        float
-            Length of all links between them, laid in a line [m]; infinite if the base moves one
-            relative to the other.
-
+        It is the length of all links between them, laid in a line; infinite if the base moves
+        one relative to the other.
         """
         return self.kinematics.reach(self.check_frame(frame),
                                      self.check_frame(self.root if reference is None
@@ -261,38 +248,19 @@ class Robot:
 
     def configuration(self, joints: ArrayLike, T_root_base: Array | None = None) -> Array:
         """
-        Return the configuration of joint positions and a pose of the base.
+        Return q (nq,) with positions of the driven joints [rad or m].
 
-        Parameters
-        ----------
-        joints : array_like
-            Positions of the driven joints [rad or m].
-        T_root_base : ndarray (4, 4), optional
-            Pose of `base_frame`; that of the root by default. Components without a coordinate of
-            the base are ignored.
-
-        Returns
-        -------
-        ndarray (nq,)
-
+        `T_root_base` (4, 4) is the pose of `base_frame`, by default that of the root. Components
+        without a coordinate of the base are ignored.
         """
         T = np.eye(4) if T_root_base is None else T_root_base
         return np.array([*self._base.coordinates(T[:3, :3], T[:3, 3]), *np.asarray(joints)])
 
     def positions(self, q: Array) -> Array:
         """
-        Return the positions that are subject to limits, one entry for each velocity.
+        Return the positions that are subject to limits (n,), for a configuration (nq,).
 
-        Parameters
-        ----------
-        q : ndarray (nq,)
-            Configuration.
-
-        Returns
-        -------
-        ndarray (n,)
-            Positions of the driven joints [rad or m]; zeros for the base, which has no limits.
-
+        Those of the driven joints [rad or m], and zeros for the base, which has no limits.
         """
         return self.kinematics.positions(q)
 
@@ -301,20 +269,7 @@ class Robot:
         return self._base.placement(q)
 
     def base_twist(self, velocity: Array) -> Array:
-        """
-        Return the twist of the base in its own axes.
-
-        Parameters
-        ----------
-        velocity : ndarray (n,)
-            [m/s or rad/s]
-
-        Returns
-        -------
-        ndarray (6,)
-            Linear, then angular [m/s, rad/s].
-
-        """
+        """Return the twist (6,) of the base in its own axes at a velocity (n,) [m/s, rad/s]."""
         twist = np.zeros(6)
         twist[list(self._base.columns)] = velocity[:self.joint_columns.start]
         return twist
@@ -331,24 +286,10 @@ class Robot:
 
     def integrate(self, q: Array, velocity: Array, dt: float) -> Array:
         """
-        Return the configuration after `dt` seconds at a constant velocity.
+        Return the configuration (nq,) after `dt` seconds at a velocity (n,) [rad/s or m/s].
 
-        A base moves along the arc of a constant twist in its own axes.
-
-        Parameters
-        ----------
-        q : ndarray (nq,)
-            Configuration [rad or m].
-        velocity : ndarray (n,)
-            [rad/s or m/s]
-        dt : float
-            [s]
-
-        Returns
-        -------
-        ndarray (nq,)
-            Angles of continuous joints, and the yaw of a base, are not wrapped.
-
+        A base moves along the arc of a constant twist in its own axes. Angles of continuous
+        joints, and the yaw of a base, are not wrapped.
         """
         return self.kinematics.integrate(q, velocity, dt)
 
@@ -373,74 +314,28 @@ class Robot:
         return RobotState(self.kinematics, q,
                           self.passive_neutral if passive is None else passive)
 
-    def _name_joints(self, names: Sequence[str], elements: Mapping[str, Element],
-                     mimics: MimicRules, joints: Sequence[str] | None,
-                     limits: LimitOverrides) -> None:
-        """Sort the moving joints into driven and passive ones, and name velocities after them."""
-        moving = [name for name in names if name in elements]
-        drivable = [name for name in moving if name not in mimics]
-        if joints is None:
-            still = [name for name in without_range(drivable, elements, mimics)
-                     if name not in limits]
-            driven = [name for name in drivable if name not in still]
-        else:
-            still, driven = [], _listed(joints)
-        self._check_driven(driven, drivable, mimics, still)
-        taken = {*self._base.names, *self._base.coordinate_names}.intersection(moving)
-        if taken:
-            raise RobotError('joints must not be named like a velocity of the base: '
-                             f'{", ".join(sorted(taken))}')
-        self.joint_names = tuple(driven)
-        self.passive_names = tuple(name for name in drivable if name not in driven)
+    def _name_joints(self, chosen: JointChoice, elements: Mapping[str, Element]) -> None:
+        """Name velocities and coordinates after the base and the driven joints."""
+        self.joint_names, self.passive_names = chosen.driven, chosen.passive
         self.velocity_names = self._base.names + self.joint_names
         self.joint_units = tuple('m' if elements[name].get('type') == 'prismatic' else 'rad'
-                                 for name in driven)
+                                 for name in self.joint_names)
         self.velocity_units = self._base.units + self.joint_units
         self.coordinate_names = self._base.coordinate_names + self.joint_names
         self.n, self.nq = len(self.velocity_names), len(self.coordinate_names)
         self.joint_columns = slice(len(self._base.names), self.n)
         self.joint_rows = slice(len(self._base.coordinate_names), self.nq)
         self._joint_indices = {name: index for index, name in enumerate(
-            driven, start=self.joint_columns.start)}
+            self.joint_names, start=self.joint_columns.start)}
 
-    def _check_driven(self, driven: Sequence[str], drivable: Sequence[str], mimics: MimicRules,
-                      still: Sequence[str]) -> None:
-        """Raise `RobotError` if joints cannot be driven."""
-        for name in driven:
-            if isinstance(name, str) and name in mimics:
-                raise RobotError(f'joint {name!r} mimics {mimics[name][0]!r}: drive that one')
-            if not isinstance(name, str) or name not in drivable:
-                raise RobotError(unknown('joint', name, drivable))
-        if len(set(driven)) < len(driven):
-            raise RobotError(f'driven joints named twice: {driven}')
-        if not driven and not self.moves:
-            ranges = f'; their limits leave no range: {", ".join(still)}' if still else ''
-            raise RobotError(f'the robot has no joint to drive{ranges}')
-
-    def _read_limits(self, elements: Mapping[str, Element], mimics: MimicRules,
-                     overrides: LimitOverrides) -> None:
-        """Read the limits of the velocities from the URDF, and apply the overrides."""
-        rows = velocity_limits(self._base, self.joint_names, elements, mimics, overrides)
-        self.lower, self.upper, self.velocity, self.acceleration = (
-            read_only(np.array([float(row[key]) for row in rows.values()])) for key in LIMIT_KEYS)
-        # An override can limit a joint of type continuous.
-        self.continuous = read_only(np.array(
-            [name in elements and elements[name].get('type') == 'continuous'
-             for name in self.velocity_names], dtype=bool)
-            & np.isinf(self.lower) & np.isinf(self.upper))
+    def _set_limits(self, limits: LimitArrays) -> None:
+        """Set the limits of the velocities, and the remark on probable degrees."""
+        self.lower, self.upper = limits.lower, limits.upper
+        self.velocity, self.acceleration = limits.velocity, limits.acceleration
+        self.continuous = limits.continuous
         degrees = in_degrees(self.velocity_names, self.velocity_units, self.lower, self.upper)
         self.remarks = (f'position limits beyond two turns, which look like degrees: '
                         f'{", ".join(degrees)}; limits are in rad',) if degrees else ()
-        ranges = [joint_limits(name, elements[name]) for name in self.passive_names]
-        self.passive_neutral = np.array([min(max(0.0, row['lower']), row['upper'])
-                                         for row in ranges])
-
-
-def _listed(joints: object) -> list[str]:
-    """Return the names of joints as a list; `_check_driven` validates them."""
-    if isinstance(joints, str) or not isinstance(joints, (Sequence, np.ndarray)):
-        raise RobotError(f'joints must be a list of names, not {joints!r}')
-    return list(joints)
 
 
 def _with_world(frame_ids: dict[str, int], name: object) -> dict[str, int]:

@@ -28,7 +28,6 @@ from tp_controller.foreign import foreign
 from tp_controller.tasks.base_pose import BaseOrientation, BasePose
 from tp_controller.tasks.bounded import BoundedTask
 from tp_controller.tasks.center_of_mass import CenterOfMass
-from tp_controller.tasks.collision import Obstacles, SelfCollision
 from tp_controller.tasks.field_of_view import FieldOfView
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.gradient import GradientTask
@@ -37,12 +36,14 @@ from tp_controller.tasks.joint_limit_distance import JointLimitDistance
 from tp_controller.tasks.joint_limits import JointLimits
 from tp_controller.tasks.keys import Keys
 from tp_controller.tasks.manipulability import Manipulability, ManipulabilityAbove
+from tp_controller.tasks.obstacles import Obstacles
 from tp_controller.tasks.orientation import Orientation
 from tp_controller.tasks.pointing import LookAt, Pointing
 from tp_controller.tasks.pose import Pose
 from tp_controller.tasks.position import Position
 from tp_controller.tasks.region import KeepIn, KeepOut
 from tp_controller.tasks.relative import RelativePose, RelativePosition
+from tp_controller.tasks.self_collision import SelfCollision
 from tp_controller.tasks.speed_limit import SpeedLimit
 from tp_controller.tasks.task import Evaluation, Task
 from tp_controller.tasks.twist import Twist

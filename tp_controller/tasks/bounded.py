@@ -26,8 +26,9 @@ from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.compiled import core
 from tp_controller.solver.level import Level
+from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
-from tp_controller.tasks.task import DEFAULT_TIMEOUT, Evaluation, Goal, Task
+from tp_controller.tasks.task import DEFAULT_TIMEOUT, Evaluation, Task
 
 # Defaults of the keys `gain` [1/s] and `return_speed` [unit/s].
 DEFAULT_BOUND_GAIN = 10.0

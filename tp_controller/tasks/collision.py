@@ -12,48 +12,28 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Collision avoidance: distances between links, and from links to obstacles."""
+"""Base class of the tasks of collision avoidance: distances of pairs of solid shapes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-import math
 from typing import Any
 
 import numpy as np
-from tp_controller.errors import GoalError, RobotError, unknown
-from tp_controller.model.collision import (
-    capsule,
-    Clearance,
-    Distances,
-    Solid,
-    solid,
-    urdf_solids,
-)
+from tp_controller.model.clearance import Clearance, Distances
 from tp_controller.model.robot import Robot
-from tp_controller.model.shapes import HalfSpace, parse_shape, Shape
+from tp_controller.model.solids import Solid
 from tp_controller.model.spatial import Array, cross, skews
-from tp_controller.model.srdf import srdf_pairs
 from tp_controller.model.state import RobotState
-from tp_controller.resources import load_yaml, read_source
+from tp_controller.model.urdf_solids import urdf_solids
 from tp_controller.tasks.bounded import (
     BoundedTask,
     DEFAULT_BOUND_GAIN,
     DEFAULT_RETURN_SPEED,
     Observation,
 )
-from tp_controller.tasks.frame import parse_reference
-from tp_controller.tasks.keys import (
-    finite_vector,
-    Gain,
-    Keys,
-    non_negative,
-    positive,
-    Tolerance,
-    UnitRows,
-)
-from tp_controller.tasks.region import parse_place
-from tp_controller.tasks.sketch import Body, Gaps, Sketch
-from tp_controller.tasks.task import Evaluation, Task
+from tp_controller.tasks.capsules import parse_capsules
+from tp_controller.tasks.keys import Gain, Keys, non_negative, positive, Tolerance, UnitRows
+from tp_controller.tasks.sketch import Gaps, Sketch
+from tp_controller.tasks.task import Task
 
 # Defaults of the keys `distance` and `within` [m].
 DEFAULT_DISTANCE = 0.02
@@ -64,21 +44,8 @@ DEFAULT_WITHIN = 0.2
 CORNER_MARGIN = 0.02
 # Largest number of drawn distances.
 MOST_DRAWN = 30
-# Number of random postures used to find pairs whose shapes overlap by design. One pair of Panda is
-# near in 39 % of the postures: 30 misclassify it in 8 of 100 cases, 100 in 1.
-SAMPLED_POSTURES = 100
-# Range ± of these postures for joints without limits [rad or m].
-SAMPLED_RANGE = math.pi
 # Largest number of pairs; TIAGo with two arms has 5,690, and 11,200 with 100 obstacles.
 MOST_PAIRS = 15_000
-# Largest number of obstacles; each costs time in every cycle.
-MOST_OBSTACLES = 100
-# Name that stands for all present obstacles in an update.
-ALL_OBSTACLES = '*'
-CAPSULE_KEYS = ('from', 'to', 'radius')
-OBSTACLE_KEYS = ('shape', 'at', 'lifetime')
-CAPSULE_FORM = '{from: [x, y, z], to: [x, y, z], radius: …} [m]'
-OBSTACLE_FORM = '{shape: {box: [x, y, z]}, at: [x, y, z]} [m]'
 
 
 class CollisionTask(BoundedTask):
@@ -126,7 +93,8 @@ class CollisionTask(BoundedTask):
                    capsules: Any) -> list[Solid]:
         """Return the solids of the selected links, and record faults of the keys."""
         faults = len(keys.faults)
-        given = keys.check('capsules', _capsules, self.robot, {} if capsules is None else capsules)
+        given = keys.check('capsules', parse_capsules, self.robot,
+                           {} if capsules is None else capsules)
         named = keys.check('links', _links, self.robot, links)
         if len(keys.faults) > faults:
             return []
@@ -191,264 +159,6 @@ class CollisionTask(BoundedTask):
             self._near = other._near
 
 
-class SelfCollision(CollisionTask):
-    """
-    Keep the links of the robot a distance apart.
-
-    Pairs are not checked if at most one moving joint is between their links, if no driven joint
-    moves them against each other, if an SRDF or `ignore` names them, or if they are in `left_out`.
-
-    Attributes
-    ----------
-    pairs : list of str
-        Names of the checked pairs.
-    left_out : list of str
-        Names of pairs nearer than `distance` in most random postures within the joint limits:
-        their shapes overlap by design.
-
-    """
-
-    type_name = 'self_collision'
-    keys = {
-        'srdf': 'SRDF whose disable_collisions name links that may touch: text, a file or '
-                'package://<package>/<path>',
-        'ignore': 'more pairs of links that may touch, [[link, link], …]',
-    }
-
-    def __init__(self, robot: Robot, name: str, *, distance: float = DEFAULT_DISTANCE,
-                 within: float = DEFAULT_WITHIN, links: str | Sequence[str] | None = None,
-                 srdf: str | None = None, ignore: Sequence[Sequence[str]] | None = None,
-                 capsules: Any = None, gain: Gain = DEFAULT_BOUND_GAIN,
-                 return_speed: float = DEFAULT_RETURN_SPEED,
-                 tolerance: Tolerance | None = None) -> None:
-        keys = Keys()
-        super().__init__(robot, name, keys, distance=distance, within=within, links=links,
-                         capsules=capsules, gain=gain, return_speed=return_speed,
-                         tolerance=tolerance)
-        harmless: set[frozenset[str]] = set()
-        if srdf is not None:
-            harmless |= keys.check('srdf', srdf_pairs, srdf) or set()
-        if ignore is not None:
-            harmless |= keys.check('ignore', _pairs, robot, ignore) or set()
-        keys.raise_faults(name)
-        pairs = self._candidates(harmless)
-        if len(pairs) > MOST_PAIRS:
-            keys.faults.append(('links', f'at most {MOST_PAIRS} pairs of shapes, got {len(pairs)}'
-                                         ': name fewer links, or pairs that may touch'))
-            keys.raise_faults(name)
-        near = self._mostly_near(pairs)
-        self.left_out = list(near.values())
-        self._set_pairs(self._solids, [pair for index, pair in enumerate(pairs)
-                                       if index not in near])
-        self.pairs = list(self._clearance.names)
-        if not self.pairs:
-            keys.faults.append(('links', self._no_pairs()))
-        keys.raise_faults(name)
-        if self.left_out:
-            self.remarks = (f'not kept apart, as nearer than distance = {self.distance:g} in most '
-                            f'postures: {", ".join(self.left_out)}',)
-
-    def _no_pairs(self) -> str:
-        """Return the message about a task without pairs."""
-        if self.left_out:
-            return (f'all pairs are nearer than distance = {self.distance:g} in most postures: '
-                    f'{", ".join(self.left_out)}')
-        links = list(dict.fromkeys(each.frame for each in self._solids))
-        return ('no two of them can come near each other, or all pairs are ignored: name all '
-                f'links that are to be kept apart, got {", ".join(links)}')
-
-    def _candidates(self, harmless: set[frozenset[str]]) -> list[tuple[int, int]]:
-        """Return the pairs of solids (int, int) whose links can move against each other."""
-        rows = {frame: row for row, frame in enumerate(
-            dict.fromkeys(each.frame for each in self._solids))}
-        every, driven = self.robot.kinematics.joints_between(list(rows))
-        checked = (every > 1.0) & (driven > 0.0)
-        for links in harmless:
-            if len(links) == 2 and links <= rows.keys():
-                one, other = (rows[link] for link in links)
-                checked[one, other] = checked[other, one] = False
-        row = [rows[each.frame] for each in self._solids]
-        return [(one, other) for one, other in np.argwhere(
-            np.triu(checked[row][:, row], 1)).tolist()]
-
-    def _mostly_near(self, pairs: Sequence[tuple[int, int]]) -> dict[int, str]:
-        """Return {index: name} of the pairs nearer than `distance` in most postures."""
-        robot = self.robot
-        state = robot.state(robot.neutral())
-        clearance = Clearance(robot.kinematics, self._solids, pairs, self.distance)
-        times = np.zeros(len(pairs))
-        # A fixed seed gives the same postures each time the stack is read.
-        chance = np.random.default_rng(0)
-        joints = robot.joint_columns
-        lower = np.maximum(robot.lower[joints], -SAMPLED_RANGE)
-        upper = np.minimum(robot.upper[joints], SAMPLED_RANGE)
-        for _ in range(SAMPLED_POSTURES):
-            state.update(robot.configuration(chance.uniform(lower, np.maximum(lower, upper))))
-            times[clearance.near(state)] += 1
-        return {pair: clearance.names[pair]
-                for pair in np.flatnonzero(times > 0.5 * SAMPLED_POSTURES).tolist()}
-
-
-@dataclass(frozen=True, eq=False)
-class Obstacle:
-    """
-    Obstacle of the task `obstacles`.
-
-    Attributes
-    ----------
-    shape : object
-        One of `tp_controller.model.shapes`.
-    pose : ndarray (4, 4)
-        T_reference_obstacle.
-    lifetime : float
-        Time after which it is removed [s].
-    since : float
-        Time of its last update [s].
-
-    """
-
-    shape: Shape
-    pose: Array
-    lifetime: float = math.inf
-    since: float = -math.inf
-
-    def gone(self, now: float) -> bool:
-        """Return whether its lifetime has expired."""
-        return now - self.since > self.lifetime < math.inf
-
-
-class Obstacles(CollisionTask):
-    """
-    Keep the links of the robot a distance away from obstacles.
-
-    A goal changes the obstacles: ``{name: {shape: …, at: …, lifetime: …}}`` adds or moves them,
-    ``{name: None}`` removes one, and ``{'*': None}`` removes all.
-    """
-
-    type_name = 'obstacles'
-    goal_type = 'obstacles'
-    keys = {
-        'obstacles': '{name: {shape: …, at: …}}, shapes and places as for keep_out, but only a '
-                     'half_space needs no place (default: none, they come as goals)',
-        'reference': 'frame that the obstacles belong to and move with (default: the root)',
-    }
-
-    reference: str
-
-    def __init__(self, robot: Robot, name: str, *, obstacles: Any = None,
-                 reference: str | None = None, distance: float = DEFAULT_DISTANCE,
-                 within: float = DEFAULT_WITHIN, links: str | Sequence[str] | None = None,
-                 capsules: Any = None, gain: Gain = DEFAULT_BOUND_GAIN,
-                 return_speed: float = DEFAULT_RETURN_SPEED,
-                 tolerance: Tolerance | None = None) -> None:
-        keys = Keys()
-        self.reference = keys.check('reference', parse_reference, robot, reference)
-        super().__init__(robot, name, keys, distance=distance, within=within, links=links,
-                         capsules=capsules, gain=gain, return_speed=return_speed,
-                         tolerance=tolerance)
-        self._fixed = keys.check('obstacles', _obstacles, {} if obstacles is None else obstacles)
-        if self.reference is not None:
-            _, driven = robot.kinematics.joints_between(
-                [self.reference, *(each.frame for each in self._solids)])
-            self._solids = [each for each, joints in zip(self._solids, driven[0, 1:])
-                            if joints > 0.0]
-            if not self._solids and not keys.faults:
-                keys.faults.append(('links', 'the joints move none of these links against '
-                                             f'{self.reference}'))
-        if not keys.faults and len(self._fixed) > self._largest_number():
-            keys.faults.append(('obstacles', self._too_many(len(self._fixed))))
-        keys.raise_faults(name)
-        # Names of the obstacles in the order of their solids.
-        self._order: list[str] = []
-        self._update_solids()
-
-    @property
-    def obstacles(self) -> dict[str, Obstacle]:
-        """Return {name: Obstacle} of the present obstacles."""
-        return {name: obstacle for name, obstacle in {**self._fixed, **(self.goal or {})}.items()
-                if obstacle is not None}
-
-    def _largest_number(self) -> int:
-        """Return the largest number of obstacles."""
-        return min(MOST_OBSTACLES, MOST_PAIRS // len(self._solids))
-
-    def _too_many(self, count: int) -> str:
-        """Return the message about too many obstacles."""
-        return f'at most {self._largest_number()} obstacles, got {count}'
-
-    def _update_solids(self) -> None:
-        """Update the solids and pairs to the present obstacles."""
-        around = self.obstacles
-        order = list(self._order)
-        for name in [name for name in order if name not in around]:
-            # The last one moves to its index. All others keep theirs, so existing pairs are kept.
-            last = order.pop()
-            if last != name:
-                order[order.index(name)] = last
-        self._order = order + [name for name in around if name not in order]
-        there = [solid(name, self.reference, around[name].shape, around[name].pose)
-                 for name in self._order]
-        links = len(self._solids)
-        self._set_pairs(self._solids + there, [
-            (link, links + other) for other in range(len(there)) for link in range(links)])
-
-    def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
-        """Return the `Evaluation` at a state."""
-        over = [name for name, obstacle in self.obstacles.items() if obstacle.gone(now)]
-        if over:
-            self.set_goal(dict.fromkeys(over), now)
-        return super().make_evaluation(state, now)
-
-    def set_goal(self, goal: dict[str, Obstacle | None], now: float) -> None:
-        """Add, move or remove obstacles, as `parse_goal` returned them."""
-        # None disables an obstacle of the stack.
-        there = dict.fromkeys(self._fixed) if ALL_OBSTACLES in goal else dict(self.goal or {})
-        for name, obstacle in goal.items():
-            if obstacle is not None:
-                there[name] = replace(obstacle, since=now)
-            elif name in self._fixed:
-                there[name] = None
-            else:
-                there.pop(name, None)
-        super().set_goal(there, now)
-        self._update_solids()
-
-    def parse_goal(self, goal: Any) -> dict[str, Obstacle | None]:
-        """Return {name: Obstacle or None}, or raise `GoalError`."""
-        try:
-            changes = _obstacles(goal, removals=True)
-        except (GoalError, ValueError) as error:
-            raise GoalError(f'the goal of task {self.name!r}: {error}') from error
-        left = set() if ALL_OBSTACLES in changes else set(self.obstacles)
-        left |= {name for name, obstacle in changes.items() if obstacle is not None}
-        if len(left) > self._largest_number():
-            raise GoalError(f'the goal of task {self.name!r}: {self._too_many(len(left))}')
-        return changes
-
-    def goal_in_reference(self, goal: dict[str, Obstacle | None],
-                          T_reference_frame: Array) -> dict[str, Obstacle | None]:
-        """Transform obstacles from another frame to the reference frame."""
-        return {name: None if obstacle is None else
-                replace(obstacle, pose=T_reference_frame.dot(obstacle.pose))
-                for name, obstacle in goal.items()}
-
-    def sketch(self, state: RobotState) -> Sequence[Sketch]:
-        """Return the obstacles and the distances of the last cycle."""
-        T_root_reference = state.pose(self.reference)
-        return [*super().sketch(state),
-                *(Body(f'obstacle/{name}', T_root_reference.dot(obstacle.pose), obstacle.shape)
-                  for name, obstacle in self.obstacles.items())]
-
-    def inherit_goal(self, other: Task) -> None:
-        """Inherit the obstacles that a task that this one replaces received as goals."""
-        inherits = self.goal is None and self.is_compatible(other) and other.goal is not None
-        super().inherit_goal(other)
-        if inherits:
-            self.goal = {name: obstacle for name, obstacle in other.goal.items()
-                         if obstacle is not None}
-            self._update_solids()
-
-
 def _links(robot: Robot, links: str | Sequence[str] | None) -> list[str] | None:
     """Return the links named by a string or list; None for None; raise if invalid."""
     if links is None:
@@ -457,108 +167,3 @@ def _links(robot: Robot, links: str | Sequence[str] | None) -> list[str] | None:
     if not isinstance(links, (list, tuple)) or not links:
         raise ValueError(f'needs a link or a list of links, got {links!r}')
     return list(dict.fromkeys(map(robot.check_frame, links)))
-
-
-def _pairs(robot: Robot, pairs: Sequence[Sequence[str]]) -> set[frozenset[str]]:
-    """Return pairs of links as a set of sets; raise if invalid."""
-    if not isinstance(pairs, (list, tuple)) or not all(
-            isinstance(pair, (list, tuple)) and len(pair) == 2 for pair in pairs):
-        raise ValueError(f'needs pairs of links, [[link, link], …], got {pairs!r}')
-    return {frozenset(map(robot.check_frame, pair)) for pair in pairs}
-
-
-def _capsules(robot: Robot, capsules: Any) -> dict[str, list[Solid]]:
-    """Return {link: list of Solid}; raise if invalid; `capsules` may name a file."""
-    if isinstance(capsules, str):
-        capsules = _load(capsules)
-    if not isinstance(capsules, dict):
-        raise ValueError(f'needs a mapping {{link: {CAPSULE_FORM}}}, got {capsules!r}')
-    solids = {}
-    for link, several in capsules.items():
-        robot.check_frame(link)
-        several = several if isinstance(several, list) else [several]
-        if not several:
-            raise ValueError(f'{link} needs {CAPSULE_FORM}, got []')
-        solids[link] = [
-            _capsule(link + (f'[{index}]' if len(several) > 1 else ''), link, each)
-            for index, each in enumerate(several, 1)]
-    return solids
-
-
-def _load(source: str) -> Any:
-    """Return the value of a YAML text or file, or raise ValueError."""
-    try:
-        text = read_source(source, lambda text: '{' in text)
-    except OSError as error:
-        raise ValueError(str(error)) from error
-    try:
-        return load_yaml(text)
-    except ValueError as error:
-        raise ValueError(str(error) if text is source else f'{source}: {error}') from error
-
-
-def _capsule(name: str, link: str, keys: Any) -> Solid:
-    """Return the solid of one capsule, or raise ValueError."""
-    _check_form(name, keys, CAPSULE_KEYS, {'from', 'radius'}, CAPSULE_FORM)
-    try:
-        start = finite_vector(keys['from'], 3, 'from')
-        end = finite_vector(keys.get('to', start), 3, 'to')
-        return capsule(name, link, start, end, _positive('radius', keys['radius']))
-    except (GoalError, ValueError) as error:
-        raise ValueError(f'{name}: {error}') from error
-
-
-def _obstacles(given: Any, removals: bool = False) -> dict[str, Obstacle | None]:
-    """Return {name: Obstacle}, None for an obstacle to remove; raise if invalid."""
-    if not isinstance(given, dict):
-        raise ValueError(f'needs a mapping {{name: {OBSTACLE_FORM}}}, got {given!r}')
-    return {_name(name, keys, removals): _obstacle(name, keys, removals)
-            for name, keys in given.items()}
-
-
-def _name(name: object, keys: object, removals: bool) -> str:
-    """Return the name of an obstacle, or raise ValueError."""
-    if not isinstance(name, str) or not name \
-            or (name == ALL_OBSTACLES and not (removals and keys is None)):
-        raise ValueError(f'an obstacle needs a name, got {name!r}')
-    return name
-
-
-def _obstacle(name: str, keys: Any, removals: bool) -> Obstacle | None:
-    """Return one obstacle, None to remove it, or raise ValueError."""
-    if removals and keys is None:
-        return None
-    _check_form(name, keys, OBSTACLE_KEYS if removals else OBSTACLE_KEYS[:2], {'shape'},
-                OBSTACLE_FORM)
-    try:
-        shape, lifetime = parse_shape(keys['shape']), math.inf
-        if 'lifetime' in keys:
-            lifetime = _positive('lifetime', keys['lifetime'])
-        if keys.get('at') is not None:
-            return Obstacle(shape, parse_place(keys['at']), lifetime)
-        # Only a half-space, such as the floor, has a default place.
-        if not isinstance(shape, HalfSpace):
-            raise ValueError(f'needs a place, {OBSTACLE_FORM}')
-        return Obstacle(shape, np.eye(4), lifetime)
-    except (GoalError, ValueError, RobotError) as error:
-        raise ValueError(f'{name}: {error}') from error
-
-
-def _check_form(name: str, keys: Any, valid: Sequence[str], needed: set[str],
-                form: str) -> None:
-    """Raise ValueError if a needed key is missing, or a key is invalid."""
-    if not isinstance(keys, dict):
-        raise ValueError(f'{name} needs {form}, got {keys!r}')
-    for key in keys:
-        if key not in valid:
-            raise ValueError(f'{name}: {unknown("key", key, valid)}')
-    if not needed <= set(keys):
-        raise ValueError(f'{name} needs {form}, got {keys!r}')
-
-
-def _positive(key: str, value: object) -> float:
-    """Return a positive float, or raise a ValueError that names the key."""
-    try:
-        return positive(value)
-    except ValueError as error:
-        raise ValueError(f'{key} {error}') from error

@@ -23,8 +23,9 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import identity, Level
+from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
-from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, Evaluation, Goal, norm, Task
+from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, Evaluation, norm, Task
 
 # Default of the key `max_speed` [rad/s or m/s].
 DEFAULT_SPEED = 0.5

@@ -15,7 +15,8 @@
 """Keys of a task: validation, and one report of all faults."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import cast, NamedTuple, ParamSpec, TypeAlias, TypeVar
+import inspect
+from typing import Any, cast, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,6 +100,14 @@ def non_negative(value: object) -> float:
     return found
 
 
+def named_positive(key: str, value: object) -> float:
+    """Return a positive float, or raise a ValueError that names the key."""
+    try:
+        return positive(value)
+    except ValueError as error:
+        raise ValueError(f'{key} {error}') from error
+
+
 def has_shape(values: ArrayLike, shape: tuple[int, ...]) -> bool:
     """Return whether `values` is an array, or nested lists, of a shape."""
     try:
@@ -159,3 +168,36 @@ def parse_tolerance(units: Sequence[str],
     tolerances = {**DEFAULT_TOLERANCE, **given}
     return tuple(UnitRows(np.flatnonzero([unit == other for other in units]), unit,
                           positive(tolerances[unit])) for unit in present)
+
+
+def check_mapping(name: str, keys: Any, valid: Sequence[str], needed: set[str],
+                  form: str) -> None:
+    """Raise ValueError if a needed key is missing, or a key is invalid."""
+    if not isinstance(keys, dict):
+        raise ValueError(f'{name} needs {form}, got {keys!r}')
+    for key in keys:
+        if key not in valid:
+            raise ValueError(f'{name}: {unknown("key", key, valid)}')
+    if not needed <= set(keys):
+        raise ValueError(f'{name} needs {form}, got {keys!r}')
+
+
+def constructor_keys(task_type: type) -> dict[str, Any]:
+    """
+    Return {key: default} of the keyword-only arguments of a constructor and those it calls.
+
+    `inspect.Parameter.empty` marks a required key.
+    """
+    accepted: dict[str, Any] = {}
+    for base in task_type.__mro__:
+        if '__init__' in vars(base):
+            parameters = inspect.signature(vars(base)['__init__']).parameters.values()
+            for parameter in parameters:
+                if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
+                    # A key that is optional for the base may be required by a subclass.
+                    accepted.setdefault(parameter.name, parameter.default)
+            # Only a constructor with ** passes keys on to the next one.
+            if not any(parameter.kind is inspect.Parameter.VAR_KEYWORD
+                       for parameter in parameters):
+                break
+    return accepted

@@ -33,9 +33,10 @@ from tp_controller.model.spatial import (
 )
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.frame import FrameTask
+from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.keys import finite_vector
 from tp_controller.tasks.sketch import arc, AXES_LENGTH, Sketch
-from tp_controller.tasks.task import Goal, Task
+from tp_controller.tasks.task import Task
 
 SomeTurningTask = TypeVar('SomeTurningTask', bound='TurningTask')
 

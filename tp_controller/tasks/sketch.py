@@ -26,6 +26,7 @@ from typing import TypeAlias
 import numpy as np
 from tp_controller.model.shapes import Shape
 from tp_controller.model.spatial import Array, rotation_from_vector
+from tp_controller.model.state import RobotState
 
 # Length of the axes of a frame, and of an axis that points in a direction [m].
 AXES_LENGTH, RAY_LENGTH = 0.08, 0.3
@@ -208,3 +209,36 @@ def arc(part: str, p: Array, tips: Array, turn: Array) -> list[Sketch]:
     tip = tips[(moved * moved).sum(axis=1).argmax()]
     return [Path(part, np.array([p + rotation_from_vector(share * turn).dot(tip)
                                  for share in np.linspace(0.0, 1.0, ARC_SEGMENTS + 1)]))]
+
+
+def frame_and_goal(state: RobotState, frame: str, reference: str | None, root: str,
+                   T_reference_goal: Array | None) -> tuple[list[Sketch], Array | None]:
+    """
+    Return the common part of the sketches of tasks about a frame.
+
+    Parameters
+    ----------
+    state : RobotState
+        State with the poses of the frames.
+    frame, reference, root : str
+        Frame of the task, the one that its goals are expressed in, if any, and the root.
+    T_reference_goal : ndarray (4, 4) or None
+        Goal; None if it is not a place.
+
+    Returns
+    -------
+    list of Sketch
+        Axes of the frame and the goal, and a line from a reference that is not the root.
+    ndarray (4, 4) or None
+        T_root_goal; None if the goal is not a place.
+
+    """
+    drawn: list[Sketch] = [Triad('frame', state.pose(frame))]
+    if T_reference_goal is None or reference is None:
+        return drawn, None
+    T_root_reference = state.pose(reference)
+    T_root_goal = T_root_reference.dot(T_reference_goal)
+    drawn.append(Triad('goal', T_root_goal))
+    if reference not in (frame, root):
+        drawn.append(Path('reference', np.array([T_root_reference[:3, 3], T_root_goal[:3, 3]])))
+    return drawn, T_root_goal

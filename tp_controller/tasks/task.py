@@ -14,21 +14,21 @@
 
 """Base class of tasks: error, Jacobian, and the control law from error to velocity."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
-import inspect
 import math
-from typing import Any, ClassVar, TypeAlias, TypeGuard, TypeVar
+from typing import Any, ClassVar, TypeGuard, TypeVar
 
 import numpy as np
-from tp_controller.errors import GoalError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
+from tp_controller.tasks.goal_holder import Goal, GoalHolder
 from tp_controller.tasks.keys import (
+    constructor_keys,
     DEFAULT_TOLERANCE,
     finite_vector,
     Gain,
@@ -40,7 +40,7 @@ from tp_controller.tasks.keys import (
     Tolerance,
     UnitRows,
 )
-from tp_controller.tasks.sketch import arrow, Path, Sketch, Triad
+from tp_controller.tasks.sketch import arrow, frame_and_goal, Sketch
 
 # Types of other packages may import `Keys` and the like from here.
 __all__ = [
@@ -54,8 +54,6 @@ DEFAULT_MODE = 'least_squares'
 # Keys without effect on the level of a cycle.
 WITHOUT_EFFECT = ('tolerance', 'timeout')
 
-# Each type has its own form: a point, a pose, a mapping of obstacles …
-Goal: TypeAlias = Any
 SomeTask = TypeVar('SomeTask', bound='Task')
 
 
@@ -83,7 +81,7 @@ class Evaluation:
     row_names: Sequence[str] = ()
 
 
-class Task(ABC):
+class Task(GoalHolder):
     """
     Base class of the tasks of a stack: a value σ(q) with a goal, or a desired velocity.
 
@@ -99,7 +97,8 @@ class Task(ABC):
 
     Attributes
     ----------
-    name : str
+    name, goal, has_default_goal, reference, goal_type, goal_types, feed_forward_type :
+        See `GoalHolder`.
     units : tuple of str
         Unit of each row of the error: ``'m'``, ``'rad'``, or ``'1'`` for a ratio.
     rows : int
@@ -110,10 +109,6 @@ class Task(ABC):
         Name of each row, for the report; empty if the name of the task is enough.
     remarks : tuple of str
         Warnings for the user.
-    goal : object or None
-        Goal in force, as `parse_goal` returns it; None before the task has started.
-    has_default_goal : bool
-        The goal is the value of the task at its start, since no goal was set.
     mode : str
         See `tp_controller.solver.level.Level`.
     every_joint : bool
@@ -124,13 +119,6 @@ class Task(ABC):
         frame.
     frame : str or None
         Frame of the robot that the task is about; None for no frame or several.
-    reference : str or None
-        Frame that goals are expressed in; None if they have no frame.
-    goal_type, feed_forward_type : str or None
-        Kind of goal or velocity that the task accepts: ``point``, ``direction``,
-        ``quaternion``, ``pose``, ``joints``, ``joint_velocities``, ``obstacles`` or ``twist``.
-    goal_types : tuple of str
-        Possible values of `goal_type`, if a key decides.
     owner : object or None
         Mark of the controller that uses or used the task; see `Stack.check_owner`.
 
@@ -138,11 +126,7 @@ class Task(ABC):
 
     types: ClassVar[dict[str, type['Task']]] = {}
     type_name: ClassVar[str] = ''
-    goal_type: str | None = None
-    goal_types: ClassVar[tuple[str, ...]] = ()
-    feed_forward_type: ClassVar[str | None] = None
     frame: str | None = None
-    reference: str | None = None
     bounded: ClassVar[bool] = False
     row_names: Sequence[str] = ()
     remarks: tuple[str, ...] = ()
@@ -157,7 +141,6 @@ class Task(ABC):
         'mode': 'behaviour at a limit: least_squares comes as near to the desired velocity as '
                 'possible, scale keeps its direction and scales it down',
     }
-    goal: Goal
     _given_keys: dict[str, object]
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -179,8 +162,8 @@ class Task(ABC):
     def __init__(self, robot: Robot, name: str, units: Sequence[str], keys: Keys, *,
                  gain: Gain = DEFAULT_GAIN, tolerance: Tolerance | None = None,
                  timeout: float = DEFAULT_TIMEOUT, mode: str = DEFAULT_MODE) -> None:
+        super().__init__(name)
         self.robot = robot
-        self.name = name
         self.units = tuple(units)
         self.rows = len(self.units)
         self.gain = keys.check('gain', parse_gain, gain, None if keys.faults else self.rows)
@@ -188,29 +171,13 @@ class Task(ABC):
             'tolerance', parse_tolerance, self.units, tolerance)
         self.timeout = keys.check('timeout', positive, timeout)
         self.mode = keys.check('mode', parse_mode, mode)
-        self.goal = None
-        self.has_default_goal = False
-        self._feed_forward: Array | None = None
-        self._feed_forward_time = -math.inf
 
     # Keys
 
     @classmethod
     def accepted_keys(cls) -> dict[str, Any]:
         """Return {key: default} of the keys; `inspect.Parameter.empty` marks a required one."""
-        accepted: dict[str, Any] = {}
-        for base in cls.__mro__:
-            if '__init__' in vars(base):
-                parameters = inspect.signature(vars(base)['__init__']).parameters.values()
-                for parameter in parameters:
-                    if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
-                        # A key that is optional for the base may be required by a subclass.
-                        accepted.setdefault(parameter.name, parameter.default)
-                # Only a constructor with ** passes keys on to the next one.
-                if not any(parameter.kind is inspect.Parameter.VAR_KEYWORD
-                           for parameter in parameters):
-                    break
-        return accepted
+        return constructor_keys(cls)
 
     @classmethod
     def described_keys(cls) -> dict[str, str]:
@@ -223,20 +190,12 @@ class Task(ABC):
     # Definition of a type
 
     @abstractmethod
-    def value(self, state: RobotState) -> Array:
-        """Return the actual value at a `RobotState`, in the form of a goal."""
-
-    @abstractmethod
     def error(self, state: RobotState) -> Array:
         """Return desired − actual (rows,), in `units`."""
 
     @abstractmethod
     def jacobian(self, state: RobotState) -> Array:
         """Return J (rows, n), with the velocity J q_dot of the value."""
-
-    @abstractmethod
-    def parse_goal(self, goal: Goal) -> Goal:
-        """Return a goal in internal form, or raise `GoalError`."""
 
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
@@ -265,69 +224,6 @@ class Task(ABC):
         """Set tolerances, in the form of `parse_tolerance`."""
         self.groups = self.parse_tolerance(tolerance)
 
-    # Goals
-
-    def goal_in_reference(self, goal: Goal, T_reference_frame: Array) -> Goal:
-        """Transform a goal from another frame to the reference frame, or raise `GoalError`."""
-        raise GoalError(f'a goal of task {self.name!r} is not expressed in a frame: leave it out')
-
-    def out_of_reach(self, goal: Goal) -> str:
-        """Return a remark if no posture of the robot reaches a goal; else an empty text."""
-        return ''
-
-    def goal_remarks(self, goal: Goal, converted: bool) -> tuple[str, ...]:
-        """
-        Return remarks on probable mistakes in a goal.
-
-        Parameters
-        ----------
-        goal : object
-            Goal in internal form.
-        converted : bool
-            The goal was given in a frame other than the reference.
-
-        """
-        return ()
-
-    def goal_place(self, goal: Goal, state: RobotState) -> Array | None:
-        """Return the position of the frame at a goal (3,) [m], in the reference, or None."""
-        return None
-
-    def with_goal(self: SomeTask, goal: Goal) -> SomeTask:
-        """Return an independent copy with a goal, for trials."""
-        tried = copy(self)
-        tried.goal = goal
-        return tried
-
-    def goal_pose(self, state: RobotState) -> Array | None:
-        """
-        Return T_reference_goal (4, 4) for display; None if the goal is not a place.
-
-        Along and about unselected axes it has the current pose of the frame.
-        """
-        return None
-
-    def set_goal(self, goal: Goal, now: float) -> None:
-        """Set a goal, as `parse_goal` returned it."""
-        self.goal = goal
-        self.has_default_goal = False
-
-    def start(self, state: RobotState) -> None:
-        """Set the current value of the task as the default goal, unless there is a goal."""
-        if self.goal is None:
-            self.goal = self.value(state)
-            self.has_default_goal = True
-
-    def reset(self) -> None:
-        """Drop a default goal; the next start sets a new one."""
-        if self.has_default_goal:
-            self.goal = None
-
-    def forget_goal(self) -> None:
-        """Drop the goal; the next start sets a default goal."""
-        if self.goal is not None:
-            self.goal, self.has_default_goal = None, True
-
     # Sketches
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
@@ -354,61 +250,14 @@ class Task(ABC):
         return [*drawn, *arrow('error', state.position(self.frame), T_root_goal[:3, 3])]
 
     def _frame_and_goal(self, state: RobotState) -> tuple[list[Sketch], Array | None]:
-        """
-        Return the common part of the sketches of tasks about a frame.
-
-        Returns
-        -------
-        list of Sketch
-            Axes of the frame and the goal, and a line from a reference that is not the root.
-        ndarray (4, 4) or None
-            T_root_goal; None if the goal is not a place.
-
-        """
+        """Return the sketches of frame and goal, and T_root_goal; see `frame_and_goal`."""
         if self.frame is None:
             return [], None
-        drawn: list[Sketch] = [Triad('frame', state.pose(self.frame))]
         # A task that has not started may have no goal.
-        if self.goal is None or self.reference is None:
-            return drawn, None
-        T_reference_goal = self.goal_pose(state)
-        if T_reference_goal is None:
-            return drawn, None
-        T_root_reference = state.pose(self.reference)
-        T_root_goal = T_root_reference.dot(T_reference_goal)
-        drawn.append(Triad('goal', T_root_goal))
-        if self.reference not in (self.frame, self.robot.root):
-            drawn.append(Path('reference', np.array([T_root_reference[:3, 3],
-                                                     T_root_goal[:3, 3]])))
-        return drawn, T_root_goal
-
-    # Feed-forward
-
-    def parse_feed_forward(self, velocity: Any) -> Array:
-        """Return a velocity in internal form, or raise `GoalError`."""
-        raise GoalError(f'task {self.name!r} takes no feed-forward velocity')
-
-    def feed_forward_in_reference(self, velocity: Array, R_reference_frame: Array) -> Array:
-        """Rotate a velocity from the axes of another frame, or raise `GoalError`."""
-        raise GoalError(f'a velocity of task {self.name!r} is not expressed in a frame: '
-                        'leave it out')
-
-    def set_feed_forward(self, velocity: Array, now: float) -> None:
-        """Set a velocity, as `parse_feed_forward` returned it, until it times out."""
-        self._feed_forward = velocity
-        self._feed_forward_time = now
-
-    def feed_forward(self, now: float) -> Array | None:
-        """Return the feed-forward velocity in force; None if it is absent or timed out."""
-        # A clock that was set back must not extend an old velocity either.
-        if self._feed_forward is not None and \
-                not abs(now - self._feed_forward_time) <= self.timeout:
-            self._feed_forward = None
-        return self._feed_forward
-
-    def in_rows(self, feed_forward: Array) -> Array:
-        """Return the components of a feed-forward velocity along the rows (rows,)."""
-        return feed_forward
+        T_reference_goal = None if self.goal is None or self.reference is None \
+            else self.goal_pose(state)
+        return frame_and_goal(state, self.frame, self.reference, self.robot.root,
+                              T_reference_goal)
 
     # One cycle
 

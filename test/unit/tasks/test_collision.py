@@ -33,11 +33,14 @@ from tp_controller import (
     StackError,
     TaskError,
 )
-from tp_controller.model import collision as geometry
 from tp_controller.model import shapes
+from tp_controller.model import solids as geometry
+from tp_controller.model.clearance import Clearance, PATCH_TOLERANCE
 from tp_controller.model.spatial import pose
+from tp_controller.model.urdf_solids import urdf_solids
 from tp_controller.tasks import task_types
-from tp_controller.tasks.collision import CORNER_MARGIN, MOST_OBSTACLES
+from tp_controller.tasks.collision import CORNER_MARGIN
+from tp_controller.tasks.obstacles import MOST_OBSTACLES
 from tp_controller.tasks.sketch import Gaps
 
 TOOL = robots.PANDA_TOOL
@@ -173,7 +176,7 @@ class Pair:
     def __init__(self, one, other):
         self.frames = Loose()
         self.solids = one, other
-        self.clearance = geometry.Clearance(self.frames, self.solids, [(0, 1)], 9.0)
+        self.clearance = Clearance(self.frames, self.solids, [(0, 1)], 9.0)
 
     def nearest(self, poses, close=-math.inf):
         """Return their distance where the frames are at poses (2, 4, 4)."""
@@ -374,7 +377,7 @@ def test_edge_touches_with_both_ends(other):
 
 @pytest.mark.parametrize('share, count', [(0.9, 4), (1.1, 2)])
 def test_side_is_flat_up_to_a_height_of_its_far_end(share, count):
-    angle = math.asin(share * geometry.PATCH_TOLERANCE / 0.4)
+    angle = math.asin(share * PATCH_TOLERANCE / 0.4)
     near = lying(shapes.Box(0.4, 0.2, 0.1), shapes.HalfSpace(), (0.0, angle, 0.0))
     assert near.corners == list(range(1 + count))
 
@@ -443,7 +446,7 @@ def test_distances_do_not_depend_on_how_many_pairs_are_checked_at_once(size, mon
             for task in tasks for _ in range(20)]
 
     batches, at_once = found()
-    monkeypatch.setattr(geometry, 'PAIRS_PER_BATCH', size)
+    monkeypatch.setattr('tp_controller.model.clearance.PAIRS_PER_BATCH', size)
     more, in_parts = found()
     assert batches == [1, 1, 1] and min(more) > 1
     assert sum(len(seen.value) for seen in at_once) > 300
@@ -454,7 +457,7 @@ def test_distances_do_not_depend_on_how_many_pairs_are_checked_at_once(size, mon
 
 
 def test_obstacles_that_change_give_what_new_ones_do_and_leave_the_others_alone(monkeypatch):
-    monkeypatch.setattr(geometry, 'PAIRS_PER_BATCH', 4)
+    monkeypatch.setattr('tp_controller.model.clearance.PAIRS_PER_BATCH', 4)
     task, rng = make('obstacles', arm(), distance=0.1), np.random.default_rng(5)
     there, kept = {}, 0
     for step in range(60):
@@ -753,7 +756,7 @@ def test_capsules_of_the_panda_hold_its_meshes():
     for each in make('self_collision')._solids:
         capsules.setdefault(each.frame, []).append(each)
     for link in capsules:
-        mesh, = geometry.urdf_solids(robot.urdf, [link])
+        mesh, = urdf_solids(robot.urdf, [link])
         corners = mesh.geometry.points() @ mesh.pose[:3, :3].T + mesh.pose[:3, 3]
         depths = []
         for each in capsules[link]:

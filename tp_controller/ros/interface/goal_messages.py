@@ -28,7 +28,7 @@ from geometry_msgs.msg import (
 from sensor_msgs.msg import JointState
 from tp_controller.errors import GoalError
 from tp_controller.ros import Message
-from tp_controller.tasks.collision import ALL_OBSTACLES
+from tp_controller.tasks.obstacle_goals import ALL_OBSTACLES
 from tp_controller.tasks.task import Task
 from visualization_msgs.msg import Marker, MarkerArray
 

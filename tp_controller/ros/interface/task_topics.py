@@ -32,7 +32,7 @@ from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
 from tp_controller.ros.interface.goal_messages import GoalMessage, messages_of, Parts
 from tp_controller.ros.interface.tf_frames import TfFrames
 from tp_controller.ros.log import Log
-from tp_controller.tasks.collision import ALL_OBSTACLES
+from tp_controller.tasks.obstacle_goals import ALL_OBSTACLES
 from tp_controller.tasks.task_errors import accept
 
 # Period of retries to open a topic [s], and number of failures that is logged.

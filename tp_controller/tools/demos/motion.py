@@ -23,9 +23,9 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.shapes import Shape
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
+from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.sketch import Arrow, Body, Cone, Dot, Sketch, Triad
 from tp_controller.tasks.stack import Stack
-from tp_controller.tasks.task import Goal
 
 
 @dataclass(frozen=True, eq=False)

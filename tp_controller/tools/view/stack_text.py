@@ -20,7 +20,7 @@ from typing import Any
 from tp_controller.errors import TpControllerError
 from tp_controller.resources import load_yaml, read_source, YamlLoader
 from tp_controller.tasks import task_types
-from tp_controller.tasks.stack import is_stack
+from tp_controller.tasks.stack_reader import is_stack
 import yaml
 
 # Line width that keeps YAML from breaking lines.

@@ -12,36 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Collision geometry on the frames of a robot, and the distances between its solids.
+"""Distances between pairs of solids, computed by Pinocchio and its collision library Coal."""
 
-Distances come from Pinocchio and its collision library Coal, which no other module uses. All
-shapes are convex: a mesh counts as its convex hull.
-"""
-
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 import math
-from pathlib import Path
-from xml.etree.ElementTree import Element
 
 import coal
 import numpy as np
 import pinocchio
-from tp_controller.errors import RobotError, unknown
 from tp_controller.model.kinematics import Kinematics
-from tp_controller.model.meshes import binary_stl, convex_hull
-from tp_controller.model.shapes import Box, Cylinder, Shape, Sphere
-from tp_controller.model.spatial import Array, pose, rotation_from_rpy
+from tp_controller.model.solids import Solid
+from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.model.urdf import parse
-from tp_controller.resources import find_file
 
-FILE_SCHEME = 'file://'
-# Largest mesh file [bytes]. The largest collision mesh of example-robot-data has 3.4 million bytes
-# and takes 0.16 s to read.
-MOST_MESH_BYTES = 20_000_000
 # Tolerance on the distance of solids that do not overlap [m]. With 1e-6, Coal's default, normals
 # at a cylinder are wrong by up to 0.03. For overlapping solids Coal reaches 1e-6: it found the
 # distances of all of 40,000 random pairs; with 1e-8 it missed two of 8,000.
@@ -54,180 +38,6 @@ PATCH_TOLERANCE = 0.003
 # Number of pairs per call into Coal, half a millisecond if all of them are near.
 PAIRS_PER_BATCH = 128
 HALF_TURN = pinocchio.SE3(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
-
-
-@dataclass(eq=False)
-class Solid:
-    """
-    Shape that is fixed to a frame of the robot.
-
-    Attributes
-    ----------
-    name, frame : str
-    pose : ndarray (4, 4)
-        T_frame_solid.
-    geometry : coal.CollisionGeometry
-        A half-space is below the plane z = 0 of `pose`.
-
-    """
-
-    name: str
-    frame: str
-    pose: Array
-    geometry: coal.CollisionGeometry
-
-
-def capsule(name: str, frame: str, start: Array, end: Array, radius: float) -> Solid:
-    """Return the `Solid` of all points within a radius of a line from start to end (3,) [m]."""
-    along = end - start
-    length = math.sqrt(along.dot(along))
-    middle = 0.5 * (start + end)
-    if length == 0.0:
-        return Solid(name, frame, pose(np.eye(3), middle), coal.Sphere(radius))
-    # Any orientation will do that has its z axis along the line, in either direction.
-    R = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][:, [1, 2, 0]]
-    R[:, 0] *= np.linalg.det(R)
-    return Solid(name, frame, pose(R, middle), coal.Capsule(radius, length))
-
-
-def solid(name: str, frame: str, shape: Shape, T_frame_shape: Array) -> Solid:
-    """Return the `Solid` of one of `tp_controller.model.shapes`."""
-    return Solid(name, frame, T_frame_shape, _geometry(shape))
-
-
-def _geometry(shape: Shape) -> coal.CollisionGeometry:
-    """Return the geometry of a shape in Coal."""
-    if isinstance(shape, Sphere):
-        return coal.Sphere(shape.radius)
-    if isinstance(shape, Box):
-        return coal.Box(*(2.0 * shape.half))
-    if isinstance(shape, Cylinder):
-        return coal.Cylinder(shape.half[0], 2.0 * shape.half[1])
-    return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-
-
-# The collision shapes of a URDF -----------------------------------------------------------
-#
-# Pinocchio's buildGeomFromUrdfString makes the same solids of Panda, UR5, Baxter and TIAGo. But it
-# skips shapes that it cannot read, capsules included, so that a robot would move as if that link
-# were missing; it accepts negative sizes, and names only the first of several missing meshes.
-
-
-def urdf_solids(urdf: str, links: Collection[str]) -> list[Solid]:
-    """
-    Return the collision shapes that a URDF gives some links.
-
-    Parameters
-    ----------
-    urdf : str
-        Description of the `Robot`, as text.
-    links : collection of str
-        Their names.
-
-    Returns
-    -------
-    list of Solid
-        Several on one link are numbered, as in ``hand[2]``.
-
-    Raises
-    ------
-    RobotError
-        Meshes cannot be read, and all of them are named, or a shape is not valid.
-
-    """
-    solids, unreadable = [], []
-    for link in parse(urdf).findall('link'):
-        frame = link.get('name', '')
-        elements = link.findall('collision') if frame in links else []
-        for number, element in enumerate(elements, 1):
-            name = frame + (f'[{number}]' if len(elements) > 1 else '')
-            try:
-                solids.append(_urdf_solid(name, frame, element))
-            except OSError as error:
-                unreadable.append(f'{name}: {error}')
-    if unreadable:
-        raise RobotError('collision meshes cannot be read: ' + '; '.join(unreadable)
-                         + '. Give capsules for these links, or name the others in links')
-    return solids
-
-
-def _urdf_solid(name: str, frame: str, element: Element) -> Solid:
-    """Return the solid of a <collision> element; OSError if its mesh cannot be read."""
-    shape = element.find('geometry/*')
-    kind = None if shape is None else shape.tag
-    if shape is None or kind not in _URDF_SHAPES:
-        raise RobotError(f'{name}: {unknown("collision shape", kind, _URDF_SHAPES)}')
-    try:
-        origin = element.find('origin')
-        xyz, rpy = ('0 0 0', '0 0 0') if origin is None else (
-            origin.get('xyz', '0 0 0'), origin.get('rpy', '0 0 0'))
-        T = pose(rotation_from_rpy(*_numbers(rpy, 3)), _numbers(xyz, 3))
-        return Solid(name, frame, T, _URDF_SHAPES[kind](shape))
-    except (TypeError, ValueError) as error:
-        raise RobotError(f'{name}: <collision> with a {kind}: {error}') from error
-
-
-def _numbers(text: str | None, count: int) -> Array:
-    """Return the numbers of an attribute (count,)."""
-    numbers = np.array(str(text).split(), dtype=float)
-    if numbers.shape != (count,) or not np.isfinite(numbers).all():
-        raise ValueError(f'needs {count} numbers, got {text!r}')
-    return numbers
-
-
-def _sizes(text: str | None, count: int = 1) -> list[float]:
-    """Return the sizes of an attribute; ValueError unless they are positive."""
-    sizes = _numbers(text, count).tolist()
-    for size in sizes:
-        if not size > 0.0:
-            raise ValueError(f'sizes must be positive, got {size:g}')
-    return sizes
-
-
-def _mesh_hull(shape: Element) -> coal.CollisionGeometry:
-    """Return the convex hull of a mesh; OSError if it cannot be read."""
-    scale = _numbers(shape.get('scale', '1 1 1'), 3)
-    path = find_file((shape.get('filename') or '').removeprefix(FILE_SCHEME))
-    found = path.stat()
-    if found.st_size > MOST_MESH_BYTES:
-        raise OSError(f'{path} has {found.st_size} bytes; at most {MOST_MESH_BYTES} are read')
-    try:
-        return _hull_of(path.resolve(), found.st_mtime_ns, tuple(scale.tolist()))
-    except (RuntimeError, ValueError) as error:
-        raise OSError(f'{path}: {error}') from error
-
-
-@lru_cache(maxsize=256)
-def _hull_of(path: Path, changed: int,
-             scale: tuple[float, float, float]) -> coal.CollisionGeometry:
-    """Return the convex hull of the mesh in a file that changed at a time [ns], cached."""
-    points = binary_stl(path)
-    if points is None:
-        mesh = coal.MeshLoader().load(str(path), np.array(scale))
-        mesh.buildConvexHull(True, 'Qt')
-        return mesh.convex
-    found, faces = convex_hull(points * scale)
-    corners, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for corner in found:
-        corners.append(corner)
-    for face in faces.tolist():
-        triangles.append(coal.Triangle(*face))
-    return coal.Convex(corners, triangles)
-
-
-# The length of a capsule is the distance between its half-spheres.
-_URDF_SHAPES: dict[str, Callable[[Element], coal.CollisionGeometry]] = {
-    'box': lambda shape: coal.Box(*_sizes(shape.get('size'), 3)),
-    'sphere': lambda shape: coal.Sphere(*_sizes(shape.get('radius'))),
-    'cylinder': lambda shape: coal.Cylinder(*_sizes(shape.get('radius')),
-                                            *_sizes(shape.get('length'))),
-    'capsule': lambda shape: coal.Capsule(*_sizes(shape.get('radius')),
-                                          *_sizes(shape.get('length'))),
-    'mesh': _mesh_hull,
-}
-
-
-# Distances --------------------------------------------------------------------------------
 
 
 @dataclass
