@@ -19,12 +19,10 @@ from contextlib import contextmanager, suppress
 from functools import partial
 import math
 import sys
-from typing import Any, cast
+from typing import Any
 
-from lifecycle_msgs.srv import ChangeState
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
@@ -59,6 +57,7 @@ from tp_controller.ros.parameters import (
     TASKS,
     warn_unknown,
 )
+from tp_controller.ros.rclpy_internals import refuse_invalid_transitions
 from tp_controller.ros.runner import ClosableNode, run, spinning
 from tp_controller.solver.compiled import fallback_reason, running
 from tp_controller.tasks.stack import Stack
@@ -187,7 +186,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(GRAPH_SECONDS, self._check_other_nodes, clock=steady)
         self.create_timer(NAMESAKE_SECONDS, self._check_namesakes, clock=steady)
-        self._refuse_invalid_transitions()
+        refuse_invalid_transitions(self)
         self._reporter.leave(NOT_CONFIGURED)
         if self._values['autostart']:
             self._begin()
@@ -295,20 +294,6 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._deactivate()
         self._clean_up()
         return TransitionCallbackReturn.SUCCESS
-
-    def _refuse_invalid_transitions(self) -> None:
-        """Report an invalid transition as failed, instead of ending the node."""
-        change = self._service_change_state.callback
-
-        def refusing(request: ChangeState.Request,
-                     response: ChangeState.Response) -> ChangeState.Response:
-            try:
-                return cast(ChangeState.Response, change(request, response))
-            except RCLError:
-                response.success = False
-                return response
-
-        self._service_change_state.callback = refusing
 
     def _activate(self) -> None:
         """Activate the loop, if it exists."""
