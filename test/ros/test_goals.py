@@ -26,7 +26,7 @@ from rclpy.parameter import Parameter
 from robots import panda, PANDA_DH, PANDA_READY, PANDA_TOOL
 from sensor_msgs.msg import JointState
 from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
-from tp_controller.ros.client.client import make_message
+from tp_controller.ros.client.goal_fields import make_message
 
 STACK = f"""
 - place: {{type: position, frame: {PANDA_TOOL}, gain: 2.0}}

@@ -25,7 +25,7 @@ from rclpy.time import Time
 import robots
 from tp_controller.model.shapes import Sphere
 from tp_controller.model.spatial import pose, rotation_from_quaternion
-from tp_controller.ros.client.client import make_message
+from tp_controller.ros.client.goal_fields import make_message
 from tp_controller.ros.interface.markers import _colour, Markers
 from tp_controller.tasks.sketch import Arrow, Body, Cone, Dot, Gaps, Path, Triad
 from visualization_msgs.msg import Marker, MarkerArray

@@ -22,7 +22,7 @@ import pytest
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
-from tp_controller.ros.client.client import make_message
+from tp_controller.ros.client.goal_fields import make_message
 
 STACK = """
 - tip: {type: position, frame: link3, axes: xy, gain: 2.0}

@@ -42,7 +42,7 @@ from rosbags.interfaces import (
 from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.ros import Message
-from tp_controller.ros.client.client import new_context
+from tp_controller.ros.client.context import new_context
 from tp_controller.ros.rclpy_internals import NodeNameNonExistentError, RCLError
 from tp_controller.tools.recording.writer import BagWriter
 
