@@ -217,7 +217,7 @@ def test_joint_states_that_name_a_joint_twice_count_as_missing(harness, robot):
 
 
 def test_a_joint_that_passes_its_limit_stops_the_robot(harness, robot):
-    robot.controller._loop._follow = FollowCheck(JOINTS, np.zeros(3, bool), Following(0.0))
+    robot.controller._loop.checks.follow = FollowCheck(JOINTS, np.zeros(3, bool), Following(0.0))
     robot.follows, positions = 0.0, iter([0.01 * step for step in range(250)])
 
     def drift():

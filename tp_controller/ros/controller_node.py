@@ -40,7 +40,8 @@ from tp_controller.ros.interface.settings_parameters import SETTINGS, settings_f
 from tp_controller.ros.interface.task_parameters import TaskParameters
 from tp_controller.ros.interface.task_topics import TaskTopics
 from tp_controller.ros.log import Log
-from tp_controller.ros.loop.control_loop import boot_time, ControlLoop, INACTIVE
+from tp_controller.ros.loop.clocks import boot_time
+from tp_controller.ros.loop.control_loop import ControlLoop, INACTIVE
 from tp_controller.ros.loop.other_publishers import Competitors
 from tp_controller.ros.loop.permits import PARAMETERS as PERMITS
 from tp_controller.ros.loop.permits import read_inputs
@@ -460,8 +461,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         if self._controller is None or self._task_parameters is None:
             return
         if self._loop is not None:
-            self._loop.limit_tolerance = self._values['limit_tolerance']
-            self._loop.deceleration = self._values['stop_deceleration']
+            self._loop.checks.limits.tolerance = self._values['limit_tolerance']
+            self._loop.ramp.deceleration = self._values['stop_deceleration']
         stack = self._checked_stack if 'stack' in changed else None
         self._limits.apply(changed, self._controller)
         try:
@@ -496,7 +497,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         """Stop the robot until ~/start."""
         self._stopped = True
         self._update_hold()
-        if self._loop is not None and self._active and not self._loop.deceleration:
+        if self._loop is not None and self._active and not self._loop.ramp.deceleration:
             self._loop.commands.interrupt()
         response.success, response.message = True, 'stopped'
         return response
