@@ -22,7 +22,8 @@ import msgspec
 from rclpy.serialization import serialize_message
 from robots import planar
 from std_msgs.msg import String
-from tp_controller.ros.client.client import Client, subscribe_status
+from tp_controller.ros.client.client import Client
+from tp_controller.ros.client.received_status import subscribe_status
 from tp_controller.tools.view.incoming import checked, MESSAGES
 from tp_controller.tools.view.link import Link
 from tp_controller.tools.view.page import Page

@@ -77,7 +77,7 @@ def start(world):
     outside = np.maximum(world.q - ROBOT.upper, ROBOT.lower - world.q).max()
     if outside > world.values['limit_tolerance']:
         assert 'outside its position limits' in world.loop.lasting()
-        world.loop.limit_tolerance = outside + 1e-3
+        world.loop.checks.limits.tolerance = outside + 1e-3
     assert world.loop.lasting() == ''
     world.loop.restart()
 
@@ -307,7 +307,7 @@ def test_a_fault_that_lasts_is_logged_once_a_second_however_old_it_gets(monkeypa
     random = np.random.default_rng(seed)
     world, lines = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2]), []
     logger = SimpleNamespace(warning=lines.append, info=lambda text: None)
-    world.loop._log = log = Log(logger)
+    world.loop._log = world.loop.measurements._log = log = Log(logger)
     monkeypatch.setattr('tp_controller.ros.log.time',
                         SimpleNamespace(monotonic=lambda: world.now))
     world.report = fault(world, random)
@@ -536,7 +536,7 @@ def test_of_joint_states_that_waited_only_the_newest_is_answered(monkeypatch, se
     world.frozen, count = False, len(world.monitor.commands)
     world.run(0.001)
     assert len(world.monitor.commands) == count + 1 and world.velocity.any()
-    assert (world.loop._buffer.q == world.sent).all()
+    assert (world.loop.measurements.joints.q == world.sent).all()
     check(world)
 
 
@@ -565,7 +565,7 @@ def test_a_loop_that_falls_behind_does_not_answer_all_joint_states(monkeypatch, 
     world.run(STATE_PERIOD)
     # The last of them is the newest, alone.
     assert count + 0.01 / took < len(world.monitor.commands) <= count + 0.01 / took + 3
-    assert (world.loop._buffer.q == world.sent).all()
+    assert (world.loop.measurements.joints.q == world.sent).all()
 
 
 @pytest.mark.parametrize('seed', SEEDS)

@@ -145,7 +145,7 @@ def test_a_robot_that_passes_a_limit_during_a_ramp_is_stopped_at_once(monkeypatc
     world.run(0.1)
     world.report = lambda world: [world.state(np.where(
         np.arange(7) == 3, ROBOT.upper[3] + 0.06, world.q))]
-    world.loop._buffer.discard()
+    world.loop.measurements.joints.discard()
     assert world.run(0.05, until=lambda: not world.velocity.any())
 
 
@@ -255,7 +255,7 @@ def test_a_robot_that_was_moved_outside_while_stopped_is_not_moved(monkeypatch):
     world.q[3] = 0.3
     world.run(1.5)
     there = world.q.copy()
-    world.loop._buffer.forget()
+    world.loop.measurements.joints.forget()
     world.loop.stops.latched, world.loop.hold = '', ''
     world.run(1.0)
     assert (world.q == there).all() and 'wrong unit or offset?' in world.stopped()

@@ -350,7 +350,7 @@ def test_weights_can_be_set_and_are_used(harness):
     rig = Rig(harness, stack='- sum: {type: position, frame: %s, axes: x}' % 'link3')
     rig.spin_until(lambda: rig.status.head == 'running')
     assert rig.change(weights=[1.0, 2.0, 4.0]) == ''
-    assert rig.controller._controller.settings.weights == (1.0, 2.0, 4.0)
+    assert rig.controller._robot.controller.settings.weights == (1.0, 2.0, 4.0)
     assert list(rig.controller.get_parameter('weights').value) == [1.0, 2.0, 4.0]
 
 

@@ -14,7 +14,7 @@
 
 """A check without ROS knows the parameters that the node has."""
 
-from tp_controller.ros.controller_node import PARAMETERS
+from tp_controller.ros.interface.controller_parameters import PARAMETERS
 from tp_controller.tools.check.parameter_file import (
     CHECKED_PARAMETERS,
     NODE_PARAMETERS,

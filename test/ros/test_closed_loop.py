@@ -21,7 +21,7 @@ import pytest
 from robots import CONFIG, panda, PANDA_DH, PANDA_READY, PANDA_TOOL
 from sensor_msgs.msg import JointState
 from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
-from tp_controller.ros.client.client import make_message
+from tp_controller.ros.client.goal_fields import make_message
 
 START = str(dict(zip(panda().joint_names, PANDA_READY)))
 STACK = (CONFIG / 'demo_stack.yaml').read_text()

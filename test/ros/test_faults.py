@@ -142,7 +142,7 @@ def test_the_reason_stays_the_same_while_joint_states_are_ignored_now_and_then(h
 
 
 def test_the_reason_stays_the_same_while_cycles_take_too_long(harness, robot):
-    controller = robot.controller._loop._controller
+    controller = robot.controller._robot.loop._controller
     update, random = controller.update, np.random.default_rng(1)
 
     def slow(*arguments):
@@ -217,7 +217,8 @@ def test_joint_states_that_name_a_joint_twice_count_as_missing(harness, robot):
 
 
 def test_a_joint_that_passes_its_limit_stops_the_robot(harness, robot):
-    robot.controller._loop._follow = FollowCheck(JOINTS, np.zeros(3, bool), Following(0.0))
+    checks = robot.controller._robot.loop.checks
+    checks.follow = FollowCheck(JOINTS, np.zeros(3, bool), Following(0.0))
     robot.follows, positions = 0.0, iter([0.01 * step for step in range(250)])
 
     def drift():
@@ -228,7 +229,7 @@ def test_a_joint_that_passes_its_limit_stops_the_robot(harness, robot):
 
 
 def test_a_task_that_raises_stops_the_robot_until_a_start(harness, robot, monkeypatch):
-    task = robot.controller._controller.stack.tasks['swing']
+    task = robot.controller._robot.controller.stack.tasks['swing']
 
     def fail(*arguments):
         raise ZeroDivisionError('division by zero')
@@ -250,7 +251,7 @@ def test_the_rest_goes_on_without_a_task_that_raises_where_that_is_wanted(
     def fail(*arguments):
         raise ZeroDivisionError('division by zero')
 
-    monkeypatch.setattr(robot.controller._controller.stack.tasks['swing'], 'evaluate', fail)
+    monkeypatch.setattr(robot.controller._robot.controller.stack.tasks['swing'], 'evaluate', fail)
     harness.spin_until(lambda: robot.status.task('swing')['status'] == 'failed', 'failed',
                        meanwhile=robot.publish)
     assert robot.status.task('swing')['reason'] == (

@@ -26,7 +26,7 @@ from rclpy.parameter import Parameter
 from robots import panda, PANDA_DH, PANDA_READY, PANDA_TOOL
 from sensor_msgs.msg import JointState
 from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
-from tp_controller.ros.client.client import make_message
+from tp_controller.ros.client.goal_fields import make_message
 
 STACK = f"""
 - place: {{type: position, frame: {PANDA_TOOL}, gain: 2.0}}
@@ -81,7 +81,7 @@ class Rig:
 
     def error(self):
         """Return the error that the controller has worked out."""
-        return self.controller._controller.stack.tasks[self.task].error(self.state)
+        return self.controller._robot.controller.stack.tasks[self.task].error(self.state)
 
 
 # Every kind -----------------------------------------------------------------------------------
@@ -373,12 +373,12 @@ BAD = [
 @pytest.mark.parametrize('task, kind, fields, told', BAD)
 def test_a_bad_goal_is_refused_and_the_old_one_kept(harness, log, task, kind, fields, told):
     rig = Rig(harness, task)
-    goal = rig.controller._controller.stack.tasks[task].goal.copy()
+    goal = rig.controller._robot.controller.stack.tasks[task].goal.copy()
     topic = 'twist' if kind is TwistStamped else 'goal'
     refusal = rig.send(make_message(task, kind, fields), topic=topic)
     assert told in refusal
     harness.spin_until_logged(log, f'goal for task {task} refused: ', rig.arm.publish)
-    np.testing.assert_array_equal(rig.controller._controller.stack.tasks[task].goal, goal)
+    np.testing.assert_array_equal(rig.controller._robot.controller.stack.tasks[task].goal, goal)
     rig.harness.spin_for_more(rig.commands, 3, rig.arm.publish)
     np.testing.assert_allclose(rig.commands[-1], 0.0, atol=1e-12)
     rig.spin_until(lambda: rig.status.head == 'running')

@@ -176,7 +176,7 @@ def test_a_cycle_that_was_called_before_the_last_zeros_commands_nothing_after_th
     assert change(harness, 'configure') and change(harness, 'activate')
     arm = Arm(harness)
     harness.spin_until(lambda: any(commands and commands[-1]), 'motion', meanwhile=arm.publish)
-    loop = controller._loop
+    loop = controller._robot.loop
     loop.deactivate('over')
     loop._cycle()
     harness.spin_until(lambda: commands[-3:] == [ZEROS] * 3, 'the last zeros')

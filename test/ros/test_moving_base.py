@@ -31,7 +31,7 @@ from std_msgs.msg import Float64MultiArray
 from tp_controller import Robot
 from tp_controller.errors import RobotError, SettingsError
 from tp_controller.model.spatial import inverse_pose
-from tp_controller.ros.client.client import make_message
+from tp_controller.ros.client.goal_fields import make_message
 from tp_controller.ros.loop.base_topics import OdometryBuffer
 
 FILE = CONFIG / 'robots' / 'mobile_arm.urdf'

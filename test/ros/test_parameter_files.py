@@ -139,13 +139,13 @@ def test_a_dump_can_be_loaded_and_changes_nothing(harness, tmp_path, name):
 def test_a_dump_starts_an_equal_node(harness, tmp_path, name):
     first, path = harness.controller(**CONTROLLERS[name]), tmp_path / 'dump.yaml'
     values = Client(harness, '/tp_controller').dump(path)
-    robot = first._controller and first._controller.robot
+    robot = first._robot and first._robot.controller.robot
     harness.remove(first)
     second = from_file(harness, type(first), path)
     assert Client(harness, '/tp_controller').values() == values
     if robot is not None:
         for key in ('lower', 'upper', 'velocity', 'acceleration'):
-            np.testing.assert_array_equal(getattr(second._controller.robot, key),
+            np.testing.assert_array_equal(getattr(second._robot.controller.robot, key),
                                           getattr(robot, key))
 
 
@@ -159,7 +159,7 @@ def test_loading_a_dump_leaves_motion_and_goals_as_they_are(harness, tmp_path, m
     controller = harness.controller(stack=STACK, state_timeout=5.0)
     client, path = Client(harness, '/tp_controller'), tmp_path / 'dump.yaml'
     arm, commands = Arm(harness, (0.0, 0.6, 0.3)), harness.commands()
-    core = controller._controller
+    core = controller._robot.controller
     core.set_goal('swing', [0.25, 0.5], 0.0)
     harness.spin_until(lambda: commands and any(commands[-1]), meanwhile=arm.publish)
     before = harness.spin_for_more(commands, 2, arm.publish)[-1]

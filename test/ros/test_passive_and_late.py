@@ -34,7 +34,8 @@ def test_passive_joints_that_are_not_heard_of_are_within_their_limits_and_named(
     arm = Arm(harness, (0.0, 0.1), ('panda_joint1', 'panda_joint2'))
     harness.spin_until(lambda: any(last(commands)), meanwhile=arm.publish)
     # The fourth joint cannot be at zero; the other passive ones can.
-    assert node._loop._buffer.passive == pytest.approx([0.0, -0.0698, 0.0, 0.0, 0.0])
+    passive = node._robot.loop.measurements.joints.passive
+    assert passive == pytest.approx([0.0, -0.0698, 0.0, 0.0, 0.0])
     text = log()
     while 'no joint states of passive joints' not in text:
         harness.spin_for_more(commands, meanwhile=arm.publish)
@@ -48,8 +49,9 @@ def test_passive_joints_are_where_joint_states_say_from_the_first_message_on(har
     names = [f'panda_joint{number}' for number in range(1, 8)]
     arm = Arm(harness, robots.PANDA_READY, names)
     harness.spin_until(lambda: any(last(commands)), meanwhile=arm.publish)
-    np.testing.assert_array_equal(node._loop._buffer.passive, robots.PANDA_READY[2:])
-    assert not node._loop._buffer.unheard()
+    joints = node._robot.loop.measurements.joints
+    np.testing.assert_array_equal(joints.passive, robots.PANDA_READY[2:])
+    assert not joints.unheard()
 
 
 def test_cycle_that_is_only_late_is_made_up_for_and_no_zero_is_put_in(harness):
@@ -60,8 +62,8 @@ def test_cycle_that_is_only_late_is_made_up_for_and_no_zero_is_put_in(harness):
     harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)
     # As if the machine had not let the timer run for ten seconds.
     before = len(commands)
-    node._loop._last_cycle -= 10.0
-    node._loop._watch()
+    node._robot.loop._last_cycle -= 10.0
+    node._robot.loop._watch()
     harness.spin_for_more(commands, 5, meanwhile=arm.publish)
     assert all(any(command) for command in commands[before:])
     assert status.head == 'running'

@@ -53,7 +53,7 @@ def start(harness, name, number):
 @pytest.mark.parametrize('name', COMMANDS)
 def test_first_motion_has_a_tenth_of_the_velocities(harness, name, number, share):
     table = Robot.from_file(CONFIG / 'robots' / f'{name}.yaml')
-    robot = start(harness, name, number)._controller.robot
+    robot = start(harness, name, number)._robot.controller.robot
     assert robot.velocity == pytest.approx(share * table.velocity, rel=1e-3)
     assert (robot.acceleration < table.acceleration).all() == (number == FIRST)
     assert (robot.lower == table.lower).all() and (robot.upper == table.upper).all()
@@ -69,7 +69,7 @@ def test_first_motion_refuses_goals_far_away_and_is_slow(harness, name):
     goals = harness.publisher(PoseStamped, '/tp_controller/tool/goal')
     commands, status = harness.record(Float64MultiArray, COMMANDS[name]), Status(harness)
     message = PoseStamped()
-    message.header.frame_id = controller._controller.stack.tasks['tool'].frame
+    message.header.frame_id = controller._robot.controller.stack.tasks['tool'].frame
     harness.spin_until(lambda: status.head == 'running', 'a controller that runs')
 
     message.pose.position.z = -0.15

@@ -156,7 +156,7 @@ def test_no_storm_of_messages_ends_the_node_or_makes_it_do_harm(apart, rate):
             harness.spin_until(lambda count=count: len(status.messages) > count)
     assert len(commands) > 100 and np.abs(commands).max() > 0.0
     assert np.isfinite(commands).all()
-    assert (np.abs(commands) <= controller._controller.robot.velocity).all()
+    assert (np.abs(commands) <= controller._robot.controller.robot.velocity).all()
     # Afterwards everything is as ever.
     harness.start(arm.publish)
     controller.set_parameters([Parameter('stack', value='- other: {type: posture}')])

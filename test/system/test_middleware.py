@@ -31,7 +31,7 @@ import time
 from geometry_msgs.msg import PointStamped
 from rclpy.duration import Duration
 from rclpy.node import Node
-from tp_controller.ros.client.client import new_context
+from tp_controller.ros.client.context import new_context
 node = Node('node', context=new_context())
 """
 HEARING = """

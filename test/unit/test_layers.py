@@ -158,6 +158,19 @@ def test_only_the_nodes_and_tools_beside_them_speak_ros():
             assert top != 'rclpy' and not top.endswith(('_msgs', '_srvs', '_interfaces')), path
 
 
+def test_only_one_module_uses_private_parts_of_rclpy():
+    used = set()
+    for name, path in MODULES.items():
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding='utf-8'))))
+        private = {node.attr for node in nodes if isinstance(node, ast.Attribute)} & {
+            '_parameter_overrides', '_parameters', '_service_change_state'}
+        modules = [f'{node.module}.{alias.name}' for node in nodes
+                   if isinstance(node, ast.ImportFrom) for alias in node.names]
+        if private or any(module.startswith('rclpy.') and '._' in module for module in modules):
+            used.add(name)
+    assert used == {'ros.rclpy_internals'}
+
+
 def test_importing_the_package_leaves_ros_alone():
     program = ('import sys; sys.modules["rclpy"] = None; import tp_controller; '
                'print([name for name in sys.modules if name.split(".")[0].endswith("_msgs")])')

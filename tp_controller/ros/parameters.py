@@ -36,6 +36,7 @@ from rclpy.parameter import Parameter
 from tp_controller.errors import SettingsError, suggestion
 from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
 from tp_controller.resources import load_yaml
+from tp_controller.ros.rclpy_internals import declared_names, initial_parameters
 
 # Constraint that ROS tools show for a parameter that cannot change.
 FIXED = 'fixed while the node is configured'
@@ -136,11 +137,12 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     """
     values: dict[str, Any] = {}
     faults: list[str] = []
+    initial = initial_parameters(node)
     for spec in specs:
-        given = node._parameter_overrides.get(spec.name)
+        given = initial.get(spec.name)
         if given is not None:
             kind = Parameter.Type.from_parameter_value(spec.default)
-            node._parameter_overrides[spec.name] = as_type(given, kind)
+            initial[spec.name] = as_type(given, kind)
         try:
             values[spec.name] = node.declare_parameter(
                 spec.name, spec.default, spec.descriptor()).value
@@ -148,10 +150,10 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
             values[spec.name] = node.get_parameter_or(spec.name).value
         except InvalidParameterTypeException:
             faults.append(wrong_type(spec.name, Parameter.Type.from_parameter_value(spec.default),
-                                     node._parameter_overrides[spec.name].value))
+                                     initial[spec.name].value))
         except InvalidParameterValueException:
             faults.append(_out_of_range(spec.name, spec.lower, spec.upper,
-                                        node._parameter_overrides[spec.name].value, spec.why))
+                                        initial[spec.name].value, spec.why))
     if faults:
         raise SettingsError(faults)
     return values
@@ -182,7 +184,7 @@ def accept_numbers(node: Node) -> None:
     set_atomically = node.set_parameters_atomically
 
     def explained(parameter_list: list[Parameter]) -> SetParametersResult:
-        strange = [f'there is no parameter {suggestion(parameter.name, node._parameters)}'
+        strange = [f'there is no parameter {suggestion(parameter.name, declared_names(node))}'
                    for parameter in parameter_list if not node.has_parameter(parameter.name)]
         if strange:
             return SetParametersResult(successful=False, reason='; '.join(strange))
@@ -268,7 +270,7 @@ def names_in(value: Sequence[str]) -> list[str] | None:
 def warn_unknown(node: Node) -> None:
     """Warn of values for parameters that do not exist: ROS ignores them silently."""
     # Limits and task parameters are checked once the robot and its stack exist.
-    names = [name for name in node._parameter_overrides if not node.has_parameter(name)
+    names = [name for name in initial_parameters(node) if not node.has_parameter(name)
              and not name.startswith((LIMITS, TASKS, 'qos_overrides.'))]
     if names:
         node.get_logger().warning(f'unknown parameters, ignored: {", ".join(sorted(names))}')

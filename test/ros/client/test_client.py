@@ -71,7 +71,7 @@ def status(harness):
     """Return the status of a controller whose goals somebody else hears, too."""
     controller, arm = harness.controller(stack=STACK, state_timeout=10.0), Arm(harness)
     found = Status(harness)
-    harness.spin_until(lambda: controller._loop is not None, 'the loop', arm.publish)
+    harness.spin_until(lambda: controller._robot is not None, 'the loop', arm.publish)
     return found
 
 

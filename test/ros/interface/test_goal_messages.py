@@ -20,7 +20,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped, QuaternionStamped, Twis
 import pytest
 from sensor_msgs.msg import JointState
 from tp_controller.errors import GoalError
-from tp_controller.ros.client.client import FIELDS, make_message
+from tp_controller.ros.client.goal_fields import FIELDS, make_message
 from tp_controller.ros.interface.goal_messages import FEED_FORWARD, GOALS, messages_of
 from tp_controller.tasks import BoundedTask, GradientTask, task_types
 

@@ -79,7 +79,7 @@ class Rig:
 
     def goal(self, name):
         """Return the goal of a task."""
-        return self.controller._controller.stack.tasks[name].goal
+        return self.controller._robot.controller.stack.tasks[name].goal
 
     def drag(self, name, xyz, rpy=(0.0, 0.0, 0.0), frame='base_link', key='goals accepted'):
         """
@@ -179,7 +179,7 @@ def server(request, monkeypatch):
 def test_tasks_whose_goal_is_a_pose_or_a_point_have_a_marker_there(server, harness):
     rig = Rig(harness)
     rig.wait_for({'hand', 'tip', 'fence'})
-    state = rig.controller._controller.robot.state(Q)
+    state = rig.controller._robot.controller.robot.state(Q)
     for name in ('hand', 'tip'):
         np.testing.assert_allclose(rig.place(name), state.position('link3'), atol=1e-9)
     np.testing.assert_allclose(rig.place('fence'), 0.0, atol=1e-12)
@@ -212,7 +212,7 @@ def test_point_that_is_dragged_is_a_goal_in_its_frame(server, harness):
     rig = Rig(harness)
     rig.wait_for({'hand', 'tip', 'fence'})
     rig.drag('tip', (0.3, 0.2, 0.0))
-    T = rig.controller._controller.robot.state(Q).pose('link1')
+    T = rig.controller._robot.controller.robot.state(Q).pose('link1')
     np.testing.assert_allclose(T[:3, :3] @ rig.goal('tip') + T[:3, 3], (0.3, 0.2, 0.0),
                                atol=1e-9)
     rig.spin_until(lambda: np.allclose(rig.place('tip'), (0.3, 0.2, 0.0)))

@@ -25,7 +25,7 @@ from rclpy.time import Time
 import robots
 from tp_controller.model.shapes import Sphere
 from tp_controller.model.spatial import pose, rotation_from_quaternion
-from tp_controller.ros.client.client import make_message
+from tp_controller.ros.client.goal_fields import make_message
 from tp_controller.ros.interface.markers import _colour, Markers
 from tp_controller.tasks.sketch import Arrow, Body, Cone, Dot, Gaps, Path, Triad
 from visualization_msgs.msg import Marker, MarkerArray
@@ -73,7 +73,7 @@ class Rig:
 
     def drawn(self):
         """Return {namespace: list of markers} of a message still to come, of tasks with goals."""
-        self.spin_until(lambda: self.controller._loop.report is not None)
+        self.spin_until(lambda: self.controller._robot.loop.report is not None)
         now = self.harness.node.get_clock().now()
         # Those before may still be on their way.
         self.spin_until(lambda: self.arrays and self.arrays[-1].markers and Time.from_msg(
@@ -86,7 +86,12 @@ class Rig:
     @property
     def state(self):
         """Return the state of the arm."""
-        return self.controller._controller.robot.state(self.arm.q)
+        return self.controller._robot.controller.robot.state(self.arm.q)
+
+    @property
+    def tip(self):
+        """Return the task of the tip."""
+        return self.controller._robot.controller.stack.tasks['tip']
 
 
 def pose_of(marker):
@@ -172,7 +177,7 @@ def test_frames_follow_a_stopped_robot_that_somebody_else_moves(harness):
     # The goal stays where it is.
     np.testing.assert_allclose(
         pose_of(rig.drawn()['tip/goal'][0])[:3, 3],
-        rig.controller._controller.robot.state(Q).position('link3'), atol=1e-9)
+        rig.controller._robot.controller.robot.state(Q).position('link3'), atol=1e-9)
 
 
 def test_nothing_is_drawn_of_a_robot_that_nothing_is_heard_of(harness):
@@ -362,7 +367,7 @@ def test_task_that_cannot_be_drawn_is_named_and_harms_nothing(harness, log, monk
                                                               fault):
     rig = Rig(harness)
     rig.drawn()
-    monkeypatch.setattr(rig.controller._controller.stack.tasks['tip'], 'sketch', lambda _: parts)
+    monkeypatch.setattr(rig.tip, 'sketch', lambda _: parts)
     told = harness.spin_until_logged(log, 'task tip is not drawn: ', rig.arm.publish)
     rig.spin_until(lambda: {marker.ns for marker in rig.arrays[-1].markers} == {
         'turn/frame', 'turn/goal'})
@@ -372,7 +377,7 @@ def test_task_that_cannot_be_drawn_is_named_and_harms_nothing(harness, log, monk
 def test_task_that_cannot_be_drawn_is_named_once(harness, log, monkeypatch):
     rig = Rig(harness)
     rig.drawn()
-    monkeypatch.setattr(rig.controller._controller.stack.tasks['tip'], 'sketch', lambda _: 1 / 0)
+    monkeypatch.setattr(rig.tip, 'sketch', lambda _: 1 / 0)
     harness.spin_until_logged(log, 'task tip is not drawn: sketch raised ', rig.arm.publish)
     # Whatever repeats is written every second.
     harness.spin_for_more(rig.arrays, 60, rig.arm.publish)
@@ -383,7 +388,7 @@ def test_part_that_nobody_knows_is_drawn_all_the_same(harness, monkeypatch):
     rig = Rig(harness)
     rig.drawn()
     parts = [Dot('mark', np.zeros(3)), Dot('mark', np.ones(3))]
-    monkeypatch.setattr(rig.controller._controller.stack.tasks['tip'], 'sketch', lambda _: parts)
+    monkeypatch.setattr(rig.tip, 'sketch', lambda _: parts)
     rig.spin_until(lambda: 'tip/mark' in rig.drawn())
     first, second = rig.drawn()['tip/mark']
     assert (first.id, second.id) == (0, 1) and first.color.a > 0.0

@@ -22,7 +22,7 @@ import pytest
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
-from tp_controller.ros.client.client import make_message
+from tp_controller.ros.client.goal_fields import make_message
 
 STACK = """
 - tip: {type: position, frame: link3, axes: xy, gain: 2.0}
@@ -69,7 +69,7 @@ def test_a_task_reports_its_error_with_unit_and_what_holds_it_back(harness):
     rig = Rig(harness)
     publisher = harness.publisher(PointStamped, '/tp_controller/tip/goal')
     rig.spin_until(lambda: rig.status.head == 'running')
-    tip = rig.controller._controller.stack.tasks['tip']
+    tip = rig.controller._robot.controller.stack.tasks['tip']
     goal = tip.goal + (0.03, -0.04, 0.0)
     publisher.publish(make_message('tip', PointStamped, {'xyz': goal}))
     rig.spin_until(lambda: rig.status.task('tip')['goals accepted'] == '1')
@@ -253,8 +253,8 @@ def test_numbers_of_a_task_are_those_of_its_status(harness):
     publisher = harness.publisher(PoseStamped, '/tp_controller/both/goal')
     rig.spin_until(lambda: numbers and others and rig.status.head == 'running')
     assert numbers[-1].layout.dim[0].label == LABEL
-    both = rig.controller._controller.stack.tasks['both']
-    x, y, *rest = both.goal_pose(rig.controller._controller.robot.state(Q))[:2, 3]
+    both = rig.controller._robot.controller.stack.tasks['both']
+    x, y, *rest = both.goal_pose(rig.controller._robot.controller.robot.state(Q))[:2, 3]
     publisher.publish(make_message('both', PoseStamped, {'xyz': (x + 0.05, y, 0.0),
                                                          'quat_xyzw': (0.0, 0.0, 0.0, 1.0)}))
     rig.spin_until(lambda: rig.status.task('both')['goals accepted'] == '1')

@@ -237,8 +237,8 @@ def test_a_faulty_start_value_is_named_and_the_robot_stays_where_it_is(harness, 
     controller = harness.controller(
         stack=STACK, **{f'tasks.{name}': value for name, value in values.items()})
     status = Status(harness)
-    assert controller._stack_fault.startswith('no valid stack: parameter tasks.')
-    assert told in controller._stack_fault
+    assert controller._robot.stack_fault.startswith('no valid stack: parameter tasks.')
+    assert told in controller._robot.stack_fault
     harness.spin_until(lambda: status.head.startswith('no valid stack'))
 
 

@@ -92,8 +92,8 @@ def test_cycles_that_have_ended_for_good_are_not_waited_for_twice(monkeypatch):
 
 def test_the_loop_says_when_a_cycle_has_ended(harness):
     controller, arm = harness.controller(stack=STACK), Arm(harness, (0.0, 0.6, 0.3))
-    harness.spin_until(lambda: controller._loop.figures.cycles > 3, meanwhile=arm.publish)
-    loop = controller._loop
+    harness.spin_until(lambda: controller._robot.loop.figures.cycles > 3, meanwhile=arm.publish)
+    loop = controller._robot.loop
     assert loop.gaps._last == loop.completed and loop.gaps._between < 15.0
 
 
@@ -120,7 +120,7 @@ def test_no_status_is_made_where_nobody_listens(harness, monkeypatch):
                         lambda *arguments: made.append(1) or original(*arguments))
     controller = harness.controller(stack=STACK, status_rate=100.0)
     arm = Arm(harness, (0.0, 0.6, 0.3))
-    harness.spin_until(lambda: controller._loop.figures.cycles > 50, meanwhile=arm.publish)
+    harness.spin_until(lambda: controller._robot.loop.figures.cycles > 50, meanwhile=arm.publish)
     assert not made
     status = Status(harness)
     harness.spin_until(lambda: status.head == 'running', meanwhile=arm.publish)

@@ -124,7 +124,7 @@ class Rig:
     @property
     def stack(self):
         """Return the stack that the controller has."""
-        return self.controller._controller.stack
+        return self.controller._robot.controller.stack
 
 
 @pytest.fixture
@@ -161,7 +161,7 @@ def test_what_the_controller_draws_of_its_tasks_is_shown_where_it_is(rig):
 
 
 def test_robot_has_the_base_joints_and_limits_of_the_controller(rig):
-    ours, theirs = rig.link.robot, rig.controller._controller.robot
+    ours, theirs = rig.link.robot, rig.controller._robot.controller.robot
     assert ours.joint_names == theirs.joint_names and ours.base == theirs.base
     np.testing.assert_array_equal(ours.velocity, theirs.velocity)
     assert ours.velocity[0] == 0.5
@@ -229,7 +229,7 @@ def test_task_that_is_switched_off_leaves_the_stack_and_comes_back(rig):
 
 
 def test_box_follows_what_others_switch_off(rig):
-    rig.controller._controller.enable('slow', False)
+    rig.controller._robot.controller.enable('slow', False)
     rig.spin_until(lambda: not rig.page.stack.rows['slow'].enabled.value, 'the box')
 
 
@@ -243,7 +243,7 @@ def test_gain_that_is_refused_is_said_with_its_reason_and_shown_as_it_was(rig):
 def test_goal_that_is_refused_is_said_with_its_reason(rig):
     rig.page.gizmos.gizmos['tip/goal'].drag(pose(np.eye(3), [np.nan, 0.0, 0.0]))
     rig.spin_until(lambda: 'goal for task tip refused' in rig.page.notice.content, 'the reason')
-    assert rig.controller._topics.records['tip'].refusal in unescape(
+    assert rig.controller._robot.topics.records['tip'].refusal in unescape(
         rig.page.notice.content)
 
 
@@ -293,8 +293,8 @@ def test_a_short_stop_keeps_the_last_report_in_grey_and_is_no_fault(rig):
     status = rig.client.status
     # What the node sends where a joint state is late for a moment.
     node = rig.controller
-    late = diagnostics(Time(), 'tp_controller', 'joint states are late', None, node._controller,
-                       node._topics.records, {}, lambda: None)
+    late = diagnostics(Time(), 'tp_controller', 'joint states are late', None,
+                       node._robot.controller, node._robot.topics.records, {}, lambda: None)
     rig.client.catch_up = lambda: None
     rig.client.status = late
     rig.page._texts_due = 0.0

@@ -14,42 +14,28 @@
 
 """Client of a controller: sends goals, receives the status."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import (
-    Point,
-    PointStamped,
-    PoseStamped,
-    Quaternion,
-    QuaternionStamped,
-    TwistStamped,
-    Vector3,
-    Vector3Stamped,
-)
-from rcl_interfaces.srv import DescribeParameters, SetParameters
-from rclpy import init, try_shutdown
+from rclpy import try_shutdown
 from rclpy.client import Client as RosClient
 from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from tp_controller.errors import GoalError, TpControllerError, unknown
 from tp_controller.ros import Message
-from tp_controller.ros.bounded_subscription import subscribe
-from tp_controller.ros.client.received_status import received
+from tp_controller.ros.client.context import new_context
+from tp_controller.ros.client.goal_fields import Fields, listed, make_message
+from tp_controller.ros.client.graph import absence, goal_topics
+from tp_controller.ros.client.received_status import subscribe_status
 from tp_controller.ros.signals import uninterrupted
 from tp_controller.untrusted import count
-
-# Parts of a goal, by the names that `FIELDS` lists.
-Fields = Mapping[str, Any]
 
 # Timeouts on closing for the acknowledgement of goals: by the controller, and, once it has
 # answered, by all other subscribers [s].
@@ -62,23 +48,6 @@ MOST_CALLBACKS = 100
 SUBSCRIBER_SECONDS = 2.0
 # Answers to goals while the status has no such task.
 NO_ANSWERS = '', ''
-# Parts of a goal that each message can carry, and must.
-FIELDS: dict[type, tuple[str, ...]] = {
-    PointStamped: ('xyz',),
-    Vector3Stamped: ('xyz',),
-    QuaternionStamped: ('quat_xyzw',),
-    PoseStamped: ('xyz', 'quat_xyzw'),
-    JointState: ('joints', 'velocities'),
-    TwistStamped: ('linear', 'angular'),
-}
-
-
-def type_name(kind: type) -> str:
-    """Return the name of a message type in the graph."""
-    return f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
-
-
-TYPES: dict[str, type] = {type_name(kind): kind for kind in FIELDS}
 
 
 class Client:
@@ -185,14 +154,7 @@ class Client:
 
     def tasks(self) -> dict[str, dict[str, type]]:
         """Return {task: {topic: message type}} of the goal topics in the graph."""
-        prefix = f'/{self.controller}/'
-        found: dict[str, dict[str, type]] = {}
-        for topic, types in self.node.get_topic_names_and_types():
-            name, _, last = topic.removeprefix(prefix).partition('/')
-            if topic.startswith(prefix) and last in ('goal', 'twist') and types[0] in TYPES \
-                    and self.node.count_subscribers(topic):
-                found.setdefault(name, {})[last] = TYPES[types[0]]
-        return found
+        return goal_topics(self.node, self.controller)
 
     def task_names(self) -> list[str]:
         """Return the names of all tasks in the status, by priority."""
@@ -235,6 +197,12 @@ class Client:
             raise GoalError(f'a goal of task {task!r} is not expressed in a frame: leave it out')
         message.header.frame_id = frame
         publisher = self._publisher(task, topic, type(message))
+        self._await_subscribers(task, topic, publisher, wait)
+        self._publish_goal(task, publisher, message, wait)
+
+    def _await_subscribers(self, task: str, topic: str, publisher: Publisher,
+                           wait: float) -> None:
+        """Wait for the controller, and for all other subscribers of a goal."""
         if not self.wait(lambda: publisher.get_subscription_count() > 0, wait):
             raise GoalError(f'the controller does not answer on {publisher.topic_name}')
         if not self.wait(lambda: self.task_status(task), wait):
@@ -244,6 +212,10 @@ class Client:
         self.wait(lambda: publisher.get_subscription_count() >= max(
             self.node.count_subscribers(publisher.topic_name), self._count_listeners(task, topic)),
             SUBSCRIBER_SECONDS)
+
+    def _publish_goal(self, task: str, publisher: Publisher, message: Message,
+                      wait: float) -> None:
+        """Publish a goal, and wait for the answer of the controller."""
         before = self._answers(task)
         self._last = publisher, message
         self._pending[publisher] = LEAVE_SECONDS
@@ -280,32 +252,6 @@ class Client:
         service = self.service(kind, name)
         return service.call_async(request) if service.service_is_ready() else None
 
-    def set_parameter(self, node: str, name: str, value: object, wait: float) -> bool:
-        """
-        Set a parameter of any node.
-
-        Parameters
-        ----------
-        node, name : str
-            Names of the node and of its parameter.
-        value : object
-            New value.
-        wait : float
-            Timeout for the node, and for its answer [s].
-
-        Returns
-        -------
-        bool
-            True if the node has accepted it.
-
-        """
-        service = self.node.create_client(SetParameters, f'/{node}/set_parameters')
-        if not self.wait(service.service_is_ready, wait):
-            return False
-        future = service.call_async(SetParameters.Request(
-            parameters=[Parameter(name, value=value).to_parameter_msg()]))
-        return self.wait(future.done, wait) and future.result().results[0].successful
-
     def service(self, kind: type, name: str) -> RosClient:
         """Return the client of a service of the controller, created on first use."""
         if name not in self._services:
@@ -318,38 +264,6 @@ class Client:
             publisher, message = self._last
             self._pending[publisher] = LEAVE_SECONDS
             publisher.publish(message)
-
-    def turning(self, joints: Iterable[str], wait: float = 10.0) -> set[str]:
-        """
-        Return the revolute ones of some joints; the others are prismatic.
-
-        Parameters
-        ----------
-        joints : iterable of str
-            Driven joints.
-        wait : float
-            Timeout for the controller [s].
-
-        Raises
-        ------
-        GoalError
-            The controller does not answer, or lacks some of these joints.
-
-        """
-        names = list(joints)
-        service = self.node.create_client(DescribeParameters,
-                                          f'/{self.controller}/describe_parameters')
-        if not self.wait(service.service_is_ready, wait):
-            raise GoalError(absence(f'/{self.controller}'))
-        # The description of a limit contains its unit.
-        future = service.call_async(DescribeParameters.Request(
-            names=[f'limits.{name}.lower' for name in names]))
-        self.wait(future.done, wait)
-        found = future.result().descriptors if future.done() else []
-        if len(found) < len(names):
-            raise GoalError('cannot tell which joints turn: the controller has not all of '
-                            f'{", ".join(names)}')
-        return {name for name, limit in zip(names, found) if limit.description.endswith('[rad]')}
 
     def task_status(self, task: str) -> dict[str, str]:
         """Return {key: value} of the latest status of a task; empty before the first."""
@@ -387,141 +301,9 @@ class Client:
             return absence(f'/{self.controller}')
         if task not in names:
             return unknown('task', task, names)
-        return (f'task {task!r} takes no {_listed(fields, self._names)}; its topics: '
+        return (f'task {task!r} takes no {listed(fields, self._names)}; its topics: '
                 f'{", ".join(sorted(tasks.get(task, []))) or "none"}')
 
     def _on_status(self, message: DiagnosticArray) -> None:
         """Store the latest status."""
         self.status = message
-
-
-def new_context() -> Context:
-    """Return an initialised context; raise `TpControllerError` if ROS cannot start here."""
-    context = Context()
-    try:
-        init(context=context, args=[])
-    except (RuntimeError, ValueError) as error:
-        raise TpControllerError(f'ROS 2 cannot start: {error}') from error
-    return context
-
-
-def absence(names: str) -> str:
-    """Return the error message for nodes, of some names or any, that are not running."""
-    return (f'no node {f"{names} " if names else ""}with tasks is running (ROS_DOMAIN_ID and '
-            "ROS_AUTOMATIC_DISCOVERY_RANGE must be the same as the controller's)")
-
-
-def subscribe_status(node: Node, controller: str,
-                     callback: Callable[[DiagnosticArray], None], depth: int = 10) -> None:
-    """Subscribe to the status of a controller; raise `TpControllerError` for an invalid name."""
-    def take(message: DiagnosticArray) -> None:
-        # Other nodes may have topics of this name and type, too.
-        if message.status and message.status[0].name == controller:
-            callback(received(message))
-
-    try:
-        subscribe(node, DiagnosticArray, f'/{controller}/status', take, depth)
-    except NameValidationException as error:
-        raise TpControllerError(f'{controller!r} cannot be the name of a node') from error
-
-
-def make_message(task: str, kind: type, fields: Fields,
-                 names: Mapping[str, str] | None = None) -> Message:
-    """
-    Return a goal message.
-
-    Parameters
-    ----------
-    task : str
-        Name for error messages.
-    kind : type
-        Message type.
-    fields : dict
-        See `Client.send`.
-    names : dict, optional
-        See `Client`.
-
-    Raises
-    ------
-    GoalError
-        `fields` does not match the parts of the message.
-
-    """
-    allowed = FIELDS[kind]
-    extra = [name for name in fields if name not in allowed]
-    missing = [name for name in allowed if name not in fields]
-    one_is_enough = kind in (JointState, TwistStamped)
-    if one_is_enough and len(missing) < len(allowed):
-        missing = []
-    if extra or missing:
-        needed = _listed(allowed, names, ' or ' if one_is_enough else ' and ')
-        raise GoalError(f'task {task!r} needs {needed} ({kind.__name__}), '
-                        f'got {_listed(fields, names) or "nothing"}')
-    return _FILL[kind](fields)
-
-
-def _listed(fields: Iterable[str], names: Mapping[str, str] | None, word: str = ' and ') -> str:
-    """Return the names of parts of a goal, as messages show them."""
-    return word.join((names or {}).get(field, field) for field in fields)
-
-
-def _vector(target: Point | Vector3, values: Iterable[float]) -> None:
-    """Set x, y, z of a message."""
-    target.x, target.y, target.z = map(float, values)
-
-
-def _quaternion(target: Quaternion, values: Iterable[float]) -> None:
-    """Set x, y, z, w of a message."""
-    target.x, target.y, target.z, target.w = map(float, values)
-
-
-def _point(fields: Fields) -> PointStamped:
-    """Return a PointStamped."""
-    message = PointStamped()
-    _vector(message.point, fields['xyz'])
-    return message
-
-
-def _direction(fields: Fields) -> Vector3Stamped:
-    """Return a Vector3Stamped."""
-    message = Vector3Stamped()
-    _vector(message.vector, fields['xyz'])
-    return message
-
-
-def _orientation(fields: Fields) -> QuaternionStamped:
-    """Return a QuaternionStamped."""
-    message = QuaternionStamped()
-    _quaternion(message.quaternion, fields['quat_xyzw'])
-    return message
-
-
-def _pose(fields: Fields) -> PoseStamped:
-    """Return a PoseStamped."""
-    message = PoseStamped()
-    _vector(message.pose.position, fields['xyz'])
-    _quaternion(message.pose.orientation, fields['quat_xyzw'])
-    return message
-
-
-def _joints(fields: Fields) -> JointState:
-    """Return a JointState with positions or velocities, or both for the same joints."""
-    positions, velocities = fields.get('joints', {}), fields.get('velocities', {})
-    if positions and velocities and list(positions) != list(velocities):
-        raise GoalError('positions and velocities must be for the same joints')
-    return JointState(name=list(positions or velocities),
-                      position=[float(value) for value in positions.values()],
-                      velocity=[float(value) for value in velocities.values()])
-
-
-def _twist(fields: Fields) -> TwistStamped:
-    """Return a TwistStamped."""
-    message = TwistStamped()
-    _vector(message.twist.linear, fields.get('linear', (0.0, 0.0, 0.0)))
-    _vector(message.twist.angular, fields.get('angular', (0.0, 0.0, 0.0)))
-    return message
-
-
-_FILL: dict[type, Callable[[Fields], Message]] = {
-    PointStamped: _point, Vector3Stamped: _direction, QuaternionStamped: _orientation,
-    PoseStamped: _pose, JointState: _joints, TwistStamped: _twist}

@@ -14,13 +14,33 @@
 
 """Sanitization of a received status: bounded size and printable text."""
 
+from collections.abc import Callable
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.exceptions import NameValidationException
+from rclpy.node import Node
+from tp_controller.errors import TpControllerError
+from tp_controller.ros.bounded_subscription import subscribe
 from tp_controller.untrusted import plain
 
 # Largest number of tasks, and of entries per task.
 MOST_TASKS, MOST_VALUES = 200, 64
 # Longest name [characters].
 LONGEST_NAME = 256
+
+
+def subscribe_status(node: Node, controller: str,
+                     callback: Callable[[DiagnosticArray], None], depth: int = 10) -> None:
+    """Subscribe to the status of a controller; raise `TpControllerError` for an invalid name."""
+    def take(message: DiagnosticArray) -> None:
+        # Other nodes may have topics of this name and type, too.
+        if message.status and message.status[0].name == controller:
+            callback(received(message))
+
+    try:
+        subscribe(node, DiagnosticArray, f'/{controller}/status', take, depth)
+    except NameValidationException as error:
+        raise TpControllerError(f'{controller!r} cannot be the name of a node') from error
 
 
 def received(message: DiagnosticArray) -> DiagnosticArray:

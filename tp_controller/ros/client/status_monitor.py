@@ -20,7 +20,8 @@ import time
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
-from tp_controller.ros.client.client import Client, subscribe_status
+from tp_controller.ros.client.client import Client
+from tp_controller.ros.client.received_status import subscribe_status
 
 STATUS = '/status'
 STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'

@@ -23,6 +23,7 @@ from tp_controller.errors import RobotError, SettingsError
 from tp_controller.model.limits import BASE_LIMIT_KEYS, LIMIT_KEYS
 from tp_controller.model.robot import Robot
 from tp_controller.ros.parameters import declare, LIMITS, Spec
+from tp_controller.ros.rclpy_internals import initial_parameters
 
 # {velocity: {key: limit}}
 Limits = dict[str, dict[str, float]]
@@ -113,7 +114,7 @@ class LimitParameters:
 
     def _refuse_unknown(self, robot: Robot, specs: Sequence[Spec]) -> None:
         """Raise `SettingsError` if the node was started with limits that a robot lacks."""
-        strange = {name for name in self._node._parameter_overrides
+        strange = {name for name in initial_parameters(self._node)
                    if name.startswith(LIMITS)} - {spec.name for spec in specs}
         if strange:
             raise SettingsError([f'unknown parameter {", ".join(sorted(strange))}; valid: '

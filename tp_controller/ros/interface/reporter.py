@@ -30,7 +30,8 @@ from tp_controller.ros.interface.status import diagnostics, task_reports
 from tp_controller.ros.interface.task_numbers import TaskNumbers
 from tp_controller.ros.interface.task_topics import GoalRecord, TaskTopics
 from tp_controller.ros.log import Log
-from tp_controller.ros.loop.control_loop import boot_time, ControlLoop
+from tp_controller.ros.loop.clocks import boot_time
+from tp_controller.ros.loop.control_loop import ControlLoop
 from tp_controller.ros.loop.loop_statistics import Figures
 from tp_controller.ros.loop.shared_controller import SharedController
 from tp_controller.tasks.sketch import Sketch
@@ -140,7 +141,8 @@ class Reporter:
         """Return the sketches; a stopped robot may be moved by other means."""
         loop = self._loop
         try:
-            return sketcher.sketch(controller, loop.place() if loop and loop.stop_reason else None)
+            return sketcher.sketch(
+                controller, loop.measurements.place() if loop and loop.stop_reason else None)
         except RobotError:
             # Invalid joint states, for example; the status has the reason.
             return {}

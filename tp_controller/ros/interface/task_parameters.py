@@ -34,6 +34,7 @@ from tp_controller.errors import SettingsError
 from tp_controller.foreign import foreign
 from tp_controller.ros.log import Log
 from tp_controller.ros.parameters import as_type, declare, Spec, TASKS, wrong_type
+from tp_controller.ros.rclpy_internals import initial_parameters
 from tp_controller.tasks.keys import MAX_NUMBER
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Task
@@ -69,7 +70,7 @@ class TaskParameters:
     def __init__(self, node: Node, controller: Controller, log: Log) -> None:
         self._node, self._controller, self._log = node, controller, log
         self._started_with: dict[str, Parameter] = {
-            name: parameter for name, parameter in node._parameter_overrides.items()
+            name: parameter for name, parameter in initial_parameters(node).items()
             if name.startswith(TASKS)}
         self._declared: dict[str, TaskParameter] = {}
 

@@ -21,7 +21,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import SetBool
@@ -32,6 +31,7 @@ from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
 from tp_controller.ros.interface.goal_messages import GoalMessage, messages_of, Parts
 from tp_controller.ros.interface.tf_frames import TfFrames
 from tp_controller.ros.log import Log
+from tp_controller.ros.rclpy_internals import RCLError
 from tp_controller.tasks.obstacle_goals import ALL_OBSTACLES
 from tp_controller.tasks.task_errors import accept
 

@@ -14,7 +14,8 @@
 
 """Topics of a mobile base: odometry in, velocities of the base out."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
 from typing import Any
 
 from geometry_msgs.msg import Twist
@@ -28,7 +29,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.ros.loop.numbers_publisher import NumbersPublisher
 from tp_controller.ros.loop.odometry_check import OdometryCheck
-from tp_controller.ros.loop.state_checks import Dropped, FollowCheck
+from tp_controller.ros.loop.state_checks import Dropped, FollowCheck, Following
 from tp_controller.tasks.pose import parse_pose
 
 # Largest number of messages taken at once, more than a queue stores: later ones can wait.
@@ -39,6 +40,9 @@ MOST_QUEUED = 100
 LONGEST_QUEUE_TIME = 10e-3
 # As of joint states: lost messages need not be repeated, the next one is newer.
 ODOMETRY_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
+# Smallest commanded motion of a base that is checked, relative to the tolerated jump of its
+# odometry [1]: a correction by the whole tolerance must not hide that the base follows.
+FOLLOW_RATIO = 1.5
 
 
 class OdometryBuffer:
@@ -315,6 +319,29 @@ class FixedBase:
 
     def close(self) -> None:
         """Do nothing."""
+
+
+def make_base(node: Node, topic: Callable[[str], str], robot: Robot, qos: QoSProfile,
+              values: Mapping[str, Any]) -> MovingBase | FixedBase:
+    """
+    Return the topics of the base of a robot, with the checks of its odometry.
+
+    Parameters
+    ----------
+    node, topic, robot, qos
+        See `MovingBase`.
+    values : dict
+        Parameters of the controller node.
+
+    """
+    if not robot.moves:
+        return FixedBase()
+    tolerance = values['odometry_jump_tolerance']
+    names = robot.velocity_names[:robot.joint_columns.start]
+    late = values['state_timeout'] if values['check_stamps'] else math.inf
+    follow = FollowCheck(names, np.zeros(len(names), dtype=bool), Following(
+        values['follow_window'], distance=max(0.05, FOLLOW_RATIO * tolerance), excess=tolerance))
+    return MovingBase(node, topic, robot, qos, OdometryCheck(robot, late, tolerance), follow)
 
 
 def waiting(subscription: Subscription) -> Iterator[Any]:

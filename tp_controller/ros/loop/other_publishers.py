@@ -25,7 +25,8 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import String
 from tp_controller.ros.log import Log
-from tp_controller.ros.loop.control_loop import boot_time, ControlLoop
+from tp_controller.ros.loop.clocks import boot_time
+from tp_controller.ros.loop.control_loop import ControlLoop
 from tp_controller.ros.loop.numbers_publisher import NumbersPublisher
 
 # Suffix of the names of watchdog nodes.

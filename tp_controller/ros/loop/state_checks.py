@@ -25,6 +25,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, wrap_angle
 
 # Time over which the smallest delay of a publisher is taken [s]: a clock drift of 1 % stays
@@ -404,3 +405,10 @@ class FollowCheck:
         away = (moved > demanded.max(axis=0) + slack) | (moved < demanded.min(axis=0) - slack)
         wrong = still | away
         return int(np.argmax(wrong)) if wrong.any() else None
+
+
+def endless_joints(robot: Robot) -> NDArray[np.bool_]:
+    """Return the mask (n,) of the driven joints that turn without end."""
+    rows = robot.joint_columns
+    return np.isinf(robot.upper[rows] - robot.lower[rows]) & np.array(
+        [unit == 'rad' for unit in robot.velocity_units[rows]], dtype=bool)

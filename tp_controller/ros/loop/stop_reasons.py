@@ -80,6 +80,8 @@ class Stops:
         self.abrupt = True
 
     def latch(self, fault: str, abrupt: bool = True) -> None:
-        """Stop until the next start; the first fault is reported."""
+        """Stop until the next start, if there is a fault; the first one is reported."""
+        if not fault:
+            return
         self.latched = self.latched or fault
         self.abrupt = self.abrupt or abrupt

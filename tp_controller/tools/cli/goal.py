@@ -149,7 +149,8 @@ def _fields(options: argparse.Namespace, client: 'Client') -> dict[str, Any]:
     for name, values in (('joints', options.joint), ('velocities', options.velocity)):
         fields[name] = values and dict(values)
         if values and options.deg:
-            turning = client.turning(fields[name], options.wait)
+            from tp_controller.ros.client.remote_parameters import revolute
+            turning = revolute(client, fields[name], options.wait)
             fields[name] = {joint: angle * value if joint in turning else value
                             for joint, value in values}
     return {name: value for name, value in fields.items() if value}

@@ -89,7 +89,7 @@ def record(options: argparse.Namespace) -> int:
         # The file in the folder has this name.
         path = path.with_suffix('')
     set_up_fast_dds()
-    from tp_controller.ros.client.client import absence
+    from tp_controller.ros.client.graph import absence
     from tp_controller.ros.runner import TRANSPORTS
     from tp_controller.tools.recording.bag_recorder import BagRecorder
     from tp_controller.tools.recording.writer import BagWriter

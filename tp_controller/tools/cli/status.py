@@ -80,7 +80,7 @@ def show_status(options: argparse.Namespace) -> int:
 
     """
     set_up_fast_dds()
-    from tp_controller.ros.client.client import absence
+    from tp_controller.ros.client.graph import absence
     from tp_controller.ros.client.status_monitor import Watch
     with Watch(options.node) as watch:
         if not watch.wait(options.wait):

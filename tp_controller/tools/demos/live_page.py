@@ -75,8 +75,9 @@ class LivePage:
 
     def conclude(self, client: 'Client', text: str) -> bool:
         """Show the results of the demo on the page; return the success."""
-        return self._process.running() and client.set_parameter(
-            NODE, 'conclusion', text, ANSWER_SECONDS)
+        from tp_controller.ros.client.remote_parameters import set_parameter
+        return self._process.running() and set_parameter(
+            client, NODE, 'conclusion', text, ANSWER_SECONDS)
 
 
 def start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -> LivePage:

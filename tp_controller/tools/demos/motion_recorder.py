@@ -25,8 +25,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
-from tp_controller.ros.client.client import Client, subscribe_status
+from tp_controller.ros.client.client import Client
 from tp_controller.ros.client.configuration import base_velocities, ConfigurationBuffer
+from tp_controller.ros.client.received_status import subscribe_status
 from tp_controller.untrusted import errors_of
 
 Value = TypeVar('Value')

@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy import try_shutdown
-from rclpy._rclpy_pybind11 import NodeNameNonExistentError, RCLError
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
@@ -43,7 +42,8 @@ from rosbags.interfaces import (
 from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.ros import Message
-from tp_controller.ros.client.client import new_context
+from tp_controller.ros.client.context import new_context
+from tp_controller.ros.rclpy_internals import NodeNameNonExistentError, RCLError
 from tp_controller.tools.recording.writer import BagWriter
 
 STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'

@@ -25,7 +25,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped, QuaternionStamped, Vect
 import numpy as np
 from tp_controller.model.spatial import Array, pose, quaternion_from_rotation
 from tp_controller.ros import Message
-from tp_controller.ros.client.client import FIELDS, make_message
+from tp_controller.ros.client.goal_fields import FIELDS, make_message
 from tp_controller.tasks.aim import across
 from tp_controller.tools.view.markers import pose_of
 from tp_controller.tools.view.rows import quantity

@@ -37,8 +37,9 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.resources import MOST_XML_CHARACTERS
 from tp_controller.ros.bounded_subscription import LARGEST_MESSAGE, subscribe
-from tp_controller.ros.client.client import Client, type_name
+from tp_controller.ros.client.client import Client
 from tp_controller.ros.client.configuration import ConfigurationBuffer
+from tp_controller.ros.client.goal_fields import type_name
 from tp_controller.ros.parameters import LIMITS, names_in, ROBOT, TASKS
 from tp_controller.tools.view.condition import RUNNING
 from tp_controller.tools.view.markers import drawable

@@ -1,0 +1,36 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Controllers and their goal topics in the graph of ROS."""
+
+from rclpy.node import Node
+from tp_controller.ros.client.goal_fields import TYPES
+
+
+def goal_topics(node: Node, controller: str) -> dict[str, dict[str, type]]:
+    """Return {task: {topic: message type}} of the goal topics of a controller."""
+    prefix = f'/{controller}/'
+    found: dict[str, dict[str, type]] = {}
+    for topic, types in node.get_topic_names_and_types():
+        name, _, last = topic.removeprefix(prefix).partition('/')
+        if topic.startswith(prefix) and last in ('goal', 'twist') and types[0] in TYPES \
+                and node.count_subscribers(topic):
+            found.setdefault(name, {})[last] = TYPES[types[0]]
+    return found
+
+
+def absence(names: str) -> str:
+    """Return the error message for nodes, of some names or any, that are not running."""
+    return (f'no node {f"{names} " if names else ""}with tasks is running (ROS_DOMAIN_ID and '
+            "ROS_AUTOMATIC_DISCOVERY_RANGE must be the same as the controller's)")
