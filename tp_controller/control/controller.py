@@ -19,16 +19,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller.control.causes import Place, TRANSITION
-from tp_controller.control.cycle import Cycle, Outcome
-from tp_controller.control.cycle_time import check_time, CycleTime
-from tp_controller.control.escape import Escape
+from tp_controller.control.changes import Changes
+from tp_controller.control.cycle_options import CycleOptions
+from tp_controller.control.cycle_time import check_time
 from tp_controller.control.gains import gain_faults, gain_remark, set_gain, set_tolerance
 from tp_controller.control.goal_limits import check_goal
+from tp_controller.control.ramp import ramp_down
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
-from tp_controller.control.transition import kept_above, Transition
-from tp_controller.control.velocity_limits import lowered, VelocityBounds, VelocityLimits
+from tp_controller.control.step import CycleMemory, Problem, Snapshot, step
+from tp_controller.control.velocity_limits import lowered
 from tp_controller.errors import (
     EvaluationError,
     GoalError,
@@ -40,16 +40,11 @@ from tp_controller.errors import (
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.model.state import RobotState
-from tp_controller.solver.damping import Memory
-from tp_controller.solver.level import Level
 from tp_controller.tasks.keys import Gain, Tolerance
 from tp_controller.tasks.pose import parse_pose
-from tp_controller.tasks.stack import check_type, Groups, levels_of, shared_levels, Stack
+from tp_controller.tasks.stack import check_type, Groups, levels_of, Stack
 from tp_controller.tasks.task import Evaluation, Goal, Task
 from tp_controller.tasks.task_errors import accept
-
-# Longest time that a command is in force, relative to the mean time between two; at most a period.
-HOLD_RATIO = 2.0
 
 
 class Command(NamedTuple):
@@ -113,18 +108,12 @@ class Controller:
         *self._states, self._spare = [robot.state(robot.neutral()) for _ in range(3)]
         self._passive: ArrayLike | None = None
         self._started = False
-        # Last command and its time, at rest before the first one; pending commands, the last one
-        # first.
-        self._velocity = np.zeros(robot.n)
         self._velocity_limits = robot.velocity
-        self._pending = np.zeros((0, robot.n))
-        self._last_update: float | None = None
-        self._memory: Memory = ()
-        self._transition = Transition(0.0)
-        self._escape = Escape(robot.n)
+        self._changes = Changes()
         self._settings = settings = settings or Settings()
         self.check_settings(settings)
-        self._time = CycleTime(settings.period)
+        self._options = CycleOptions(robot, settings, robot.velocity)
+        self._memory = CycleMemory.at_rest(self._options)
         self._apply(settings)
         stack.set_owner(self._owner)
 
@@ -179,7 +168,7 @@ class Controller:
         """
         changed = [any(task.has_default_goal for task in group) for group in self.stack.active]
         if any(changed):
-            self._transition.announce(changed.index(True))
+            self._changes.announce(changed.index(True))
         self._started = False
         self.stack.reset()
 
@@ -193,7 +182,7 @@ class Controller:
             A task fails; the goals of the others are replaced.
 
         """
-        self._transition.announce(0)
+        self._changes.announce(0)
         self._started = False
         self.stack.forget_goals()
 
@@ -212,7 +201,7 @@ class Controller:
     @property
     def velocity(self) -> Array:
         """Return the last command (n,) [rad/s or m/s]; zeros before the first one."""
-        return self._velocity
+        return self._memory.velocity
 
     def slow_down(self, q: ArrayLike, now: float, deceleration: float,
                   elapsed: float | None = None) -> Array:
@@ -236,21 +225,13 @@ class Controller:
             Velocity; zero at the end, when `halt` is to be called.
 
         """
-        before, last = self._velocity, self._last_update
+        last = self._memory.commanded
         if elapsed is None:
             elapsed = now - last if last is not None else 0.0
-        passed = min(max(elapsed, 0.0), 1.0) or self._settings.period
-        fastest = float(np.abs(before).max(initial=0.0))
-        left = fastest - deceleration * passed
-        factor = 0.0
-        if left > 0.0:
-            positions = self.robot.positions(np.asarray(q, dtype=float))
-            upper, lower = self._bounds(positions, passed).stopping
-            moving = before != 0.0
-            shares = np.where(before > 0.0, upper, lower)[moving] / np.abs(before[moving])
-            factor = min(left / fastest, float(shares.min()))
-        self._command(now, factor * before)
-        return self._velocity
+        positions = self.robot.positions(np.asarray(q, dtype=float))
+        self._command(now, ramp_down(self._options, self._memory, positions, elapsed,
+                                     deceleration))
+        return self._memory.velocity
 
     @property
     def settings(self) -> Settings:
@@ -262,21 +243,15 @@ class Controller:
         self.check_settings(settings)
         if settings != self._settings:
             self._apply(settings)
-            self._transition.announce(0)
+            self._changes.announce(0)
 
     def _apply(self, settings: Settings) -> None:
         """Apply validated settings."""
         self._settings = settings
-        self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain,
-                                      self._velocity_limits)
-        known = self._pending[:settings.command_delay]
-        rest = np.zeros((settings.command_delay - len(known), self.robot.n))
-        self._pending = np.vstack((known, rest))
-        self._speed_cap = settings.speed_cap(self.robot, self._velocity_limits)
-        self._options = settings.solver_options(self.robot.n)
-        self._time.expect(settings.period)
+        self._options = CycleOptions(self.robot, settings, self._velocity_limits)
+        self._memory = self._memory.fit(self._options)
         self.stack.limit_time(settings.task_budget * settings.period)
-        self._transition.duration = settings.blend
+        self._changes.duration = settings.blend
 
     def check_settings(self, settings: Settings, stack: Stack | None = None) -> None:
         """
@@ -333,7 +308,7 @@ class Controller:
         if not np.array_equal(found, self._velocity_limits):
             self._velocity_limits = found
             self._apply(self._settings)
-            self._transition.announce(0)
+            self._changes.announce(0)
 
     def set_gain(self, name: str, gain: Gain) -> None:
         """
@@ -359,9 +334,7 @@ class Controller:
         set_gain(task, gain, self._settings.period)
         if np.array_equal(task.gain, before):
             return
-        for index, group in enumerate(self.stack.active):
-            if task in group:
-                self._transition.announce(index)
+        self._changes.announce_task(task, self.stack.active)
 
     def gain_warning(self, name: str) -> str:
         """
@@ -376,7 +349,7 @@ class Controller:
 
         """
         task = self._task(name)
-        doubt = gain_remark(task, task.gain, self._time.mean)
+        doubt = gain_remark(task, task.gain, self._memory.time.mean)
         return f'{doubt.message}: {doubt.change}' if doubt else ''
 
     def set_tolerance(self, name: str, tolerance: Tolerance) -> None:
@@ -440,7 +413,7 @@ class Controller:
         accept(task, check_goal, task, goal, self._state, self._settings)
         own = frame is None or (isinstance(frame, str) and frame == task.reference)
         remarks = accept(task, task.goal_remarks, goal, not own)
-        self._announce_goal(task, now)
+        self._changes.announce_goal(task, self.stack.active, now)
         accept(task, task.set_goal, goal, now)
         return remarks
 
@@ -468,7 +441,7 @@ class Controller:
         if frame is not None:
             velocity = accept(task, task.feed_forward_in_reference, velocity,
                               self._pose_in(task, frame)[:3, :3])
-        self._announce_goal(task, now)
+        self._changes.announce_goal(task, self.stack.active, now)
         accept(task, task.set_feed_forward, velocity, now)
 
     def enable(self, name: str, enabled: bool) -> None:
@@ -535,7 +508,7 @@ class Controller:
         now = check_time(now, 'now', TimeError)
         if elapsed is not None:
             elapsed = check_time(elapsed, 'elapsed', TimeError)
-        before = self._state_before_change()
+        before = None if self._changes.shared is None else self._state_before_change()
         state = self._states[0]
         if passive is None or not self.robot.passive_names:
             passive = self._passive
@@ -544,43 +517,31 @@ class Controller:
         self._passive = None if passive is None else np.array(passive)
         self._states.reverse()
         self._state = state
-        state.velocity = self._velocity
+        state.velocity = self._memory.velocity
         if not self._started:
             self._start(state)
-        if self._last_update is None:
-            elapsed = self._settings.period
-        elif elapsed is None:
-            elapsed = now - self._last_update
-        elapsed = self._time.advance(elapsed)
         # Evaluate the states in the order of time.
-        changed = None if before is None else self._make_cycle(before, now, elapsed)[1]
-        evaluations, cycle = self._make_cycle(state, now, elapsed)
+        snapshot = None if before is None else Snapshot(
+            levels_of(self._evaluate(before, now)), before.positions, self._memory.damping)
+        evaluations = self._evaluate(state, now)
+        problem = Problem(self._options, levels_of(evaluations), state.positions, now, elapsed,
+                          self._changes.shared, snapshot)
         try:
-            outcome = self._blend(cycle, changed or cycle, elapsed) or self._solve(cycle)
+            cycle, outcome, self._memory = step(problem, self._memory)
         except Exception:
             # Name the task with faulty levels, if it is a single one.
             self.stack.check(evaluations, self.robot.n)
             raise
-        self._record(outcome.velocity)
-        self._last_update = now
-        self._memory = outcome.solution.memory
-        return Command(outcome.velocity, Report(self.robot, evaluations, self.stack.inactive,
-                                                cycle, outcome, self.stack.faults,
-                                                Place(state.q, self._passive, now, self._spare)))
+        self._changes.shared = None
+        return Command(self._memory.velocity, Report(
+            self.robot, evaluations, self.stack.inactive, cycle, outcome, self.stack.faults,
+            (state.q, self._passive, now, self._spare)))
 
     def _command(self, now: float | None, velocity: Array) -> None:
         """Command a velocity (n,) without tasks; motion that follows is blended in."""
-        self._last_update = check_time(now, 'now', TimeError)
-        self._record(velocity)
-        self._transition.end()
-        self._transition.announce(0)
-
-    def _record(self, velocity: Array) -> None:
-        """Record the commanded velocity (n,)."""
-        self._velocity = velocity
-        if len(self._pending):
-            self._pending[1:] = self._pending[:-1]
-            self._pending[0] = velocity
+        now = check_time(now, 'now', TimeError)
+        self._memory = self._memory.after_command(velocity, now, self._options)
+        self._changes.announce(0)
 
     def _start(self, state: RobotState) -> None:
         """Set the default goals of tasks without a goal to their present values, once."""
@@ -611,76 +572,19 @@ class Controller:
         """
         Return the state at the last command if it moved and a change is announced; else None.
 
-        The demand of the new stack at that state, not at the present one, isolates the effect of
-        the change.
+        See `Snapshot`.
         """
-        if not self._transition.announced or self._state is None or not self._velocity.any():
-            return None
-        return self._state
-
-    def _make_cycle(self, state: RobotState, now: float, elapsed: float
-                    ) -> tuple[list[list[Evaluation]], Cycle]:
-        """Return the evaluations and the problem to solve at a state."""
-        evaluations = self._evaluate(state, now)
-        bounds = self._bounds(state.positions, elapsed)
-        return evaluations, Cycle(levels_of(evaluations), bounds, self._options, self._time.mean,
-                                  self._speed_cap, self._memory)
-
-    def _bounds(self, positions: Array, elapsed: float) -> VelocityBounds:
-        """Return the bounds on the velocities at positions (n,)."""
-        duration = min(self._settings.period, HOLD_RATIO * self._time.mean)
-        return self._limits.at(positions, self._velocity, elapsed, self._pending, duration)
-
-    def _solve(self, cycle: Cycle) -> Outcome:
-        """Return the outcome without a transition."""
-        solution = cycle.solve()
-        escape = self._escape.levels(solution, self._time.now, cycle.solve)
-        if escape is None:
-            return Outcome(solution, solution)
-        return Outcome(solution, cycle.solve(escape), 'leaving a singularity')
-
-    def _blend(self, cycle: Cycle, changed: Cycle, elapsed: float) -> Outcome | None:
-        """
-        Return the outcome that blends in a change; None without a transition.
-
-        `changed` is the problem at the state before the change.
-        """
-        if self._transition.idle:
-            return None
-        now = self._time.now
-        shared = self._transition.pending()
-        if shared is not None:
-            self._escape.reset()
-        if self._last_update is None or not (shared is not None or self._transition.active(now)):
-            return None
-        # The end of the transition; acceleration limits only determine how fast it is reached.
-        aim = cycle.aim()
-        if shared is not None:
-            began = now - min(elapsed, self._settings.period)
-            # Shared levels must not fade, even if their goals move on.
-            velocity = changed.aim(kept_above(changed.levels, shared) + [
-                Level.of_joints(self._velocity - self._transition.offset(began, shared))]).velocity
-            after = aim if changed is cycle else changed.aim()
-            self._transition.begin(velocity - after.velocity, began, shared)
-        blended = self._transition.levels(cycle.levels, aim.velocity, now)
-        if blended is None:
-            return None
-        return Outcome(aim, cycle.solve(blended), TRANSITION)
+        if self._changes.blended and self._memory.velocity.any():
+            return self._state
+        return None
 
     def _announce_stack(self, before: Groups) -> None:
-        """Announce a change of the stack to the transition, unless the tasks are the same."""
+        """Announce a change of the stack, unless the tasks are the same."""
         after = self.stack.active
-        shared = shared_levels(before, after)
-        if shared < max(len(before), len(after)):
-            self._transition.announce(shared)
-            remembered = dict(zip(map(_names, before), self._memory))
-            self._memory = tuple([remembered.get(_names(group), 0.0) for group in after])
-
-    def _announce_goal(self, task: Task, now: float) -> None:
-        """Announce a new goal of a task to the transition."""
-        for index, group in enumerate(self.stack.active):
-            if task in group:
-                self._transition.announce_goal(task.name, index, now)
+        if self._changes.announce_stack(before, after):
+            remembered = dict(zip(map(_names, before), self._memory.damping))
+            self._memory = self._memory._replace(
+                damping=tuple([remembered.get(_names(group), 0.0) for group in after]))
 
     def _task(self, name: str) -> Task:
         """Return a task by name."""

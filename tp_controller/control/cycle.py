@@ -53,8 +53,10 @@ class Cycle(NamedTuple):
 
     def solve(self, levels: Sequence[Level] | None = None) -> Solution:
         """Return the solution of levels, by default those of the stack."""
-        return self._solve(self.levels if levels is None else levels,
-                           self.bounds.lower, self.bounds.upper)
+        if levels is None:
+            return solve_cycle(self.levels, self.bounds.lower, self.bounds.upper, self.options,
+                               self.period, self.speed_cap, self.memory)
+        return self._solve(levels, self.bounds.lower, self.bounds.upper)
 
     def aim(self, levels: Sequence[Level] | None = None) -> Solution:
         """Return the solution of levels without acceleration limits."""
