@@ -24,6 +24,9 @@ from tp_controller.solver.level import Level
 from tp_controller.solver.solution import Solution
 from tp_controller.solver.solve import Options, solve_cycle
 
+# Kind of an outcome that blends in a change; see `Outcome.override`.
+TRANSITION = 'transition'
+
 
 class Cycle(NamedTuple):
     """

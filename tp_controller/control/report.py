@@ -20,8 +20,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from tp_controller.control.causes import Cause, Causes, Place, residual_of
+from tp_controller.control.causes import Cause, Causes, residual_of
 from tp_controller.control.cycle import Cycle, Outcome
+from tp_controller.control.error_minimum import Place
 from tp_controller.control.reasons import (
     CHOOSE_ANOTHER,
     hint_of,

@@ -17,8 +17,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from tp_controller.control.causes import TRANSITION
-from tp_controller.control.cycle import Cycle, Outcome
+from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
 from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.cycle_time import CycleTime
 from tp_controller.control.escape import Escape
