@@ -28,6 +28,8 @@ class Changes:
     ----------
     shared : int or None
         Number of upper levels that no change affects; None without a change.
+    groups : tuple of tuple of Task or None
+        Active tasks of the last cycle; None if they are the same.
     duration : float
         Time in which a change is blended in [s]; 0 applies changes at once.
 
@@ -35,6 +37,7 @@ class Changes:
 
     def __init__(self) -> None:
         self.shared: int | None = None
+        self.groups: Groups | None = None
         self.duration = 0.0
         self._goal_times: dict[str, float] = {}
 
@@ -60,15 +63,13 @@ class Changes:
                 self.announce_task(task, active)
             self._goal_times[task.name] = now
 
-    def announce_stack(self, before: Groups, after: Groups) -> bool:
-        """Announce a change of the active tasks, and return whether they differ."""
+    def announce_stack(self, before: Groups, after: Groups) -> None:
+        """Announce a change of the active tasks, unless they are the same."""
         shared = shared_levels(before, after)
-        differ = shared < max(len(before), len(after))
-        if differ:
+        if shared < max(len(before), len(after)):
             self.announce(shared)
-        return differ
+            self.groups = before if self.groups is None else self.groups
 
-    @property
-    def blended(self) -> bool:
-        """Return whether there is a change that needs a transition."""
-        return self.shared is not None and self.duration > 0.0
+    def clear(self) -> None:
+        """Clear the changes, after a cycle."""
+        self.shared = self.groups = None

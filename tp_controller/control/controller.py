@@ -14,12 +14,12 @@
 
 """Controller: joint positions in, joint velocities and a report out."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller.control.changes import Changes
+from tp_controller.control.active_stack import ActiveStack
 from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.cycle_time import check_time
 from tp_controller.control.gains import gain_faults, gain_remark, set_gain, set_tolerance
@@ -27,23 +27,21 @@ from tp_controller.control.goal_limits import check_goal
 from tp_controller.control.ramp import ramp_down
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
+from tp_controller.control.state_buffer import StateBuffer
 from tp_controller.control.step import CycleMemory, Problem, Snapshot, step
 from tp_controller.control.velocity_limits import lowered
 from tp_controller.errors import (
-    EvaluationError,
     GoalError,
     RobotError,
     SettingsError,
     TimeError,
-    unknown,
 )
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import Array, inverse_pose
+from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.keys import Gain, Tolerance
-from tp_controller.tasks.pose import parse_pose
-from tp_controller.tasks.stack import check_type, Groups, levels_of, Stack
-from tp_controller.tasks.task import Evaluation, Goal, Task
+from tp_controller.tasks.stack import check_type, levels_of, Stack
+from tp_controller.tasks.task import Goal
 from tp_controller.tasks.task_errors import accept
 
 
@@ -97,25 +95,21 @@ class Controller:
                              f'a Stack, got {type(robot).__name__}')
         check_type(stack)
         self.robot = robot
-        self.stack = stack
-        # Owner mark of the stack in force; each stack gets a new one.
-        self._owner = object()
-        stack.check_owner(self._owner)
-        # None before the first update.
-        self._state: RobotState | None = None
-        # States of this cycle and of the previous one, alternating, and one for reports. Pinocchio
-        # takes 8 ms to make one for TIAGo, 44 ms with two arms: too long for a cycle.
-        *self._states, self._spare = [robot.state(robot.neutral()) for _ in range(3)]
-        self._passive: ArrayLike | None = None
-        self._started = False
+        self._tasks = ActiveStack(stack)
+        self._changes = self._tasks.changes
+        self._states = StateBuffer(robot)
         self._velocity_limits = robot.velocity
-        self._changes = Changes()
         self._settings = settings = settings or Settings()
         self.check_settings(settings)
         self._options = CycleOptions(robot, settings, robot.velocity)
         self._memory = CycleMemory.at_rest(self._options)
         self._apply(settings)
-        stack.set_owner(self._owner)
+        self._tasks.own()
+
+    @property
+    def stack(self) -> Stack:
+        """Return the stack in force."""
+        return self._tasks.stack
 
     def replace_stack(self, stack: Stack, settings: Settings | None = None) -> None:
         """
@@ -145,15 +139,8 @@ class Controller:
         """
         settings = settings or self._settings
         self.check_settings(settings, stack)
-        stack.check_owner(self._owner)
-        before = self.stack.active
-        stack.inherit_goals(self.stack)
-        self._owner = object()
-        stack.set_owner(self._owner)
+        self._tasks.replace(stack)
         stack.limit_time(settings.task_budget * settings.period)
-        self.stack = stack
-        self._started = False
-        self._announce_stack(before)
         self.settings = settings
 
     def restart(self) -> None:
@@ -166,11 +153,7 @@ class Controller:
             A task fails; the default goals of the others are reset.
 
         """
-        changed = [any(task.has_default_goal for task in group) for group in self.stack.active]
-        if any(changed):
-            self._changes.announce(changed.index(True))
-        self._started = False
-        self.stack.reset()
+        self._tasks.restart()
 
     def forget_goals(self) -> None:
         """
@@ -182,9 +165,7 @@ class Controller:
             A task fails; the goals of the others are replaced.
 
         """
-        self._changes.announce(0)
-        self._started = False
-        self.stack.forget_goals()
+        self._tasks.forget_goals()
 
     def halt(self, now: float | None = None) -> None:
         """
@@ -251,6 +232,7 @@ class Controller:
         self._options = CycleOptions(self.robot, settings, self._velocity_limits)
         self._memory = self._memory.fit(self._options)
         self.stack.limit_time(settings.task_budget * settings.period)
+        self._tasks.switches_off = settings.task_faults != STOP
         self._changes.duration = settings.blend
 
     def check_settings(self, settings: Settings, stack: Stack | None = None) -> None:
@@ -329,7 +311,7 @@ class Controller:
             It has no gain, or the value is not valid; the previous gain stays in force.
 
         """
-        task = self._task(name)
+        task = self._tasks.task(name)
         before = task.gain
         set_gain(task, gain, self._settings.period)
         if np.array_equal(task.gain, before):
@@ -348,7 +330,7 @@ class Controller:
             There is no such task.
 
         """
-        task = self._task(name)
+        task = self._tasks.task(name)
         doubt = gain_remark(task, task.gain, self._memory.time.mean)
         return f'{doubt.message}: {doubt.change}' if doubt else ''
 
@@ -371,7 +353,7 @@ class Controller:
             It has no tolerance, or the value is not valid; the previous tolerances stay in force.
 
         """
-        set_tolerance(self._task(name), tolerance)
+        set_tolerance(self._tasks.task(name), tolerance)
 
     def set_goal(self, name: str, goal: Goal, now: float | None = None,
                  frame: str | Array | None = None) -> tuple[str, ...]:
@@ -406,15 +388,15 @@ class Controller:
 
         """
         now = check_time(now, 'now', GoalError)
-        task = self._task(name)
+        task = self._tasks.task(name)
         goal = accept(task, task.parse_goal, goal)
         if frame is not None:
-            goal = accept(task, task.goal_in_reference, goal, self._pose_in(task, frame))
-        accept(task, check_goal, task, goal, self._state, self._settings)
+            goal = accept(task, task.goal_in_reference, goal,
+                          self._states.pose_in_reference(task, frame))
+        accept(task, check_goal, task, goal, self._states.present, self._settings)
         own = frame is None or (isinstance(frame, str) and frame == task.reference)
         remarks = accept(task, task.goal_remarks, goal, not own)
-        self._changes.announce_goal(task, self.stack.active, now)
-        accept(task, task.set_goal, goal, now)
+        self._tasks.set_goal(task, goal, now)
         return remarks
 
     def set_feed_forward(self, name: str, velocity: Any, now: float | None = None,
@@ -436,13 +418,12 @@ class Controller:
 
         """
         now = check_time(now, 'now', GoalError)
-        task = self._task(name)
+        task = self._tasks.task(name)
         velocity = accept(task, task.parse_feed_forward, velocity)
         if frame is not None:
             velocity = accept(task, task.feed_forward_in_reference, velocity,
-                              self._pose_in(task, frame)[:3, :3])
-        self._changes.announce_goal(task, self.stack.active, now)
-        accept(task, task.set_feed_forward, velocity, now)
+                              self._states.pose_in_reference(task, frame)[:3, :3])
+        self._tasks.set_feed_forward(task, velocity, now)
 
     def enable(self, name: str, enabled: bool) -> None:
         """
@@ -456,17 +437,10 @@ class Controller:
             There is no such task, or `enabled` is neither true nor false.
 
         """
-        task = self._task(name)
+        task = self._tasks.task(name)
         if not isinstance(enabled, (int, np.bool_)) or enabled not in (True, False):
             raise GoalError(f'enabled must be True or False, got {enabled!r}')
-        if enabled == (name not in self.stack.disabled):
-            return
-        before = self.stack.active
-        if enabled:
-            accept(task, task.reset)
-            self._started = False
-        self.stack.enable(name, enabled)
-        self._announce_stack(before)
+        self._tasks.enable(task, bool(enabled))
 
     def update(self, q: ArrayLike, now: float | None = None, passive: ArrayLike | None = None,
                elapsed: float | None = None) -> Command:
@@ -508,34 +482,31 @@ class Controller:
         now = check_time(now, 'now', TimeError)
         if elapsed is not None:
             elapsed = check_time(elapsed, 'elapsed', TimeError)
-        before = None if self._changes.shared is None else self._state_before_change()
-        state = self._states[0]
-        if passive is None or not self.robot.passive_names:
-            passive = self._passive
-        state.update(q, passive)
-        # Copy: the caller may modify the array.
-        self._passive = None if passive is None else np.array(passive)
-        self._states.reverse()
-        self._state = state
+        tasks, changes = self._tasks, self._changes
+        before = self._moving_state() if changes.shared is not None else None
+        state = self._states.update(q, passive)
         state.velocity = self._memory.velocity
-        if not self._started:
-            self._start(state)
+        if not tasks.started:
+            tasks.start(state)
         # Evaluate the states in the order of time.
-        snapshot = None if before is None else Snapshot(
-            levels_of(self._evaluate(before, now)), before.positions, self._memory.damping)
-        evaluations = self._evaluate(state, now)
+        snapshot = None if before is None else self._snapshot(before, now)
+        evaluations, stack = tasks.evaluate(state, now), tasks.stack
+        memory = self._memory
+        if changes.groups is not None:
+            memory = memory.for_groups(changes.groups, stack.active)
         problem = Problem(self._options, levels_of(evaluations), state.positions, now, elapsed,
-                          self._changes.shared, snapshot)
+                          changes.shared, snapshot)
         try:
-            cycle, outcome, self._memory = step(problem, self._memory)
+            cycle, outcome, self._memory = step(problem, memory)
         except Exception:
             # Name the task with faulty levels, if it is a single one.
-            self.stack.check(evaluations, self.robot.n)
+            stack.check(evaluations, self.robot.n)
             raise
-        self._changes.shared = None
+        if changes.shared is not None:
+            changes.clear()
         return Command(self._memory.velocity, Report(
-            self.robot, evaluations, self.stack.inactive, cycle, outcome, self.stack.faults,
-            (state.q, self._passive, now, self._spare)))
+            self.robot, evaluations, stack.inactive, cycle, outcome, stack.faults,
+            (state.q, self._states.passive, now, self._states.spare)))
 
     def _command(self, now: float | None, velocity: Array) -> None:
         """Command a velocity (n,) without tasks; motion that follows is blended in."""
@@ -543,56 +514,18 @@ class Controller:
         self._memory = self._memory.after_command(velocity, now, self._options)
         self._changes.announce(0)
 
-    def _start(self, state: RobotState) -> None:
-        """Set the default goals of tasks without a goal to their present values, once."""
-        while not self._started:
-            try:
-                self.stack.start(state)
-                self._started = True
-            except EvaluationError as error:
-                self._switch_off(error)
+    def _moving_state(self) -> RobotState | None:
+        """Return the state of the last command; None if no change is blended in, or at rest."""
+        blended = self._settings.blend > 0.0 and self._memory.velocity.any()
+        return self._states.present if blended else None
 
-    def _evaluate(self, state: RobotState, now: float) -> list[list[Evaluation]]:
-        """Return the evaluations of the tasks at a state, level by level."""
-        while True:
-            try:
-                return self.stack.evaluate(state, now)
-            except EvaluationError as error:
-                self._switch_off(error)
+    def _snapshot(self, state: RobotState, now: float) -> Snapshot:
+        """Return the demand of the tasks at the state of the last command."""
+        evaluations = self._tasks.evaluate(state, now)
+        memory = self._memory.for_groups(self._changes.groups, self.stack.active)
+        return Snapshot(levels_of(evaluations), state.positions, memory.damping)
 
-    def _switch_off(self, error: EvaluationError) -> None:
-        """Switch off a task that fails, or raise, depending on the settings."""
-        if self._settings.task_faults == STOP:
-            raise error
-        before = self.stack.active
-        self.stack.switch_off(error.task, error.reason)
-        self._announce_stack(before)
-
-    def _state_before_change(self) -> RobotState | None:
-        """
-        Return the state at the last command if it moved and a change is announced; else None.
-
-        See `Snapshot`.
-        """
-        if self._changes.blended and self._memory.velocity.any():
-            return self._state
-        return None
-
-    def _announce_stack(self, before: Groups) -> None:
-        """Announce a change of the stack, unless the tasks are the same."""
-        after = self.stack.active
-        if self._changes.announce_stack(before, after):
-            remembered = dict(zip(map(_names, before), self._memory.damping))
-            self._memory = self._memory._replace(
-                damping=tuple([remembered.get(_names(group), 0.0) for group in after]))
-
-    def _task(self, name: str) -> Task:
-        """Return a task by name."""
-        if not isinstance(name, str) or name not in self.stack.tasks:
-            raise GoalError(unknown('task', name, self.stack.tasks))
-        return self.stack.tasks[name]
-
-    def configuration(self) -> tuple[Array, ArrayLike | None] | None:
+    def configuration(self) -> tuple[Array, Array | None] | None:
         """
         Return the configuration of the robot in the last update; None before the first one.
 
@@ -604,25 +537,5 @@ class Controller:
             Positions of the passive joints [rad or m]; None if not given.
 
         """
-        return None if self._state is None else (self._state.q, self._passive)
-
-    def _pose_in(self, task: Task, frame: str | Array) -> Array:
-        """Return T_reference_frame (4, 4) at the present state of the robot."""
-        if task.reference is None:
-            raise GoalError(f'a goal of task {task.name!r} is not expressed in a frame: '
-                            'leave it out')
-        if isinstance(frame, str) and frame not in self.robot.frame_names:
-            raise GoalError(unknown('frame', frame, self.robot.frame_names))
-        if isinstance(frame, str) and frame == task.reference:
-            return np.eye(4)
-        if self._state is None:
-            raise GoalError('a goal in another frame needs joint positions, '
-                            'and none have arrived yet')
-        T_root_frame = self._state.pose(frame) if isinstance(frame, str) else parse_pose(
-            frame, f'the frame of a goal for task {task.name!r}')
-        return inverse_pose(self._state.pose(task.reference)).dot(T_root_frame)
-
-
-def _names(group: Iterable[Task]) -> tuple[str, ...]:
-    """Return the names of the tasks of a level."""
-    return tuple([task.name for task in group])
+        state = self._states.present
+        return None if state is None else (state.q, self._states.passive)

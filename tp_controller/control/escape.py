@@ -25,6 +25,7 @@ from tp_controller.tasks.task import norm
 
 # Joint speed below which the robot counts as stuck [rad/s or m/s].
 STUCK_SPEED = 1e-3
+STUCK_SPEED_SQUARED = STUCK_SPEED * STUCK_SPEED
 # Task velocity above which an unmet demand justifies a nudge, in the units of the task.
 LEAST_DEMAND = 1e-2
 # Singular value, relative to the largest one, below which the robot is exactly at a singularity.
@@ -99,7 +100,7 @@ class Escape(NamedTuple):
         if self.tries >= MOST_NUDGES:
             return self, None
         velocity = solution.velocity
-        if velocity.dot(velocity) > STUCK_SPEED * STUCK_SPEED:
+        if velocity.dot(velocity) > STUCK_SPEED_SQUARED:
             return self if self.still_since is None else self._replace(still_since=None), None
         if self.still_since is None:
             return self._replace(still_since=now), None

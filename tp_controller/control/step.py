@@ -14,6 +14,7 @@
 
 """One control cycle as a pure function: problem and memory in, outcome and new memory out."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,8 @@ from tp_controller.control.transition import kept_above, Transition
 from tp_controller.model.spatial import Array
 from tp_controller.solver.damping import Memory
 from tp_controller.solver.level import Level
+from tp_controller.tasks.stack import Groups
+from tp_controller.tasks.task import Task
 
 
 class Snapshot(NamedTuple):
@@ -121,6 +124,14 @@ class CycleMemory(NamedTuple):
         return self._replace(pending=np.vstack((known, rest)),
                              time=self.time.expect(options.period))
 
+    def for_groups(self, before: Groups | None, after: Groups) -> 'CycleMemory':
+        """Return the memory for the levels of other tasks; `before` None: of the same tasks."""
+        if before is None:
+            return self
+        remembered = dict(zip(map(_names, before), self.damping))
+        return self._replace(
+            damping=tuple([remembered.get(_names(group), 0.0) for group in after]))
+
     def after_command(self, velocity: Array, now: float, options: CycleOptions) -> 'CycleMemory':
         """Return the memory after a velocity (n,) that was commanded without tasks at `now`."""
         return self._replace(velocity=velocity, pending=options.shifted(self.pending, velocity),
@@ -198,3 +209,8 @@ def _blend(problem: Problem, memory: CycleMemory, cycle: Cycle, elapsed: float, 
     blended = transition.levels(cycle.levels, aim.velocity, time.now)
     return transition, None if blended is None else Outcome(
         aim, cycle.solve(blended), TRANSITION)
+
+
+def _names(group: Iterable[Task]) -> tuple[str, ...]:
+    """Return the names of the tasks of a level."""
+    return tuple([task.name for task in group])

@@ -570,7 +570,9 @@ def test_levels_that_are_rearranged_remember_what_they_pushed_against():
     put(run, '- other: {type: position, frame: panda_link4, axes: z}\n'
         '- posture: {type: posture}\n- tool: {type: position, frame: panda_hand_tcp}\n')
     assert of_tool > 0.0
-    assert run.controller._memory.damping == (0.0, of_posture, of_tool)
+    tasks = run.controller._tasks
+    memory = run.controller._memory.for_groups(tasks.changes.groups, tasks.stack.active)
+    assert memory.damping == (0.0, of_posture, of_tool)
 
 
 @pytest.mark.parametrize('every', [1, 5, 50])
