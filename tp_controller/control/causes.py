@@ -14,19 +14,17 @@
 
 """Causes of limited tasks, found by solving a cycle again without one candidate at a time."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 import math
-from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from tp_controller.control.cycle import Cycle, Outcome
+from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
+from tp_controller.control.error_minimum import is_at_minimum, Place, SIGNIFICANT_SHARE
+from tp_controller.control.variants import ActiveLimits, Removable, RESERVE, Variants
 from tp_controller.control.velocity_limits import SAME_VELOCITY, VelocityBounds
-from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
-from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level, NEGLIGIBLE
 from tp_controller.solver.min_norm import moves_well
 from tp_controller.solver.null_space import decompose, Directions
@@ -36,52 +34,11 @@ from tp_controller.tasks.task import Evaluation, norm
 
 # A residual below this, times the row scale of the task, is a rounding error [unit/s].
 DEMAND_ROUNDING = 1e-6
-# A task is limited if its residual exceeds this share of its demand. A candidate is a cause if
-# the residual shrinks by more than this share without it.
-SIGNIFICANT_SHARE = 0.01
-
-# Step of finite differences between two states [rad or m].
-DIFFERENCE_STEP = 1e-5
-
 # Singular value below which a direction is singular, in the units of J.
 NEAR_SINGULAR = 0.1
 
-RESERVE, TASK, BOUNDS = 'reserve', 'task', 'bounds'
-SINGULARITY, IMPOSSIBLE, DAMPING, TRANSITION = (
-    'singularity', 'impossible', 'damping', 'transition')
-
-
-class Place(NamedTuple):
-    """
-    Configuration of the robot in a cycle.
-
-    Attributes
-    ----------
-    q : ndarray (nq,)
-        Configuration [rad or m].
-    passive : ndarray (p,) or None
-        Positions of the passive joints; see `Robot.state`.
-    now : float
-        [s]
-    spare : RobotState
-        Scratch state for nearby configurations; the search for causes changes it.
-
-    """
-
-    q: Array
-    passive: Array | None
-    now: float
-    spare: RobotState
-
-
-class ActiveLimits(NamedTuple):
-    """Coinciding limits of a joint that are active in a level."""
-
-    joint: int
-    limits: tuple[str, ...]
-
-
-Removable: TypeAlias = Evaluation | ActiveLimits
+TASK, BOUNDS = 'task', 'bounds'
+SINGULARITY, IMPOSSIBLE, DAMPING = 'singularity', 'impossible', 'damping'
 
 
 @dataclass(frozen=True)
@@ -130,10 +87,7 @@ class Causes:
                  outcome: Outcome, place: Place) -> None:
         self._robot, self._evaluations, self._place = robot, evaluations, place
         self._cycle, self._outcome = cycle, outcome
-        self._level_indices = {id(evaluation): index for index, group in enumerate(evaluations)
-                               for evaluation in group}
-        # Cache of velocities: another task may need the same variant.
-        self._solved: dict[tuple[object, ...], Array] = {}
+        self._variants = Variants(evaluations, cycle, outcome)
         self._limits: dict[tuple[int, bool], list[str]] = {}
         self._limits_by_level: dict[int, list[ActiveLimits]] = {}
         self._out_of_reach: dict[str, bool] = {}
@@ -149,7 +103,7 @@ class Causes:
         return self._outcome.override
 
     def is_limited(self, evaluation: Evaluation) -> bool:
-        """Return whether the residual of a task is significant."""
+        """Return whether the residual of a task is a significant share of its demand."""
         level = evaluation.level
         demand = 0.0 if level.v is None else norm(level.v)
         return norm(residual_of(level, self._outcome.velocity)) > max(
@@ -167,12 +121,12 @@ class Causes:
             self._out_of_reach[name] = (
                 level.v is not None and bool(evaluation.error.any()) and not self.override
                 and norm(level.J.dot(self._outcome.velocity)) <= SIGNIFICANT_SHARE * norm(level.v)
-                and self._at_minimum(evaluation))
+                and is_at_minimum(evaluation, self._robot, self._place))
         return self._out_of_reach[name]
 
     def shares_level(self, evaluation: Evaluation, name: str) -> bool:
         """Return whether a task is on the same level as another one."""
-        group = self._evaluations[self._level_indices[id(evaluation)]]
+        group = self._evaluations[self._variants.level_index(evaluation)]
         return any(other.task.name == name for other in group)
 
     def combined_causes(self, evaluation: Evaluation) -> list[tuple[str, str]]:
@@ -182,7 +136,7 @@ class Causes:
         The set is minimal: with any of them in place, part of the residual returns. A transition
         counts as complete.
         """
-        index, level = self._level_indices[id(evaluation)], evaluation.level
+        index, level = self._variants.level_index(evaluation), evaluation.level
         removed: list[Removable] = [
             other for group in self._evaluations[:index + 1] for other in group
             if other is not evaluation]
@@ -191,17 +145,17 @@ class Causes:
         # Without a task, a limit may become the next to stop the joints.
         hidden: list[ActiveLimits] | None = None
         while hidden is None or hidden:
-            velocity = self._velocity_without(removed, complete=True)
+            velocity = self._variants.velocity_without(removed, complete=True)
             least = norm(residual_of(level, velocity))
             hidden = [] if least <= SIGNIFICANT_SHARE * residual else [
-                each for each in _at_bounds(self._cycle_without(removed).bounds, velocity)
+                each for each in _at_bounds(self._variants.cycle_without(removed).bounds, velocity)
                 if each not in removed]
             removed += hidden
         if least > (1.0 - SIGNIFICANT_SHARE) * residual:
             return []
         for candidate in tuple(removed):
             fewer = [each for each in removed if each is not candidate]
-            left = norm(residual_of(level, self._velocity_without(fewer, complete=True)))
+            left = norm(residual_of(level, self._variants.velocity_without(fewer, complete=True)))
             if left <= least + SIGNIFICANT_SHARE * residual:
                 removed = fewer
         return [self._kind_and_name(each) for each in removed]
@@ -209,7 +163,7 @@ class Causes:
     def blocking_rows(self, evaluation: Evaluation, name: str) -> list[str]:
         """Return the names of the rows of an inequality task that block another task."""
         found: dict[str, None] = {}
-        index = self._level_indices[id(evaluation)]
+        index = self._variants.level_index(evaluation)
         for level in self._outcome.commanded.levels[:index + 1]:
             for number, multipliers in level.row_multipliers.items():
                 first = 0
@@ -222,10 +176,14 @@ class Causes:
         return list(found)
 
     def of(self, evaluation: Evaluation) -> tuple[Cause, ...]:
-        """Return the causes that limit a task, the largest share first."""
+        """
+        Return the causes that limit a task, the largest share first.
+
+        A candidate is a cause if the residual shrinks by a significant share without it.
+        """
         if not self.is_limited(evaluation):
             return ()
-        index, found = self._level_indices[id(evaluation)], []
+        index, found = self._variants.level_index(evaluation), []
         residual = residual_of(evaluation.level, self._outcome.velocity)
         size = norm(residual)
         for kind, name, left in self._candidates(index, evaluation, residual):
@@ -239,17 +197,17 @@ class Causes:
         """Yield (kind, name, residual without it) of each candidate."""
         level = evaluation.level
         for active in self._active_limits(index):
-            left = residual_of(level, self._velocity_without([active]))
+            left = residual_of(level, self._variants.velocity_without([active]))
             yield (*self._kind_and_name(active), left)
         for group in self._evaluations[:index + 1]:
             for other in group:
                 if other is not evaluation:
-                    left = residual_of(level, self._velocity_without([other]))
+                    left = residual_of(level, self._variants.velocity_without([other]))
                     yield (*self._kind_and_name(other), left)
         if self._outcome.override == TRANSITION:
-            yield TRANSITION, '', residual_of(level, self._cycle.solve().velocity)
+            yield TRANSITION, '', residual_of(level, self._variants.unblended)
         if self._is_damped(index):
-            yield DAMPING, '', residual_of(level, self._undamped)
+            yield DAMPING, '', residual_of(level, self._variants.undamped)
         yield from self._singular(index, evaluation, residual)
 
     def _kind_and_name(self, cause: Removable) -> tuple[str, str]:
@@ -298,114 +256,12 @@ class Causes:
                 for joint in level.limited_by]
         return self._limits_by_level[index]
 
-    def _velocity_without(self, removed: Sequence[Removable], complete: bool = False) -> Array:
-        """Return the velocities (n,) without some tasks and limits; unblended if `complete`."""
-        tasks = [each for each in removed if isinstance(each, Evaluation)]
-        hierarchy = self._cycle.levels if complete and self.override == TRANSITION \
-            else self._outcome.commanded.hierarchy
-        key = (hierarchy is self._cycle.levels, *(each.task.name for each in tasks),
-               *(each for each in removed if isinstance(each, ActiveLimits)))
-        if key not in self._solved:
-            groups = {}
-            for number in {self._level_indices[id(each)] for each in tasks}:
-                left = [each for each in self._evaluations[number] if each not in tasks]
-                groups[number] = levels_of([left] if left else [])
-            self._solved[key] = self._velocity_with(
-                self._cycle_without(removed), groups, hierarchy)
-        return self._solved[key]
-
-    def _cycle_without(self, removed: Sequence[Removable]) -> Cycle:
-        """Return the cycle without the joint limits among the removed candidates."""
-        cycle = self._cycle
-        for each in removed:
-            if isinstance(each, ActiveLimits):
-                cycle = _without_limits(cycle, each)
-        return cycle
-
-    def _velocity_with(self, cycle: Cycle, groups: Mapping[int, list[Level]],
-                       hierarchy: Sequence[Level]) -> Array:
-        """Return the velocities (n,) with some levels replaced, each by one level or none."""
-        hierarchy, levels = list(hierarchy), list(cycle.levels)
-        kept = list(range(len(levels)))
-        for number in sorted(groups, reverse=True):
-            # Levels below a transition are not in force yet.
-            if number < len(hierarchy) and hierarchy[number] is levels[number]:
-                hierarchy[number:number + 1] = levels[number:number + 1] = groups[number]
-                kept[number:number + 1] *= len(groups[number])
-        memory = tuple([cycle.memory[index] for index in kept]) if cycle.memory else ()
-        return self._velocity_after(cycle._replace(levels=levels, memory=memory), hierarchy, kept)
-
-    @cached_property
-    def _bends(self) -> list[float]:
-        """Return h of each level of the stack from this cycle alone."""
-        return _bends(self._cycle, self._outcome.commanded.hierarchy)
-
-    def _velocity_after(self, cycle: Cycle, levels: Sequence[Level], kept: Sequence[int]) -> Array:
-        """
-        Return the velocities (n,) of a changed cycle that kept these levels, by index.
-
-        The memory (h of each level) follows from earlier cycles and is not a cause of its own: it
-        is reduced in proportion to h of this cycle alone.
-        """
-        if any(cycle.memory):
-            before = [self._bends[index] for index in kept]
-            after = _bends(cycle, levels)
-            cycle = cycle._replace(memory=tuple([
-                h * new / old if new < old else h
-                for h, old, new in zip(cycle.memory, before, after)]))
-        return cycle.solve(levels).velocity
-
-    def _at_minimum(self, evaluation: Evaluation) -> bool:
-        """Return whether the error of a task is at a minimum; False if the task fails."""
-        try:
-            with foreign:
-                return self._is_minimum(evaluation)
-        except Exception:
-            # A task type of another package may raise any exception.
-            return False
-
-    def _is_minimum(self, evaluation: Evaluation) -> bool:
-        """
-        Return whether the error of a task is at a minimum.
-
-        Along all motions of the robot the gradient of ½ eᵀ K e has to vanish, and its Jacobian H
-        has to be positive semidefinite. H must be symmetric: otherwise, as for a base that has to
-        turn before it drives on, two alternating motions lead to a third that reduces the error.
-        """
-        task, (q, passive, now, state) = evaluation.task.probe(), self._place
-        state.update(q, passive)
-        n = self._robot.n
-
-        def gradient() -> Array:
-            level = task.evaluate(state, now).level
-            return -level.J.T.dot(level.v)
-
-        here, H = gradient(), np.empty((n, n))
-        for column, motion in enumerate(np.eye(n)):
-            state.update(self._robot.integrate(q, motion, DIFFERENCE_STEP))
-            H[:, column] = (gradient() - here) / DIFFERENCE_STEP
-        # Tolerance that scales with H, which grows with the error.
-        demand = norm(evaluation.level.v)
-        least = SIGNIFICANT_SHARE * demand
-        values, motions = np.linalg.eigh(0.5 * (H + H.T))
-        along = motions.T.dot(here)
-        to_gain = (along * along / np.maximum(values, least)).sum()
-        return bool(values[0] > -least and np.abs(H - H.T).max() < least
-                    and to_gain <= SIGNIFICANT_SHARE * demand * norm(evaluation.error))
-
     def _is_damped(self, index: int) -> bool:
         """Return whether a level, or one above it, is damped or relaxed."""
         # Bounds of levels that cannot be satisfied are damped, too.
         return any(step.relaxed is not None or step.directions is None and step.multipliers is
                    not None or min(step.followed.tolist(), default=1.0) < 1.0 - NEGLIGIBLE
                    for step in map(self._outcome.commanded.step, self._levels_down_to(index)))
-
-    @cached_property
-    def _undamped(self) -> Array:
-        """Return the velocities (n,) without damping or relaxed directions."""
-        cycle = self._cycle
-        return cycle._replace(options=cycle.options.undamped, period=0.0, memory=()).solve(
-            self._outcome.commanded.hierarchy).velocity
 
     def _singular(self, index: int, evaluation: Evaluation,
                   residual: Array) -> Iterator[tuple[str, str, Array]]:
@@ -420,7 +276,7 @@ class Causes:
             J = (its.U * np.maximum(its.s, NEAR_SINGULAR)).dot(its.moving.T)
             other = Evaluation(evaluation.task, replace(level, J=J), evaluation.error)
             group = [other if each is evaluation else each for each in self._evaluations[index]]
-            yield SINGULARITY, '', residual_of(other.level, self._velocity_with(
+            yield SINGULARITY, '', residual_of(other.level, self._variants.velocity_with(
                 self._cycle, {index: levels_of([group])}, self._outcome.commanded.hierarchy))
 
     def _directions(self, index: int, level: Level) -> Directions | None:
@@ -441,23 +297,6 @@ def _at_bounds(bounds: VelocityBounds, x: Array) -> list[ActiveLimits]:
     return [ActiveLimits(joint, tuple(bounds.limits(joint, up)))
             for up, bound in ((True, bounds.upper), (False, bounds.lower))
             for joint in np.flatnonzero(np.abs(x - bound) <= SAME_VELOCITY).tolist()]
-
-
-def _without_limits(cycle: Cycle, active: ActiveLimits) -> Cycle:
-    """Return a cycle without some limits of a joint."""
-    joint, limits = active
-    if RESERVE not in limits or cycle.speed_cap is None:
-        return cycle._replace(bounds=cycle.bounds.without(joint, limits))
-    cap = cycle.speed_cap.copy()
-    cap[joint] = np.inf
-    return cycle._replace(speed_cap=cap)
-
-
-def _bends(cycle: Cycle, levels: Sequence[Level]) -> list[float]:
-    """Return h of each level of the stack, from one cycle alone that solves `levels`."""
-    found = cycle._replace(memory=()).solve(levels)
-    bends = {id(level): h for level, h in zip(levels, found.bends)}
-    return [bends.get(id(level), 0.0) for level in cycle.levels]
 
 
 def residual_of(level: Level, x: Array) -> Array:

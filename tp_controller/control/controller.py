@@ -14,43 +14,35 @@
 
 """Controller: joint positions in, joint velocities and a report out."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller.control.causes import Place, TRANSITION
-from tp_controller.control.cycle import Cycle, Outcome
-from tp_controller.control.cycle_time import check_time, CycleTime
-from tp_controller.control.escape import Escape
+from tp_controller.control.active_stack import ActiveStack
+from tp_controller.control.cycle_options import CycleOptions
+from tp_controller.control.cycle_time import check_time
 from tp_controller.control.gains import gain_faults, gain_remark, set_gain, set_tolerance
 from tp_controller.control.goal_limits import check_goal
+from tp_controller.control.ramp import ramp_down
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
-from tp_controller.control.transition import kept_above, Transition
-from tp_controller.control.velocity_limits import lowered, VelocityBounds, VelocityLimits
+from tp_controller.control.state_buffer import StateBuffer
+from tp_controller.control.step import CycleMemory, Problem, Snapshot, step
+from tp_controller.control.velocity_limits import lowered
 from tp_controller.errors import (
-    EvaluationError,
     GoalError,
     RobotError,
     SettingsError,
     TimeError,
-    unknown,
 )
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import Array, inverse_pose
+from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.solver.damping import Memory
-from tp_controller.solver.level import Level
 from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.keys import Gain, Tolerance
-from tp_controller.tasks.pose import parse_pose
-from tp_controller.tasks.stack import check_type, Groups, levels_of, shared_levels, Stack
-from tp_controller.tasks.task import Evaluation, Task
+from tp_controller.tasks.stack import check_type, levels_of, Stack
 from tp_controller.tasks.task_errors import accept
-
-# Longest time that a command is in force, relative to the mean time between two; at most a period.
-HOLD_RATIO = 2.0
 
 
 class Command(NamedTuple):
@@ -103,31 +95,21 @@ class Controller:
                              f'a Stack, got {type(robot).__name__}')
         check_type(stack)
         self.robot = robot
-        self.stack = stack
-        # Owner mark of the stack in force; each stack gets a new one.
-        self._owner = object()
-        stack.check_owner(self._owner)
-        # None before the first update.
-        self._state: RobotState | None = None
-        # States of this cycle and of the previous one, alternating, and one for reports. Pinocchio
-        # takes 8 ms to make one for TIAGo, 44 ms with two arms: too long for a cycle.
-        *self._states, self._spare = [robot.state(robot.neutral()) for _ in range(3)]
-        self._passive: ArrayLike | None = None
-        self._started = False
-        # Last command and its time, at rest before the first one; pending commands, the last one
-        # first.
-        self._velocity = np.zeros(robot.n)
+        self._tasks = ActiveStack(stack)
+        self._changes = self._tasks.changes
+        self._states = StateBuffer(robot)
         self._velocity_limits = robot.velocity
-        self._pending = np.zeros((0, robot.n))
-        self._last_update: float | None = None
-        self._memory: Memory = ()
-        self._transition = Transition(0.0)
-        self._escape = Escape(robot.n)
         self._settings = settings = settings or Settings()
         self.check_settings(settings)
-        self._time = CycleTime(settings.period)
+        self._options = CycleOptions(robot, settings, robot.velocity)
+        self._memory = CycleMemory.at_rest(self._options)
         self._apply(settings)
-        stack.set_owner(self._owner)
+        self._tasks.own()
+
+    @property
+    def stack(self) -> Stack:
+        """Return the stack in force."""
+        return self._tasks.stack
 
     def replace_stack(self, stack: Stack, settings: Settings | None = None) -> None:
         """
@@ -157,15 +139,8 @@ class Controller:
         """
         settings = settings or self._settings
         self.check_settings(settings, stack)
-        stack.check_owner(self._owner)
-        before = self.stack.active
-        stack.inherit_goals(self.stack)
-        self._owner = object()
-        stack.set_owner(self._owner)
+        self._tasks.replace(stack)
         stack.limit_time(settings.task_budget * settings.period)
-        self.stack = stack
-        self._started = False
-        self._announce_stack(before)
         self.settings = settings
 
     def restart(self) -> None:
@@ -178,11 +153,7 @@ class Controller:
             A task fails; the default goals of the others are reset.
 
         """
-        changed = [any(task.has_default_goal for task in group) for group in self.stack.active]
-        if any(changed):
-            self._transition.announce(changed.index(True))
-        self._started = False
-        self.stack.reset()
+        self._tasks.restart()
 
     def forget_goals(self) -> None:
         """
@@ -194,9 +165,7 @@ class Controller:
             A task fails; the goals of the others are replaced.
 
         """
-        self._transition.announce(0)
-        self._started = False
-        self.stack.forget_goals()
+        self._tasks.forget_goals()
 
     def halt(self, now: float | None = None) -> None:
         """
@@ -213,7 +182,7 @@ class Controller:
     @property
     def velocity(self) -> Array:
         """Return the last command (n,) [rad/s or m/s]; zeros before the first one."""
-        return self._velocity
+        return self._memory.velocity
 
     def slow_down(self, q: ArrayLike, now: float, deceleration: float,
                   elapsed: float | None = None) -> Array:
@@ -237,21 +206,13 @@ class Controller:
             Velocity; zero at the end, when `halt` is to be called.
 
         """
-        before, last = self._velocity, self._last_update
+        last = self._memory.commanded
         if elapsed is None:
             elapsed = now - last if last is not None else 0.0
-        passed = min(max(elapsed, 0.0), 1.0) or self._settings.period
-        fastest = float(np.abs(before).max(initial=0.0))
-        left = fastest - deceleration * passed
-        factor = 0.0
-        if left > 0.0:
-            positions = self.robot.positions(np.asarray(q, dtype=float))
-            upper, lower = self._bounds(positions, passed).stopping
-            moving = before != 0.0
-            shares = np.where(before > 0.0, upper, lower)[moving] / np.abs(before[moving])
-            factor = min(left / fastest, float(shares.min()))
-        self._command(now, factor * before)
-        return self._velocity
+        positions = self.robot.positions(np.asarray(q, dtype=float))
+        self._command(now, ramp_down(self._options, self._memory, positions, elapsed,
+                                     deceleration))
+        return self._memory.velocity
 
     @property
     def settings(self) -> Settings:
@@ -263,21 +224,16 @@ class Controller:
         self.check_settings(settings)
         if settings != self._settings:
             self._apply(settings)
-            self._transition.announce(0)
+            self._changes.announce(0)
 
     def _apply(self, settings: Settings) -> None:
         """Apply validated settings."""
         self._settings = settings
-        self._limits = VelocityLimits(self.robot, settings.period, settings.braking_gain,
-                                      self._velocity_limits)
-        known = self._pending[:settings.command_delay]
-        rest = np.zeros((settings.command_delay - len(known), self.robot.n))
-        self._pending = np.vstack((known, rest))
-        self._speed_cap = settings.speed_cap(self.robot, self._velocity_limits)
-        self._options = settings.solver_options(self.robot.n)
-        self._time.expect(settings.period)
+        self._options = CycleOptions(self.robot, settings, self._velocity_limits)
+        self._memory = self._memory.fit(self._options)
         self.stack.limit_time(settings.task_budget * settings.period)
-        self._transition.duration = settings.blend
+        self._tasks.switches_off = settings.task_faults != STOP
+        self._changes.duration = settings.blend
 
     def check_settings(self, settings: Settings, stack: Stack | None = None) -> None:
         """
@@ -334,7 +290,7 @@ class Controller:
         if not np.array_equal(found, self._velocity_limits):
             self._velocity_limits = found
             self._apply(self._settings)
-            self._transition.announce(0)
+            self._changes.announce(0)
 
     def set_gain(self, name: str, gain: Gain) -> None:
         """
@@ -355,14 +311,12 @@ class Controller:
             It has no gain, or the value is not valid; the previous gain stays in force.
 
         """
-        task = self._task(name)
+        task = self._tasks.task(name)
         before = task.gain
         set_gain(task, gain, self._settings.period)
         if np.array_equal(task.gain, before):
             return
-        for index, group in enumerate(self.stack.active):
-            if task in group:
-                self._transition.announce(index)
+        self._changes.announce_task(task, self.stack.active)
 
     def gain_warning(self, name: str) -> str:
         """
@@ -376,8 +330,8 @@ class Controller:
             There is no such task.
 
         """
-        task = self._task(name)
-        doubt = gain_remark(task, task.gain, self._time.mean)
+        task = self._tasks.task(name)
+        doubt = gain_remark(task, task.gain, self._memory.time.mean)
         return f'{doubt.message}: {doubt.change}' if doubt else ''
 
     def set_tolerance(self, name: str, tolerance: Tolerance) -> None:
@@ -399,7 +353,7 @@ class Controller:
             It has no tolerance, or the value is not valid; the previous tolerances stay in force.
 
         """
-        set_tolerance(self._task(name), tolerance)
+        set_tolerance(self._tasks.task(name), tolerance)
 
     def set_goal(self, name: str, goal: Goal, now: float | None = None,
                  frame: str | Array | None = None) -> tuple[str, ...]:
@@ -434,15 +388,15 @@ class Controller:
 
         """
         now = check_time(now, 'now', GoalError)
-        task = self._task(name)
+        task = self._tasks.task(name)
         goal = accept(task, task.parse_goal, goal)
         if frame is not None:
-            goal = accept(task, task.goal_in_reference, goal, self._pose_in(task, frame))
-        accept(task, check_goal, task, goal, self._state, self._settings)
+            goal = accept(task, task.goal_in_reference, goal,
+                          self._states.pose_in_reference(task, frame))
+        accept(task, check_goal, task, goal, self._states.present, self._settings)
         own = frame is None or (isinstance(frame, str) and frame == task.reference)
         remarks = accept(task, task.goal_remarks, goal, not own)
-        self._announce_goal(task, now)
-        accept(task, task.set_goal, goal, now)
+        self._tasks.set_goal(task, goal, now)
         return remarks
 
     def set_feed_forward(self, name: str, velocity: Any, now: float | None = None,
@@ -464,13 +418,12 @@ class Controller:
 
         """
         now = check_time(now, 'now', GoalError)
-        task = self._task(name)
+        task = self._tasks.task(name)
         velocity = accept(task, task.parse_feed_forward, velocity)
         if frame is not None:
             velocity = accept(task, task.feed_forward_in_reference, velocity,
-                              self._pose_in(task, frame)[:3, :3])
-        self._announce_goal(task, now)
-        accept(task, task.set_feed_forward, velocity, now)
+                              self._states.pose_in_reference(task, frame)[:3, :3])
+        self._tasks.set_feed_forward(task, velocity, now)
 
     def enable(self, name: str, enabled: bool) -> None:
         """
@@ -484,17 +437,10 @@ class Controller:
             There is no such task, or `enabled` is neither true nor false.
 
         """
-        task = self._task(name)
+        task = self._tasks.task(name)
         if not isinstance(enabled, (int, np.bool_)) or enabled not in (True, False):
             raise GoalError(f'enabled must be True or False, got {enabled!r}')
-        if enabled == (name not in self.stack.disabled):
-            return
-        before = self.stack.active
-        if enabled:
-            accept(task, task.reset)
-            self._started = False
-        self.stack.enable(name, enabled)
-        self._announce_stack(before)
+        self._tasks.enable(task, bool(enabled))
 
     def update(self, q: ArrayLike, now: float | None = None, passive: ArrayLike | None = None,
                elapsed: float | None = None) -> Command:
@@ -536,160 +482,50 @@ class Controller:
         now = check_time(now, 'now', TimeError)
         if elapsed is not None:
             elapsed = check_time(elapsed, 'elapsed', TimeError)
-        before = self._state_before_change()
-        state = self._states[0]
-        if passive is None or not self.robot.passive_names:
-            passive = self._passive
-        state.update(q, passive)
-        # Copy: the caller may modify the array.
-        self._passive = None if passive is None else np.array(passive)
-        self._states.reverse()
-        self._state = state
-        state.velocity = self._velocity
-        if not self._started:
-            self._start(state)
-        if self._last_update is None:
-            elapsed = self._settings.period
-        elif elapsed is None:
-            elapsed = now - self._last_update
-        elapsed = self._time.advance(elapsed)
+        tasks, changes = self._tasks, self._changes
+        before = self._moving_state() if changes.shared is not None else None
+        state = self._states.update(q, passive)
+        state.velocity = self._memory.velocity
+        if not tasks.started:
+            tasks.start(state)
         # Evaluate the states in the order of time.
-        changed = None if before is None else self._make_cycle(before, now, elapsed)[1]
-        evaluations, cycle = self._make_cycle(state, now, elapsed)
+        snapshot = None if before is None else self._snapshot(before, now)
+        evaluations, stack = tasks.evaluate(state, now), tasks.stack
+        memory = self._memory
+        if changes.groups is not None:
+            memory = memory.for_groups(changes.groups, stack.active)
+        problem = Problem(self._options, levels_of(evaluations), state.positions, now, elapsed,
+                          changes.shared, snapshot)
         try:
-            outcome = self._blend(cycle, changed or cycle, elapsed) or self._solve(cycle)
+            cycle, outcome, self._memory = step(problem, memory)
         except Exception:
             # Name the task with faulty levels, if it is a single one.
-            self.stack.check(evaluations, self.robot.n)
+            stack.check(evaluations, self.robot.n)
             raise
-        self._record(outcome.velocity)
-        self._last_update = now
-        self._memory = outcome.solution.memory
-        return Command(outcome.velocity, Report(self.robot, evaluations, self.stack.inactive,
-                                                cycle, outcome, self.stack.faults,
-                                                Place(state.q, self._passive, now, self._spare)))
+        if changes.shared is not None:
+            changes.clear()
+        return Command(self._memory.velocity, Report(
+            self.robot, evaluations, stack.inactive, cycle, outcome, stack.faults,
+            (state.q, self._states.passive, now, self._states.spare)))
 
     def _command(self, now: float | None, velocity: Array) -> None:
         """Command a velocity (n,) without tasks; motion that follows is blended in."""
-        self._last_update = check_time(now, 'now', TimeError)
-        self._record(velocity)
-        self._transition.end()
-        self._transition.announce(0)
+        now = check_time(now, 'now', TimeError)
+        self._memory = self._memory.after_command(velocity, now, self._options)
+        self._changes.announce(0)
 
-    def _record(self, velocity: Array) -> None:
-        """Record the commanded velocity (n,)."""
-        self._velocity = velocity
-        if len(self._pending):
-            self._pending[1:] = self._pending[:-1]
-            self._pending[0] = velocity
+    def _moving_state(self) -> RobotState | None:
+        """Return the state of the last command; None if no change is blended in, or at rest."""
+        blended = self._settings.blend > 0.0 and self._memory.velocity.any()
+        return self._states.present if blended else None
 
-    def _start(self, state: RobotState) -> None:
-        """Set the default goals of tasks without a goal to their present values, once."""
-        while not self._started:
-            try:
-                self.stack.start(state)
-                self._started = True
-            except EvaluationError as error:
-                self._switch_off(error)
+    def _snapshot(self, state: RobotState, now: float) -> Snapshot:
+        """Return the demand of the tasks at the state of the last command."""
+        evaluations = self._tasks.evaluate(state, now)
+        memory = self._memory.for_groups(self._changes.groups, self.stack.active)
+        return Snapshot(levels_of(evaluations), state.positions, memory.damping)
 
-    def _evaluate(self, state: RobotState, now: float) -> list[list[Evaluation]]:
-        """Return the evaluations of the tasks at a state, level by level."""
-        while True:
-            try:
-                return self.stack.evaluate(state, now)
-            except EvaluationError as error:
-                self._switch_off(error)
-
-    def _switch_off(self, error: EvaluationError) -> None:
-        """Switch off a task that fails, or raise, depending on the settings."""
-        if self._settings.task_faults == STOP:
-            raise error
-        before = self.stack.active
-        self.stack.switch_off(error.task, error.reason)
-        self._announce_stack(before)
-
-    def _state_before_change(self) -> RobotState | None:
-        """
-        Return the state at the last command if it moved and a change is announced; else None.
-
-        The demand of the new stack at that state, not at the present one, isolates the effect of
-        the change.
-        """
-        if not self._transition.announced or self._state is None or not self._velocity.any():
-            return None
-        return self._state
-
-    def _make_cycle(self, state: RobotState, now: float, elapsed: float
-                    ) -> tuple[list[list[Evaluation]], Cycle]:
-        """Return the evaluations and the problem to solve at a state."""
-        evaluations = self._evaluate(state, now)
-        bounds = self._bounds(state.positions, elapsed)
-        return evaluations, Cycle(levels_of(evaluations), bounds, self._options, self._time.mean,
-                                  self._speed_cap, self._memory)
-
-    def _bounds(self, positions: Array, elapsed: float) -> VelocityBounds:
-        """Return the bounds on the velocities at positions (n,)."""
-        duration = min(self._settings.period, HOLD_RATIO * self._time.mean)
-        return self._limits.at(positions, self._velocity, elapsed, self._pending, duration)
-
-    def _solve(self, cycle: Cycle) -> Outcome:
-        """Return the outcome without a transition."""
-        solution = cycle.solve()
-        escape = self._escape.levels(solution, self._time.now, cycle.solve)
-        if escape is None:
-            return Outcome(solution, solution)
-        return Outcome(solution, cycle.solve(escape), 'leaving a singularity')
-
-    def _blend(self, cycle: Cycle, changed: Cycle, elapsed: float) -> Outcome | None:
-        """
-        Return the outcome that blends in a change; None without a transition.
-
-        `changed` is the problem at the state before the change.
-        """
-        if self._transition.idle:
-            return None
-        now = self._time.now
-        shared = self._transition.pending()
-        if shared is not None:
-            self._escape.reset()
-        if self._last_update is None or not (shared is not None or self._transition.active(now)):
-            return None
-        # The end of the transition; acceleration limits only determine how fast it is reached.
-        aim = cycle.aim()
-        if shared is not None:
-            began = now - min(elapsed, self._settings.period)
-            # Shared levels must not fade, even if their goals move on.
-            velocity = changed.aim(kept_above(changed.levels, shared) + [
-                Level.of_joints(self._velocity - self._transition.offset(began, shared))]).velocity
-            after = aim if changed is cycle else changed.aim()
-            self._transition.begin(velocity - after.velocity, began, shared)
-        blended = self._transition.levels(cycle.levels, aim.velocity, now)
-        if blended is None:
-            return None
-        return Outcome(aim, cycle.solve(blended), TRANSITION)
-
-    def _announce_stack(self, before: Groups) -> None:
-        """Announce a change of the stack to the transition, unless the tasks are the same."""
-        after = self.stack.active
-        shared = shared_levels(before, after)
-        if shared < max(len(before), len(after)):
-            self._transition.announce(shared)
-            remembered = dict(zip(map(_names, before), self._memory))
-            self._memory = tuple([remembered.get(_names(group), 0.0) for group in after])
-
-    def _announce_goal(self, task: Task, now: float) -> None:
-        """Announce a new goal of a task to the transition."""
-        for index, group in enumerate(self.stack.active):
-            if task in group:
-                self._transition.announce_goal(task.name, index, now)
-
-    def _task(self, name: str) -> Task:
-        """Return a task by name."""
-        if not isinstance(name, str) or name not in self.stack.tasks:
-            raise GoalError(unknown('task', name, self.stack.tasks))
-        return self.stack.tasks[name]
-
-    def configuration(self) -> tuple[Array, ArrayLike | None] | None:
+    def configuration(self) -> tuple[Array, Array | None] | None:
         """
         Return the configuration of the robot in the last update; None before the first one.
 
@@ -701,25 +537,5 @@ class Controller:
             Positions of the passive joints [rad or m]; None if not given.
 
         """
-        return None if self._state is None else (self._state.q, self._passive)
-
-    def _pose_in(self, task: Task, frame: str | Array) -> Array:
-        """Return T_reference_frame (4, 4) at the present state of the robot."""
-        if task.reference is None:
-            raise GoalError(f'a goal of task {task.name!r} is not expressed in a frame: '
-                            'leave it out')
-        if isinstance(frame, str) and frame not in self.robot.frame_names:
-            raise GoalError(unknown('frame', frame, self.robot.frame_names))
-        if isinstance(frame, str) and frame == task.reference:
-            return np.eye(4)
-        if self._state is None:
-            raise GoalError('a goal in another frame needs joint positions, '
-                            'and none have arrived yet')
-        T_root_frame = self._state.pose(frame) if isinstance(frame, str) else parse_pose(
-            frame, f'the frame of a goal for task {task.name!r}')
-        return inverse_pose(self._state.pose(task.reference)).dot(T_root_frame)
-
-
-def _names(group: Iterable[Task]) -> tuple[str, ...]:
-    """Return the names of the tasks of a level."""
-    return tuple([task.name for task in group])
+        state = self._states.present
+        return None if state is None else (state.q, self._states.passive)

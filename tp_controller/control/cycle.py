@@ -24,6 +24,9 @@ from tp_controller.solver.level import Level
 from tp_controller.solver.solution import Solution
 from tp_controller.solver.solve import Options, solve_cycle
 
+# Kind of an outcome that blends in a change; see `Outcome.override`.
+TRANSITION = 'transition'
+
 
 class Cycle(NamedTuple):
     """
@@ -53,8 +56,10 @@ class Cycle(NamedTuple):
 
     def solve(self, levels: Sequence[Level] | None = None) -> Solution:
         """Return the solution of levels, by default those of the stack."""
-        return self._solve(self.levels if levels is None else levels,
-                           self.bounds.lower, self.bounds.upper)
+        if levels is None:
+            return solve_cycle(self.levels, self.bounds.lower, self.bounds.upper, self.options,
+                               self.period, self.speed_cap, self.memory)
+        return self._solve(levels, self.bounds.lower, self.bounds.upper)
 
     def aim(self, levels: Sequence[Level] | None = None) -> Solution:
         """Return the solution of levels without acceleration limits."""

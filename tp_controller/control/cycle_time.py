@@ -15,6 +15,7 @@
 """Time between two commands, measured with the clock of the caller."""
 
 import math
+from typing import NamedTuple
 
 from tp_controller.errors import TpControllerError
 
@@ -22,7 +23,7 @@ from tp_controller.errors import TpControllerError
 SMOOTHING = 0.05
 
 
-class CycleTime:
+class CycleTime(NamedTuple):
     """
     Time between commands, measured with a clock that may stand still or be set back.
 
@@ -31,11 +32,6 @@ class CycleTime:
     clock may also tick less often than commands are computed. When it advances again, the elapsed
     time is divided among the commands since.
 
-    Parameters
-    ----------
-    period : float
-        Longest time between two commands [s].
-
     Attributes
     ----------
     now : float
@@ -43,39 +39,44 @@ class CycleTime:
     mean : float
         Mean time between two commands [s], at most a period: a pause does not count, and
         commands may be computed faster than required.
+    usual : float
+        Time between two commands at the last advance of the clock [s], at most a period.
+    commands : int
+        Number of commands since then.
 
     """
 
-    def __init__(self, period: float) -> None:
-        self.now = 0.0
-        self.expect(period)
+    now: float
+    mean: float
+    usual: float
+    commands: int = 1
 
-    def expect(self, period: float) -> None:
-        """Reset the estimates to a period."""
-        self._period = self._usual = self.mean = period
-        # Commands since the last advance of the clock.
-        self._commands = 1
+    def expect(self, period: float) -> 'CycleTime':
+        """Return the same time with the estimates reset to a period [s]."""
+        return CycleTime(self.now, period, period)
 
-    def advance(self, measured: float) -> float:
+    def advance(self, measured: float, period: float) -> tuple[float, 'CycleTime']:
         """
-        Return the duration for which the last command was in force [s], more than zero.
+        Return the duration for which the last command was in force [s] and the time after it.
 
         Parameters
         ----------
         measured : float
             Advance of the clock since then [s].
+        period : float
+            Longest time between two commands [s].
 
         """
+        now, mean, usual, commands = self
         if measured > 0.0:
-            elapsed = measured / self._commands
-            self._usual = elapsed if elapsed < self._period else self._period
-            self._commands = 1
+            elapsed = measured / commands
+            usual = elapsed if elapsed < period else period
+            commands = 1
         else:
-            elapsed = self._usual
-            self._commands += 1
-        self.now += elapsed
-        self.mean += SMOOTHING * (self._usual - self.mean)
-        return elapsed
+            elapsed = usual
+            commands += 1
+        return elapsed, CycleTime(now + elapsed, mean + SMOOTHING * (usual - mean), usual,
+                                  commands)
 
 
 def check_time(value: float | None, name: str, refusal: type[TpControllerError]) -> float:

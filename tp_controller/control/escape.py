@@ -15,6 +15,7 @@
 """Escape from singularities at which the robot rests exactly."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from tp_controller.control.transition import kept_above, Transition
@@ -24,6 +25,7 @@ from tp_controller.tasks.task import norm
 
 # Joint speed below which the robot counts as stuck [rad/s or m/s].
 STUCK_SPEED = 1e-3
+STUCK_SPEED_SQUARED = STUCK_SPEED * STUCK_SPEED
 # Task velocity above which an unmet demand justifies a nudge, in the units of the task.
 LEAST_DEMAND = 1e-2
 # Singular value, relative to the largest one, below which the robot is exactly at a singularity.
@@ -36,7 +38,7 @@ MOST_NUDGES = 3
 STUCK_SECONDS = 0.2
 
 
-class Escape:
+class Escape(NamedTuple):
     """
     Nudge of a robot that rests exactly at a singularity although a task is not reached.
 
@@ -46,28 +48,37 @@ class Escape:
     and those above. If it does not help, for example because the goal is out of reach, it is tried
     twice more, and then not again until something changes.
 
-    Parameters
+    Attributes
     ----------
-    n : int
-        Number of joints.
+    tries : int
+        Number of nudges since the last change.
+    nudges : int
+        Number of all nudges; each has its own direction.
+    still_since : float or None
+        Time since which the robot is at rest [s]; None while it moves.
+    upper : int
+        Number of upper levels that the present nudge leaves alone; 0 without one.
+    nudge : Transition
+        The present nudge.
 
     """
 
-    def __init__(self, n: int) -> None:
-        self._nudge = Transition(NUDGE_SECONDS)
-        self._random = np.random.default_rng(0)
-        self._n = n
-        self._tries = self._upper = 0
-        self._still_since: float | None = None
+    tries: int = 0
+    nudges: int = 0
+    still_since: float | None = None
+    upper: int = 0
+    nudge: Transition = Transition()
 
-    def reset(self) -> None:
-        """Allow new nudges, after a change of the stack, a goal or a setting."""
-        self._tries = self._upper = 0
+    def reset(self) -> 'Escape':
+        """Return the same with new nudges allowed, after a change of stack, goal or setting."""
+        return self._replace(tries=0, upper=0)
 
-    def levels(self, solution: Solution, now: float,
-               solve: Callable[[list[Level]], Solution]) -> list[Level] | None:
+    def levels(self, solution: Solution, now: float, solve: Callable[[list[Level]], Solution]
+               ) -> tuple['Escape', list[Level] | None]:
         """
-        Return levels that leave the singularity and replace those solved; None if not needed.
+        Return the escape of the next cycle, and the levels that leave the singularity.
+
+        The levels replace those solved; None if not needed.
 
         Parameters
         ----------
@@ -79,36 +90,38 @@ class Escape:
             Solver of levels.
 
         """
-        if self._upper:
+        if self.upper:
             # Without the levels below: they may demand to stay at the singularity.
-            upper = kept_above(solution.hierarchy, self._upper)
-            levels = self._nudge.levels(upper, solve(upper).velocity, now)
+            upper = kept_above(solution.hierarchy, self.upper)
+            levels = self.nudge.levels(upper, solve(upper).velocity, now)
             if levels is not None:
-                return levels
-            self._upper = 0
-        if self._tries >= MOST_NUDGES:
-            return None
+                return self, levels
+            return self._replace(upper=0).levels(solution, now, solve)
+        if self.tries >= MOST_NUDGES:
+            return self, None
         velocity = solution.velocity
-        if velocity.dot(velocity) > STUCK_SPEED * STUCK_SPEED:
-            self._still_since = None
-            return None
-        if self._still_since is None:
-            self._still_since = now
-        if now - self._still_since < STUCK_SECONDS:
-            return None
+        if velocity.dot(velocity) > STUCK_SPEED_SQUARED:
+            return self if self.still_since is None else self._replace(still_since=None), None
+        if self.still_since is None:
+            return self._replace(still_since=now), None
+        if now - self.still_since < STUCK_SECONDS:
+            return self, None
         for index, level in enumerate(solution.hierarchy):
             if level.v is not None and norm(level.v) > LEAST_DEMAND \
-                    and self._is_singular(solution, index):
-                direction = self._random.standard_normal(self._n)
-                self._upper = index + 1
-                self._nudge.begin(NUDGE_SPEED * direction / norm(direction), now, self._upper)
-                self._tries += 1
-                self._still_since = None
-                return self.levels(solution, now, solve)
-        return None
+                    and _is_singular(solution, index):
+                return self._begun(index + 1, len(velocity), now).levels(solution, now, solve)
+        return self, None
 
-    def _is_singular(self, solution: Solution, index: int) -> bool:
-        """Return whether a level is at a singularity of its own, with an unreachable demand."""
-        alone = solution.singular_values_alone(index)
-        return bool(alone[-1] <= SINGULAR_RATIO * alone[0]) \
-            and norm(solution.levels[index].unreachable) > LEAST_DEMAND
+    def _begun(self, upper: int, n: int, now: float) -> 'Escape':
+        """Return the escape with a new nudge of n joints, below so many upper levels."""
+        direction = np.random.default_rng(self.nudges).standard_normal(n)
+        nudge = Transition().begin(NUDGE_SPEED * direction / norm(direction), now, NUDGE_SECONDS,
+                                   upper)
+        return Escape(self.tries + 1, self.nudges + 1, None, upper, nudge)
+
+
+def _is_singular(solution: Solution, index: int) -> bool:
+    """Return whether a level is at a singularity of its own, with an unreachable demand."""
+    alone = solution.singular_values_alone(index)
+    return bool(alone[-1] <= SINGULAR_RATIO * alone[0]) \
+        and norm(solution.levels[index].unreachable) > LEAST_DEMAND

@@ -23,13 +23,13 @@ from tp_controller.control.causes import (
     Causes,
     DAMPING,
     IMPOSSIBLE,
-    RESERVE,
     SINGULARITY,
     TASK,
-    TRANSITION,
 )
+from tp_controller.control.cycle import TRANSITION
 from tp_controller.control.gains import gain_remark
 from tp_controller.control.units import with_unit
+from tp_controller.control.variants import RESERVE
 from tp_controller.control.velocity_limits import ACCELERATION, LOWER, UPPER, VELOCITY
 from tp_controller.tasks.bounded import out_of_reach, STILL
 from tp_controller.tasks.task import Evaluation

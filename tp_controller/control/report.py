@@ -20,8 +20,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from tp_controller.control.causes import Cause, Causes, Place, residual_of
+from tp_controller.control.causes import Cause, Causes, residual_of
 from tp_controller.control.cycle import Cycle, Outcome
+from tp_controller.control.error_minimum import Place
 from tp_controller.control.reasons import (
     CHOOSE_ANOTHER,
     hint_of,
@@ -32,6 +33,7 @@ from tp_controller.control.reasons import (
 from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
 from tp_controller.solver.solution import Solution
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Evaluation, norm, Task
@@ -241,14 +243,15 @@ class Report:
         Problem and outcome of the cycle.
     faults : mapping
         {name: reason} of the disabled tasks that failed.
-    place : Place
-        Configuration of the robot in the cycle.
+    place : tuple
+        Configuration of the robot in the cycle, as the attributes of `Place`.
 
     """
 
     def __init__(self, robot: Robot, evaluations: Sequence[Sequence[Evaluation]],
                  disabled: Sequence[Task], cycle: Cycle, outcome: Outcome,
-                 faults: Mapping[str, str], place: Place) -> None:
+                 faults: Mapping[str, str],
+                 place: tuple[Array, Array | None, float, RobotState]) -> None:
         self._robot, self._evaluations, self._disabled = robot, evaluations, disabled
         self._faults = faults
         self._cycle, self._outcome, self._place = cycle, outcome, place
@@ -261,7 +264,8 @@ class Report:
     @cached_property
     def _causes(self) -> Causes:
         """Return the search for causes that limit tasks."""
-        return Causes(self._robot, self._evaluations, self._cycle, self._outcome, self._place)
+        return Causes(self._robot, self._evaluations, self._cycle, self._outcome,
+                      Place(*self._place))
 
     @cached_property
     def tasks(self) -> tuple[TaskReport, ...]:

@@ -15,7 +15,7 @@
 """Transitions between stacks, goals or settings while the robot moves."""
 
 from dataclasses import dataclass
-import math
+from typing import NamedTuple
 
 import numpy as np
 from tp_controller.model.spatial import Array
@@ -59,11 +59,9 @@ class Fade:
                 (1.0 - r) * ((1.0 - 3.0 * r) * change - 6.0 * r * self.offset) / self.duration)
 
 
-class Transition:
+class Transition(NamedTuple):
     """
     Transition after a change of the stack, a goal or a setting, without a jump of the velocity.
-
-    A change is announced, and takes effect in the next cycle.
 
     A change makes the velocity differ from the previous one by an offset. The offset is added to
     the new velocity and fades out. The sum is the demand of a closing level, below the levels that
@@ -74,47 +72,18 @@ class Transition:
     with the natural frequency √6 / duration and the damping ratio 0.82. A change that shares more
     levels than the previous ones has an offset of its own, and does not delay theirs.
 
-    Parameters
+    Attributes
     ----------
-    duration : float
-        Time until the offset has faded out [s]; 0 applies changes at once.
+    fades : tuple of Fade
+        Offsets that fade out; none by default.
 
     """
 
-    def __init__(self, duration: float) -> None:
-        self.duration = duration
-        self._fades: list[Fade] = []
-        self._announced: int | None = None
-        self._goal_times: dict[str, float] = {}
+    fades: tuple[Fade, ...] = ()
 
-    def announce(self, shared: int) -> None:
-        """Announce a change that does not affect the first `shared` levels."""
-        self._announced = shared if self._announced is None else min(shared, self._announced)
-
-    def announce_goal(self, name: str, level: int, now: float) -> None:
+    def begin(self, offset: Array, began: float, duration: float, shared: int) -> 'Transition':
         """
-        Announce a new goal, or feed-forward velocity, of a task on a level, counted from 0.
-
-        Goals that follow each other faster than changes fade out are steps of one motion; fading
-        would only make the robot lag behind it. `now` is the time of the clock of the goals.
-        """
-        if not abs(now - self._goal_times.get(name, -math.inf)) <= self.duration:
-            self.announce(level)
-        self._goal_times[name] = now
-
-    @property
-    def announced(self) -> bool:
-        """Return whether a change is announced that needs a transition."""
-        return self._announced is not None and self.duration > 0.0
-
-    def pending(self) -> int | None:
-        """Return and clear the number of upper levels shared by the announced changes, or None."""
-        shared, self._announced = self._announced, None
-        return shared
-
-    def begin(self, offset: Array, began: float, shared: int) -> None:
-        """
-        Begin to fade out an offset, with the initial rate of the offsets that it replaces.
+        Return the transition with one more offset, with the initial rate of those it replaces.
 
         It replaces the offsets that share as many levels, or more.
 
@@ -124,37 +93,30 @@ class Transition:
             Velocity before the change − velocity after it − `offset` of fewer levels.
         began : float
             Time of the velocity before, on a clock that is never set back [s].
+        duration : float
+            Time until the offset has faded out [s]; 0 applies changes at once.
         shared : int
             Number of upper levels that the change does not affect.
 
         """
         rate = np.zeros_like(offset)
-        fades = [fade for fade in self._fades if fade.active(began)]
+        fades = self.at(began).fades
         for fade in fades:
             if fade.shared >= shared:
                 rate += fade.at(began)[1]
-        self._fades = [fade for fade in fades if fade.shared < shared]
+        kept = tuple([fade for fade in fades if fade.shared < shared])
         if norm(offset) > NEGLIGIBLE_OFFSET or norm(rate) > NEGLIGIBLE_OFFSET:
-            self._fades.append(Fade(offset, rate, began, self.duration, shared))
+            kept += (Fade(offset, rate, began, duration, shared),)
+        return Transition(kept)
 
-    def end(self) -> None:
-        """Drop all offsets."""
-        self._fades.clear()
+    def at(self, now: float) -> 'Transition':
+        """Return the transition without the offsets that have ended."""
+        return Transition(tuple([fade for fade in self.fades if fade.active(now)]))
 
     def offset(self, now: float, below: int) -> Array | float:
         """Return the sum of offsets that share fewer than `below` levels (n,); 0 without any."""
-        return sum(fade.at(now)[0] for fade in self._fades
+        return sum(fade.at(now)[0] for fade in self.fades
                    if fade.shared < below and fade.active(now))
-
-    @property
-    def idle(self) -> bool:
-        """Return whether no change is announced and no offset is left."""
-        return self._announced is None and not self._fades
-
-    def active(self, now: float) -> bool:
-        """Return whether an offset still fades out; drop those that have ended."""
-        self._fades = [fade for fade in self._fades if fade.active(now)]
-        return bool(self._fades)
 
     def levels(self, levels: list[Level], velocity: Array, now: float) -> list[Level] | None:
         """
@@ -170,7 +132,7 @@ class Transition:
             [s]
 
         """
-        fades = [fade for fade in self._fades if fade.active(now)]
+        fades = self.at(now).fades
         if not fades:
             return None
         shared = min(fade.shared for fade in fades)

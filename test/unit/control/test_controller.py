@@ -987,7 +987,7 @@ def test_gain_that_is_set_acts_in_the_next_cycle_as_that_of_another_stack(gain):
     np.testing.assert_allclose(*velocities, atol=1e-12)
     # The stack that YAML gives has the gain of the other one: nothing is left to be blended.
     announced = []
-    first._transition.announce = announced.append
+    first._changes.announce = announced.append
     first.replace_stack(Stack.from_yaml(text % gain, planar))
     assert not announced
 
@@ -995,7 +995,7 @@ def test_gain_that_is_set_acts_in_the_next_cycle_as_that_of_another_stack(gain):
 def test_gain_that_is_set_again_is_no_change():
     controller = Controller(robots.planar(), Stack.from_yaml(GAINS, robots.planar()))
     announced = []
-    controller._transition.announce = announced.append
+    controller._changes.announce = announced.append
     for gain in (2.0, 2.0, [2.0, 3.0], [2.0, 3.0]):
         controller.set_gain('tip', gain)
         controller.set_gain('tip', controller.stack.tasks['tip'].gain)

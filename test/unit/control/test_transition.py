@@ -368,8 +368,7 @@ def test_first_update_acts_at_once():
 
 def test_the_offset_fades_without_a_corner():
     from tp_controller.control.transition import Transition
-    transition = Transition(0.4)
-    transition.begin(np.array([2.0, 0.0]), 5.0, 0)
+    transition = Transition().begin(np.array([2.0, 0.0]), 5.0, 0.4, 0)
     # 1 − 3 s² + 2 s³ after the share s of the time.
     for share, left in ((0.0, 1.0), (0.25, 0.84375), (0.5, 0.5), (0.75, 0.15625)):
         level, = transition.levels([], np.array([0.1, 0.3]), 5.0 + 0.4 * share)
@@ -380,8 +379,7 @@ def test_the_offset_fades_without_a_corner():
 def test_bounds_of_the_new_stack_hold_while_a_change_fades_out():
     from tp_controller import Level
     from tp_controller.control.transition import Transition
-    transition = Transition(0.4)
-    transition.begin(np.ones(2), 0.0, 1)
+    transition = Transition().begin(np.ones(2), 0.0, 0.4, 1)
     first, demand = (Level(np.eye(2)[:1], np.array([wanted])) for wanted in (0.1, 0.2))
     bound = Level(np.eye(2)[1:], upper=np.array([0.3]), lower=np.array([-0.3]))
     eased = transition.levels([first, bound, demand], np.zeros(2), 0.1)
@@ -568,11 +566,13 @@ def test_levels_that_are_rearranged_remember_what_they_pushed_against():
     run.controller.set_goal('tool', [0.5, 0.3, 1.8], 0.0)
     for cycle in range(1, 300):
         run.q = run.q + 0.01 * run.controller.update(run.q, 0.01 * cycle).velocity
-    of_tool, of_posture = run.controller._memory
+    of_tool, of_posture = run.controller._memory.damping
     put(run, '- other: {type: position, frame: panda_link4, axes: z}\n'
         '- posture: {type: posture}\n- tool: {type: position, frame: panda_hand_tcp}\n')
     assert of_tool > 0.0
-    assert run.controller._memory == (0.0, of_posture, of_tool)
+    tasks = run.controller._tasks
+    memory = run.controller._memory.for_groups(tasks.changes.groups, tasks.stack.active)
+    assert memory.damping == (0.0, of_posture, of_tool)
 
 
 @pytest.mark.parametrize('every', [1, 5, 50])
@@ -593,8 +593,7 @@ def test_arm_leaves_a_singularity_while_settings_change(every):
 
 def test_offset_that_gets_company_goes_on_fading_as_fast_as_it_did():
     from tp_controller.control.transition import Transition
-    transition, offset = Transition(0.4), np.array([2.0, -1.0])
-    transition.begin(offset, 0.0, 0)
+    transition = Transition().begin(np.array([2.0, -1.0]), 0.0, 0.4, 0)
 
     def left(now):
         level, = transition.levels([], np.zeros(2), now)
@@ -602,7 +601,7 @@ def test_offset_that_gets_company_goes_on_fading_as_fast_as_it_did():
 
     step, now = 1e-6, 0.15
     rate, there = (left(now) - left(now - step)) / step, left(now)
-    transition.begin(there + [0.5, 0.0], now, 0)
+    transition = transition.begin(there + [0.5, 0.0], now, 0.4, 0)
     np.testing.assert_allclose(left(now), there + [0.5, 0.0], rtol=0, atol=1e-12)
     np.testing.assert_allclose((left(now + step) - left(now)) / step, rate, atol=1e-3)
     # It is over as long after the second change as after any.
@@ -613,14 +612,14 @@ def test_offset_that_gets_company_goes_on_fading_as_fast_as_it_did():
 def test_offset_with_a_change_in_every_cycle_follows_a_filter_of_second_order():
     from scipy.linalg import expm
     from tp_controller.control.transition import Transition
-    transition, T, D, left = Transition(0.4), 1e-4, 0.4, np.array([1.0])
+    transition, T, D, left = Transition(), 1e-4, 0.4, np.array([1.0])
     for cycle in range(4000):
-        transition.begin(left, T * cycle, 0)
+        transition = transition.begin(left, T * cycle, D, 0)
         left = transition.levels([], np.zeros(1), T * (cycle + 1))[0].v
     filtered = expm(4000 * T * np.array([[0.0, 1.0], [-6.0 / D ** 2, -4.0 / D]]))[0, 0]
     assert left[0] == pytest.approx(filtered, abs=1e-3)
     for cycle in range(4000, 60000):
-        transition.begin(left, T * cycle, 0)
+        transition = transition.begin(left, T * cycle, D, 0)
         levels = transition.levels([], np.zeros(1), T * (cycle + 1))
         if levels is None:
             break

@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio
 import pytest
 import robots
-from tp_controller import Controller, Robot, Settings, Stack
+from tp_controller import Controller, Robot, RobotState, Settings, Stack
 from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.model import compiled
 from tp_controller.model.spatial import pose, rotation_from_vector, shorter_rotation
@@ -420,8 +420,9 @@ def test_a_robot_moves_as_with_pinocchio(name, frames):
     for uses in (True, False):
         controller = Controller(its, Stack.from_yaml(text, its), Settings(period=0.01))
         if not uses:
-            for each in (*controller._states, controller._spare):
-                each.motion = None
+            for each in vars(controller._states).values():
+                if isinstance(each, RobotState):
+                    each.motion = None
         q = its.neutral()
         for cycle in range(100):
             now = 0.01 * cycle

@@ -1,0 +1,75 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Changes of the stack, goals and settings between two cycles."""
+
+import math
+
+from tp_controller.tasks.stack import Groups, shared_levels
+from tp_controller.tasks.task import Task
+
+
+class Changes:
+    """
+    Changes of the stack, a goal or a setting that take effect in the next cycle.
+
+    Attributes
+    ----------
+    shared : int or None
+        Number of upper levels that no change affects; None without a change.
+    groups : tuple of tuple of Task or None
+        Active tasks of the last cycle; None if they are the same.
+    duration : float
+        Time in which a change is blended in [s]; 0 applies changes at once.
+
+    """
+
+    def __init__(self) -> None:
+        self.shared: int | None = None
+        self.groups: Groups | None = None
+        self.duration = 0.0
+        self._goal_times: dict[str, float] = {}
+
+    def announce(self, shared: int) -> None:
+        """Announce a change that does not affect the first `shared` levels."""
+        self.shared = shared if self.shared is None else min(shared, self.shared)
+
+    def announce_task(self, task: Task, active: Groups) -> None:
+        """Announce a change of a task, unless it is disabled."""
+        for index, group in enumerate(active):
+            if task in group:
+                self.announce(index)
+
+    def announce_goal(self, task: Task, active: Groups, now: float) -> None:
+        """
+        Announce a new goal, or feed-forward velocity, of a task, unless it is disabled.
+
+        Goals that follow each other faster than changes fade out are steps of one motion; fading
+        would only make the robot lag behind it. `now` is the time of the clock of the goals.
+        """
+        if any(task in group for group in active):
+            if not abs(now - self._goal_times.get(task.name, -math.inf)) <= self.duration:
+                self.announce_task(task, active)
+            self._goal_times[task.name] = now
+
+    def announce_stack(self, before: Groups, after: Groups) -> None:
+        """Announce a change of the active tasks, unless they are the same."""
+        shared = shared_levels(before, after)
+        if shared < max(len(before), len(after)):
+            self.announce(shared)
+            self.groups = before if self.groups is None else self.groups
+
+    def clear(self) -> None:
+        """Clear the changes, after a cycle."""
+        self.shared = self.groups = None

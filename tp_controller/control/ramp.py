@@ -1,0 +1,53 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Ramped stop along the path of the robot in configuration space."""
+
+import numpy as np
+from tp_controller.control.cycle_options import CycleOptions
+from tp_controller.control.step import CycleMemory
+from tp_controller.model.spatial import Array
+
+
+def ramp_down(options: CycleOptions, memory: CycleMemory, positions: Array, elapsed: float,
+              deceleration: float) -> Array:
+    """
+    Return the next velocity (n,) of a ramped stop; zero at its end.
+
+    Parameters
+    ----------
+    options : CycleOptions
+        Options of the cycles.
+    memory : CycleMemory
+        Memory of the last cycle or command.
+    positions : ndarray (n,)
+        [rad or m]
+    elapsed : float
+        Time since the last command; a period if it is not more than zero [s].
+    deceleration : float
+        Deceleration of the fastest joint [rad/s² or m/s²].
+
+    """
+    before = memory.velocity
+    passed = min(max(elapsed, 0.0), 1.0) or options.period
+    fastest = float(np.abs(before).max(initial=0.0))
+    left = fastest - deceleration * passed
+    factor = 0.0
+    if left > 0.0:
+        upper, lower = options.bounds(positions, before, passed, memory.pending,
+                                      memory.time.mean).stopping
+        moving = before != 0.0
+        shares = np.where(before > 0.0, upper, lower)[moving] / np.abs(before[moving])
+        factor = min(left / fastest, float(shares.min()))
+    return factor * before

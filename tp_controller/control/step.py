@@ -1,0 +1,216 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One control cycle as a pure function: problem and memory in, outcome and new memory out."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
+from tp_controller.control.cycle_options import CycleOptions
+from tp_controller.control.cycle_time import CycleTime
+from tp_controller.control.escape import Escape
+from tp_controller.control.transition import kept_above, Transition
+from tp_controller.model.spatial import Array
+from tp_controller.solver.damping import Memory
+from tp_controller.solver.level import Level
+from tp_controller.tasks.stack import Groups
+from tp_controller.tasks.task import Task
+
+
+class Snapshot(NamedTuple):
+    """
+    Demand of the tasks at the state of the last command.
+
+    The demand of a changed stack at that state, not at the present one, isolates the effect of
+    the change.
+
+    Attributes
+    ----------
+    levels : list of Level
+    positions : ndarray (n,)
+        [rad or m]
+    damping : tuple of float
+        See `CycleMemory`.
+
+    """
+
+    levels: list[Level]
+    positions: Array
+    damping: Memory
+
+
+class Problem(NamedTuple):
+    """
+    Input of one cycle.
+
+    Attributes
+    ----------
+    options : CycleOptions
+    levels : list of Level
+        Levels of the stack, evaluated at the present state.
+    positions : ndarray (n,)
+        [rad or m]
+    now : float
+        Time of the clock of the caller [s].
+    elapsed : float or None
+        Time since the last command [s]; by default the advance of `now`.
+    shared : int or None
+        Number of upper levels that no change since the last cycle affects; None without a change.
+    before : Snapshot or None
+        The changed stack at the last command; None if the robot was at rest.
+
+    """
+
+    options: CycleOptions
+    levels: list[Level]
+    positions: Array
+    now: float
+    elapsed: float | None = None
+    shared: int | None = None
+    before: Snapshot | None = None
+
+
+class CycleMemory(NamedTuple):
+    """
+    State that one cycle leaves to the next one; no array in it is changed.
+
+    Attributes
+    ----------
+    velocity : ndarray (n,)
+        Last command [rad/s or m/s]; zeros before the first one.
+    pending : ndarray (delay, n)
+        Commands that the positions do not reflect yet, the last one first [rad/s or m/s].
+    commanded : float or None
+        Time of the last command, on the clock of the caller [s]; None before the first one.
+    time : CycleTime
+    damping : tuple of float
+        h of each level; see `tp_controller.solver.damping`.
+    transition : Transition
+    escape : Escape
+
+    """
+
+    velocity: Array
+    pending: Array
+    commanded: float | None
+    time: CycleTime
+    damping: Memory = ()
+    transition: Transition = Transition()
+    escape: Escape = Escape()
+
+    @classmethod
+    def at_rest(cls, options: CycleOptions) -> 'CycleMemory':
+        """Return the memory of a robot at rest, before the first cycle."""
+        n = options.robot.n
+        return cls(np.zeros(n), np.zeros((0, n)), None, CycleTime(0.0, 0.0, 0.0)).fit(options)
+
+    def fit(self, options: CycleOptions) -> 'CycleMemory':
+        """Return the memory for cycles with other options."""
+        known = self.pending[:options.delay]
+        rest = np.zeros((options.delay - len(known), known.shape[1]))
+        return self._replace(pending=np.vstack((known, rest)),
+                             time=self.time.expect(options.period))
+
+    def for_groups(self, before: Groups | None, after: Groups) -> 'CycleMemory':
+        """Return the memory for the levels of other tasks; `before` None: of the same tasks."""
+        if before is None:
+            return self
+        remembered = dict(zip(map(_names, before), self.damping))
+        return self._replace(
+            damping=tuple([remembered.get(_names(group), 0.0) for group in after]))
+
+    def after_command(self, velocity: Array, now: float, options: CycleOptions) -> 'CycleMemory':
+        """Return the memory after a velocity (n,) that was commanded without tasks at `now`."""
+        return self._replace(velocity=velocity, pending=options.shifted(self.pending, velocity),
+                             commanded=now, transition=Transition())
+
+
+def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMemory]:
+    """
+    Compute one cycle.
+
+    The function is pure: equal arguments give equal results, to the bit.
+
+    Parameters
+    ----------
+    problem : Problem
+        Levels and positions of this cycle.
+    memory : CycleMemory
+        Memory of the previous cycle.
+
+    Returns
+    -------
+    cycle : Cycle
+        Solved levels and bounds.
+    outcome : Outcome
+        Solution and commanded solution.
+    memory : CycleMemory
+        Memory for the next cycle.
+
+    """
+    options, levels, positions, now, elapsed, shared, before = problem
+    velocity, pending, commanded, time, damping, transition, escape = memory
+    if commanded is None:
+        elapsed = options.period
+    elif elapsed is None:
+        elapsed = now - commanded
+    elapsed, time = time.advance(elapsed, options.period)
+    bounds = options.bounds(positions, velocity, elapsed, pending, time.mean)
+    cycle = Cycle(levels, bounds, options.solver, time.mean, options.speed_cap, damping)
+    outcome = None
+    if shared is not None:
+        escape = escape.reset()
+    if commanded is not None and (shared is not None or transition.fades):
+        transition, outcome = _blend(problem, memory, cycle, elapsed, time)
+    if outcome is None:
+        solution = cycle.solve()
+        escape, leaving = escape.levels(solution, time.now, cycle.solve)
+        outcome = Outcome(solution, solution) if leaving is None else Outcome(
+            solution, cycle.solve(leaving), 'leaving a singularity')
+    command = outcome.commanded.velocity
+    return cycle, outcome, CycleMemory(command, options.shifted(pending, command), now, time,
+                                       outcome.solution.memory, transition, escape)
+
+
+def _blend(problem: Problem, memory: CycleMemory, cycle: Cycle, elapsed: float, time: CycleTime
+           ) -> tuple[Transition, Outcome | None]:
+    """Return the transition of the next cycle, and the outcome that blends in changes or None."""
+    options, shared, before = problem.options, problem.shared, problem.before
+    transition = memory.transition.at(time.now)
+    if shared is None and not transition.fades:
+        return transition, None
+    # The end of the transition; acceleration limits only determine how fast it is reached.
+    aim = cycle.aim()
+    if shared is not None:
+        transition, changed = memory.transition, cycle
+        if before is not None:
+            changed = cycle._replace(
+                levels=before.levels, memory=before.damping, bounds=options.bounds(
+                    before.positions, memory.velocity, elapsed, memory.pending, time.mean))
+        began = time.now - min(elapsed, options.period)
+        # Shared levels must not fade, even if their goals move on.
+        velocity = changed.aim(kept_above(changed.levels, shared) + [
+            Level.of_joints(memory.velocity - transition.offset(began, shared))]).velocity
+        after = aim if changed is cycle else changed.aim()
+        transition = transition.begin(velocity - after.velocity, began, options.blend, shared)
+    blended = transition.levels(cycle.levels, aim.velocity, time.now)
+    return transition, None if blended is None else Outcome(
+        aim, cycle.solve(blended), TRANSITION)
+
+
+def _names(group: Iterable[Task]) -> tuple[str, ...]:
+    """Return the names of the tasks of a level."""
+    return tuple([task.name for task in group])
