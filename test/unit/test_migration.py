@@ -82,5 +82,5 @@ def test_gains_per_cycle_are_those_per_second():
 
 
 def test_task_types_that_the_page_links_exist():
-    linked = set(re.findall(r'\[`(\w+)`\]\(tasks\.md#\w+\)', PAGE))
+    linked = set(re.findall(r'\[`(\w+)`\]\(tasks/\w+\.md#\w+\)', PAGE))
     assert len(linked) > 15 and linked <= set(task_types())
