@@ -440,7 +440,7 @@ def test_a_killed_controller_is_replaced_by_zeros_of_the_watchdog(start, tireles
     killed, stopped = [sent for sent, velocity in since(listener, begin) if velocity.any()][-1], \
         listener.monitor.positions[-1][0]
     assert stopped - killed < 5.0
-    listener.wait(lambda: 'no command on /velocity_controller/commands any more'
+    listener.wait(lambda: 'no command on /velocity_controller/commands for 0.5 s'
                   in watchdog.output(), 'the warning', [simulator, watchdog])
     # A new one does not take it for somebody who commands the robot.
     again = start('controller_node', '-p', f"stack:='{STACK}'")

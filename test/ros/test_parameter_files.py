@@ -165,7 +165,7 @@ def test_loading_a_dump_leaves_motion_and_goals_as_they_are(harness, tmp_path, m
     before = harness.spin_for_more(commands, 2, arm.publish)[-1]
     client.dump(path)
     stack, goal, announced = core.stack, core.stack.tasks['swing'].goal, []
-    monkeypatch.setattr(core._transition, 'announce', announced.append)
+    monkeypatch.setattr(core._changes, 'announce', announced.append)
     assert client.load(path) == {}
     assert core.stack is stack and core.stack.tasks['swing'].goal is goal and not announced
     harness.spin_for_more(commands, 3, arm.publish)

@@ -77,7 +77,7 @@ def test_a_signal_ends_a_recording_with_a_whole_file(cell, record, tmp_path, num
 def test_it_says_that_it_records_once_it_does(capsys, tmp_path):
     said = []
     recorder = SimpleNamespace(controllers=['arm'],
-                               take=lambda bag: said.append(capsys.readouterr().out))
+                               record=lambda bag: said.append(capsys.readouterr().out))
     bag = SimpleNamespace(path=tmp_path, counts={}, close=list)
     _write(recorder, bag, 0.0, [])
     assert said == ['', f'recording /arm to {tmp_path}; Ctrl-C ends it\n']

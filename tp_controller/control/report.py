@@ -244,7 +244,7 @@ class Report:
     faults : mapping
         {name: reason} of the disabled tasks that failed.
     place : tuple
-        Configuration of the robot in the cycle, as the attributes of `Place`.
+        Configuration of the robot in the cycle, as the attributes of ``Place``.
 
     """
 

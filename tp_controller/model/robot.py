@@ -250,7 +250,7 @@ class Robot:
         """
         Return q (nq,) with positions of the driven joints [rad or m].
 
-        `T_root_base` (4, 4) is the pose of `base_frame`, by default that of the root. Components
+        ``T_root_base`` (4, 4) is the pose of `base_frame`, by default that of the root. Components
         without a coordinate of the base are ignored.
         """
         T = np.eye(4) if T_root_base is None else T_root_base

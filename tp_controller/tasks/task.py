@@ -98,7 +98,7 @@ class Task(GoalHolder):
     Attributes
     ----------
     name, goal, has_default_goal, reference, goal_type, goal_types, feed_forward_type :
-        See `GoalHolder`.
+        See ``GoalHolder``.
     units : tuple of str
         Unit of each row of the error: ``'m'``, ``'rad'``, or ``'1'`` for a ratio.
     rows : int
