@@ -163,7 +163,7 @@ def quaternion_from_rotation(R: Array) -> Array:
     Returns
     -------
     ndarray (4,)
-        Ordered x, y, z, w.
+        Ordered x, y, z, w; w is not negative.
 
     """
     quat_xyzw = pinocchio.Quaternion(np.ascontiguousarray(R)).coeffs()

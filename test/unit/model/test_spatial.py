@@ -1,0 +1,31 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Rotations, compared with SciPy."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tp_controller.model.spatial import quaternion_from_rotation
+
+
+@pytest.mark.parametrize('turn', [0.0, 1e-9, 1.0, 2.5, np.pi - 1e-9, np.pi, 3.5, 6.0])
+def test_quaternion_of_a_rotation_has_no_negative_scalar_part(turn):
+    rng = np.random.default_rng(round(1e3 * turn))
+    for axis in rng.standard_normal((50, 3)):
+        rotation = Rotation.from_rotvec(turn * axis / np.linalg.norm(axis))
+        quat_xyzw = quaternion_from_rotation(rotation.as_matrix())
+        assert quat_xyzw[3] >= 0.0
+        np.testing.assert_allclose(Rotation.from_quat(quat_xyzw).as_matrix(),
+                                   rotation.as_matrix(), atol=1e-12)
