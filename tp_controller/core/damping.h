@@ -22,7 +22,7 @@
 namespace {
 
 // Constants of the reference.
-constexpr double CURVATURE = 4.0, TURNING = 2.0, ROW_TURNING = 0.5, FIRST = 0.2, REMEMBERED = 0.1;
+constexpr double CURVATURE = 4.0, TURNING = 2.0, ROW_TURNING = 0.5, FIRST = 0.2, MEMORY = 0.1;
 
 struct Damping {
   double damping = 0.0, singular_region = INF, release_region = 0.0, regularisation = 0.0;
@@ -56,7 +56,7 @@ struct Damping {
 
   double follow(double h, double now, double period) const {
     if (h == 0.0 && now == 0.0) return 0.0;
-    h = now + (h - now) * std::exp(-period / REMEMBERED);
+    h = now + (h - now) * std::exp(-period / MEMORY);
     const double least = damping != 0.0 ? singular_region : regularisation;
     return curvature(h, period) > (now > 0.0 ? 0.0 : least * least) ? h : 0.0;
   }

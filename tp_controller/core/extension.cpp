@@ -32,7 +32,7 @@ PyObject *constants() {
       "solver.compiled", "MOST", MOST,
       "solver.level", "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
       "solver.damping", "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING,
-      "FIRST", FIRST, "MEMORY", REMEMBERED,
+      "FIRST", FIRST, "MEMORY", MEMORY,
       "solver.active_set", "DEPENDENT", DEPENDENT, "LAST_DIGIT", LAST_DIGIT,
       "solver.qp", "TOLERANCES", TOLERANCES[0], TOLERANCES[1], TOLERANCES[2], TOLERANCES[3],
       "EXACT", EXACT[0], EXACT[1],
