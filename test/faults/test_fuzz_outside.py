@@ -16,7 +16,7 @@
 Whatever browsers, the network and recordings say, the page goes on and its Stop works.
 
 Hypothesis makes messages of two kinds: what nobody would send, and what is nearly right. Tried are
-10,000 examples in all, always the same ones; more, and others every time, with
+10,000 examples in all, always the same ones; more rounds of as many, others every time, with
 
     TP_FUZZ=1000000 python -m pytest test/faults/test_fuzz_outside.py
 """
@@ -57,7 +57,8 @@ from viser import _messages  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 DEFAULT = 10_000
-EXAMPLES = int(os.environ.get('TP_FUZZ', DEFAULT))
+# Hypothesis remembers the examples of a round: a million in one would be most of the memory.
+ROUNDS = max(1, int(os.environ.get('TP_FUZZ', DEFAULT)) // DEFAULT)
 # How many of them each test gets [%]: what is drawn or written takes longer.
 SHARES = {'bytes': 50, 'browser': 25, 'network': 15, 'recording': 10}
 # Memory that the tests may take [bytes], and time of an example, of the processor alone [s].
@@ -66,10 +67,13 @@ PAGE = os.sysconf('SC_PAGE_SIZE')
 WAIT_SECONDS = 60.0
 
 
+pytestmark = pytest.mark.parametrize('number', range(ROUNDS))
+
+
 def tried(which):
     """Return the settings of a test."""
     return settings(
-        max_examples=EXAMPLES * SHARES[which] // 100, derandomize=EXAMPLES == DEFAULT,
+        max_examples=DEFAULT * SHARES[which] // 100, derandomize=ROUNDS == 1,
         deadline=None, database=None, phases=[Phase.explicit, Phase.generate, Phase.shrink],
         suppress_health_check=list(HealthCheck))
 
@@ -85,8 +89,7 @@ def bounded():
     """Check that the tests take little memory."""
     before = memory()
     yield
-    # Hypothesis remembers every example: of many that is most of the memory.
-    assert EXAMPLES > DEFAULT or memory() - before < MOST_MEMORY
+    assert memory() - before < MOST_MEMORY
 
 
 @pytest.fixture(scope='module')
@@ -177,9 +180,9 @@ inputs = st.tuples(st.integers(0, 60), st.one_of(
 
 
 @tried('bytes')
-@given(st.one_of(st.binary(max_size=60), st.tuples(
+@given(given=st.one_of(st.binary(max_size=60), st.tuples(
     sent, st.lists(st.tuples(st.floats(0.0, 1.0), st.binary(max_size=4)), max_size=3)), values))
-def test_any_bytes_are_a_message_or_dropped(given):
+def test_any_bytes_are_a_message_or_dropped(number, given):
     if isinstance(given, tuple):
         message, changes = given
         raw = bytearray(msgspec.msgpack.encode(message))
@@ -198,8 +201,8 @@ def test_any_bytes_are_a_message_or_dropped(given):
 
 
 @tried('browser')
-@given(st.lists(st.one_of(sent, inputs), min_size=1, max_size=4))
-def test_the_page_goes_on_whatever_browsers_send(made_up, messages):
+@given(messages=st.lists(st.one_of(sent, inputs), min_size=1, max_size=4))
+def test_the_page_goes_on_whatever_browsers_send(made_up, number, messages):
     made_up.page._errors.clear()
     widgets = list(made_up.server.gui._gui_input_handle_from_uuid)
     for message in messages:
@@ -286,8 +289,9 @@ def damaged(data, changes):
 
 
 @tried('network')
-@given(st.lists(st.tuples(heard, st.one_of(st.just([]), damages)), min_size=1, max_size=3))
-def test_the_page_goes_on_whatever_the_network_says(made_up, messages):
+@given(messages=st.lists(
+    st.tuples(heard, st.one_of(st.just([]), damages)), min_size=1, max_size=3))
+def test_the_page_goes_on_whatever_the_network_says(made_up, number, messages):
     made_up.page._errors.clear()
     for (topic, message), changes in messages:
         made_up.hear(topic, damaged(serialize_message(message), changes))
@@ -334,9 +338,9 @@ told = st.lists(st.one_of(
 
 
 @tried('recording')
-@given(st.one_of(told, st.lists(st.tuples(st.floats(0.0, 1.0), st.binary(max_size=12)),
-                                max_size=3)))
-def test_any_recording_is_reported_or_refused(recorded, given):
+@given(given=st.one_of(told, st.lists(
+    st.tuples(st.floats(0.0, 1.0), st.binary(max_size=12)), max_size=3)))
+def test_any_recording_is_reported_or_refused(recorded, number, given):
     content, path, page = recorded
     if given and not isinstance(given[0][0], float):
         content = messages_of(given, path.parent)
@@ -370,5 +374,5 @@ def messages_of(rows, folder):
     return (folder / 'made' / 'made.mcap').read_bytes()
 
 
-def test_tests_share_all_examples():
+def test_tests_share_all_examples(number):
     assert sum(SHARES.values()) == 100
