@@ -225,12 +225,18 @@ def tasks():
     for page, kinds in families().items():
         path = page.relative_to(ROOT)
         rows = [(f'[`{name}`]({path}#{name})', summary(kind).partition(':')[0],
-                 ', or '.join(GOALS[goal][0] for goal in goal_types(kind)) or 'none')
+                 ' or '.join(goal.replace('_', ' ') for goal in goal_types(kind)) or 'none')
                 for name, kind in kinds.items()]
         title = TITLE.search(page.read_text(encoding='utf-8'))[1]
         tables.append(f'**[{title}]({path})**\n\n'
                       + table(('`type`', 'what it does', 'goal'), rows))
     return '\n'.join(tables)
+
+
+def goal_forms():
+    """Return the table of the forms of goals in Python."""
+    return table(('goal', 'in Python'),
+                 [(goal.replace('_', ' '), form) for goal, (form, _) in GOALS.items()])
 
 
 def goal_types(kind):
@@ -240,8 +246,26 @@ def goal_types(kind):
 
 
 def keys(name):
-    """Return the table of the keys of a task type."""
-    kind = task_types()[name]
+    """Return the keys of a task type: a table, and those that earlier types of its page have."""
+    rows, shown = key_rows(task_types()[name]), {}
+    for other, kind in next((kinds for kinds in families().values() if name in kinds), {}).items():
+        if other == name:
+            break
+        for row in key_rows(kind):
+            shown.setdefault(row, other)
+    new, known = [row for row in rows if row not in shown], {}
+    for row in rows:
+        if row in shown:
+            known.setdefault(shown[row], []).append(row[0])
+    parts = [table(('key', 'default', 'meaning'), new)] if new else []
+    if known:
+        parts.append(' '.join(f'As for [{other}](#{other}): {", ".join(names)}.'
+                              for other, names in known.items()) + '\n')
+    return '\n'.join(parts)
+
+
+def key_rows(kind):
+    """Return the rows of a table of the keys of a task type."""
     described, rows = kind.described_keys(), []
     for key, default in kind.accepted_keys().items():
         if key == 'tolerance':
@@ -249,7 +273,7 @@ def keys(name):
             rows.append((f'`{key}`', f'`{{{units}}}`', described[key]))
         else:
             rows.append((f'`{key}`', literal(default), described[key]))
-    return table(('key', 'default', 'meaning'), rows)
+    return rows
 
 
 def settings():
@@ -481,6 +505,7 @@ REGIONS = {
     **{f'launch {name}': lambda name=name: launch_arguments(name)
        for name in ('controller', 'demo')},
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},
+    'goal forms': goal_forms,
 }
 ROS_REGIONS = {
     'goals': goals, 'status': status, 'faults': faults,
