@@ -286,12 +286,6 @@ def settings():
           item.metadata['description']) for item in fields(Settings)])
 
 
-def names():
-    """Return the table of public names."""
-    return table(('name', 'what it is'), [(f'`{name}`', summary(getattr(tp_controller, name)))
-                                          for name in tp_controller.__all__])
-
-
 def error_tree():
     """Return the tree of errors."""
     tree = inspect.getdoc(errors).partition('::\n')[2].partition('\n\nEvery')[0]
@@ -497,7 +491,7 @@ def faults():
 
 
 REGIONS = {
-    'tasks': tasks, 'settings': settings, 'names': names, 'errors': error_tree,
+    'tasks': tasks, 'settings': settings, 'errors': error_tree,
     'messages': messages, 'check report': check_report,
     'help': command_help, **{f'help {name}': lambda name=name: command_help(name)
                              for name in ('demo', 'goal', 'status', 'check', 'view', 'record',
