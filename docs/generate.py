@@ -33,7 +33,6 @@ from pathlib import Path
 import re
 import sys
 
-import tp_controller
 from tp_controller import Controller, errors, Robot, Settings, Stack
 from tp_controller.tasks import task_types
 from tp_controller.tasks.keys import DEFAULT_TOLERANCE

@@ -32,20 +32,26 @@ COMMANDS = {
     'ur5e': '/forward_velocity_controller/commands', 'fr3': '/velocity_controller/commands',
     'gen3': '/joint_group_velocity_controller/commands', 'xarm7': '/velocity_controller/commands'}
 # Which command of a page starts the controller on the robot.
-FIRST, FULL = 1, 2
+FIRST, FULL = 0, 1
 
 
-def arguments_of(name, node, number):
-    """Return the arguments of a command on the page of a robot."""
-    page = (REPOSITORY / 'docs' / 'robots' / f'{name}.md').read_text(encoding='utf-8')
-    lines = [line for line in page.replace('\\\n', ' ').splitlines()
+def arguments_of(page, node, number):
+    """Return the arguments of a command on a page, in the folder of the pages."""
+    text = (REPOSITORY / 'docs' / f'{page}.md').read_text(encoding='utf-8')
+    lines = [line for line in text.replace('\\\n', ' ').splitlines()
              if line.startswith(f'ros2 run tp_controller {node} ')]
     return [word.replace(SHARE, str(REPOSITORY)) for word in shlex.split(lines[number])[4:]]
 
 
+def simulator_arguments(name):
+    """Return the arguments of the simulator, as shown for the robot that stands for all."""
+    return [word.replace('ur5e', name) for word in arguments_of('robots', 'simulator_node', 0)]
+
+
 def start(harness, name, number):
     """Return the controller that a command of a page starts, for the table of the robot."""
-    return harness.make(ControllerNode, arguments=arguments_of(name, 'controller_node', number),
+    arguments = arguments_of(f'robots/{name}', 'controller_node', number)
+    return harness.make(ControllerNode, arguments=arguments,
                         robot=str(CONFIG / 'robots' / f'{name}.yaml'), status_rate=50.0)
 
 
@@ -62,8 +68,8 @@ def test_first_motion_has_a_tenth_of_the_velocities(harness, name, number, share
 @pytest.mark.parametrize('name', COMMANDS)
 def test_first_motion_refuses_goals_far_away_and_is_slow(harness, name):
     controller = start(harness, name, FIRST)
-    arguments = arguments_of(name, 'simulator_node', 0)
-    for word in arguments_of(name, 'controller_node', FIRST):
+    arguments = simulator_arguments(name)
+    for word in arguments_of(f'robots/{name}', 'controller_node', FIRST):
         arguments += ['-r', word] if word.startswith(('joint_states', 'velocity_')) else []
     harness.make(SimulatorNode, arguments=arguments)
     goals = harness.publisher(PoseStamped, '/tp_controller/tool/goal')
