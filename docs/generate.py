@@ -33,7 +33,7 @@ from pathlib import Path
 import re
 import sys
 
-from tp_controller import Controller, errors, Robot, Settings, Stack
+from tp_controller import Controller, Robot, Settings, Stack
 from tp_controller.tasks import task_types
 from tp_controller.tasks.keys import DEFAULT_TOLERANCE
 from tp_controller.tools.check.results import schema
@@ -285,12 +285,6 @@ def settings():
           item.metadata['description']) for item in fields(Settings)])
 
 
-def error_tree():
-    """Return the tree of errors."""
-    tree = inspect.getdoc(errors).partition('::\n')[2].partition('\n\nEvery')[0]
-    return f'```text\n{inspect.cleandoc(tree)}\n```\n'
-
-
 def command_help(command=None):
     """Return what the command line prints for --help."""
     arguments = ([command] if command else []) + ['--help']
@@ -490,7 +484,7 @@ def faults():
 
 
 REGIONS = {
-    'tasks': tasks, 'settings': settings, 'errors': error_tree,
+    'tasks': tasks, 'settings': settings,
     'messages': messages, 'check report': check_report,
     'help': command_help, **{f'help {name}': lambda name=name: command_help(name)
                              for name in ('demo', 'goal', 'status', 'check', 'view', 'record',
