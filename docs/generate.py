@@ -18,6 +18,9 @@ Write the tables of README.md and the pages in docs/ that repeat what is in the 
 ``python docs/generate.py`` rewrites every region between ``<!-- begin generated: name -->`` and
 ``<!-- end generated -->``; with ``--check`` it changes nothing, and fails if a region is out of
 date. Regions about the nodes need rclpy; without it they stay as they are.
+
+Pages that repeat the code from top to bottom are on the site only: `write_site_pages` writes them
+whenever Sphinx builds it.
 """
 
 import argparse
@@ -38,7 +41,7 @@ from tp_controller import Controller, errors, Robot, Settings, Stack
 from tp_controller.tasks import task_types
 from tp_controller.tasks.keys import DEFAULT_TOLERANCE
 from tp_controller.tools.check.results import schema
-from tp_controller.tools.cli.main import make_parser
+from tp_controller.tools.cli.main import COMMANDS, make_parser
 
 ROOT = Path(__file__).resolve().parents[1]
 # Pages of the families of task types, in the order of the table of all types.
@@ -124,6 +127,16 @@ WATCHDOG_TOPICS = {
     'cmd_vel': 'the same for velocities of a base; only with a `base` that moves',
     'velocity_controller/commands/watchdog': 'name of the watchdog, ten times a second',
     'cmd_vel/watchdog': 'the same; only with a `base` that moves',
+}
+# Page about a command, or section of one.
+COMMAND_PAGES = {
+    'demo': '[demos](docs/robots.md#three-robots-at-work)',
+    'goal': '[goals from the shell](docs/ros.md#goals-from-the-shell)',
+    'status': '[status](docs/ros.md#status)',
+    'check': '[check](docs/check.md)',
+    'view': '[in the browser](docs/view.md)',
+    'record': '[record](docs/record.md)',
+    'plot': '[plot](docs/record.md#plot)',
 }
 STATUS = {
     'scale': 'smallest share of its velocity that limits leave a task; 1 if no limit is active',
@@ -274,16 +287,23 @@ def error_tree():
     return f'```text\n{inspect.cleandoc(tree)}\n```\n'
 
 
-def command_help(command=None):
-    """Return what the command line prints for --help."""
-    arguments = ([command] if command else []) + ['--help']
+def commands():
+    """Return the table of the commands."""
+    return table(('command', 'what it does', 'page'),
+                 [(f'`tp_controller {name}`', command.brief, COMMAND_PAGES[name])
+                  for name, command in COMMANDS.items()])
+
+
+def command_help(*arguments):
+    """Return the output of the command line with some arguments and --help."""
     printed = io.StringIO()
     with environment(COLUMNS='80', NO_COLOR='1'), redirect_stdout(printed):
         try:
-            make_parser().parse_args(arguments)
+            make_parser().parse_args([*arguments, '--help'])
         except SystemExit:
             pass
-    return f'```text\n$ tp_controller {" ".join(arguments)}\n{printed.getvalue()}```\n'
+    return f'```text\n$ {" ".join(("tp_controller", *arguments, "--help"))}\n' \
+           f'{printed.getvalue()}```\n'
 
 
 def launch_arguments(name):
@@ -308,11 +328,27 @@ def parameters(node):
     """Return the table of the parameters of a node."""
     part = 'tools.view' if node == 'viewer' else 'ros'
     module = importlib.import_module(f'tp_controller.{part}.{node}_node')
-    rows = []
-    for spec in module.PARAMETERS:
-        rows.append((f'`{spec.name}`', literal(spec.default), interval(spec.lower, spec.upper),
-                     spec.unit, 'fixed' if spec.fixed else 'any time', spec.description))
-    return table(('parameter', 'default', 'range', 'unit', 'set', 'meaning'), rows)
+    fixed, changing = (parameter_table([spec for spec in module.PARAMETERS if spec.fixed is kind
+                                        and not listed_elsewhere(node, spec)])
+                       for kind in (True, False))
+    if not changing:
+        return fixed
+    return f'*Fixed:*\n\n{fixed}\n*Any time:*\n\n{changing}'
+
+
+def listed_elsewhere(node, spec):
+    """Return whether the table of a node leaves a parameter to that of something else."""
+    from tp_controller.ros.interface.settings_parameters import SETTINGS
+    from tp_controller.ros.parameters import ROBOT
+    return spec in {'controller': SETTINGS, 'simulator': ROBOT}.get(node, ())
+
+
+def parameter_table(specs):
+    """Return a table of parameters; an empty text without one."""
+    rows = [(f'`{spec.name}`', literal(spec.default),
+             f'{interval(spec.lower, spec.upper)} {spec.unit}'.strip(), spec.description)
+            for spec in specs]
+    return table(('parameter', 'default', 'range', 'meaning'), rows) if rows else ''
 
 
 def goals():
@@ -432,9 +468,10 @@ def status():
     message = diagnostics(Time(), NODE, '', report, controller,
                           {'tool': GoalRecord(listeners={'goal': 1})}, Figures(0.01).as_text(),
                           lambda: None)
-    rows = [(of, f'`{value.key}`', STATUS[value.key])
-            for of, entry in zip(('node', 'task'), message.status) for value in entry.values]
-    return table(('of', 'key', 'meaning'), rows)
+    return '\n'.join(
+        table((f'key of {of}', 'meaning'),
+              [(f'`{value.key}`', STATUS[value.key]) for value in entry.values])
+        for of, entry in zip(('the node', 'a task'), message.status))
 
 
 def messages():
@@ -474,10 +511,7 @@ def faults():
 
 REGIONS = {
     'tasks': tasks, 'settings': settings, 'names': names, 'errors': error_tree,
-    'messages': messages, 'check report': check_report,
-    'help': command_help, **{f'help {name}': lambda name=name: command_help(name)
-                             for name in ('demo', 'goal', 'status', 'check', 'view', 'record',
-                                          'plot')},
+    'check report': check_report, 'commands': commands,
     **{f'launch {name}': lambda name=name: launch_arguments(name)
        for name in ('controller', 'demo')},
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},
@@ -488,6 +522,43 @@ ROS_REGIONS = {
        for what in (topics, parameters) for node in ('controller', 'simulator', 'watchdog')},
     'parameters viewer': lambda: parameters('viewer'),
 }
+
+
+# Pages of the site only ------------------------------------------------------------------
+
+
+def messages_page():
+    """Return the page of all messages."""
+    return ('# Messages\n\nEvery message that the product can print, by the file of '
+            '`tp_controller/` that it comes from. `{name}` stands for what is filled in. The '
+            'reasons and hints of the status are in `control/reasons.py`.\n\n' + messages())
+
+
+def command_line_page():
+    """Return the page of the help of all commands."""
+    return '# The command line\n\n' + '\n'.join(
+        f'## {" ".join(("tp_controller", *words))}\n\n{command_help(*words)}'
+        for words in ((), *((name,) for name in COMMANDS)))
+
+
+SITE_PAGES = {'messages': messages_page, 'command_line': command_line_page}
+
+
+def write_site_pages(folder):
+    """
+    Write the pages of the site only, those that have changed.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Made where it is missing.
+
+    """
+    folder.mkdir(exist_ok=True)
+    for name, page in SITE_PAGES.items():
+        path, text = folder / f'{name}.md', page()
+        if not path.exists() or path.read_text(encoding='utf-8') != text:
+            path.write_text(text, encoding='utf-8')
 
 
 # Pages -----------------------------------------------------------------------------------

@@ -49,7 +49,7 @@ SHIPPED = (*BUILT, '.ci', '.github', '.pre-commit-config.yaml', 'CHANGELOG.rst',
            'CONTRIBUTING.md', 'MANIFEST.in', 'Makefile', 'QUALITY_DECLARATION.md', 'RELEASING.md',
            'benchmarks', 'docs', 'examples', 'rosdoc2.yaml', 'test')
 # Files that are made here, and belong to no distribution.
-MADE = shutil.ignore_patterns('__pycache__', '*.so', '_build')
+MADE = shutil.ignore_patterns('__pycache__', '*.so', '_build', 'generated')
 
 # Module: (requirement in setup.py, key in package.xml; None where rosdep has none).
 # Every other module that is not Python's own is a ROS package.
