@@ -482,9 +482,10 @@ def check_report():
     """Return the parts of the report of a check with their fields, as JSON has them."""
     parts = []
     for kind, described in schema():
-        rows = ''.join(f'| `{name}` | {unit} | {text} |\n' for name, unit, text in described)
+        rows = ''.join(f'- `{name}`{unit and f" [{unit}]"}: {text}\n'
+                       for name, unit, text in described)
         parts.append(f'**{kind.__name__}**: {inspect.getdoc(kind).partition(chr(10))[0]}\n\n'
-                     f'| field | unit | what |\n| --- | --- | --- |\n{rows}')
+                     f'{rows}')
     return '\n'.join(parts).rstrip()
 
 
