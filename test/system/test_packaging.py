@@ -373,7 +373,8 @@ def unpacked(tmp_path_factory):
 def files_of(folder):
     """Return the files in a folder, but for what is made there."""
     return {str(path.relative_to(folder)) for path in folder.rglob('*') if path.is_file()
-            and not {'__pycache__', '_build'} & set(path.parts) and path.suffix != '.so'}
+            and not {'__pycache__', '_build', 'generated'} & set(path.parts)
+            and path.suffix != '.so'}
 
 
 def test_source_distribution_holds_all_that_its_tests_need(unpacked):
