@@ -75,7 +75,7 @@ lint: $(STAMP) $(TEST_NEEDS)  ## check code style and types
 	@$(BIN)/python -m mypy
 
 clean:  ## remove .venv and everything built
-	@rm -rf $(VENV) build install log tp_demo docs/_build *.egg-info
+	@rm -rf $(VENV) build install log tp_demo docs/_build docs/generated *.egg-info
 	@rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 	@find tp_controller -name '*.so' -delete

@@ -14,7 +14,7 @@
 
 """Settings of Sphinx: ``make docs`` and rosdoc2 build the site from the pages in this folder."""
 
-from importlib.util import find_spec
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
 import os
 from pathlib import Path
 from pydoc import locate
@@ -65,6 +65,14 @@ napoleon_custom_sections = [('Attributes', 'params_style')]
 MODULES = ('tp_controller', 'tp_controller.tasks', 'tp_controller.errors')
 
 
+def write_pages(app):
+    """Write the pages that are on the site only; see docs/generate.py."""
+    spec = spec_from_file_location('generate', ROOT / 'docs' / 'generate.py')
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.write_site_pages(app.srcdir / 'generated')
+
+
 def lead_outside(app, docname, source):
     """Let links, and files that are included, lead out of the folder of the pages."""
     if docname in WHOLE:
@@ -103,6 +111,7 @@ def look_up(app, env, node, contnode):
 
 
 def setup(app):
-    """Register what is done with every page."""
+    """Register what is done once, and with every page."""
+    app.connect('builder-inited', write_pages)
     app.connect('source-read', lead_outside)
     app.connect('missing-reference', look_up)

@@ -18,6 +18,9 @@ Write the tables of README.md and the pages in docs/ that repeat what is in the 
 ``python docs/generate.py`` rewrites every region between ``<!-- begin generated: name -->`` and
 ``<!-- end generated -->``; with ``--check`` it changes nothing, and fails if a region is out of
 date. Regions about the nodes need rclpy; without it they stay as they are.
+
+Pages that repeat the code from top to bottom are on the site only: `write_site_pages` writes them
+whenever Sphinx builds it.
 """
 
 import argparse
@@ -37,7 +40,7 @@ from tp_controller import Controller, Robot, Settings, Stack
 from tp_controller.tasks import task_types
 from tp_controller.tasks.keys import DEFAULT_TOLERANCE
 from tp_controller.tools.check.results import schema
-from tp_controller.tools.cli.main import make_parser
+from tp_controller.tools.cli.main import COMMANDS, make_parser
 
 ROOT = Path(__file__).resolve().parents[1]
 # Pages of the families of task types, in the order of the table of all types.
@@ -77,28 +80,22 @@ GOALS = {
 TOPICS = {
     'joint_states': 'positions, merged by name, from any number of publishers; may contain '
                     'other joints',
-    'odom': '[pose of the base](docs/ros.md#moving-bases); only with a `base` that moves',
-    'cmd_vel': '[velocities of the base](docs/ros.md#moving-bases), every cycle; zeros while the '
-               'robot is stopped; only with a `base` that moves',
-    'velocity_controller/commands/watchdog': 'names of [watchdogs](docs/ros.md#watchdog_node), '
-                                             'which show that they are there',
-    'cmd_vel/watchdog': 'the same for the base; only with a `base` that moves',
+    'odom': '[pose of a moving base](docs/ros.md#moving-bases)',
+    'cmd_vel': '[velocities of a moving base](docs/ros.md#moving-bases), as those of the joints',
+    'velocity_controller/commands/watchdog': 'names of [watchdogs](docs/ros.md#watchdog_node)',
+    'cmd_vel/watchdog': 'the same for a moving base',
     'robot_description': 'URDF text, transient local; only without the parameters `robot` and '
                          '`robot_description`',
-    '~/<task>/goal': 'the goal of a task; the type follows from the task',
-    '~/<task>/obstacles': 'obstacles, for tasks of the type `obstacles`',
+    '~/<task>/goal': 'the goal of a task',
+    '~/<task>/obstacles': '[obstacles](docs/ros.md#obstacles), for tasks of that type',
     '~/<task>/twist': 'velocity of a frame, as feed-forward or as the goal of a `twist` task; '
                       'times out',
     'velocity_controller/commands': 'joint velocities, every cycle; zeros while the robot is '
                                     'stopped',
-    '~/status': 'for the node and each task: error, speeds, reasons; only if '
-                'there is a subscriber',
-    '/diagnostics': 'the same once a second, where ROS tools look for it; only if '
-                    'there is a subscriber',
-    '~/<task>/numbers': '[error, tolerance and speeds](docs/ros.md#plots) of a task as numbers; '
-                        'only if there is a subscriber',
-    '~/markers': '[goals, frames, errors, cones, regions, distances](docs/ros.md#markers), for '
-                 'RViz and the browser; only if there is a subscriber',
+    '~/status': '[status](docs/ros.md#status) of the node and each task',
+    '/diagnostics': 'the same once a second, where ROS tools look for it',
+    '~/<task>/numbers': '[numbers](docs/ros.md#plots) of a task: error, tolerance, speeds',
+    '~/markers': '[markers](docs/ros.md#markers) of the tasks, for RViz and the browser',
     '~/stop': 'stop the robot until `~/start`, [ramped](docs/safety.md#stops) where told',
     '~/start': 'move again; tasks without a goal take their current value as the goal',
     '~/reload': 'read the stack file again; one with faults changes nothing',
@@ -111,40 +108,43 @@ SIMULATOR_TOPICS = {
     **TOPICS,
     'joint_states': 'positions and velocities, `rate` times a second',
     'robot_description': 'the URDF of the robot, transient local',
-    'odom': 'pose and velocity of the base, `rate` times a second; only with a `base` that moves',
-    'cmd_vel': 'velocities of the base; it stops if none was received for `command_timeout`; '
-               'only with a `base` that moves',
+    'odom': 'pose and velocity of a moving base, `rate` times a second',
+    'cmd_vel': 'velocities of a moving base, which stops in the same way',
     'velocity_controller/commands': 'joint velocities; the robot stops if none was received '
                                     'for `command_timeout`',
 }
 WATCHDOG_TOPICS = {
     'velocity_controller/commands': 'joint velocities; zeros if none came for `timeout` after '
                                     'one that moves the robot',
-    'cmd_vel': 'the same for velocities of a base; only with a `base` that moves',
+    'cmd_vel': 'the same for a moving base',
     'velocity_controller/commands/watchdog': 'name of the watchdog, ten times a second',
-    'cmd_vel/watchdog': 'the same; only with a `base` that moves',
+    'cmd_vel/watchdog': 'the same for a moving base',
+}
+# Page about a command, or section of one.
+COMMAND_PAGES = {
+    'demo': 'docs/robots.md#three-robots-at-work', 'goal': 'docs/ros.md#goals-from-the-shell',
+    'status': 'docs/ros.md#status', 'check': 'docs/check.md', 'view': 'docs/view.md',
+    'record': 'docs/record.md', 'plot': 'docs/record.md#plot',
 }
 STATUS = {
     'scale': 'smallest share of its velocity that limits leave a task; 1 if no limit is active',
     'limiting': 'joint and limit that cost the uppermost limited task most',
     'cycles': 'cycles since the node was configured',
     'rate [Hz]': 'cycles per second; this and the times are of the last 1000 cycles',
-    'cycle median [ms]': 'time that a cycle takes',
-    'cycle p99 [ms]': '99 of 100 take less',
-    'cycle max [ms]': 'the longest',
-    'state to command median [ms]': 'time from the receipt of joint states to the command',
-    'state to command p99 [ms]': '99 of 100 take less',
-    'state to command max [ms]': 'the longest',
+    **{f'cycle {which} [ms]': 'time that a cycle takes; p99: 99 of 100 take less'
+       for which in ('median', 'p99', 'max')},
+    **{f'state to command {which} [ms]': 'time from the receipt of joint states to the command'
+       for which in ('median', 'p99', 'max')},
     'overruns': 'cycles that began more than a period late, or took longer than a period',
     'solver': '[which one](docs/core.md) runs: `compiled` or `python`',
     'cycles left to Python': 'cycles that the compiled solver could not solve',
     'stalls': 'how often the loop as a whole stood still for longer than `state_timeout`',
     'missed deadlines': 'how often joint states came later than `state_deadline`',
-    'ignored description': 'what to do where another `robot_description` has arrived than the '
-                           'one in use; empty if none has',
+    'ignored description': 'what to do where a `robot_description` other than the one in use '
+                           'has arrived',
     'other publishers': 'number of other nodes that publish the same commands',
     'listeners': 'number of nodes, besides watchdogs, that listen to the commands',
-    'watchdogs': 'number of nodes whose name ends in `watchdog` that listen to the commands',
+    'watchdogs': 'number of watchdogs that do',
     'type': 'type of the task',
     'level': 'level in the stack, 1 is the highest; `disabled` for a disabled task',
     'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `failed`, `disabled` or '
@@ -152,17 +152,17 @@ STATUS = {
     'error [m]': 'norm of the error, or distance outside its bounds; one key for each unit: '
                  '`[m]`, `[rad]`, `[1]` for ratios, for velocity tasks `[m/s]`, `[rad/s]`',
     'tolerance [m]': 'error below which the goal counts as reached; one key for each unit',
-    'wanted speed': 'norm of the velocity that the task demands',
-    'achieved speed': 'norm of the part of it that is commanded',
-    'hint': 'what would help; empty if there is no reason',
-    'reason': 'what limits or blocks the task; empty if nothing does',
-    'goals accepted': 'goals and velocities accepted since the task is in the stack',
-    'goals refused': 'goals and velocities refused',
+    **{f'{which} speed': 'norm of the velocity that the task demands, and of the part of it that '
+                         'is commanded' for which in ('wanted', 'achieved')},
+    'hint': 'what would help',
+    'reason': 'what limits or blocks the task',
+    **{f'goals {outcome}': 'goals and velocities since the task is in the stack'
+       for outcome in ('accepted', 'refused')},
     'last refusal': 'reason of the last refusal',
-    'gain warning': 'what is doubtful about its gain at the rate of the last cycles: [it is too '
-                    'high](method.md#time-steps-and-gains); empty if nothing is',
-    'goal warning': 'what is probably a mistake in the last goal accepted: out of reach, or '
-                    'coordinates that do not count; empty if nothing is',
+    'gain warning': 'whether its gain is [too high](docs/method.md#time-steps-and-gains) at the '
+                    'rate of the last cycles',
+    'goal warning': 'probable mistake in the last goal accepted: out of reach, or coordinates '
+                    'that do not count',
     'goal listeners': 'subscriptions to `~/<task>/goal`, that of the controller and those of '
                       'others, as recorders; one key for each topic of the task',
 }
@@ -285,16 +285,23 @@ def settings():
           item.metadata['description']) for item in fields(Settings)])
 
 
-def command_help(command=None):
-    """Return what the command line prints for --help."""
-    arguments = ([command] if command else []) + ['--help']
+def commands():
+    """Return the table of the commands."""
+    return table(('command', 'what it does'),
+                 [(f'[`{name}`]({COMMAND_PAGES[name]})', command.brief)
+                  for name, command in COMMANDS.items()])
+
+
+def command_help(*arguments):
+    """Return the output of the command line with some arguments and --help."""
     printed = io.StringIO()
     with environment(COLUMNS='80', NO_COLOR='1'), redirect_stdout(printed):
         try:
-            make_parser().parse_args(arguments)
+            make_parser().parse_args([*arguments, '--help'])
         except SystemExit:
             pass
-    return f'```text\n$ tp_controller {" ".join(arguments)}\n{printed.getvalue()}```\n'
+    return f'```text\n$ {" ".join(("tp_controller", *arguments, "--help"))}\n' \
+           f'{printed.getvalue()}```\n'
 
 
 def launch_arguments(name):
@@ -319,11 +326,30 @@ def parameters(node):
     """Return the table of the parameters of a node."""
     part = 'tools.view' if node == 'viewer' else 'ros'
     module = importlib.import_module(f'tp_controller.{part}.{node}_node')
+    fixed, changing = (parameter_table([spec for spec in module.PARAMETERS if spec.fixed is kind
+                                        and not listed_elsewhere(node, spec)])
+                       for kind in (True, False))
+    if not changing:
+        return fixed
+    return f'*Fixed:*\n\n{fixed}\n*Any time:*\n\n{changing}'
+
+
+def listed_elsewhere(node, spec):
+    """Return whether the table of a node leaves a parameter to that of something else."""
+    from tp_controller.ros.interface.settings_parameters import SETTINGS
+    from tp_controller.ros.parameters import ROBOT
+    return spec in {'controller': SETTINGS, 'simulator': ROBOT}.get(node, ())
+
+
+def parameter_table(specs):
+    """Return a table of parameters; an empty text without one."""
     rows = []
-    for spec in module.PARAMETERS:
-        rows.append((f'`{spec.name}`', literal(spec.default), interval(spec.lower, spec.upper),
-                     spec.unit, 'fixed' if spec.fixed else 'any time', spec.description))
-    return table(('parameter', 'default', 'range', 'unit', 'set', 'meaning'), rows)
+    for spec in specs:
+        values = f'{interval(spec.lower, spec.upper)} {spec.unit}'.strip()
+        default = literal(spec.default)
+        rows.append((f'`{spec.name}`', f'{default}, {values}' if default and values
+                     else default or values, spec.description))
+    return table(('parameter', 'default, range', 'meaning'), rows) if rows else ''
 
 
 def goals():
@@ -352,8 +378,10 @@ def topics(node):
     for direction, name, kind, owner in opened:
         kind = '[by task](docs/ros.md#goals)' if name == '~/<task>/goal' else f'`{kind}`'
         at = (f'`{owner}`',) if several else ()
-        rows[(direction, f'`{name}`', kind, *at, described[name])] = None
-    return table(('direction', 'name', 'type', *(('node',) if several else ()), 'what for'), rows)
+        directions = rows.setdefault((f'`{name}`', kind, *at, described[name]), {})
+        directions[direction] = True
+    return table(('direction', 'name', 'type', *(('node',) if several else ()), 'meaning'),
+                 [(', '.join(directions), *row) for row, directions in rows.items()])
 
 
 @cache
@@ -443,9 +471,14 @@ def status():
     message = diagnostics(Time(), NODE, '', report, controller,
                           {'tool': GoalRecord(listeners={'goal': 1})}, Figures(0.01).as_text(),
                           lambda: None)
-    rows = [(of, f'`{value.key}`', STATUS[value.key])
-            for of, entry in zip(('node', 'task'), message.status) for value in entry.values]
-    return table(('of', 'key', 'meaning'), rows)
+    tables = []
+    for of, entry in zip(('the node', 'a task'), message.status):
+        rows = {}
+        for value in entry.values:
+            rows.setdefault(STATUS[value.key], []).append(f'`{value.key}`')
+        tables.append(table((f'key of {of}', 'meaning'),
+                            [(', '.join(keys), meaning) for meaning, keys in rows.items()]))
+    return '\n'.join(tables)
 
 
 def messages():
@@ -460,9 +493,10 @@ def check_report():
     """Return the parts of the report of a check with their fields, as JSON has them."""
     parts = []
     for kind, described in schema():
-        rows = ''.join(f'| `{name}` | {unit} | {text} |\n' for name, unit, text in described)
+        rows = ''.join(f'- `{name}`{unit and f" [{unit}]"}: {text}\n'
+                       for name, unit, text in described)
         parts.append(f'**{kind.__name__}**: {inspect.getdoc(kind).partition(chr(10))[0]}\n\n'
-                     f'| field | unit | what |\n| --- | --- | --- |\n{rows}')
+                     f'{rows}')
     return '\n'.join(parts).rstrip()
 
 
@@ -484,13 +518,7 @@ def faults():
 
 
 REGIONS = {
-    'tasks': tasks, 'settings': settings,
-    'messages': messages, 'check report': check_report,
-    'help': command_help, **{f'help {name}': lambda name=name: command_help(name)
-                             for name in ('demo', 'goal', 'status', 'check', 'view', 'record',
-                                          'plot')},
-    **{f'launch {name}': lambda name=name: launch_arguments(name)
-       for name in ('controller', 'demo')},
+    'tasks': tasks, 'settings': settings, 'check report': check_report, 'commands': commands,
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},
     'goal forms': goal_forms,
 }
@@ -500,6 +528,45 @@ ROS_REGIONS = {
        for what in (topics, parameters) for node in ('controller', 'simulator', 'watchdog')},
     'parameters viewer': lambda: parameters('viewer'),
 }
+
+
+# Pages of the site only ------------------------------------------------------------------
+
+
+def messages_page():
+    """Return the page of all messages."""
+    return ('# Messages\n\nEvery message that the product can print, by the file of '
+            '`tp_controller/` that it comes from. `{name}` stands for what is filled in. The '
+            'reasons and hints of the status are in `control/reasons.py`.\n\n' + messages())
+
+
+def command_line_page():
+    """Return the page of the help of all commands, and of the arguments of launch files."""
+    commands = [f'## {" ".join(("tp_controller", *words))}\n\n{command_help(*words)}'
+                for words in ((), *((name,) for name in COMMANDS))]
+    files = [f'## {name}.launch.py\n\n{launch_arguments(name)}'
+             for name in ('controller', 'demo')]
+    return '# The command line\n\n' + '\n'.join(commands + files)
+
+
+SITE_PAGES = {'messages': messages_page, 'command_line': command_line_page}
+
+
+def write_site_pages(folder):
+    """
+    Write the pages of the site only, those that have changed.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Made where it is missing.
+
+    """
+    folder.mkdir(exist_ok=True)
+    for name, page in SITE_PAGES.items():
+        path, text = folder / f'{name}.md', page()
+        if not path.exists() or path.read_text(encoding='utf-8') != text:
+            path.write_text(text, encoding='utf-8')
 
 
 # Pages -----------------------------------------------------------------------------------

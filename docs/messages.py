@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Collects every message that the product can print to a user, for docs/messages.md.
+Collects every message that the product can print to a user, for a page of the site.
 
 A message is a text of several words in the code of the package that is not a docstring, a
 description of a key, parameter, setting or option (those have tables of their own), the text of a

@@ -49,7 +49,7 @@ SHIPPED = (*BUILT, '.ci', '.github', '.pre-commit-config.yaml', 'CHANGELOG.rst',
            'CONTRIBUTING.md', 'MANIFEST.in', 'Makefile', 'QUALITY_DECLARATION.md', 'RELEASING.md',
            'benchmarks', 'docs', 'examples', 'rosdoc2.yaml', 'test')
 # Files that are made here, and belong to no distribution.
-MADE = shutil.ignore_patterns('__pycache__', '*.so', '_build')
+MADE = shutil.ignore_patterns('__pycache__', '*.so', '_build', 'generated')
 
 # Module: (requirement in setup.py, key in package.xml; None where rosdep has none).
 # Every other module that is not Python's own is a ROS package.
@@ -373,7 +373,8 @@ def unpacked(tmp_path_factory):
 def files_of(folder):
     """Return the files in a folder, but for what is made there."""
     return {str(path.relative_to(folder)) for path in folder.rglob('*') if path.is_file()
-            and not {'__pycache__', '_build'} & set(path.parts) and path.suffix != '.so'}
+            and not {'__pycache__', '_build', 'generated'} & set(path.parts)
+            and path.suffix != '.so'}
 
 
 def test_source_distribution_holds_all_that_its_tests_need(unpacked):

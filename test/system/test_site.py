@@ -20,6 +20,7 @@ Sphinx, MyST and the theme are in the extra ``docs``; rosdoc2 brings the first t
 
 import importlib.util
 from pathlib import Path
+import re
 import shutil
 import subprocess
 import sys
@@ -48,6 +49,10 @@ def test_site_builds_without_a_warning(tmp_path):
     assert pages <= {path.relative_to(tmp_path) for path in tmp_path.rglob('*.html')}
     assert 'id="tp_controller.Controller.update"' in (tmp_path / 'reference.html').read_text(
         encoding='utf-8')
+    for name, text in (('messages', 'blocked by the bounds of {}'),
+                       ('command_line', '$ tp_controller check --help')):
+        page = (tmp_path / 'generated' / f'{name}.html').read_text(encoding='utf-8')
+        assert text in re.sub('<[^>]*>', '', page)
 
 
 @pytest.fixture
@@ -66,13 +71,17 @@ def elsewhere(tmp_path):
 def write_first_page(folder, text):
     """Write the first page."""
     (folder / 'index.md').write_text(
-        f'# Site\n\n{text}\n\n```{{toctree}}\nreference\nchangelog\n```\n', encoding='utf-8')
+        f'# Site\n\n{text}\n\n```{{toctree}}\nreference\nchangelog\ngenerated/messages\n'
+        'generated/command_line\n```\n', encoding='utf-8')
 
 
 def test_site_builds_in_another_folder(elsewhere, tmp_path):
     write_first_page(elsewhere, '[stack](../config/lab1.yaml) [changes](../CHANGELOG.rst)\n\n'
                      '```{eval-rst}\n`Robot.velocity_names` `tp_controller.solver.damping`\n```')
     assert build(elsewhere, tmp_path / 'site') == ''
+    # As of every copy, the pages that are made with the site are beside the others.
+    assert (elsewhere / 'generated' / 'messages.md').exists()
+    assert (tmp_path / 'site' / 'generated' / 'messages.html').exists()
     text = (tmp_path / 'site' / 'index.html').read_text(encoding='utf-8')
     assert 'lab1.yaml' in text and 'href="changelog.html"' in text
     assert 'href="reference.html#tp_controller.Robot"' in text

@@ -45,7 +45,7 @@ import tp_controller
 from tp_controller import Robot, Stack
 from tp_controller.resources import find_file
 from tp_controller.tasks import Task
-from tp_controller.tools.cli.main import make_parser
+from tp_controller.tools.cli.main import COMMANDS, make_parser
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -53,6 +53,8 @@ DOCS = ROOT / 'docs'
 HOW_TO = sorted((DOCS / 'howto').glob('*.md'))
 ROBOTS = sorted((DOCS / 'robots').glob('*.md'))
 FAMILIES = sorted((DOCS / 'tasks').glob('*.md'))
+# Pages that are made with the site; index.md leads to them.
+GENERATED = DOCS / 'generated'
 BESIDE = [ROOT / f'{name}.md' for name in (
     'README', 'CONTRIBUTING', 'RELEASING', 'QUALITY_DECLARATION')]
 PAGES = [*BESIDE, *sorted(DOCS.glob('*.md')), *HOW_TO, *ROBOTS, *FAMILIES]
@@ -215,6 +217,40 @@ def test_every_table_is_shown(generate):
     'choose a goal that the bounds of {name} allow'])
 def test_list_of_messages_has_messages_of_every_kind(message, generate):
     assert f'- `{message}`\n' in generate.messages()
+
+
+def test_pages_of_the_site_only_have_all_messages_and_the_help_of_all_commands(generate, tmp_path):
+    generate.write_site_pages(tmp_path / 'pages')
+    texts = {path.stem: path.read_text(encoding='utf-8')
+             for path in (tmp_path / 'pages').iterdir()}
+    assert set(texts) == {'messages', 'command_line'}
+    assert generate.messages() in texts['messages']
+    for name, command in COMMANDS.items():
+        assert f'\n$ tp_controller {name} --help\n' in texts['command_line']
+        assert command.examples.strip() in texts['command_line']
+    for name in ('controller', 'demo'):
+        arguments = generate.launch_arguments(name)
+        assert f'\n## {name}.launch.py\n\n{arguments}' in texts['command_line']
+
+
+def test_pages_of_the_site_are_written_only_if_they_have_changed(generate, tmp_path):
+    generate.write_site_pages(tmp_path)
+    unchanged, changed = tmp_path / 'command_line.md', tmp_path / 'messages.md'
+    changed.write_text('# Messages\n', encoding='utf-8')
+    for path in (unchanged, changed):
+        os.utime(path, (1, 1))
+    generate.write_site_pages(tmp_path)
+    assert unchanged.stat().st_mtime == 1 and changed.stat().st_mtime > 1
+    assert generate.messages() in changed.read_text(encoding='utf-8')
+
+
+def test_pages_of_the_site_only_are_not_committed(generate):
+    first = LINK.findall((DOCS / 'index.md').read_text(encoding='utf-8'))
+    linked = {link.partition('/')[2] for link in first if link.startswith(f'{GENERATED.name}/')}
+    assert linked == {f'{name}.md' for name in generate.SITE_PAGES}
+    ignored = (ROOT / '.gitignore').read_text(encoding='utf-8').splitlines()
+    assert f'{GENERATED.relative_to(ROOT)}/' in ignored
+    assert not {page for page in PAGES if GENERATED in page.parents}
 
 
 def test_list_of_messages_has_nothing_else(generate):
@@ -571,13 +607,16 @@ def anchors(page):
 
 
 @pytest.mark.parametrize('page', PAGES, ids=identity)
-def test_links_and_images_lead_somewhere(page):
+def test_links_and_images_lead_somewhere(page, generate):
     text = re.sub(r'```.*?```', '', page.read_text(encoding='utf-8'), flags=re.DOTALL)
     for link in LINK.findall(re.sub(r'`[^`\n]*`', '', text)):
         if '://' in link:
             continue
         path, _, anchor = link.partition('#')
         target = (page.parent / path).resolve() if path else page
+        if target.parent == GENERATED:
+            assert target.stem in generate.SITE_PAGES and not anchor, link
+            continue
         assert target.exists() and ROOT in (target, *target.parents), link
         if anchor:
             assert anchor in anchors(target), link

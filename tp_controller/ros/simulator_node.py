@@ -60,13 +60,12 @@ PARAMETERS = (
          1.0, 5000.0, True),
     Spec('speed', 1.0, 'simulated seconds per second', '', 0.01, 1000.0, True),
     Spec('publish_clock', False, 'publish simulated time on /clock', fixed=True),
-    Spec('publish_tf', False, 'publish the odometry of a base that moves as tf, too, for RViz; '
-         'needs tf2_ros', fixed=True),
+    Spec('publish_tf', False, 'publish the odometry of a moving base as tf, too, for RViz; needs '
+         'tf2_ros', fixed=True),
     Spec('command_timeout', 0.1, 'time without a command after which the joints, or the base, '
          'stop, of the wall clock', 's', 1e-3, 10.0, True),
-    Spec('state_deadline', 0.0, 'longest time between two joint states that is promised to those '
-         'who request a deadline (QoS), of the wall clock (0: none is promised)', 's', 0.0, 60.0,
-         True),
+    Spec('state_deadline', 0.0, 'longest time between two joint states that is promised as a '
+         'deadline (QoS), of the wall clock (0: none)', 's', 0.0, 60.0, True),
     Spec('initial_positions', '', 'positions at the start, as YAML {joint: position} or a file '
          'of it, with base_x, base_y … base_yaw for a base that moves; a joint that is left out '
          'starts at zero, or in the middle of its range where zero is outside or near a limit',

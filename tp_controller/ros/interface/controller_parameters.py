@@ -25,53 +25,47 @@ MOST_PROCESSORS = 8192
 PARAMETERS = (
     *ROBOT,
     Spec('joints', [''], 'driven joints, in the order of `weights` (an empty name: all that can '
-         'be driven); the others stay where joint_states says', fixed=True),
+         'be driven)', fixed=True),
     Spec('command_joints', [''], 'the driven joints in the order of the commands (an empty name: '
          'as `joints`)', fixed=True),
     Spec('stack', '', 'the tasks, the highest priority first: YAML text, a path, or '
          'package://<package>/<path>'),
     Spec('rate', 100.0, 'cycles per second; 0: one cycle for each complete joint state', 'Hz',
          0.0, 2000.0, True),
-    Spec('state_timeout', 0.1, 'age of the joint states, and of the odometry of a base that '
-         'moves, since their receipt, from which zeros are commanded', 's', 1e-3, 10.0, True),
-    Spec('check_stamps', True, 'leave out joint states that are older than `state_timeout` by '
-         'their stamps, or ahead of time; a stamp of 0 is none', fixed=True),
-    Spec('jump_tolerance', 0.1, 'distance that a joint may move beyond its velocity limit, '
-         'between two joint states or within `state_timeout`, or beyond twice its command within '
-         '`follow_window`, before the robot is stopped, until ~/start (inf: any distance)',
-         'rad or m', 0.0, math.inf, True),
+    Spec('state_timeout', 0.1, 'age of the joint states, and of the odometry of a moving '
+         'base, since their receipt, from which zeros are commanded', 's', 1e-3, 10.0, True),
+    Spec('check_stamps', True, 'ignore joint states that are older than `state_timeout` by their '
+         'stamps, or ahead of time', fixed=True),
+    Spec('jump_tolerance', 0.1, 'distance that a joint may move beyond what its velocity limit, '
+         'or twice its command, allows before the robot is stopped until ~/start (inf: any '
+         'distance)', 'rad or m', 0.0, math.inf, True),
     Spec('odometry_jump_tolerance', 0.25, 'the same for the base and its odometry; at least the '
          'corrections of the localisation', 'm or rad', 0.0, math.inf, True),
-    Spec('limit_tolerance', 0.05, 'distance of a joint beyond a position limit, before it moves '
-         'or in motion, at which the robot is stopped, until ~/start (inf: never)', 'rad or m',
-         0.0, math.inf),
+    Spec('limit_tolerance', 0.05, 'distance of a joint beyond a position limit at which the '
+         'robot is stopped until ~/start (inf: never)', 'rad or m', 0.0, math.inf),
     Spec('follow_window', 1.0, 'time after which a joint, or a base, that does not follow its '
-         'command stops the robot, until ~/start (0: never)', 's', 0.0, 60.0, True),
-    Spec('settle_time', 0.3, 'for how long everything has to be in order after joint states or '
-         'odometry were late, before the robot moves again', 's', 0.0, 60.0, True),
-    Spec('exclusive', True, 'stop until ~/start, and publish nothing beside another node, if that '
-         'publishes the same commands when this one starts, or as soon as its commands are '
-         'received', fixed=True),
+         'command stops the robot until ~/start (0: never)', 's', 0.0, 60.0, True),
+    Spec('settle_time', 0.3, 'time that everything has to be in order before the robot moves '
+         'again, after a stop that ends by itself', 's', 0.0, 60.0, True),
+    Spec('exclusive', True, 'stop until ~/start, and publish nothing, if another node publishes '
+         'the same commands', fixed=True),
     Spec('require_listener', False, 'stop while no node other than watchdogs listens to the '
          'commands', fixed=True),
     Spec('require_watchdog', False, 'stop while no node whose name ends in watchdog listens to '
          'the commands', fixed=True),
-    Spec('stop_deceleration', 0.0, 'deceleration of a stop while positions are known; at most the '
-         'one the drives can follow; no stop takes longer than 2 s (0: zeros at once)',
-         'rad/s² or m/s²', 0.0, 1e6),
+    Spec('stop_deceleration', 0.0, 'deceleration of a stop while positions are known, at most '
+         'that of the drives; no stop takes longer than 2 s (0: zeros at once)', 'rad/s² or m/s²',
+         0.0, 1e6),
     Spec('keep_goals', False, 'after a deactivation go on to the goals of before; else the tasks '
-         'stay where they are when the node is activated again'),
+         'stay where they are'),
     *PERMITS,
-    Spec('watchdog_timeout', 0.2, 'time without a completed cycle after which zeros are commanded '
-         'from outside the loop', 's', 0.01, 10.0, True),
-    Spec('command_deadline', 0.0, 'longest time between two commands that is promised to those '
-         'who request a deadline (QoS); it costs time in every cycle (0: none is promised)', 's',
-         0.0, 60.0, True),
-    Spec('state_deadline', 0.0, 'longest time between two joint states that is requested of their '
-         'publishers (QoS): those that do not promise it are not heard, and what comes later is '
-         'counted and logged (0: none)', 's', 0.0, 60.0, True),
-    Spec('autostart', True, 'configure and activate the node at once; else its lifecycle services '
-         'do', fixed=True),
+    Spec('watchdog_timeout', 0.2, 'time without a completed cycle after which zeros are commanded',
+         's', 0.01, 10.0, True),
+    Spec('command_deadline', 0.0, 'longest time between two commands that is promised as a '
+         'deadline (QoS), which costs time in every cycle (0: none)', 's', 0.0, 60.0, True),
+    Spec('state_deadline', 0.0, 'longest time between two joint states that is requested as a '
+         'deadline (QoS) (0: none)', 's', 0.0, 60.0, True),
+    Spec('autostart', True, 'configure and activate the node at once', fixed=True),
     Spec('realtime_priority', 0, 'priority of the thread of the loop, from 1 to 99 (SCHED_FIFO); '
          '0: as other threads', '', 0, 99, True),
     Spec('processor', -1, 'the only processor that this thread runs on; -1: any', '', -1,
@@ -79,8 +73,8 @@ PARAMETERS = (
     Spec('lock_memory', False, 'lock the memory of the process', fixed=True),
     # A collection of the objects that the imports leave takes 50 ms without a command: once in
     # 10 s while a stack is read 50 times a second.
-    Spec('freeze_garbage', True, 'let the garbage collector leave alone what is there at the '
-         'start', fixed=True),
+    Spec('freeze_garbage', True, 'exclude the objects of the start from garbage collection',
+         fixed=True),
     Spec('status_rate', 10.0, 'status and marker messages per second', 'Hz', 0.1, 1000.0, True),
     *SETTINGS,
 )

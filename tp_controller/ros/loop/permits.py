@@ -35,14 +35,13 @@ PARAMETERS = (
     Spec('enable_topic', '', 'enable switch (std_msgs/Bool): motion only while it is true (empty: '
          'none)', fixed=True),
     Spec('enable_timeout', 0.5, 'age of the last message of the enable switch from which it '
-         'counts as off (0: any age, for a publisher that publishes changes only)', 's', 0.0,
-         60.0, True),
-    Spec('permit_topics', [''], 'states of the robot that allow motion: topics of one Bool or '
-         'number, true or more than 0, or as "topic:field == value" with ==, !=, >, >=, <, <= '
-         '(an empty name: none). All have to hold, and each field is named once. One that is '
-         'lost stops the robot until ~/start', fixed=True),
-    Spec('speed_scaling_topic', '', 'share of the commanded velocity that the robot carries out '
-         '(one number): it follows by that share of its commands (empty: none)', fixed=True),
+         'counts as off (0: any age, for a publisher of changes only)', 's', 0.0, 60.0, True),
+    Spec('permit_topics', [''], 'states of the robot that all have to hold for motion: topics of '
+         'one Bool or number, true or more than 0, or "topic:field == value" with ==, !=, >, >=, '
+         '<, <=; one that is lost stops the robot until ~/start (an empty name: none)',
+         fixed=True),
+    Spec('speed_scaling_topic', '', 'topic of the share of the commanded velocity that the robot '
+         'carries out, one number (empty: none)', fixed=True),
     Spec('speed_scaling_full', 100.0, 'value on `speed_scaling_topic` that stands for full speed',
          '', 1e-6, 1e6, True),
 )
