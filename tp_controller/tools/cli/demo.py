@@ -24,7 +24,7 @@ from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
 from tp_controller.tools.demos.startup import report_if_slow
 
-# The same as in tp_controller.tools.demos.film, whose import takes a second.
+# The same as in tp_controller.tools.demos.outcome, whose import takes a second.
 FILM, NO_FILM = 'TP_CONTROLLER_FILM', 'none'
 DEMOS = {
     'panda': 'a 7-DoF arm over ROS 2 topics (default)',
@@ -64,7 +64,7 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
                         help='show it on a page in the browser while it runs, too (demos over '
                         'ROS 2)')
     parser.add_argument('--no-film', dest='film', action='store_false',
-                        help='draw no film: the figures are there at once')
+                        help='draw no film, which needs a Chromium: the figures are there at once')
 
 
 def run_demo(options: argparse.Namespace) -> int:

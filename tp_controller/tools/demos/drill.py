@@ -36,9 +36,8 @@ from tp_controller.model.spatial import Array
 from tp_controller.resources import package_share
 from tp_controller.tasks.field_of_view import FieldOfView
 from tp_controller.tasks.joint_limits import JointLimits
-from tp_controller.tools.demos.film import films
 from tp_controller.tools.demos.motion import FixedObject, Motion
-from tp_controller.tools.demos.outcome import Measurement, Outcome, print_outcome
+from tp_controller.tools.demos.outcome import films, Measurement, Outcome, print_outcome
 from tp_controller.tools.plots.curves import plot_bounds
 
 PERIOD = 0.01

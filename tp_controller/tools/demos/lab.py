@@ -30,9 +30,8 @@ from numpy.typing import ArrayLike
 from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
 from tp_controller.model.spatial import Array
 from tp_controller.resources import package_share
-from tp_controller.tools.demos.film import films
 from tp_controller.tools.demos.motion import Motion
-from tp_controller.tools.demos.outcome import Measurement, Outcome, print_outcome
+from tp_controller.tools.demos.outcome import films, Measurement, Outcome, print_outcome
 from tp_controller.tools.plots.curves import plot_errors, plot_positions, plot_velocities
 
 Point = Sequence[float] | Array

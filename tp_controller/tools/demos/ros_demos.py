@@ -25,9 +25,9 @@ from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.frame import FrameTask
-from tp_controller.tools.demos.film import films
 from tp_controller.tools.demos.live_page import LivePage, start_page
 from tp_controller.tools.demos.motion import Motion
+from tp_controller.tools.demos.outcome import films
 from tp_controller.tools.demos.processes import (
     ended_by_sigterm,
     NodeProcess,

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Common parts of plots and films: colours, spatial axes, and files."""
+"""Common parts of plots: colours, spatial axes, and files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +35,6 @@ if TYPE_CHECKING:  # Not importable with mixed versions of matplotlib; plane plo
 COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
 GOAL_COLOUR = '#D55E00'
 ARM_COLOUR = '#2F3B4A'
-PATH_COLOUR = '#0072B2'
 LIMIT_COLOUR = '#B00020'
 SHADOW_COLOUR = '#DDE1E6'
 FAINT = '#B8BEC6'
@@ -81,12 +80,11 @@ class Scene:
         return tuple(np.asarray(points, dtype=float).T[:self.dimensions])
 
 
-def make_scene(points: Array, title: str, size: tuple[float, float] = (6.4, 6.0),
-               dpi: float = DPI) -> Scene:
+def make_scene(points: Array, title: str) -> Scene:
     """Return a scene with equal scales around points (k, 3), in the plane if they are."""
     lower, upper = points.min(axis=0), points.max(axis=0)
     flat = upper[2] - lower[2] < PLANAR_SPREAD
-    figure = Figure(figsize=size, dpi=dpi, layout='constrained')
+    figure = Figure(figsize=(6.4, 6.0), dpi=DPI, layout='constrained')
     FigureCanvasAgg(figure)
     axis: Axes = figure.add_subplot() if flat else figure.add_subplot(projection='3d')
     axis.set_title(title)
