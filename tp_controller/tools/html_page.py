@@ -38,11 +38,12 @@ ul { list-style: none; padding: 0; }
 li { margin: .6rem 0; padding-left: .8rem; border-left: 4px solid var(--line); }
 li.wrong { border-color: var(--bad); } li.doubtful { border-color: var(--doubtful); }
 li.fine { border-color: var(--fine); }
-table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 div.wide { overflow-x: auto; }
-th, td { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0;
+th, td { text-align: left; vertical-align: top; padding: .3rem .8rem;
   border-bottom: 1px solid var(--line); }
 th { font-weight: 600; } td:first-child { white-space: nowrap; }
+th:first-child, td:first-child { padding-left: 0; }
 .bad { color: var(--bad); } .number { text-align: right; }
 td[style] { background: linear-gradient(90deg, #4488ff44 var(--share), transparent 0); }
 img { max-width: 100%; height: auto; background: white; border-radius: 6px; }
