@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.model.spatial import Array
 from tp_controller.tools.files import new_file
+from tp_controller.untrusted import plain
 
 if TYPE_CHECKING:  # Not importable with mixed versions of matplotlib; plane plots do not need it.
     from mpl_toolkits.mplot3d import Axes3D
@@ -47,6 +48,8 @@ LEAST_SIDE = 0.5
 ZOOM, ENLARGED = 0.9, 0.1
 # Ticks of the longest side, and distances of the axis labels from the numbers [pt].
 TICKS, LABEL_PADS = 6, (9.0, 9.0, 10.0)
+# Longest name in a plot [characters].
+LONGEST_LABEL = 40
 # View direction [deg].
 ELEVATION, AZIMUTH = 22.0, -55.0
 
@@ -139,6 +142,11 @@ def mark_bound(axis: Axes, bound: float, beyond: float, label: str | None = None
     """Mark a bound, and shade the area beyond it."""
     axis.axhline(bound, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1, label=label)
     axis.axhspan(bound, bound + beyond, color=LIMIT_COLOUR, alpha=0.06, zorder=0, linewidth=0.0)
+
+
+def label(name: str, longest: int = LONGEST_LABEL) -> str:
+    """Return a name for a plot, with escaped dollar signs, which would start a formula."""
+    return plain(name, longest).replace('$', r'\$')
 
 
 def save(figure: Figure, path: str | Path) -> Path:
