@@ -80,12 +80,13 @@ def run_demo(options: argparse.Namespace) -> int:
         # All demos read this variable.
         os.environ[FILM] = NO_FILM
     # Imported here: the figures take a second to import, and goals do not need them.
-    if options.name == 'drill':
+    if options.name in ('drill', 'lab1', 'lab2'):
         from tp_controller.tools.demos.drill import drill
-        passed = drill(folder)
-    elif options.name in ('lab1', 'lab2'):
         from tp_controller.tools.demos.lab import lab1, lab2
-        passed = lab1(folder) if options.name == 'lab1' else lab2(folder, options.seed)
+        outcome = drill(folder) if options.name == 'drill' else lab1(folder) \
+            if options.name == 'lab1' else lab2(folder, options.seed)
+        print(outcome)
+        passed = outcome.passed
     else:
         with report_if_slow('importing the demo', partial(print, flush=True)):
             from tp_controller.tools.demos.ros_demos import run_demo as run_over_ros

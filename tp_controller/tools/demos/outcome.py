@@ -74,12 +74,6 @@ class Outcome:
                           *(f'  {path}' for path in self.paths)))
 
 
-def print_outcome(outcome: Outcome) -> bool:
-    """Print an outcome and return whether it passed."""
-    print(outcome)
-    return outcome.passed
-
-
 def films(path: Path, motion: Motion) -> tuple[Path, ...]:
     """
     Write the film of a motion where viser and a Chromium are installed; print why if not.

@@ -58,7 +58,7 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
     folder : pathlib.Path
         Folder of figures and logs.
     page : bool
-        Also show the demo live on a page in the browser.
+        Whether to show it on a page in the browser, too.
 
     Returns
     -------

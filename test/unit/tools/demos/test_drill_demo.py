@@ -68,7 +68,7 @@ def test_outcome_is_told_with_figures(tmp_path, motion, monkeypatch):
     monkeypatch.setattr(drill, 'record', lambda: motion)
     monkeypatch.setattr(drill, 'films', lambda path, motion: motions.append(motion) or ())
     motions = []
-    outcome = drill.run_drill(tmp_path)
+    outcome = drill.drill(tmp_path)
     assert outcome.passed
     text = str(outcome)
     assert 'tip, largest error from 3 s on' in text and text.count('markers ') == 2

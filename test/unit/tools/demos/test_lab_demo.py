@@ -29,6 +29,7 @@ from PIL import Image
 import pytest
 from robots import REPOSITORY
 from tp_controller.tasks.sketch import Dot
+from tp_controller.tools.cli.main import main
 from tp_controller.tools.demos import lab
 from tp_controller.tools.demos.motion import Playback
 
@@ -95,7 +96,7 @@ def outcomes(tmp_path_factory):
     folder, motions = tmp_path_factory.mktemp('lab'), {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lab, 'films', lambda path, motion: motions.update({path.name: motion}) or ())
-        return {'lab1': lab.run_lab1(folder / 'lab1'), 'lab2': lab.run_lab2(folder / 'lab2'),
+        return {'lab1': lab.lab1(folder / 'lab1'), 'lab2': lab.lab2(folder / 'lab2'),
                 'films': motions}
 
 
@@ -218,10 +219,10 @@ def test_the_outcome_is_printed_and_returned(monkeypatch, capsys, tmp_path):
     wrong = lab.Measurement('another', 'rad', 0.5, 0.6, 0.01)
     for rows, passed in (((good,), True), ((good, wrong), False)):
         outcome = lab.Outcome('title', rows, (), (tmp_path / 'figure.png',))
-        monkeypatch.setattr(lab, 'run_lab1', lambda folder: outcome)
-        monkeypatch.setattr(lab, 'run_lab2', lambda folder, seed: outcome)
-        for run in (lab.lab1, lab.lab2):
-            assert run(tmp_path) is passed
+        monkeypatch.setattr(lab, 'lab1', lambda folder: outcome)
+        monkeypatch.setattr(lab, 'lab2', lambda folder, seed: outcome)
+        for name in ('lab1', 'lab2'):
+            assert main(['demo', name, '--output', str(tmp_path)]) == 1 - passed
             printed = capsys.readouterr().out
             assert 'figure.png' in printed
             assert ('WRONG' in printed) is not passed
