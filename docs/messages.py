@@ -26,9 +26,8 @@ import re
 
 PACKAGE = Path(__file__).resolve().parents[1] / 'tp_controller'
 # Modules that draw: their texts are labels.
-DRAWING = ('tools/recording/pictures.py', 'tools/recording/report.py', 'tools/check/page.py',
-           'tools/demos/film.py', 'tools/demos/outlines.py', 'tools/plots/curves.py',
-           'tools/plots/drawing.py')
+DRAWING = ('tools/recording/pictures.py', 'tools/recording/report.py', 'tools/html_page.py',
+           'tools/plots/curves.py', 'tools/plots/drawing.py')
 # Calls and arguments whose texts describe something, and names that do.
 DESCRIBING = {'Spec', '_number', '_choice', 'NewType', 'Demo', 'title', 'help', 'description',
               'epilog', 'keys', 'KEYS', 'EXAMPLES', 'COMMAND', '_spec', 'STYLE', 'DEMOS',

@@ -37,9 +37,9 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from tp_controller import Controller, Robot, Settings, solve, Stack
 from tp_controller.model.shapes import Box, Cylinder, Sphere
+from tp_controller.model.urdf import parse
 from tp_controller.solver.damping import Damping
 from tp_controller.tasks.manipulability import Mobility
-from tp_controller.tools.demos.film_lines import links_of
 from tp_controller.tools.plots import drawing
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -148,7 +148,11 @@ class Run:
     @cached_property
     def chain(self):
         """Return (parent, child) of the links up to frames of tasks, and the driven children."""
-        links, driven = links_of(self.robot)
+        joints = parse(self.robot.urdf).findall('joint')
+        links = [tuple(next(joint.iter(side)).attrib['link'] for side in ('parent', 'child'))
+                 for joint in joints]
+        driven = [child for joint, (_, child) in zip(joints, links)
+                  if joint.get('name') in self.robot.joint_names]
         parents = {child: parent for parent, child in links}
         needed = {*driven, *(frame for task in self.stack.tasks.values() for frame in (
             getattr(task, 'frame', None), getattr(task, 'reference', None)))}

@@ -20,5 +20,5 @@ from optional import pytest_pycollect_makemodule, pytest_runtest_call, pytest_ru
 
 __all__ = ['pytest_pycollect_makemodule', 'pytest_runtest_call', 'pytest_runtest_setup']
 
-# A film of a solid robot takes most of a minute; tests of one set this aside.
-os.environ.setdefault('TP_CONTROLLER_FILM', 'lines')
+# A film takes most of a minute; tests of one set this aside.
+os.environ.setdefault('TP_CONTROLLER_FILM', 'none')

@@ -475,6 +475,16 @@ def test_the_lab_demo_runs_from_the_command_line(environment, tmp_path):
     check_images(folder / 'lab1', written)
 
 
+def test_a_demo_without_a_chromium_writes_all_but_the_film(environment, tmp_path):
+    given = {key: text for key, text in environment.items() if key != 'TP_CONTROLLER_FILM'}
+    status, said, complaint = command_line({**given, 'PATH': str(tmp_path)}, 'demo', 'lab1',
+                                           '--output', str(tmp_path))
+    assert status == 0 and 'apt install chromium' in complaint
+    assert sorted(path.name for path in (tmp_path / 'lab1').iterdir()) == [
+        'lab1_error.png', 'lab1_positions.png']
+    assert 'end-effector error, largest' in said and 'lab1_error.png' in said
+
+
 @pytest.mark.skipif(find_spec('rclpy') is None, reason='needs ROS 2')
 @pytest.mark.parametrize('name, asked', [
     ('panda', ['tool', 'tool', 'elbow', 'elbow', 'tool']), ('mobile', ['tray', 'tray', 'lift']),
@@ -489,7 +499,7 @@ def test_the_demo_of_a_robot_reaches_its_goals_within_limits(environment, tmp_pa
     assert [task for task, _ in outcomes] == asked
     assert all(text.endswith('reached') and 'not reached' not in text for _, text in outcomes)
     folder = tmp_path / name
-    check_images(folder, ['errors.png', 'velocities.png', 'tool_path.png', 'film.webp'])
+    check_images(folder, ['errors.png', 'velocities.png', 'tool_path.png'])
     for node in ('controller_node.log', 'simulator_node.log'):
         assert 'ERROR' not in (folder / node).read_text()
 

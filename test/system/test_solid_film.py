@@ -14,15 +14,12 @@
 
 """The film of a solid robot, rendered in a real browser."""
 
-from importlib.util import find_spec
-
 import numpy as np
 from PIL import Image
 import pytest
 from robots import CONFIG, panda
 from tp_controller import Robot, Stack, TpControllerError
 from tp_controller.model.shapes import Box
-from tp_controller.tools.demos import film
 from tp_controller.tools.demos.motion import FixedObject, Motion
 from tp_controller.tools.view.browser import chromium_flags, find_chromium, open_page, UNLIMITED
 
@@ -43,17 +40,14 @@ BAND = 54
 # Pictures until nothing else is drawn any more.
 TRIES = 100
 
+film = pytest.importorskip('tp_controller.tools.demos.film', reason='needs viser')
 pytestmark = [
-    pytest.mark.skipif(find_spec('viser') is None, reason='needs viser'),
     pytest.mark.skipif(find_chromium() is None, reason='needs a Chromium on the PATH')]
 
 
-def pictures_of(motion, folder, monkeypatch, capsys):
+def pictures_of(motion, folder):
     """Return the pictures (h, w, 3) of the film of a motion, captions included."""
-    monkeypatch.delenv(film.CHOICE)
     path = film.write_film(folder / 'film.webp', motion)
-    # Drawn with lines, it would say so.
-    assert capsys.readouterr().err == ''
     with Image.open(path) as picture:
         assert picture.size == film.SIZE and picture.n_frames == len(motion.times)
         pictures = []
@@ -68,14 +62,13 @@ def share(picture, colour, tolerance):
     return 100.0 * (np.abs(picture - np.array(colour)).max(axis=2) < tolerance).mean()
 
 
-def test_film_shows_a_solid_robot_that_moves_its_goal_and_an_obstacle(
-        tmp_path, monkeypatch, capsys):
+def test_film_shows_a_solid_robot_that_moves_its_goal_and_an_obstacle(tmp_path):
     robot = panda()
     q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]) + np.outer([0.0, 1.0], [0.6, *6 * [0.0]])
     first, last = pictures = [picture[:-BAND] for picture in pictures_of(Motion(
         'title', robot, np.array([0.0, 1.0]), q, Stack.from_yaml(STACK, robot),
         ('panda_hand_tcp',), goals=[(0.5, 'tool', [0.4, -0.3, 0.5])]),
-        tmp_path, monkeypatch, capsys)]
+        tmp_path)]
     moved = np.abs(first - last).max(axis=2) > 40
     assert 0.03 < moved.mean() < 0.5
     # Nothing of it is cut off at an edge.
@@ -87,14 +80,13 @@ def test_film_shows_a_solid_robot_that_moves_its_goal_and_an_obstacle(
 
 
 def test_a_browser_that_still_shows_the_page_of_a_demo_does_not_get_into_its_film():
-    from tp_controller.tools.demos import film_solid
     from tp_controller.tools.view.server import PORTS
     # It connects again to whatever is at the address of the page.
-    with film_solid._server() as server:
+    with film._server() as server:
         assert server.get_port() not in PORTS
 
 
-def test_every_part_is_where_it_belongs(tmp_path, monkeypatch, capsys):
+def test_every_part_is_where_it_belongs(tmp_path):
     robot = Robot.from_file(CONFIG / 'robots' / 'mobile_arm.urdf', base='planar')
     q = np.tile(robot.neutral(), (2, 1))
     q[0, 1] = -1.0
@@ -103,16 +95,15 @@ def test_every_part_is_where_it_belongs(tmp_path, monkeypatch, capsys):
         goals=[(0.0, 'tool', [0.5, -1.8, 0.6, 0.0, 0.0, 0.0, 1.0])],
         objects=(FixedObject('base_link', Box(0.3, 0.3, 0.3), (0.0, 0.8, 0.15)),),
         carried=(('laser', 'tool'),), view=(0.0, 30.0))
-    from tp_controller.tools.demos import film_solid
-    camera = film_solid._camera(motion, [0, 1], 4.0 / 3.0)
-    before, after = pictures_of(motion, tmp_path, monkeypatch, capsys)
+    camera = film._camera(motion, [0, 1], 4.0 / 3.0)
+    before, after = pictures_of(motion, tmp_path)
     state = robot.state(q[1])
     tool, laser = state.position('tool'), state.position('laser')
 
     def colour(point, picture=after):
         """Return red, green and blue where a point (3,) is seen."""
         right, down, forward = (np.array(point) - camera.position) @ camera.R
-        scale = film.SIZE[1] / 2.0 / np.tan(film_solid.FILM_FOV / 2.0) / forward
+        scale = film.SIZE[1] / 2.0 / np.tan(film.FILM_FOV / 2.0) / forward
         x = round(film.SIZE[0] / 2.0 + scale * right)
         y = round(film.SIZE[1] / 2.0 + scale * down)
         return np.median(picture[y - 1:y + 2, x - 1:x + 2], axis=(0, 1)).tolist()
@@ -152,20 +143,19 @@ def test_every_part_is_where_it_belongs(tmp_path, monkeypatch, capsys):
 
 def test_nothing_is_drawn_but_the_pictures():
     playwright = pytest.importorskip('playwright.sync_api')
-    from tp_controller.tools.demos import film_solid
     from tp_controller.tools.view.server import address
-    camera = film_solid.Camera(np.array([0.0, 0.0, 3.0]), np.diag([1.0, -1.0, -1.0]), 3.0)
-    with film_solid._server() as server, playwright.sync_playwright() as driver:
+    camera = film.Camera(np.array([0.0, 0.0, 3.0]), np.diag([1.0, -1.0, -1.0]), 3.0)
+    with film._server() as server, playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=find_chromium(),
                                          args=[*chromium_flags(), UNLIMITED])
         page = browser.new_page(viewport={'width': 160, 'height': 120})
         page.goto(address(server))
-        client = film_solid._client(server, HeadlessPage())
+        client = film._client(server, HeadlessPage())
 
         def picture():
             """Take a picture, after something has changed."""
             server.scene.add_icosphere('/ball', 0.1)
-            film_solid._picture(client, HeadlessPage(), camera, (80, 60))
+            film._picture(client, HeadlessPage(), camera, (80, 60))
             return page.evaluate('window.__viserTestpoints.rendererInfo.render.frame')
 
         page.wait_for_function(

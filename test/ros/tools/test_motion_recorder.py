@@ -29,26 +29,42 @@ def recorder_of(harness, robot):
     return Recorder(SimpleNamespace(node=harness.node, controller='tp_controller'), robot)
 
 
+def is_complete(recorder):
+    """Return whether states, commands and errors were received."""
+    return bool(recorder.states and recorder.commands and recorder.curves.columns)
+
+
 def test_configurations_and_commands_of_a_base_and_its_joints_are_recorded(harness):
     file = str(CONFIG / 'robots' / 'mobile_arm.urdf')
     robot = Robot.from_file(file, base='differential')
     recorder = recorder_of(harness, robot)
-    assert not recorder.is_complete()
+    assert not is_complete(recorder)
     given = {'robot': file, 'base': 'differential'}
     harness.controller(**given, stack='- park: {type: base_pose}\n'
                                       '- swing: {type: joint, joints: arm_1, target: [1.0]}\n')
     harness.simulator(**given, initial_positions='{base_x: 2.0, base_yaw: 1.0, arm_4: 0.5}')
-    harness.spin_until(recorder.is_complete, 'all that is recorded')
+    harness.spin_until(lambda: is_complete(recorder), 'all that is recorded')
     arm = robot.joint_index('arm_1')
     harness.spin_until(lambda: recorder.commands[-1][1][arm] > 0.1, 'motion')
     q, velocity = np.array(recorder.states[0][1]), np.array(recorder.commands[-1][1])
     assert q.shape == (robot.nq,) and velocity.shape == (robot.n,)
     np.testing.assert_allclose(q[:3], [2.0, 0.0, 1.0], atol=0.05)
     assert q[robot.joint_rows][robot.joint_names.index('arm_4')] == pytest.approx(0.5, abs=0.05)
-    harness.spin_until(lambda: recorder.reasons[-1][1].keys() == {'park', 'swing'}, 'reasons')
-    assert [time for time, _ in recorder.reasons] == [time for time, _ in recorder.errors]
+    harness.spin_until(lambda: recorder.curves.plotted()[2].keys() == {'park', 'swing'},
+                       'reasons')
+    assert {task for task, _ in recorder.curves.columns} == {'park', 'swing'}
     assert all(np.isfinite(values).all() for rows in (recorder.states, recorder.commands)
                for _, values in rows)
+
+
+def test_time_counts_from_the_last_start(harness):
+    recorder = recorder_of(harness, Robot.from_file(PLANAR_DH))
+    harness.simulator()
+    harness.spin_until(lambda: recorder.states, 'states')
+    recorder.restart(10.0)
+    assert recorder.states == [] and -10.0 <= recorder.now() < 0.0
+    harness.spin_until(lambda: recorder.states, 'states')
+    assert -10.0 <= recorder.states[0][0] <= recorder.now()
 
 
 def test_nothing_is_recorded_of_a_base_whose_odometry_is_missing(harness):
@@ -58,12 +74,12 @@ def test_nothing_is_recorded_of_a_base_whose_odometry_is_missing(harness):
     states = harness.record(JointState, '/joint_states')
     harness.simulator(robot=file)
     harness.spin_until(lambda: len(states) > 5, 'joint states')
-    assert recorder.states == [] and not recorder.is_complete()
+    assert recorder.states == [] and not is_complete(recorder)
 
 
 def test_arm_on_a_fixed_base_is_recorded_without_odometry(harness):
     recorder = recorder_of(harness, Robot.from_file(PLANAR_DH))
     harness.controller()
     harness.simulator()
-    harness.spin_until(recorder.is_complete, 'all that is recorded')
+    harness.spin_until(lambda: is_complete(recorder), 'all that is recorded')
     assert len(recorder.states[-1][1]) == len(recorder.commands[-1][1]) == 3

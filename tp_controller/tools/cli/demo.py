@@ -24,7 +24,7 @@ from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
 from tp_controller.tools.demos.startup import report_if_slow
 
-# The same as in tp_controller.tools.demos.film, whose import takes a second.
+# The same as in tp_controller.tools.demos.outcome, whose import takes a second.
 FILM, NO_FILM = 'TP_CONTROLLER_FILM', 'none'
 DEMOS = {
     'panda': 'a 7-DoF arm over ROS 2 topics (default)',
@@ -64,7 +64,7 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
                         help='show it on a page in the browser while it runs, too (demos over '
                         'ROS 2)')
     parser.add_argument('--no-film', dest='film', action='store_false',
-                        help='draw no film: the figures are there at once')
+                        help='draw no film, which needs a Chromium: the figures are there at once')
 
 
 def run_demo(options: argparse.Namespace) -> int:
@@ -80,12 +80,13 @@ def run_demo(options: argparse.Namespace) -> int:
         # All demos read this variable.
         os.environ[FILM] = NO_FILM
     # Imported here: the figures take a second to import, and goals do not need them.
-    if options.name == 'drill':
+    if options.name in ('drill', 'lab1', 'lab2'):
         from tp_controller.tools.demos.drill import drill
-        passed = drill(folder)
-    elif options.name in ('lab1', 'lab2'):
         from tp_controller.tools.demos.lab import lab1, lab2
-        passed = lab1(folder) if options.name == 'lab1' else lab2(folder, options.seed)
+        outcome = drill(folder) if options.name == 'drill' else lab1(folder) \
+            if options.name == 'lab1' else lab2(folder, options.seed)
+        print(outcome)
+        passed = outcome.passed
     else:
         with report_if_slow('importing the demo', partial(print, flush=True)):
             from tp_controller.tools.demos.ros_demos import run_demo as run_over_ros

@@ -36,9 +36,8 @@ from tp_controller.model.spatial import Array
 from tp_controller.resources import package_share
 from tp_controller.tasks.field_of_view import FieldOfView
 from tp_controller.tasks.joint_limits import JointLimits
-from tp_controller.tools.demos.film import films
 from tp_controller.tools.demos.motion import FixedObject, Motion
-from tp_controller.tools.demos.outcome import Measurement, Outcome, print_outcome
+from tp_controller.tools.demos.outcome import films, Measurement, Outcome
 from tp_controller.tools.plots.curves import plot_bounds
 
 PERIOD = 0.01
@@ -60,11 +59,6 @@ LOWER = {'markers': 'angle between marker and camera [rad]',
          'joints': 'joint nearest to its limit: distance [rad]'}
 CAPTIONS = {'markers': 'markers in view', 'mobile': 'away from singularities',
             'joints': 'away from joint limits'}
-
-
-def drill(folder: str | Path) -> bool:
-    """Run the demonstration, print its outcome, and return whether it passed."""
-    return print_outcome(run_drill(folder))
 
 
 def target(now: float) -> tuple[Array, Array]:
@@ -150,20 +144,8 @@ def _lower_values(robot: Robot, stack: Stack, state: RobotState) -> list[float]:
     return [tasks['markers'].value(state)[0], tasks['mobile'].value(state)[0], margin]
 
 
-def run_drill(folder: str | Path) -> Outcome:
-    """
-    Run the demonstration.
-
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        Folder of the figures.
-
-    Returns
-    -------
-    Outcome
-
-    """
+def drill(folder: str | Path) -> Outcome:
+    """Run the demonstration, and write its figures to a folder."""
     motion = record()
     settled = motion.times >= SETTLED
     share = 100.0 * np.abs(motion.velocities / motion.robot.velocity).max()

@@ -12,27 +12,37 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Films of a moving robot: animated WebP, supported by every browser."""
 
-from collections.abc import Iterable, Iterator, Sequence
-import os
+"""Films of a moving robot: animated WebP, rendered by a headless Chromium."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+import io
+from itertools import product
 from pathlib import Path
-import sys
 from textwrap import wrap
+from threading import Event
 
 import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from tp_controller.errors import TpControllerError
-from tp_controller.model.spatial import Array
-from tp_controller.tools.demos.film_lines import line_pictures
-from tp_controller.tools.demos.motion import Motion
-from tp_controller.tools.extras import install_command
+from tp_controller.model.spatial import Array, pose
+from tp_controller.tasks.aim import pose_along
+from tp_controller.tasks.sketch import Body, Sketch
+from tp_controller.tools.demos.motion import FixedObject, Motion, Playback
+from tp_controller.tools.demos.processes import ended_by_sigterm
 from tp_controller.tools.files import new_file
 from tp_controller.tools.progress import progress
+from tp_controller.tools.view.browser import find_chromium, HeadlessPage, open_page
+from tp_controller.tools.view.camera import Camera, camera_for, FILM_FOV
+from tp_controller.tools.view.parts import add_part, Colour, Part, place, wxyz
+from tp_controller.tools.view.scene import add_ground, RobotScene, Trail
+from tp_controller.tools.view.server import address, open_server, unused_port
+from tp_controller.tools.view.sketches import extent, shape_part, SketchScene
+from tp_controller.tools.view.visuals import visuals_of
+import viser
 
-# Environment variable of the style of films, and its values other than the default.
-CHOICE, LINES, NONE = 'TP_CONTROLLER_FILM', 'lines', 'none'
 SIZE = 960, 720
 # Largest number of pictures, and longest duration of a film [s].
 MAX_FRAMES = 100
@@ -42,20 +52,28 @@ QUALITY, EFFORT = 65, 4
 INK, PAPER = (33, 41, 52), (255, 255, 255, 205)
 LARGE, SMALL, MARGIN = 26, 20, 14
 FONT = Path(matplotlib.get_data_path()) / 'fonts' / 'ttf' / 'DejaVuSans.ttf'
-
-
-def films(path: Path, motion: Motion) -> tuple[Path, ...]:
-    """Return the path of the film of a motion; empty with ``TP_CONTROLLER_FILM=none``."""
-    return () if os.environ.get(CHOICE) == NONE else (write_film(path, motion),)
+# Timeouts of the start (usually 2 s) and of a picture (0.2 s, on a busy machine 2 s), and polling
+# period [s].
+START_SECONDS, PICTURE_SECONDS, POLL_SECONDS = 60.0, 60.0, 0.1
+# Size of the window, independent of that of the pictures [pixels].
+WINDOW = 160, 120
+# Hides the window: viser would draw its content repeatedly for 0.25 s.
+OUT_OF_VIEW = '<style>#root { position: fixed; top: 300vh; }</style>'
+# Largest number of pictures until the scene is complete.
+MOST_TRIES = 20
+CARRIED_COLOUR: Colour = (204, 121, 167)
+BAR_RADIUS = 0.018
+# Half the size assumed for a mesh with unknown vertices, which has its own colours [m].
+MESH_HALF = 0.07
+# Ambient and directional intensity; position of the lamp relative to the camera, in distances.
+AMBIENT, BRIGHTNESS, LAMP = 1.25, 2.4, np.array([0.0, 0.0, 1.2])
+NO_CHROMIUM = ('there is no Chromium on the PATH (Debian: sudo apt install chromium; Ubuntu: '
+               'sudo snap install chromium)')
 
 
 def write_film(path: str | Path, motion: Motion) -> Path:
     """
     Write a film of a motion in real time, or faster if it exceeds ten seconds.
-
-    The robot is solid if viser and a Chromium are installed; else it is drawn with lines, with the
-    reason on standard error. ``TP_CONTROLLER_FILM=lines`` in the environment always selects lines,
-    which is faster.
 
     Parameters
     ----------
@@ -68,29 +86,21 @@ def write_film(path: str | Path, motion: Motion) -> Path:
     -------
     pathlib.Path
 
+    Raises
+    ------
+    TpControllerError
+        Chromium is not installed, or fails.
+
     """
     samples = shown_samples(motion.times)
-    print(f'Drawing the film, {len(samples)} pictures (--no-film: none) ...', flush=True)
-    pictures: list[Image.Image] = []
-    if os.environ.get(CHOICE) != LINES:
-        try:
-            pictures = _drawn(motion, samples, _solid(motion, samples))
-        except TpControllerError as error:
-            print(f'The film is drawn with lines: {error}', file=sys.stderr)
-    if not pictures:
-        pictures = _drawn(motion, samples, line_pictures(motion, samples, SIZE))
-    return save_animation(path, pictures, 1000.0 * _seconds(motion.times) / len(samples))
-
-
-def _drawn(motion: Motion, samples: Sequence[int],
-           pictures: Iterable[Image.Image]) -> list[Image.Image]:
-    """Return pictures with captions, and show the progress."""
-    done = []
+    seconds = float(min(max(motion.times[-1] - motion.times[0], 0.1), MAX_SECONDS))
+    drawn = []
     with progress(len(samples), 'drawing the film') as bar:
-        for picture in _captioned(motion, samples, pictures):
-            done.append(picture)
+        for sample, picture in zip(samples, pictures(motion, samples)):
+            _add_caption(picture, motion, sample, seconds)
+            drawn.append(picture)
             bar.advance()
-    return done
+    return save_animation(path, drawn, 1000.0 * seconds / len(samples))
 
 
 def shown_samples(times: Array) -> list[int]:
@@ -99,38 +109,30 @@ def shown_samples(times: Array) -> list[int]:
     return np.unique(np.searchsorted((times[1:] + times[:-1]) / 2.0, moments)).tolist()
 
 
-def _seconds(times: Array) -> float:
-    """Return the duration of a film [s]."""
-    return float(min(max(times[-1] - times[0], 0.1), MAX_SECONDS))
+def save_animation(path: str | Path, pictures: Sequence[Image.Image],
+                   milliseconds: float) -> Path:
+    """Write pictures, each shown for a time [ms], as a WebP that repeats; return its path."""
+    with new_file(path) as file:
+        pictures[0].save(file, 'WEBP', save_all=True, append_images=pictures[1:], loop=0,
+                         duration=max(round(milliseconds), 20), quality=QUALITY, method=EFFORT)
+    return Path(path)
 
 
-def _solid(motion: Motion, samples: Sequence[int]) -> Iterator[Image.Image]:
-    """Return pictures of a solid robot; raise `TpControllerError` if it is impossible."""
-    try:
-        from tp_controller.tools.demos.film_solid import solid_pictures
-    except ModuleNotFoundError as error:
-        raise TpControllerError(f'{error.name} is missing: {install_command("view")}') from error
-    return solid_pictures(motion, samples, SIZE)
-
-
-def _captioned(motion: Motion, samples: Sequence[int],
-               pictures: Iterable[Image.Image]) -> Iterator[Image.Image]:
-    """Yield pictures with title, caption and time."""
-    speed = (motion.times[-1] - motion.times[0]) / _seconds(motion.times)
+def _add_caption(picture: Image.Image, motion: Motion, sample: int, seconds: float) -> None:
+    """Draw title or caption and time of a sample, for a film of a duration [s]."""
+    speed = (motion.times[-1] - motion.times[0]) / seconds
     fast = f'   {speed:.1f} × real time' if speed > 1.05 else ''
     small = ImageFont.truetype(FONT, SMALL)
-    for sample, picture in zip(samples, pictures):
-        draw = ImageDraw.Draw(picture, 'RGBA')
-        width, height = picture.size
-        top = height - LARGE - 2 * MARGIN
-        draw.rectangle((0, top, width, height), fill=PAPER)
-        middle = (top + height) // 2
-        clock = f't = {max(motion.times[sample], 0.0):4.1f} s{fast}'
-        draw.text((width - MARGIN, middle), clock, INK, small, 'rm')
-        text, font = _fitted(draw, motion.caption(sample) or motion.title,
-                             width - 3 * MARGIN - draw.textlength(clock, small))
-        draw.text((MARGIN, middle), text, INK, font, 'lm', spacing=2)
-        yield picture
+    draw = ImageDraw.Draw(picture, 'RGBA')
+    width, height = picture.size
+    top = height - LARGE - 2 * MARGIN
+    draw.rectangle((0, top, width, height), fill=PAPER)
+    middle = (top + height) // 2
+    clock = f't = {max(motion.times[sample], 0.0):4.1f} s{fast}'
+    draw.text((width - MARGIN, middle), clock, INK, small, 'rm')
+    text, font = _fitted(draw, motion.caption(sample) or motion.title,
+                         width - 3 * MARGIN - draw.textlength(clock, small))
+    draw.text((MARGIN, middle), text, INK, font, 'lm', spacing=2)
 
 
 def _fitted(draw: ImageDraw.ImageDraw, text: str,
@@ -146,27 +148,210 @@ def _fitted(draw: ImageDraw.ImageDraw, text: str,
     return '\n'.join(lines), small
 
 
-def save_animation(path: str | Path, pictures: Sequence[Image.Image],
-                   milliseconds: float) -> Path:
+def pictures(motion: Motion, samples: Sequence[int]) -> Iterator[Image.Image]:
     """
-    Write pictures as an animated WebP that repeats, and return its path.
+    Yield pictures of a solid robot on the ground, with goals, regions, obstacles and paths.
 
     Parameters
     ----------
-    path : str or pathlib.Path
-        File to write; its folder is created.
-    pictures : sequence of PIL.Image.Image
-        Pictures of equal size.
-    milliseconds : float
-        Display time of each picture [ms].
+    motion : Motion
+        Motion to draw.
+    samples : sequence of int
+        Samples to draw, one per picture, in order of time.
 
-    Returns
-    -------
-    pathlib.Path
+    Yields
+    ------
+    PIL.Image.Image
+
+    Raises
+    ------
+    TpControllerError
+        Chromium is not installed, or fails.
 
     """
-    path = Path(path)
-    with new_file(path) as file:
-        pictures[0].save(file, 'WEBP', save_all=True, append_images=pictures[1:], loop=0,
-                         duration=max(round(milliseconds), 20), quality=QUALITY, method=EFFORT)
-    return path
+    program = find_chromium()
+    if program is None:
+        raise TpControllerError(NO_CHROMIUM)
+    print(f'Drawing the film, {len(samples)} pictures (--no-film: none) ...', flush=True)
+    with ended_by_sigterm() as all_started, _server() as server:
+        camera = _camera(motion, samples, SIZE[0] / SIZE[1])
+        stage = _Stage(server.scene, motion, motion.enlarged * camera.distance)
+        _add_lights(server.scene, camera)
+        with open_page(program, address(server), *WINDOW) as page:
+            all_started()
+            client = _client(server, page)
+            for sample in samples:
+                with server.atomic():
+                    stage.show(sample)
+                if sample == samples[0]:
+                    _wait_until_still(lambda: _picture(client, page, camera))
+                yield _picture(client, page, camera)
+
+
+class _Stage:
+    """Scene of a film."""
+
+    def __init__(self, scene: viser.SceneApi, motion: Motion, size: float) -> None:
+        self._motion, self._playback = motion, Playback(motion)
+        self._robot = RobotScene(scene, motion.robot)
+        self._robot.show(motion.q[0])
+        add_ground(scene, self._robot.ground() if motion.ground is None else motion.ground)
+        self._sketches = SketchScene(scene, size)
+        self._trails = [Trail(scene, f'/trail/{frame}') for frame in motion.frames]
+        self._objects = [(_add_object(scene, f'/objects/{number}', each), each.frame)
+                         for number, each in enumerate(motion.objects)]
+        self._bars = [add_part(scene, f'/bar/{number}', _bar(ends))
+                      for number, ends in enumerate(self._playback.bars())]
+        self._next = 0
+
+    def show(self, sample: int) -> None:
+        """Show a sample, and the path up to it."""
+        for each in range(self._next, sample + 1):
+            self._playback.seek(each)
+            for trail, frame in zip(self._trails, self._motion.frames):
+                trail.add(self._playback.state.position(frame))
+        self._next = sample + 1
+        state = self._playback.state
+        self._robot.show(self._motion.q[sample])
+        self._sketches.draw(self._playback.sketches())
+        for handle, frame in self._objects:
+            place(handle, state.pose(frame))
+        for bar, ends in zip(self._bars, self._playback.bars()):
+            place(bar, _bar(ends).T)
+
+
+def _add_object(scene: viser.SceneApi, name: str, each: FixedObject) -> viser.SceneNodeHandle:
+    """Add an object, and return the node that follows its frame."""
+    handle = scene.add_frame(name, show_axes=False)
+    part = _object_part(each)
+    if part is not None:
+        add_part(scene, f'{name}/shape', part)
+    return handle
+
+
+def _object_part(each: FixedObject) -> Part | None:
+    """Return the solid of an object in its frame; None for a half-space."""
+    return shape_part(each.shape, pose(np.eye(3), each.at), CARRIED_COLOUR)
+
+
+def _add_lights(scene: viser.SceneApi, camera: Camera) -> None:
+    """Add ambient light, and a lamp above the camera that casts shadows."""
+    # An environment map would double the time of a picture, and take 5 s at the start.
+    scene.configure_environment_map(None)
+    scene.configure_default_lights(False)
+    scene.add_light_ambient('/lights/all', intensity=AMBIENT)
+    lamp_position = camera.position + camera.distance * (LAMP - 0.4 * camera.R[:, 0])
+    scene.add_light_directional('/lights/lamp', intensity=BRIGHTNESS, cast_shadow=True,
+                                position=tuple(lamp_position.tolist()))
+
+
+def _bar(ends: Array) -> Part:
+    """Return a bar between two points (2, 3)."""
+    difference = ends[1] - ends[0]
+    length = float(np.linalg.norm(difference))
+    T = pose_along(difference / length, ends.mean(axis=0))
+    return Part('cylinder', (BAR_RADIUS, length), T, CARRIED_COLOUR)
+
+
+def _camera(motion: Motion, samples: Sequence[int], aspect: float) -> Camera:
+    """Return a camera with all content in view; the size of goals grows with its distance."""
+    points, sketches = _seen(motion, samples)
+    camera = camera_for(points, motion.view, aspect)
+    for _ in range(2):
+        camera = camera_for(np.concatenate(
+            [points, *(extent(sketch, motion.enlarged * camera.distance) for sketch in sketches)]),
+            motion.view, aspect)
+    return camera
+
+
+def _seen(motion: Motion, samples: Sequence[int]) -> tuple[Array, list[Sketch]]:
+    """Return the points (k, 3) [m] and sketches that must be in view."""
+    playback, points = Playback(motion), []
+    sketches: list[Sketch] = []
+    corners = {link: [_corners(part) for part in parts]
+               for link, parts in visuals_of(motion.robot).parts.items()}
+    for each in motion.objects:
+        part = _object_part(each)
+        corners.setdefault(each.frame, []).extend([] if part is None else [_corners(part)])
+    for sample in samples:
+        playback.seek(sample)
+        state = playback.state
+        for frame, boxes in corners.items():
+            T = state.pose(frame)
+            points += [box @ T[:3, :3].T + T[:3, 3] for box in boxes]
+        points += [state.position(frame)[np.newaxis] for frame in motion.frames]
+        shown = [sketch for parts in playback.sketches().values() for sketch in parts]
+        bodies = [shape_part(sketch.shape, sketch.T, CARRIED_COLOUR) for sketch in shown
+                  if isinstance(sketch, Body)]
+        points += [_corners(part) for part in bodies if part is not None]
+        sketches += shown
+    return np.concatenate(points), sketches
+
+
+def _corners(part: Part) -> Array:
+    """Return the corners (k, 3) of a box around a part, in the axes of its link [m]."""
+    half, middle = np.zeros(3), np.zeros(3)
+    if part.kind == 'box':
+        half = 0.5 * np.array(part.size)
+    elif part.kind == 'sphere':
+        half = np.ones(3) * part.size
+    elif part.kind == 'cylinder':
+        half = np.array([part.size[0], part.size[0], 0.5 * part.size[1]])
+    elif part.mesh is not None and part.mesh.vertices is not None:
+        low, high = part.mesh.vertices.min(axis=0), part.mesh.vertices.max(axis=0)
+        half, middle = 0.5 * (high - low) * part.size, 0.5 * (low + high) * part.size
+    else:
+        half += MESH_HALF
+    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+    return (middle + signs * half) @ part.T[:3, :3].T + part.T[:3, 3]
+
+
+@contextmanager
+def _server() -> Iterator[viser.ViserServer]:
+    """Run a local server on an unused port."""
+    server = open_server(port=unused_port(), pictures=True)
+    server.gui.add_html(OUT_OF_VIEW)
+    try:
+        yield server
+    finally:
+        with redirect_stdout(io.StringIO()):
+            # viser would print a message.
+            server.stop()
+
+
+def _client(server: viser.ViserServer, page: HeadlessPage) -> viser.ClientHandle:
+    """Return the client of the page once it is connected."""
+    connected, clients = Event(), []
+
+    def welcome(client: viser.ClientHandle) -> None:
+        clients.append(client)
+        connected.set()
+
+    server.on_client_connect(welcome)
+    for _ in range(round(START_SECONDS / POLL_SECONDS)):
+        if connected.wait(POLL_SECONDS):
+            return clients[0]
+        page.check()
+    raise TpControllerError(f'Chromium did not open the page within {START_SECONDS:.0f} s')
+
+
+def _wait_until_still(take: Callable[[], Image.Image]) -> None:
+    """Render until two pictures are equal: meshes load asynchronously."""
+    picture = take()
+    for _ in range(MOST_TRIES):
+        before, picture = picture, take()
+        if picture == before:
+            return
+
+
+def _picture(client: viser.ClientHandle, page: HeadlessPage, camera: Camera,
+             size: tuple[int, int] = SIZE) -> Image.Image:
+    """Render the picture of a camera."""
+    try:
+        pixels = client.get_render(
+            size[1], size[0], wxyz=wxyz(camera.R), position=camera.position, fov=FILM_FOV,
+            timeout=PICTURE_SECONDS)
+    except (RuntimeError, TimeoutError) as error:
+        page.check()
+        raise TpControllerError(f'Chromium draws nothing: {error}') from error
+    return Image.fromarray(pixels[..., :3])

@@ -30,9 +30,8 @@ from numpy.typing import ArrayLike
 from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
 from tp_controller.model.spatial import Array
 from tp_controller.resources import package_share
-from tp_controller.tools.demos.film import films
 from tp_controller.tools.demos.motion import Motion
-from tp_controller.tools.demos.outcome import Measurement, Outcome, print_outcome
+from tp_controller.tools.demos.outcome import films, Measurement, Outcome
 from tp_controller.tools.plots.curves import plot_errors, plot_positions, plot_velocities
 
 Point = Sequence[float] | Array
@@ -92,30 +91,8 @@ class Recording:
         return float(np.abs(self.velocities).max())
 
 
-def lab1(folder: str | Path) -> bool:
-    """Run exercise 1, print its outcome, and return whether it passed."""
-    return print_outcome(run_lab1(folder))
-
-
-def lab2(folder: str | Path, seed: int = 1) -> bool:
-    """Run exercise 2, print its outcome, and return whether it passed."""
-    return print_outcome(run_lab2(folder, seed))
-
-
-def run_lab1(folder: str | Path) -> Outcome:
-    """
-    Run exercise 1: motion in the null space of a fixed end-effector position.
-
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        Where the figures are written.
-
-    Returns
-    -------
-    Outcome
-
-    """
+def lab1(folder: str | Path) -> Outcome:
+    """Run exercise 1, motion in the null space of a position, with figures in a folder."""
     motion = null_space_motion()
     limits = motion.robot.velocity
     measurements = (
@@ -138,20 +115,16 @@ def run_lab1(folder: str | Path) -> Outcome:
                    measurements, (), paths)
 
 
-def run_lab2(folder: str | Path, seed: int = 1) -> Outcome:
+def lab2(folder: str | Path, seed: int = 1) -> Outcome:
     """
     Run exercise 2: end-effector and joint 1 position, in both orders of priority.
 
     Parameters
     ----------
     folder : str or pathlib.Path
-        Where the figures are written.
+        Folder of the figures.
     seed : int
         Seed of the random end-effector goals.
-
-    Returns
-    -------
-    Outcome
 
     """
     measurements = [each for goal in (CONFLICT, COMPATIBLE) for each in _measure_two_tasks(goal)]

@@ -37,35 +37,13 @@ WITHOUT_PAGE = 'no page in the browser, the demo continues without it: '
 
 
 class LivePage:
-    """
-    Page of a demo, in its own process.
-
-    Parameters
-    ----------
-    process : NodeProcess
-    address : str
-        URL of the page.
-
-    """
+    """Page of a demo, in its own process, with its address."""
 
     def __init__(self, process: NodeProcess, address: str) -> None:
         self._process, self._address = process, address
 
     def wait(self, turn: Callable[[float], None], report: Callable[[str], None]) -> str:
-        """
-        Wait until the page answers.
-
-        Parameters
-        ----------
-        turn, report : callable
-            See `Startup`.
-
-        Returns
-        -------
-        str
-            Line with the URL, or with the reason of a failure.
-
-        """
+        """Wait until the page answers (`Startup`); return its address, or the fault, as text."""
         try:
             Startup([self._process], report).wait(
                 lambda: '' if _answers(self._address) else 'the page in the browser', turn)
@@ -82,16 +60,7 @@ class LivePage:
 
 def start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -> LivePage:
     """
-    Start the page of a demo, until a stack ends.
-
-    Parameters
-    ----------
-    stack : contextlib.ExitStack
-        Stack that closes the page.
-    environment : dict
-        Environment of the nodes of the demo.
-    folder : pathlib.Path
-        Folder of its log.
+    Start the page of a demo, with its log in a folder, until a stack ends.
 
     Raises
     ------

@@ -141,17 +141,6 @@ class Playback:
                        for sketch in task.sketch(self.state) if self._is_shown(name, sketch)]
                 for name, task in self._tasks.items()}
 
-    def goals(self) -> list[Array]:
-        """Return the positions (3,) of the goals that have one [m]."""
-        return [sketch.T[:3, 3] if isinstance(sketch, Triad) else sketch.p
-                for parts in self.sketches().values() for sketch in parts
-                if isinstance(sketch, Triad | Dot)]
-
-    def bodies(self) -> list[Body]:
-        """Return the shapes fixed to the root frame or to the robot."""
-        return [sketch for parts in self.sketches().values() for sketch in parts
-                if isinstance(sketch, Body)]
-
     def bars(self) -> list[Array]:
         """Return the ends (2, 3) of the carried bars [m]."""
         return [np.stack((self.state.position(one), self.state.position(other)))

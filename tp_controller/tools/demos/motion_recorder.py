@@ -15,7 +15,6 @@
 """Recorder of a running controller: configurations, commands, errors of the tasks."""
 
 import time
-from typing import TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
@@ -28,9 +27,11 @@ from tp_controller.model.spatial import Array
 from tp_controller.ros.client.client import Client
 from tp_controller.ros.client.configuration import base_velocities, ConfigurationBuffer
 from tp_controller.ros.client.received_status import subscribe_status
+from tp_controller.tools.recording.task_curves import TaskCurves
 from tp_controller.untrusted import errors_of
 
-Value = TypeVar('Value')
+# Units of the recorded errors.
+UNITS = ('m', 'rad')
 
 
 class Recorder:
@@ -50,10 +51,8 @@ class Recorder:
         Time [s] and configuration.
     commands : list of (float, ndarray (n,))
         Time [s] and commanded velocities, including those of the base.
-    errors : list of (float, dict)
-        Time [s] and {(task, unit): error}.
-    reasons : list of (float, dict)
-        Time [s] and {task: cause of its limit}, at the same times.
+    curves : TaskCurves
+        Errors of the tasks in `UNITS`, and their limiting causes.
 
     """
 
@@ -61,11 +60,7 @@ class Recorder:
         self._robot = robot
         self._configuration = ConfigurationBuffer(robot)
         self._velocity = np.full(robot.n, np.nan)
-        self._start = time.monotonic()
-        self.states: list[tuple[float, Array]] = []
-        self.commands: list[tuple[float, Array]] = []
-        self.errors: list[tuple[float, dict[tuple[str, str], float]]] = []
-        self.reasons: list[tuple[float, dict[str, str]]] = []
+        self.restart()
         node = client.node
         node.create_subscription(JointState, '/joint_states', self._on_state, 50)
         node.create_subscription(Float64MultiArray, '/velocity_controller/commands',
@@ -76,20 +71,16 @@ class Recorder:
                                      ConfigurationBuffer.odometry_qos)
             node.create_subscription(Twist, '/cmd_vel', self._on_base_command, 50)
 
+    def restart(self, ahead: float = 0.0) -> None:
+        """Drop all data; time counts from a moment ahead [s]."""
+        self._start = time.monotonic() + ahead
+        self.states: list[tuple[float, Array]] = []
+        self.commands: list[tuple[float, Array]] = []
+        self.curves = TaskCurves()
+
     def now(self) -> float:
-        """Return the time since the start of the recording [s]."""
+        """Return the time of the recording [s]."""
         return time.monotonic() - self._start
-
-    def is_complete(self) -> bool:
-        """Return whether states, commands and errors were received."""
-        return bool(self.states and self.commands and self.errors)
-
-    def cut(self, first: float, zero: float) -> None:
-        """Drop all data before `first`, and count time from `zero` [s]."""
-        self.states = _shifted(self.states, first, zero)
-        self.commands = _shifted(self.commands, first, zero)
-        self.errors = _shifted(self.errors, first, zero)
-        self.reasons = _shifted(self.reasons, first, zero)
 
     def _on_state(self, message: JointState) -> None:
         """Record the configuration once it is complete."""
@@ -121,21 +112,11 @@ class Recorder:
             self.commands.append((self.now(), self._velocity.copy()))
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        """Record the errors and the limiting cause of every task."""
-        errors, reasons = {}, {}
+        """Record the errors and the limiting causes of every task."""
+        samples = {}
         for status in message.status[1:]:
-            task = status.name.partition(': ')[2]
-            found = errors_of({value.key: value.value for value in status.values})
-            errors.update({(task, unit): error for unit, error in found.items()})
-            for value in status.values:
-                if value.key == 'reason':
-                    reasons[task] = value.value
-        now = self.now()
-        self.errors.append((now, errors))
-        self.reasons.append((now, reasons))
-
-
-def _shifted(rows: list[tuple[float, Value]], first: float,
-             zero: float) -> list[tuple[float, Value]]:
-    """Return the rows from `first` on, with times relative to `zero` [s]."""
-    return [(moment - zero, value) for moment, value in rows if moment >= first]
+            values = {value.key: value.value for value in status.values}
+            samples[status.name.partition(': ')[2]] = (
+                {unit: error for unit, error in errors_of(values).items() if unit in UNITS},
+                values.get('reason', ''))
+        self.curves.add(self.now(), samples)

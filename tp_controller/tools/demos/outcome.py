@@ -12,12 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
-"""Measurements of a demonstration, with their references."""
+"""Results of a demonstration: measurements with their references, and the film."""
 
 from dataclasses import dataclass
+import os
 from pathlib import Path
+import sys
 
+from tp_controller.errors import TpControllerError
+from tp_controller.tools.demos.motion import Motion
+from tp_controller.tools.extras import install_command
+
+# Environment variable of the films, and its value for none.
+CHOICE, NONE = 'TP_CONTROLLER_FILM', 'none'
 DECIMALS = {'mm': 3, '°': 3, '%': 1, 'rad': 5, 'rad/s': 3}
 
 
@@ -67,7 +74,24 @@ class Outcome:
                           *(f'  {path}' for path in self.paths)))
 
 
-def print_outcome(outcome: Outcome) -> bool:
-    """Print an outcome and return whether it passed."""
-    print(outcome)
-    return outcome.passed
+def films(path: Path, motion: Motion) -> tuple[Path, ...]:
+    """
+    Write the film of a motion where viser and a Chromium are installed; print why if not.
+
+    Returns
+    -------
+    tuple of pathlib.Path
+        Path of the film; empty without one, as with ``TP_CONTROLLER_FILM=none``.
+
+    """
+    if os.environ.get(CHOICE) == NONE:
+        return ()
+    try:
+        from tp_controller.tools.demos.film import write_film
+        return (write_film(path, motion),)
+    except ModuleNotFoundError as error:
+        reason = f'{error.name} is missing: {install_command("view")}'
+    except TpControllerError as error:
+        reason = str(error)
+    print(f'No film is drawn: {reason}', file=sys.stderr, flush=True)
+    return ()

@@ -25,9 +25,9 @@ from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.frame import FrameTask
-from tp_controller.tools.demos.film import films
 from tp_controller.tools.demos.live_page import LivePage, start_page
 from tp_controller.tools.demos.motion import Motion
+from tp_controller.tools.demos.outcome import films
 from tp_controller.tools.demos.processes import (
     ended_by_sigterm,
     NodeProcess,
@@ -43,7 +43,6 @@ if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
     from tp_controller.ros.client.client import Client
     from tp_controller.tools.demos.motion_recorder import Recorder
 
-GOAL_SECONDS = 20.0
 # Recorded and displayed time before the first goal [s].
 LINGER_SECONDS = 0.5
 
@@ -59,7 +58,7 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
     folder : pathlib.Path
         Folder of figures and logs.
     page : bool
-        Also show the demo live on a page in the browser.
+        Whether to show it on a page in the browser, too.
 
     Returns
     -------
@@ -102,6 +101,8 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
 def _carry_out(demo: Demo, client: 'Client', recorder: 'Recorder', nodes: Sequence[NodeProcess]
                ) -> tuple[list[TaskOutcome], list[float]]:
     """Run the steps of a demo; print and return the outcomes, and return their times."""
+    # Time zero is the first goal; a short time before it is shown, too.
+    recorder.restart(LINGER_SECONDS)
     client.wait(lambda: False, LINGER_SECONDS)
     steps = Steps(client, lambda: check_alive(nodes), lambda: len(recorder.commands) / demo.rate)
     outcomes: list[TaskOutcome] = []
@@ -170,13 +171,12 @@ def _figures(folder: Path, demo: Demo, recorder: 'Recorder',
              goal_times: Sequence[float]) -> Iterator[Path]:
     """Write the figures and yield their paths."""
     robot, leader = demo.robot, cast(FrameTask, demo.stack.tasks[demo.leader])
-    # Time zero is the first goal; a short time before it is shown, too.
-    recorder.cut(goal_times[0] - LINGER_SECONDS, goal_times[0])
-    changes = np.array(goal_times) - goal_times[0]
+    changes = np.array(goal_times)
     times, q = (np.array(column) for column in zip(*recorder.states))
     command_times, velocities = (np.array(column) for column in zip(*recorder.commands))
-    yield plot_errors(folder / 'errors.png', *_error_curves(recorder),
-                      reasons=_reasons(recorder), changes=changes, log=True)
+    error_times, errors, reasons = recorder.curves.plotted()
+    yield plot_errors(folder / 'errors.png', error_times, errors, reasons=reasons,
+                      changes=changes, log=True)
     yield plot_velocities(folder / 'velocities.png', command_times, velocities, robot.velocity,
                           robot.velocity_names, units=robot.velocity_units, changes=changes,
                           title='Velocities of base and joints' if robot.moves
@@ -209,24 +209,3 @@ def _captions(demo: Demo, changes: Array) -> list[tuple[float, str]]:
     """Return the start time and the caption of each step."""
     return [(change, f'{number}/{len(demo.steps)}  ' + '; '.join(goal['say'] for goal in step))
             for number, (step, change) in enumerate(zip(demo.steps, changes.tolist()), 1)]
-
-
-def _error_curves(recorder: 'Recorder') -> tuple[Array, list[tuple[str, str, Array]]]:
-    """
-    Return times (T,) and (task, unit, errors (T,)) of all errors that are not always zero.
-
-    Errors are NaN while the controller is stopped, which interrupts the curve.
-    """
-    times = np.array([moment for moment, _ in recorder.errors])
-    known = dict.fromkeys(key for _, errors in recorder.errors for key in errors)
-    curves = [(task, unit, np.array([errors.get((task, unit), np.nan)
-                                     for _, errors in recorder.errors]))
-              for task, unit in known if unit in ('m', 'rad')]
-    return times, [curve for curve in curves if np.nanmax(curve[2]) > 0.0]
-
-
-def _reasons(recorder: 'Recorder') -> dict[str, list[str]]:
-    """Return the limiting causes of each task at the times of the errors, sorted by name."""
-    rows = [reasons for _, reasons in recorder.reasons]
-    return {task: ['; '.join(sorted(reasons.get(task, '').split('; '))) for reasons in rows]
-            for task in dict.fromkeys(task for reasons in rows for task in reasons)}

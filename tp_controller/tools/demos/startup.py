@@ -120,19 +120,7 @@ class Startup:
 @contextmanager
 def report_if_slow(step: str, report: Callable[[str], None],
                    seconds: float = FIRST_REPORT_SECONDS) -> Iterator[None]:
-    """
-    Report a step that is still not done after a time, while it blocks this thread.
-
-    Parameters
-    ----------
-    step : str
-        Such as ``importing the page``.
-    report : callable
-        Takes a line for the user; called from another thread.
-    seconds : float
-        The time [s].
-
-    """
+    """Report a step that still blocks this thread after a time [s], from another thread."""
     timer = Timer(seconds, lambda: report(f'still starting ({load()}): {step}'))
     timer.daemon = True
     timer.start()

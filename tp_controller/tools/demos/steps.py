@@ -145,32 +145,35 @@ class Steps:
         self._errors.clear()
         for goal in step:
             self._client.send(goal['task'], wait=ANSWER_SECONDS, **goal_fields(goal))
-        run = _Run(titles, max(goal.get('for', 0.0) for goal in step))
+        seconds, began = max(goal.get('for', 0.0) for goal in step), time.monotonic()
         deadline = _Deadline(self._computed())
-        self._wait(run, lambda: self._reached(run) or deadline.expired(self._computed()))
-        linger = time.monotonic() + LINGER_SECONDS
-        self._wait(run, lambda: time.monotonic() >= linger)
-        # A controller that stopped temporarily, as after late joint states, resumes by itself.
-        self._wait(run, lambda: self._reached(run) or deadline.expired(self._computed()))
-        return [self._outcome(title, task, titles.get(task, '')) for task, title in zip_longest(
-            self._client.task_names(), titles.values(), fillvalue='')]
+        show, repeat = _Ticker(PROGRESS_SECONDS), _Ticker(REPEAT_SECONDS, began)
 
-    def _wait(self, run: '_Run', ended: Callable[[], bool]) -> None:
-        """Process messages until a condition is met, and print the progress."""
-        while True:
-            self._poll()
-            now = time.monotonic()
-            if run.repeats(now):
-                self._client.repeat()
-            if run.prints(now):
-                for task, title in run.titles.items():
-                    print(f'{title:<42}   {task:<8} {self._errors.get(task, ""):<24} '
-                          f'{now - run.began:4.1f} s{self._pause()}', flush=True)
-            if ended():
-                return
+        def turn() -> None:
             # Process all messages: dropped ones would be missing in the figures.
             self._client.spin(POLL_SECONDS)
             self._client.catch_up()
+            self._poll()
+            if seconds and repeat.due():
+                self._client.repeat()
+            if show.due():
+                self._show(titles, time.monotonic() - began)
+
+        def ended() -> bool:
+            return deadline.expired(self._computed()) or (
+                time.monotonic() - began >= seconds and all(
+                    self._client.task_status(task)['status'] == 'reached' for task in titles))
+
+        while not ended():
+            turn()
+        linger = time.monotonic() + LINGER_SECONDS
+        while time.monotonic() < linger:
+            turn()
+        # A controller that stopped temporarily, as after late joint states, resumes by itself.
+        while not ended():
+            turn()
+        return [self._outcome(title, task, titles.get(task, '')) for task, title in zip_longest(
+            self._client.task_names(), titles.values(), fillvalue='')]
 
     def _poll(self) -> None:
         """Update the errors, which are unknown during a stop, and count pauses."""
@@ -183,15 +186,13 @@ class Steps:
             if errors:
                 self._errors[task] = errors
 
-    def _pause(self) -> str:
-        """Return the reason of a stop, for the end of a line."""
+    def _show(self, titles: Mapping[str, str], seconds: float) -> None:
+        """Print the progress after a time [s], and the reason of a stop."""
         reason = self._client.stop_reason()
-        return f'  paused: {shorten(reason, LONGEST_REASON, placeholder=" …")}' if reason else ''
-
-    def _reached(self, run: '_Run') -> bool:
-        """Return whether the time of a step has elapsed, and its goals are reached."""
-        return run.lasted() and all(
-            self._client.task_status(task)['status'] == 'reached' for task in run.titles)
+        pause = f'  paused: {shorten(reason, LONGEST_REASON, placeholder=" …")}' if reason else ''
+        for task, title in titles.items():
+            print(f'{title:<42}   {task:<8} {self._errors.get(task, ""):<24} '
+                  f'{seconds:4.1f} s{pause}', flush=True)
 
     def _outcome(self, title: str, task: str, say: str) -> TaskOutcome:
         """Return the outcome of a task."""
@@ -200,30 +201,18 @@ class Steps:
                            status['reason'] or self._client.stop_reason())
 
 
-class _Run:
-    """Timing of one step."""
+class _Ticker:
+    """Clock that ticks at most once in a period [s]."""
 
-    def __init__(self, titles: Mapping[str, str], seconds: float) -> None:
-        self.titles, self._seconds = titles, seconds
-        self.began = self._sent = time.monotonic()
-        self._shown = -math.inf
+    def __init__(self, period: float, last: float = -math.inf) -> None:
+        self._period, self._last = period, last
 
-    def lasted(self) -> bool:
-        """Return whether the repetition time of the velocities has elapsed."""
-        return time.monotonic() - self.began >= self._seconds
-
-    def repeats(self, now: float) -> bool:
-        """Return whether velocities are due for repetition at a time [s]."""
-        due = self._seconds > 0.0 and now - self._sent > REPEAT_SECONDS
+    def due(self) -> bool:
+        """Return whether it ticks."""
+        now = time.monotonic()
+        due = now - self._last > self._period
         if due:
-            self._sent = now
-        return due
-
-    def prints(self, now: float) -> bool:
-        """Return whether the progress is due for printing at a time [s]."""
-        due = now - self._shown > PROGRESS_SECONDS
-        if due:
-            self._shown = now
+            self._last = now
         return due
 
 

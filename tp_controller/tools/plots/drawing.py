@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Common parts of plots and films: colours, spatial axes, and files."""
+"""Common parts of plots: colours, spatial axes, and files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.model.spatial import Array
 from tp_controller.tools.files import new_file
+from tp_controller.untrusted import plain
 
 if TYPE_CHECKING:  # Not importable with mixed versions of matplotlib; plane plots do not need it.
     from mpl_toolkits.mplot3d import Axes3D
@@ -35,7 +36,6 @@ if TYPE_CHECKING:  # Not importable with mixed versions of matplotlib; plane plo
 COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
 GOAL_COLOUR = '#D55E00'
 ARM_COLOUR = '#2F3B4A'
-PATH_COLOUR = '#0072B2'
 LIMIT_COLOUR = '#B00020'
 SHADOW_COLOUR = '#DDE1E6'
 FAINT = '#B8BEC6'
@@ -48,6 +48,8 @@ LEAST_SIDE = 0.5
 ZOOM, ENLARGED = 0.9, 0.1
 # Ticks of the longest side, and distances of the axis labels from the numbers [pt].
 TICKS, LABEL_PADS = 6, (9.0, 9.0, 10.0)
+# Longest name in a plot [characters].
+LONGEST_LABEL = 40
 # View direction [deg].
 ELEVATION, AZIMUTH = 22.0, -55.0
 
@@ -81,12 +83,11 @@ class Scene:
         return tuple(np.asarray(points, dtype=float).T[:self.dimensions])
 
 
-def make_scene(points: Array, title: str, size: tuple[float, float] = (6.4, 6.0),
-               dpi: float = DPI) -> Scene:
+def make_scene(points: Array, title: str) -> Scene:
     """Return a scene with equal scales around points (k, 3), in the plane if they are."""
     lower, upper = points.min(axis=0), points.max(axis=0)
     flat = upper[2] - lower[2] < PLANAR_SPREAD
-    figure = Figure(figsize=size, dpi=dpi, layout='constrained')
+    figure = Figure(figsize=(6.4, 6.0), dpi=DPI, layout='constrained')
     FigureCanvasAgg(figure)
     axis: Axes = figure.add_subplot() if flat else figure.add_subplot(projection='3d')
     axis.set_title(title)
@@ -141,6 +142,11 @@ def mark_bound(axis: Axes, bound: float, beyond: float, label: str | None = None
     """Mark a bound, and shade the area beyond it."""
     axis.axhline(bound, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1, label=label)
     axis.axhspan(bound, bound + beyond, color=LIMIT_COLOUR, alpha=0.06, zorder=0, linewidth=0.0)
+
+
+def label(name: str, longest: int = LONGEST_LABEL) -> str:
+    """Return a name for a plot, with escaped dollar signs, which would start a formula."""
+    return plain(name, longest).replace('$', r'\$')
 
 
 def save(figure: Figure, path: str | Path) -> Path:

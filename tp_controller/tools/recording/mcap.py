@@ -59,129 +59,121 @@ class Raw(NamedTuple):
     data: bytes
 
 
-class CutOff(Exception):
-    """The file ends or is damaged within a record."""
+class Damaged(Exception):
+    """The file ends or is damaged here, after the messages that were yielded."""
 
 
-class McapFile:
+# Of each channel: topic and type; None for channels not in CDR.
+Channels = dict[int, tuple[str, str] | None]
+
+
+def mcap_messages(path: Path, advance: Callable[[float], object]) -> Iterator[Raw]:
     """
-    MCAP file.
+    Yield all messages in the order of a file.
 
     Parameters
     ----------
     path : pathlib.Path
         The file.
+    advance : callable
+        Called with the number of bytes read since the last call.
 
-    Attributes
-    ----------
-    fault : str
-        Description of a truncation, after the messages were read; empty for a complete file.
+    Raises
+    ------
+    TpControllerError
+        The file is not an MCAP file.
+    Damaged
+        It is truncated or damaged.
 
     """
+    with path.open('rb') as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise TpControllerError(f'{path} is not an MCAP file')
+        position, budget = file.tell(), Budget(path)
+        schemas: dict[int, str] = {}
+        channels: Channels = {}
+        try:
+            for kind, record in _records(file, position):
+                if kind in (DATA_END, FOOTER):
+                    # The rest is an index.
+                    advance(path.stat().st_size - position)
+                    return
+                if kind == CHUNK:
+                    yield from _chunk(record, schemas, channels, budget)
+                else:
+                    yield from _message(kind, record, schemas, channels)
+                advance(file.tell() - position)
+                position = file.tell()
+        except (Damaged, TooMuch, struct.error, ValueError):
+            # The complete records before were yielded.
+            pass
+        raise Damaged(f'{path.name} is cut off, or damaged, after {position} bytes')
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.fault = ''
-        self._schemas: dict[int, str] = {}
-        # Topic and type of each channel; None for channels not in CDR.
-        self._channels: dict[int, tuple[str, str] | None] = {}
 
-    def messages(self, advance: Callable[[float], object]) -> Iterator[Raw]:
-        """
-        Yield all messages in the order of the file.
+def _message(kind: int, record: bytes, schemas: dict[int, str],
+             channels: Channels) -> Iterator[Raw]:
+    """Yield a message, or store a schema or channel."""
+    if kind == MESSAGE:
+        channel, _, stamp, _ = MESSAGE_HEAD.unpack_from(record)
+        known = channels.get(channel)
+        if known is not None:
+            yield Raw(*known, stamp, record[MESSAGE_HEAD.size:])
+    elif kind == SCHEMA:
+        number, = struct.unpack_from('<H', record)
+        schemas[number] = _text(record, 2)[0][:LONGEST_NAME + 1]
+    elif kind == CHANNEL:
+        number, schema = struct.unpack_from('<HH', record)
+        topic, end = _text(record, 4)
+        encoding, _ = _text(record, end)
+        name = schemas.get(schema, '')
+        channels[number] = (topic, name) \
+            if encoding == 'cdr' and max(len(topic), len(name)) <= LONGEST_NAME else None
+    elif kind == CHUNK:
+        # Chunks within chunks are not allowed.
+        raise Damaged
 
-        Parameters
-        ----------
-        advance : callable
-            Called with the number of bytes read since the last call.
 
-        Raises
-        ------
-        TpControllerError
-            The file is not an MCAP file.
-
-        """
-        with self.path.open('rb') as file:
-            if file.read(len(MAGIC)) != MAGIC:
-                raise TpControllerError(f'{self.path} is not an MCAP file')
-            position = file.tell()
-            budget = Budget(self.path)
-            try:
-                for kind, record in _records(file, position):
-                    if kind in (DATA_END, FOOTER):
-                        # The rest is an index.
-                        advance(self.path.stat().st_size - position)
-                        return
-                    yield from self._take(kind, record, budget)
-                    advance(file.tell() - position)
-                    position = file.tell()
-            except (CutOff, TooMuch, struct.error, ValueError):
-                # The complete records before were yielded.
-                pass
-            self.fault = f'{self.path.name} is cut off, or damaged, after {position} bytes'
-
-    def _take(self, kind: int, record: bytes, budget: Budget) -> Iterator[Raw]:
-        """Process one record, and yield the messages in it."""
-        if kind == MESSAGE:
-            channel, _, stamp, _ = MESSAGE_HEAD.unpack_from(record)
-            known = self._channels.get(channel)
-            if known is not None:
-                yield Raw(*known, stamp, record[MESSAGE_HEAD.size:])
-        elif kind == CHUNK:
-            yield from self._take_chunk(record, budget)
-        elif kind == SCHEMA:
-            number, = struct.unpack_from('<H', record)
-            self._schemas[number] = _text(record, 2)[0][:LONGEST_NAME + 1]
-        elif kind == CHANNEL:
-            number, schema = struct.unpack_from('<HH', record)
-            topic, end = _text(record, 4)
-            encoding, _ = _text(record, end)
-            kind_name = self._schemas.get(schema, '')
-            self._channels[number] = (topic, kind_name) \
-                if encoding == 'cdr' and max(len(topic), len(kind_name)) <= LONGEST_NAME else None
-
-    def _take_chunk(self, record: bytes, budget: Budget) -> Iterator[Raw]:
-        """Yield the messages in a chunk, as far as it can be read."""
-        _, _, size, _ = CHUNK_HEAD.unpack_from(record)
-        compression, end = _text(record, CHUNK_HEAD.size)
-        packed, = struct.unpack_from('<Q', record, end)
-        start = end + 8
-        inner = expanded(compression, memoryview(record)[start:start + packed], size)
-        budget.take(len(inner))
-        for kind, content in _records(io.BytesIO(inner)):
-            if kind == CHUNK:
-                raise CutOff
-            yield from self._take(kind, content, budget)
-        if len(record) < start + packed:
-            raise CutOff
+def _chunk(record: bytes, schemas: dict[int, str], channels: Channels,
+           budget: Budget) -> Iterator[Raw]:
+    """Yield the messages in a chunk, as far as it can be read."""
+    _, _, size, _ = CHUNK_HEAD.unpack_from(record)
+    compression, end = _text(record, CHUNK_HEAD.size)
+    packed, = struct.unpack_from('<Q', record, end)
+    start = end + 8
+    inner = expanded(compression, memoryview(record)[start:start + packed], size)
+    budget.take(len(inner))
+    for kind, content in _records(io.BytesIO(inner)):
+        yield from _message(kind, content, schemas, channels)
+    if len(record) < start + packed:
+        raise Damaged
 
 
 def _records(file: BinaryIO, position: int = 0) -> Iterator[tuple[int, bytes]]:
     """
     Yield the kind and the content of each relevant record.
 
-    A truncated chunk is yielded last, as far as it can be read. `CutOff` is raised after the last
+    A truncated chunk is yielded last, as far as it can be read. `Damaged` is raised after the last
     complete record.
     """
     end = file.seek(0, io.SEEK_END)
     file.seek(position)
     while head := file.read(HEAD.size):
         if len(head) < HEAD.size:
-            raise CutOff
+            raise Damaged
         kind, length = HEAD.unpack(head)
         if kind not in READ:
             # Kind 0 does not exist: it marks a hole in the file.
             if not kind or length > end - file.tell():
-                raise CutOff
+                raise Damaged
             file.seek(length, io.SEEK_CUR)
             continue
         if length > READ[kind]:
-            raise CutOff
+            raise Damaged
         content = file.read(length)
         if len(content) == length or kind == CHUNK:
             yield kind, content
         if len(content) < length:
-            raise CutOff
+            raise Damaged
 
 
 def _text(record: bytes, start: int) -> tuple[str, int]:
@@ -189,5 +181,5 @@ def _text(record: bytes, start: int) -> tuple[str, int]:
     length, = struct.unpack_from('<I', record, start)
     end = start + 4 + length
     if end > len(record):
-        raise CutOff
+        raise Damaged
     return record[start + 4:end].decode(), end

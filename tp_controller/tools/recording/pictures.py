@@ -22,6 +22,7 @@ from tp_controller.errors import in_words, TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.tools.plots.curves import plot_errors, plot_tool_path, plot_velocities
+from tp_controller.tools.plots.drawing import label
 from tp_controller.tools.recording.goals import Goal
 from tp_controller.tools.recording.history import History, nearest
 from tp_controller.tools.recording.robots import (
@@ -30,12 +31,10 @@ from tp_controller.tools.recording.robots import (
     path_of,
     tool_frames,
 )
-from tp_controller.untrusted import LONGEST_TEXT, plain
+from tp_controller.tools.recording.task_curves import MOST_CURVES
 
-# Largest numbers of goals and curves in a plot.
-MOST_CHANGES, MOST_CURVES = 40, 100
-# Longest name in a plot [characters].
-LONGEST_LABEL = 40
+# Largest number of goals in a plot.
+MOST_CHANGES = 40
 
 
 def draw(history: History, robot: Robot | None, folder: Path,
@@ -77,9 +76,8 @@ def draw(history: History, robot: Robot | None, folder: Path,
 def _draw_errors(history: History, folder: Path,
                  changes: list[float]) -> Iterator[tuple[str, Path]]:
     """Draw the errors of the tasks."""
-    curves = _error_curves(history)
-    if curves:
-        times, errors, reasons = curves
+    times, errors, reasons = history.curves.plotted()
+    if errors:
         yield 'Task errors', plot_errors(folder / 'errors.png', times, errors, reasons=reasons,
                                          changes=changes, log=True)
 
@@ -94,31 +92,13 @@ def _draw_velocities(history: History, robot: Robot | None, folder: Path,
         limits, units = _limits(robot, names)
         yield 'Joint velocities', plot_velocities(
             folder / 'velocities.png', times, velocities[:, :MOST_CURVES], limits[:MOST_CURVES],
-            [_label(name) for name in names[:MOST_CURVES]], units=units[:MOST_CURVES],
+            [label(name) for name in names[:MOST_CURVES]], units=units[:MOST_CURVES],
             changes=changes)
 
 
 def command_topic(history: History) -> str:
     """Return the topic of the joint velocities; empty if there is none."""
     return nearest(list(history.commands), ['velocity_controller/commands'], history.namespace)
-
-
-def _error_curves(history: History) -> tuple[
-        Array, list[tuple[str, str, Array]], dict[str, list[str]]] | None:
-    """Return times (T,), (task, unit, errors (T,)) and {task: reasons (T,)}."""
-    times, values = history.curves.errors.rows()
-    _, codes = history.curves.reasons.rows()
-    curves = [(_label(task), _label(unit), values[:, column])
-              for (task, unit), column in history.curves.columns.items()
-              if np.nan_to_num(values[:, column]).max(initial=0.0) > 0.0][:MOST_CURVES]
-    if not curves:
-        return None
-    texts = [_label(text, LONGEST_TEXT) for text in history.curves.texts]
-    # A task outside the stack has no reason.
-    reasons = {_label(task): [texts[code] for code in np.nan_to_num(
-        codes[:, column]).astype(int).tolist()]
-               for task, column in history.curves.reason_columns.items()}
-    return times, curves, reasons
 
 
 def _limits(robot: Robot | None, names: list[str]) -> tuple[Array, list[str]]:
@@ -156,12 +136,7 @@ def _draw_path(history: History, robot: Robot | None,
     task, frame = next(iter(frames.items()))
     yield f'Path of {frame}', plot_tool_path(
         folder / 'tool_path.png', path_of(robot, frame, q, passive),
-        _points(history.goals.goals, task, robot), times=times, title=f'Path of {_label(frame)}')
-
-
-def _label(name: str, longest: int = LONGEST_LABEL) -> str:
-    """Return a name for a plot, with escaped dollar signs, which would start a formula."""
-    return plain(name, longest).replace('$', r'\$')
+        _points(history.goals.goals, task, robot), times=times, title=f'Path of {label(frame)}')
 
 
 def _points(goals: list[Goal], task: str, robot: Robot) -> Array:

@@ -21,8 +21,8 @@ from typing import Any
 
 from rosbags.typesys import get_typestore, Stores
 from tp_controller.errors import TpControllerError
-from tp_controller.tools.recording.mcap import McapFile, Raw
-from tp_controller.tools.recording.sqlite import SqliteFile
+from tp_controller.tools.recording.mcap import Damaged, mcap_messages, Raw
+from tp_controller.tools.recording.sqlite import sqlite_messages
 
 # Name of the description in the folder of a bag.
 DESCRIPTION = 'metadata.yaml'
@@ -85,11 +85,11 @@ class Bag:
 
         """
         for path in self._files:
-            file = McapFile(path) if path.suffix == '.mcap' else SqliteFile(
-                path, self._is_compressed)
-            yield from file.messages(advance)
-            if file.fault:
-                self.remarks.append(file.fault)
+            try:
+                yield from mcap_messages(path, advance) if path.suffix == '.mcap' \
+                    else sqlite_messages(path, self._is_compressed, advance)
+            except Damaged as fault:
+                self.remarks.append(str(fault))
 
     def decode(self, raw: Raw) -> Any:
         """

@@ -17,15 +17,14 @@
 import base64
 from collections.abc import Iterable, Iterator, Sequence
 from html import escape
-from itertools import islice
 import math
 from pathlib import Path
 import time
-from typing import NamedTuple
 
 import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.tools.files import new_file
+from tp_controller.tools.html_page import Cell, page, Row, shown, table
 from tp_controller.tools.recording.goals import Goal, outcome
 from tp_controller.tools.recording.history import History
 from tp_controller.tools.recording.pictures import command_topic
@@ -33,38 +32,10 @@ from tp_controller.tools.recording.robots import command_names
 from tp_controller.tools.recording.task_history import STOPPED, TaskHistory
 from tp_controller.untrusted import plain
 
-# Largest numbers of causes of a task and of rows of a table.
-MOST_CAUSES, MOST_ROWS = 3, 1000
+# Largest number of listed causes of a task.
+MOST_CAUSES = 3
 # Longest cell of the summary, and longest parameter [characters].
 LONGEST_CELL, LONGEST_VALUE = 200, 500
-STYLE = """\
-:root { color-scheme: light dark; --line: #8884; --faint: #8882; --bad: #b00020; }
-@media (prefers-color-scheme: dark) { :root { --bad: #ff7085; } }
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 70rem;
-       padding: 0 1.5rem; }
-h1 { font-size: 1.6rem; margin-bottom: 0; } h2 { font-size: 1.15rem; margin-top: 2.2rem; }
-p.facts { opacity: .75; margin-top: .3rem; }
-table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-div.wide { overflow-x: auto; }
-th, td { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0;
-         border-bottom: 1px solid var(--line); }
-th { font-weight: 600; } td:first-child { white-space: nowrap; }
-td.bad, p.bad { color: var(--bad); }
-img { max-width: 100%; height: auto; background: white; border-radius: 6px; }
-iframe { width: 100%; height: 32rem; border: 1px solid var(--line); border-radius: 6px; }
-p.remarks { border-left: 4px solid var(--bad); background: var(--faint);
-            padding: .6rem 1rem; }
-pre { overflow-x: auto; } summary { cursor: pointer; }
-"""
-
-
-class Cell(NamedTuple):
-    """Highlighted cell of a table, for a fault."""
-
-    text: str
-
-
-Row = Sequence[str | Cell]
 
 
 def summary(history: History) -> str:
@@ -102,66 +73,43 @@ def write_report(path: Path, history: History, robot: Robot | None,
         Complete HTML page that shows the motion; no replay if empty.
 
     """
-    parts = [*_head(history, title, remarks),
-             *_section('Tasks', ('task', 'type', 'level', 'status', 'last error',
-                                 'largest', 'reached', 'limited by'),
-                       [_task_row(task) for task in history.tasks.values()]),
-             *_frame(replay),
-             *_section('Goals', ('time', 'task', 'goal', 'frame', 'outcome'),
-                       _goal_rows(history), history.goals.more),
-             *_section('Stops', ('time', 'duration', 'reason of zero commands'),
-                       [(f'{stop.start:.1f} s', f'{stop.end - stop.start:.1f} s',
-                         stop.reason) for stop in history.stops.stops], history.stops.more)]
-    for name, plot in plots:
-        data = base64.b64encode(plot.read_bytes()).decode()
-        parts += [f'<h2>{escape(name)}</h2>',
-                  f'<img alt="{escape(name)}" src="data:image/png;base64,{data}">']
-    parts += _section('Joints', ('joint', 'positions', 'position limits', 'largest velocity',
-                                 'of its limit'), list(_joint_rows(history, robot)))
-    parts += _details(history)
-    page = ('<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-            '<meta name="viewport" content="width=device-width">'
-            f'<title>{_shown(title)}</title><style>{STYLE}</style></head><body>\n'
-            + '\n'.join(parts) + '\n</body></html>\n')
-    with new_file(path) as file:
-        file.write(page.encode())
-
-
-def _head(history: History, title: str, remarks: Sequence[str]) -> Iterator[str]:
-    """Yield the title, the facts and the remarks."""
     began = time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(1e-9 * history.began))
     node = f'/{history.node}' if history.node else 'no controller'
-    yield f'<h1>{_shown(title)}</h1>'
-    yield (f'<p class="facts">{_shown(node)} · {began} · {history.end:.1f} s · '
-           f'{history.counts.total()} messages</p>')
-    for remark in remarks:
-        yield f'<p class="remarks">{_shown(remark)}</p>'
+    facts = f'{node} · {began} · {history.end:.1f} s · {history.counts.total()} messages'
+    text = page(title, facts, _body(history, robot, plots, remarks, replay))
+    with new_file(path) as file:
+        file.write(text.encode())
 
 
-def _frame(page: str) -> Iterator[str]:
-    """Yield an embedded page, unless it is empty."""
-    if page:
-        yield '<h2>Replay</h2>'
+def _body(history: History, robot: Robot | None, plots: Iterable[tuple[str, Path]],
+          remarks: Sequence[str], replay: str) -> Iterator[str]:
+    """Yield the parts of the page."""
+    yield from (f'<p class="remarks">{shown(remark)}</p>' for remark in remarks)
+    yield from table('Tasks', ('task', 'type', 'level', 'status', 'last error', 'largest',
+                               'reached', 'limited by'),
+                     [_task_row(task) for task in history.tasks.values()])
+    if replay:
         # The sandbox denies scripts access to anything outside the replay.
-        yield ('<iframe title="Replay" loading="lazy" sandbox="allow-scripts" '
-               f'srcdoc="{escape(page)}"></iframe>')
-
-
-def _section(title: str, names: Sequence[str], rows: Sequence[Row],
-             more: int = 0) -> Iterator[str]:
-    """Yield a title and a table; nothing for an empty table."""
-    if not rows:
-        return
-    yield f'<h2>{title}</h2><div class="wide"><table><tr>'
-    yield ''.join(f'<th>{name}</th>' for name in names)
-    for row in rows[:MOST_ROWS]:
-        yield '</tr><tr>' + ''.join(
-            f'<td class="bad">{_shown(cell.text)}</td>' if isinstance(cell, Cell)
-            else f'<td>{_shown(cell)}</td>' for cell in row)
-    yield '</tr></table></div>'
-    more += len(rows[MOST_ROWS:])
-    if more:
-        yield f'<p>… and {more} more.</p>'
+        yield ('<h2>Replay</h2><iframe title="Replay" loading="lazy" sandbox="allow-scripts" '
+               f'srcdoc="{escape(replay)}"></iframe>')
+    yield from table('Goals', ('time', 'task', 'goal', 'frame', 'outcome'), _goal_rows(history),
+                     history.goals.more)
+    yield from table('Stops', ('time', 'duration', 'reason of zero commands'),
+                     [(f'{stop.start:.1f} s', f'{stop.end - stop.start:.1f} s', stop.reason)
+                      for stop in history.stops.stops], history.stops.more)
+    for name, plot in plots:
+        data = base64.b64encode(plot.read_bytes()).decode()
+        yield (f'<h2>{shown(name)}</h2>'
+               f'<img alt="{shown(name)}" src="data:image/png;base64,{data}">')
+    yield from table('Joints', ('joint', 'positions', 'position limits', 'largest velocity',
+                                'of its limit'), list(_joint_rows(history, robot)))
+    yield '<h2>Recording</h2>'
+    for name, rows in (('topics', history.counts), ('parameters', history.parameters)):
+        if rows:
+            yield f'<details><summary>{name}</summary>'
+            yield from table('', (), [(key, plain(str(value), LONGEST_VALUE))
+                                      for key, value in sorted(rows.items())])
+            yield '</details>'
 
 
 def _task_row(task: TaskHistory, all_errors: bool = True) -> Row:
@@ -229,33 +177,3 @@ def _joint_rows(history: History, robot: Robot | None) -> Iterator[Row]:
                f'{speed:.3f}' + (f' {unit}/s' if unit else '') if math.isfinite(speed) else '',
                f'{100.0 * share:.0f} %' if math.isfinite(fastest) and math.isfinite(share)
                else '')
-
-
-def _details(history: History) -> Iterator[str]:
-    """Yield topics and parameters in collapsed sections."""
-    yield '<h2>Recording</h2><details><summary>topics</summary>'
-    yield from _table((topic, str(count)) for topic, count in sorted(history.counts.items()))
-    yield '</details>'
-    if history.parameters:
-        yield '<details><summary>parameters</summary>'
-        yield from _table((name, _brief(value)) for name, value in sorted(
-            history.parameters.items()))
-        yield '</details>'
-
-
-def _table(rows: Iterable[tuple[str, str]]) -> Iterator[str]:
-    """Yield a table of names and values."""
-    yield '<div class="wide"><table>'
-    for name, value in islice(rows, MOST_ROWS):
-        yield f'<tr><td>{_shown(name)}</td><td>{_shown(value)}</td></tr>'
-    yield '</table></div>'
-
-
-def _shown(text: str) -> str:
-    """Return a text as escaped HTML."""
-    return escape(plain(text))
-
-
-def _brief(value: object) -> str:
-    """Return a value as text, truncated to `LONGEST_VALUE`."""
-    return plain(str(value), LONGEST_VALUE, lines=True)

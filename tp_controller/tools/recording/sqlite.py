@@ -20,7 +20,7 @@ from pathlib import Path
 import sqlite3
 
 from tp_controller.tools.recording.expansion import Budget, CHUNK_BYTES, expanded, TooMuch
-from tp_controller.tools.recording.mcap import LONGEST_NAME, Raw
+from tp_controller.tools.recording.mcap import Damaged, LONGEST_NAME, Raw
 
 # Smallest size of a message in a file [bytes].
 MESSAGE_OVERHEAD = 8
@@ -32,9 +32,10 @@ TOPICS = 'SELECT id, name, type, serialization_format FROM topics LIMIT ?'
 MESSAGES = 'SELECT topic_id, timestamp, data FROM messages WHERE length(data) <= ? ORDER BY rowid'
 
 
-class SqliteFile:
+def sqlite_messages(path: Path, compressed: bool,
+                    advance: Callable[[float], object]) -> Iterator[Raw]:
     """
-    SQLite file of a bag.
+    Yield all messages in the order of a file.
 
     Parameters
     ----------
@@ -42,59 +43,47 @@ class SqliteFile:
         The file.
     compressed : bool
         Whether each message is compressed by Zstandard.
+    advance : callable
+        Called with the number of bytes read since the last call.
 
-    Attributes
-    ----------
-    fault : str
-        Fault of the file, after its messages were read; empty if there is none.
+    Raises
+    ------
+    Damaged
+        The file is truncated or damaged.
 
     """
+    try:
+        with closing(_opened(path)) as database:
+            yield from _rows(path, database, compressed, advance)
+    except (sqlite3.Error, TooMuch, ValueError, OverflowError) as error:
+        raise Damaged(f'{path.name} is cut off or damaged' + (f': {error}' if str(error) else '')
+                      ) from error
 
-    def __init__(self, path: Path, compressed: bool) -> None:
-        self.path, self._compressed = path, compressed
-        self.fault = ''
 
-    def messages(self, advance: Callable[[float], object]) -> Iterator[Raw]:
-        """
-        Yield all messages in the order of the file.
-
-        Parameters
-        ----------
-        advance : callable
-            Called with the number of bytes read since the last call.
-
-        """
-        try:
-            with closing(_opened(self.path)) as database:
-                yield from self._rows(database, advance)
-        except (sqlite3.Error, TooMuch, ValueError, OverflowError) as error:
-            self.fault = f'{self.path.name} is cut off or damaged' + (f': {error}' if str(error)
-                                                                      else '')
-
-    def _rows(self, database: sqlite3.Connection,
-              advance: Callable[[float], object]) -> Iterator[Raw]:
-        """Yield the messages of a database."""
-        size = self.path.stat().st_size
-        _check_tables(database)
-        topics = {number: (str(topic), str(kind))
-                  for number, topic, kind, form in database.execute(TOPICS, (MOST_TOPICS,))
-                  if form == 'cdr' and max(len(str(topic)), len(str(kind))) <= LONGEST_NAME}
-        budget, left, read = Budget(self.path), size // MESSAGE_OVERHEAD, 0
-        for number, stamp, data in database.execute(MESSAGES, (CHUNK_BYTES,)):
-            left -= 1
-            if left < 0:
-                # Pages of a damaged file may form a cycle.
-                raise TooMuch
-            if number not in topics or not isinstance(stamp, int) or not isinstance(data, bytes):
-                continue
-            step = min(len(data) + MESSAGE_OVERHEAD, size - read)
-            read += step
-            if self._compressed:
-                data = bytes(expanded('zstd', data, CHUNK_BYTES))
-            budget.take(len(data) + MESSAGE_OVERHEAD)
-            yield Raw(*topics[number], stamp, data)
-            advance(step)
-        advance(size - read)
+def _rows(path: Path, database: sqlite3.Connection, compressed: bool,
+          advance: Callable[[float], object]) -> Iterator[Raw]:
+    """Yield the messages of a database."""
+    size = path.stat().st_size
+    _check_tables(database)
+    topics = {number: (str(topic), str(kind))
+              for number, topic, kind, form in database.execute(TOPICS, (MOST_TOPICS,))
+              if form == 'cdr' and max(len(str(topic)), len(str(kind))) <= LONGEST_NAME}
+    budget, left, read = Budget(path), size // MESSAGE_OVERHEAD, 0
+    for number, stamp, data in database.execute(MESSAGES, (CHUNK_BYTES,)):
+        left -= 1
+        if left < 0:
+            # Pages of a damaged file may form a cycle.
+            raise TooMuch
+        if number not in topics or not isinstance(stamp, int) or not isinstance(data, bytes):
+            continue
+        step = min(len(data) + MESSAGE_OVERHEAD, size - read)
+        read += step
+        if compressed:
+            data = bytes(expanded('zstd', data, CHUNK_BYTES))
+        budget.take(len(data) + MESSAGE_OVERHEAD)
+        yield Raw(*topics[number], stamp, data)
+        advance(step)
+    advance(size - read)
 
 
 def _opened(path: Path) -> sqlite3.Connection:

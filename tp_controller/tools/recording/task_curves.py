@@ -18,11 +18,17 @@ from collections.abc import Mapping
 import math
 from typing import Any
 
+import numpy as np
+from tp_controller.model.spatial import Array
+from tp_controller.tools.plots.drawing import label
 from tp_controller.tools.recording.series import Series
-from tp_controller.tools.recording.task_history import brief_cause
+from tp_controller.tools.recording.task_history import NUMBER
+from tp_controller.untrusted import LONGEST_TEXT
 
 # Largest number of distinct reasons, which bounds the memory for any recording.
 MOST_REASONS = 5000
+# Largest number of curves in a plot.
+MOST_CURVES = 100
 
 
 class TaskCurves:
@@ -70,9 +76,34 @@ class TaskCurves:
         self.errors.add(time, errors)
         self.reasons.add(time, codes)
 
+    def plotted(self) -> tuple[Array, list[tuple[str, str, Array]], dict[str, list[str]]]:
+        """
+        Return the arguments of `plots.curves.plot_errors`, without errors that are always zero.
+
+        Returns
+        -------
+        times : ndarray (T,)
+            [s]
+        errors : list of (str, str, ndarray (T,))
+            Task, unit and errors; NaN while they are unknown, as during a stop.
+        reasons : dict
+            {task: limiting causes (T,)}
+
+        """
+        times, values = self.errors.rows()
+        _, codes = self.reasons.rows()
+        errors = [(label(task), label(unit), values[:, column])
+                  for (task, unit), column in self.columns.items()
+                  if np.nan_to_num(values[:, column]).max(initial=0.0) > 0.0][:MOST_CURVES]
+        texts = [label(text, LONGEST_TEXT) for text in self.texts]
+        # A task outside the stack has no reason.
+        return times, errors, {label(task): [texts[code] for code in np.nan_to_num(
+            codes[:, column]).astype(int).tolist()]
+            for task, column in self.reason_columns.items()}
+
     def _code(self, reason: str) -> float:
-        """Return the code of a reason, independent of the order of its parts."""
-        text = '; '.join(sorted({brief_cause(cause) for cause in reason.split('; ')}))
+        """Return the code of a reason without numbers, independent of the order of its parts."""
+        text = '; '.join(sorted({*NUMBER.sub('', reason).split('; ')}))
         if text not in self._codes and len(self.texts) >= MOST_REASONS:
             text = 'another reason'
         if text not in self._codes:

@@ -15,7 +15,6 @@
 """The files of the demos: robots, parameters, stacks and goals match, and goals are reached."""
 
 import importlib
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +26,6 @@ from tp_controller.tools.cli.demo import DEMOS as DESCRIBED
 from tp_controller.tools.cli.demo import INTERACTIVE_DEMO
 from tp_controller.tools.cli.view import DEMOS as VIEWED
 from tp_controller.tools.cli.view import WITHOUT_NODES
-from tp_controller.tools.demos import ros_demos
 from tp_controller.tools.demos.scenarios import DEMOS, goal_fields, node_parameters
 import yaml
 
@@ -255,18 +253,6 @@ def test_hands_keep_their_distance_while_they_carry(run):
     for name, unit, most in (('grip', 'm', 5e-3), ('watch', 'rad', 5e-3), ('balance', 'm', 3e-3),
                              ('apart', 'm', 1e-3), ('joints', 'rad', 1e-3)):
         assert motion.errors(name, unit).max() < most, name
-
-
-# Plots ----------------------------------------------------------------------------------------
-
-def test_lines_of_errors_are_interrupted_where_the_controller_was_stopped():
-    recorder = SimpleNamespace(
-        errors=[(0.0, {('tool', 'm'): 0.5}), (1.0, {}), (2.0, {('tool', 'm'): 0.25})],
-        reasons=[(0.0, {'tool': 'b; a'}), (1.0, {}), (2.0, {'tool': ''})])
-    times, ((name, unit, errors),) = ros_demos._error_curves(recorder)
-    assert (name, unit, list(times)) == ('tool', 'm', [0.0, 1.0, 2.0])
-    np.testing.assert_array_equal(errors, [0.5, np.nan, 0.25])
-    assert ros_demos._reasons(recorder) == {'tool': ['a; b', '', '']}
 
 
 def test_every_demo_is_found_by_both_commands():

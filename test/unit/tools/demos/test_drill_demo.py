@@ -18,7 +18,9 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tp_controller.tasks.sketch import Dot
 from tp_controller.tools.demos import drill
+from tp_controller.tools.demos.motion import Playback
 
 
 @pytest.fixture(scope='module')
@@ -64,8 +66,17 @@ def test_joints_do_not_race_for_what_is_hardly_left(motion):
 
 def test_outcome_is_told_with_figures(tmp_path, motion, monkeypatch):
     monkeypatch.setattr(drill, 'record', lambda: motion)
-    outcome = drill.run_drill(tmp_path)
+    monkeypatch.setattr(drill, 'films', lambda path, motion: motions.append(motion) or ())
+    motions = []
+    outcome = drill.drill(tmp_path)
     assert outcome.passed
     text = str(outcome)
     assert 'tip, largest error from 3 s on' in text and text.count('markers ') == 2
     assert all(path.stat().st_size > 10_000 for path in outcome.paths)
+    film, = motions
+    playback = Playback(film)
+    playback.seek(len(film.times) - 1)
+    assert any(isinstance(sketch, Dot) for sketch in playback.sketches()['tip'])
+    captions = [text for _, text in film.captions]
+    assert captions[0] == captions[-1] == 'the drill and all tasks below are satisfied'
+    assert 'relaxed: markers in view, away from joint limits' in captions

@@ -23,11 +23,7 @@ from matplotlib.colors import to_hex, to_rgb
 import numpy as np
 from PIL import Image
 import pytest
-from robots import CONFIG, panda, planar
-from tp_controller import Robot
-from tp_controller.model.shapes import Box, Cylinder, HalfSpace, Sphere
-from tp_controller.model.spatial import pose, rotation_from_rpy
-from tp_controller.tools.demos.outlines import base_outline, outline
+from robots import panda, planar
 from tp_controller.tools.plots import curves as plots
 from tp_controller.tools.plots import drawing
 
@@ -308,27 +304,6 @@ def test_legend_of_many_joints_is_not_cut_off(tmp_path):
     path = plots.plot_velocities(tmp_path / 'velocities.png', TIMES,
                                  np.zeros((300, 18)), np.arange(1.0, 19.0), names, changes=[1.0])
     assert_shows_something(path)
-
-
-@pytest.mark.parametrize('shape, half', [
-    (Box(0.4, 0.2, 0.6), (0.2, 0.1, 0.3)), (Cylinder(0.3, 0.8), (0.3, 0.3, 0.4)),
-    (Sphere(0.5), (0.5, 0.5, 0.5))])
-def test_outlines_are_on_the_surface_of_their_shape_from_end_to_end(shape, half):
-    T = pose(rotation_from_rpy(0.3, -0.5, 1.0), np.array([1.0, -2.0, 0.5]))
-    points = outline(shape, T)
-    points = points[np.isfinite(points).all(axis=1)]
-    own = (points - T[:3, 3]) @ T[:3, :3]
-    assert max(abs(shape.distance(point)[0]) for point in own) < 1e-12
-    np.testing.assert_allclose(np.abs(own).max(axis=0), half)
-
-
-def test_outline_of_a_base_is_that_of_its_shapes_or_three_axes():
-    robot = Robot.from_file(CONFIG / 'robots' / 'mobile_arm.urdf', base='differential')
-    low, high = (limit(base_outline(robot), axis=0) for limit in (np.nanmin, np.nanmax))
-    np.testing.assert_allclose(low, [-0.25, -0.23, 0.03])
-    np.testing.assert_allclose(high, [0.25, 0.23, 0.71])
-    np.testing.assert_allclose(np.nanmax(base_outline(panda()), axis=0), 0.3)
-    assert not len(outline(HalfSpace(), np.eye(4)))
 
 
 @pytest.mark.parametrize('samples', [1, 2])

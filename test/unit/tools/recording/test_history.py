@@ -26,6 +26,7 @@ from tp_controller.tools.recording.motion import MOST_FRAMES
 from tp_controller.tools.recording.reader import Bag
 from tp_controller.tools.recording.report import summary
 from tp_controller.tools.recording.robots import configurations, path_of, robot_of, tool_frames
+from tp_controller.tools.recording.task_curves import TaskCurves
 
 
 def history_of(path, node=''):
@@ -72,6 +73,17 @@ def test_durations_are_those_between_messages(run):
     assert tool.known == pytest.approx(3.9) and tool.reached == pytest.approx(1.9)
     # It was told that it is blocked at all times but two, when the robot was stopped.
     assert posture.causes == {'blocked by tool': pytest.approx(3.7)}
+
+
+def test_lines_of_errors_are_interrupted_where_the_controller_was_stopped():
+    curves = TaskCurves()
+    curves.add(0.0, {'tool': ({'m': 0.5, 'rad': 0.0}, 'b by 0.2 m; a, c together')})
+    curves.add(1.0, {})
+    curves.add(2.0, {'tool': ({'m': 0.25}, '')})
+    times, ((name, unit, errors),), reasons = curves.plotted()
+    assert (name, unit, list(times)) == ('tool', 'm', [0.0, 1.0, 2.0])
+    np.testing.assert_array_equal(errors, [0.5, np.nan, 0.25])
+    assert reasons == {'tool': ['a, c together; b', '', '']}
 
 
 def test_goals_are_told_with_what_became_of_them(run):
