@@ -48,7 +48,7 @@ class LevelSolution:
 
     @property
     def demand(self) -> Array:
-        """Return the demanded velocity (m,); for a level with bounds, `achieved` clamped to them."""
+        """Return the demanded velocity (m,), or `achieved` clamped to the bounds."""
         return self._level.demanded(self.achieved)
 
     @property
