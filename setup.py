@@ -34,8 +34,6 @@ plots = ['matplotlib', 'Pillow']
 record = ['rosbags>=0.11,<0.12']
 # The page in the browser; pycollada reads meshes in COLLADA (.dae).
 view = ['viser>=1,<2', 'pycollada']
-# More than one process for a check.
-check = ['joblib']
 docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
 # What benchmarks/peers.py compares with; not placo and tsid, which need other Pinocchios.
 peers = ['pin-pink', 'mink', 'daqp', 'embodik; python_version < "3.13"', 'example-robot-data']
@@ -124,11 +122,10 @@ setup(
         'plots': plots,
         'record': record,
         'view': view,
-        'check': check,
         'docs': docs,
         # playwright drives the Chromium that is there; it brings none.
-        'test': [*plots, *record, *view, *check, 'dask[distributed]', *docs, 'pytest',
-                 'pytest-xdist', 'hypothesis', 'playwright', 'example-robot-data', *style,
+        'test': [*plots, *record, *view, 'dask[distributed]', *docs, 'pytest', 'pytest-xdist',
+                 'hypothesis', 'playwright', 'example-robot-data', *style,
                  'mypy<2.5', 'types-PyYAML', 'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',

@@ -180,7 +180,7 @@ def compare(case: str, number: int, cycles: int, findings: Findings) -> None:
     for removed, left in scene.alone():
         for index, task in enumerate(report.tasks):
             above = removed[1] in order[:index] or removed[1] not in order
-            if not above or missing[task.name] <= max(1e-6, NOTABLE * task.wanted_speed):
+            if not above or missing[task.name] <= max(1e-6, NOTABLE * task.demanded_speed):
                 continue
             share = 1.0 - left[task.name] / missing[task.name]
             given = named[task.name].get(removed, 0.0)

@@ -291,7 +291,7 @@ class Episode:
                         MOVING + SETTLING)
         robot, settings = self.robot, self.settings
         state = robot.state(self.q)
-        wanted = self.controller.stack.levels(state, self.now)[0]
+        level = self.controller.stack.levels(state, self.now)[0]
         limits = VelocityLimits(robot, settings.period, settings.braking_gain)
         bounds = limits.at(state.q, previous, elapsed)
         command = self.controller.update(self.q, self.now)
@@ -305,13 +305,13 @@ class Episode:
             result.outcomes['position limit'] += 1
         else:
             result.outcomes['under way'] += 1
-        J, v = wanted.J, wanted.v
+        J, v = level.J, level.v
         best = lsq_linear(J, v, (bounds.lower, np.maximum(bounds.upper, bounds.lower + 1e-12)))
         lost = np.linalg.norm(v - J.dot(command.velocity)) - np.linalg.norm(v - J.dot(best.x))
         weights = np.ones(robot.n) if settings.weights is None else np.array(settings.weights)
         weak = np.linalg.svd(J * np.sqrt(weights.min() / weights))[1].min() \
             < settings.singular_region
-        if lost > LOST * np.linalg.norm(v) and not weak and wanted.mode != 'scale':
+        if lost > LOST * np.linalg.norm(v) and not weak and level.mode != 'scale':
             result.outcomes['stuck'] += 1
             result.find(f'stuck: {lost:.2e} of {np.linalg.norm(v):.2e} lost; {task.reason}',
                         self, MOVING + SETTLING)

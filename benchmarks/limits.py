@@ -126,12 +126,12 @@ def qualities(levels, velocity, unlimited):
     """
     relative = [np.linalg.norm(level.v - level.J.dot(velocity)) / np.linalg.norm(level.v)
                 for level in levels[1:]]
-    wanted, achieved = levels[0].J.dot(unlimited), levels[0].J.dot(velocity)
-    along = wanted.dot(achieved)
-    size, speed = np.linalg.norm(wanted), np.linalg.norm(achieved)
+    demand, achieved = levels[0].J.dot(unlimited), levels[0].J.dot(velocity)
+    along = demand.dot(achieved)
+    size, speed = np.linalg.norm(demand), np.linalg.norm(achieved)
     angle = np.degrees(np.arccos(np.clip(along / (size * speed), -1.0, 1.0))) \
         if speed > SLOWEST else np.nan
-    full = np.linalg.norm(wanted - achieved) <= FULL * size
+    full = np.linalg.norm(demand - achieved) <= FULL * size
     return full, along / size ** 2, angle, relative
 
 

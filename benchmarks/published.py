@@ -70,8 +70,8 @@ class Hierarchy(NamedTuple):
 
     def solved(self) -> Array:
         """Return our solution (n,)."""
-        levels = [Level(J, wanted[0]) if len(wanted) == 1 else
-                  Level(J, lower=wanted[0], upper=wanted[1]) for J, *wanted in self.levels]
+        levels = [Level(J, demand[0]) if len(demand) == 1 else
+                  Level(J, lower=demand[0], upper=demand[1]) for J, *demand in self.levels]
         return solve(levels, self.lower, self.upper, scaling='redistribute').velocity
 
     def best(self) -> Array:
@@ -80,9 +80,9 @@ class Hierarchy(NamedTuple):
 
     def missed(self, x: Array) -> Array:
         """Return what each level misses, ‖v − J x‖ or its distance from the bounds."""
-        return np.array([np.linalg.norm(J @ x - (wanted[0] if len(wanted) == 1
-                                                 else np.clip(J @ x, *wanted)))
-                         for J, *wanted in self.levels])
+        return np.array([np.linalg.norm(J @ x - (demand[0] if len(demand) == 1
+                                                 else np.clip(J @ x, *demand)))
+                         for J, *demand in self.levels])
 
 
 def table(title: str, *columns: str) -> None:

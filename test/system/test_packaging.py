@@ -60,13 +60,11 @@ THIRD_PARTY = {
     'compression': ('rosbags', None),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg-modules'),
     'coal': ('coal', 'coal'),
-    'dask': ('dask', None),
     'distributed': ('dask', None),
     'example_robot_data': ('example-robot-data', None),
     'lz4': ('rosbags', None),
     'msgspec': ('viser', None),
     'hypothesis': ('hypothesis', 'python3-hypothesis'),
-    'joblib': ('joblib', 'python3-joblib'),
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
     'mpl_toolkits': ('matplotlib', 'python3-matplotlib'),
     'numpy': ('numpy', 'python3-numpy'),
@@ -80,8 +78,6 @@ THIRD_PARTY = {
     'argcomplete': ('argcomplete', 'python3-argcomplete'),
     'setuptools': ('setuptools', 'python3-setuptools'),
     'viser': ('viser', None),
-    # A backend of `check` that is for clusters.
-    'ray': (None, None),
     # What benchmarks/peers.py compares with; placo and tsid need environments of their own.
     'embodik': ('embodik', None),
     'mink': ('mink', None),
@@ -201,7 +197,7 @@ def test_nodes_and_commands_for_them_run_without_the_keys_that_may_be_skipped(pa
     keys, = re.findall('--skip-keys "(.*)"', page)
     assert {*keys.split()} <= {*dependencies(package_xml)}
     modules = [module for module, (_, key) in THIRD_PARTY.items() if key in keys.split()]
-    assert {'joblib', 'matplotlib', 'PIL'} <= {*modules}
+    assert {'matplotlib', 'PIL'} <= {*modules}
     pytest.importorskip('rclpy')
     code = (f'import importlib, sys; sys.modules.update(dict.fromkeys({modules!r}))\n'
             'for name in ("ros.controller_node", "ros.simulator_node", "ros.watchdog_node", '

@@ -139,24 +139,24 @@ def bounded_lexicographic(levels, n, lower=None, upper=None, weights=None):
     x = np.clip(np.zeros(n), lower, upper)
     G, least, most = np.eye(n), lower, upper
     equations = np.zeros((0, n))
-    for J, *wanted in levels:
-        if len(wanted) == 1:
-            x = constrained_lstsq(J, wanted[0], G, least, most, equations, x)
+    for J, *demand in levels:
+        if len(demand) == 1:
+            x = constrained_lstsq(J, demand[0], G, least, most, equations, x)
             equations = np.concatenate([equations, J])
             continue
         m = len(J)
         # Slacks w make the rows meet their bounds: lower ≤ J x + w ≤ upper, ‖w‖ least.
-        slack = np.clip(J @ x, *wanted) - J @ x
+        slack = np.clip(J @ x, *demand) - J @ x
         whole = constrained_lstsq(
             np.hstack([np.zeros((m, n)), np.eye(m)]), np.zeros(m),
             np.block([[G, np.zeros((len(G), m))], [J, np.eye(m)]]),
-            np.concatenate([least, wanted[0]]), np.concatenate([most, wanted[1]]),
+            np.concatenate([least, demand[0]]), np.concatenate([most, demand[1]]),
             np.hstack([equations, np.zeros((len(equations), m))]), np.concatenate([x, slack]))
         x = whole[:n]
         violation = -whole[n:]
         G = np.concatenate([G, J])
-        least = np.concatenate([least, wanted[0] + np.minimum(violation, 0.0)])
-        most = np.concatenate([most, wanted[1] + np.maximum(violation, 0.0)])
+        least = np.concatenate([least, demand[0] + np.minimum(violation, 0.0)])
+        most = np.concatenate([most, demand[1] + np.maximum(violation, 0.0)])
     root = np.diag(np.ones(n) if weights is None else np.sqrt(weights))
     return constrained_lstsq(root, np.zeros(n), G, least, most, equations, x)
 

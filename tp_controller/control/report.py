@@ -18,6 +18,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 import math
 from typing import NamedTuple
+from warnings import warn
 
 import numpy as np
 from tp_controller.control.causes import Cause, Causes, residual_of
@@ -45,7 +46,7 @@ class Measures(NamedTuple):
 
     errors: tuple[tuple[float, str, float], ...]
     reached: bool = False
-    wanted_speed: float = 0.0
+    demanded_speed: float = 0.0
     achieved_speed: float = 0.0
     fault: str = ''
 
@@ -66,7 +67,7 @@ class TaskReport:
         stopped.
     reached : bool
         Every error is within its tolerance.
-    wanted_speed, achieved_speed : float
+    demanded_speed, achieved_speed : float
         Norm of the demanded task velocity, and of its achieved part (over all rows;
         m/s and rad/s are added up as they are).
     fault : str
@@ -119,9 +120,15 @@ class TaskReport:
         return self._measures.reached
 
     @property
-    def wanted_speed(self) -> float:
+    def demanded_speed(self) -> float:
         """Return the norm of the demanded task velocity."""
-        return self._measures.wanted_speed
+        return self._measures.demanded_speed
+
+    @property
+    def wanted_speed(self) -> float:
+        """Return `demanded_speed`: the former name, deprecated."""
+        warn('TaskReport.wanted_speed is called demanded_speed', DeprecationWarning, stacklevel=2)
+        return self.demanded_speed
 
     @property
     def achieved_speed(self) -> float:

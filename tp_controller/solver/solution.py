@@ -16,6 +16,7 @@
 
 from functools import cached_property
 from typing import Protocol
+from warnings import warn
 
 import numpy as np
 from tp_controller.solver.bounded_hierarchy import BoundedHierarchy, LevelStep
@@ -46,14 +47,20 @@ class LevelSolution:
         return self._level.J.dot(self._solution.velocity)
 
     @property
-    def wanted(self) -> Array:
-        """Return the demand (m,); for a level with bounds, `achieved` clamped to them."""
+    def demand(self) -> Array:
+        """Return the demanded velocity (m,), or `achieved` clamped to the bounds."""
         return self._level.demanded(self.achieved)
 
     @property
+    def wanted(self) -> Array:
+        """Return `demand` (m,): the former name, deprecated."""
+        warn('LevelSolution.wanted is called demand', DeprecationWarning, stacklevel=2)
+        return self.demand
+
+    @property
     def residual(self) -> Array:
-        """Return wanted − achieved (m,)."""
-        return self.wanted - self.achieved
+        """Return demand − achieved (m,)."""
+        return self.demand - self.achieved
 
     @property
     def velocity(self) -> Array:
@@ -82,10 +89,10 @@ class LevelSolution:
 
     @property
     def unreachable(self) -> Array:
-        """Return the part of `wanted` (m,) that is unreachable even without bounds."""
+        """Return the part of `demand` (m,) that is unreachable even without bounds."""
         if self._step.directions is None:
-            return np.zeros(len(self.wanted))
-        missing = self.wanted
+            return np.zeros(len(self.demand))
+        missing = self.demand
         if any(level.v is not None for level in self._solution.hierarchy[:self._index]):
             missing = missing - self._level.J.dot(self._solution.step(self._index - 1).velocity)
         U = self._step.directions.U

@@ -480,8 +480,10 @@ def test_report_tells_every_task_with_its_unit_tolerance_and_speed():
     (way, unit, tolerance), (angle, angle_unit, angle_tolerance) = tool.errors
     assert (unit, tolerance, angle_unit, angle_tolerance) == ('m', 1e-3, 'rad', 5e-3)
     assert (way, angle) == (pytest.approx(0.05), pytest.approx(0.2))
-    assert tool.wanted_speed == pytest.approx(2.0 * math.hypot(0.05, 0.2))
-    assert tool.achieved_speed == pytest.approx(tool.wanted_speed)
+    assert tool.demanded_speed == pytest.approx(2.0 * math.hypot(0.05, 0.2))
+    assert tool.achieved_speed == pytest.approx(tool.demanded_speed)
+    with pytest.warns(DeprecationWarning, match='demanded_speed'):
+        assert tool.wanted_speed == tool.demanded_speed
     assert (tool.reached, tool.status, tool.reason) == (False, 'moving', '')
     posture = report_of(controller, 'posture')
     assert (posture.level, posture.status) == (2, 'reached')
@@ -507,7 +509,7 @@ def test_report_of_a_velocity_task_is_in_units_per_second():
     task = report_of(controller, 't')
     assert [unit for _, unit, _ in task.errors] == ['m/s', 'rad/s']
     assert task.reached
-    assert task.wanted_speed == pytest.approx(math.hypot(0.05, 0.1))
+    assert task.demanded_speed == pytest.approx(math.hypot(0.05, 0.1))
 
 
 @pytest.mark.parametrize('scaling', ['uniform', 'redistribute'])
@@ -560,7 +562,7 @@ def test_report_names_the_task_above_that_blocks_a_task():
     task = report_of(controller, 'b')
     assert task.reason == 'blocked by a'
     assert task.hint == 'exchange a and b in the stack, or choose goals that are compatible'
-    assert task.achieved_speed < task.wanted_speed
+    assert task.achieved_speed < task.demanded_speed
 
 
 def test_report_says_that_the_robot_cannot_move_that_way():
@@ -607,7 +609,7 @@ def test_report_says_that_damping_costs_speed_elsewhere():
     controller.set_goal('tool', state.position('link3') + [0.1, 0.1, 0.0], 0.0)
     task = controller.update(q, 0.0).report.tasks[0]
     assert task.reason == 'slowed by damping'
-    assert task.achieved_speed < task.wanted_speed
+    assert task.achieved_speed < task.demanded_speed
 
 
 def test_report_stays_what_it_was_when_the_robot_goes_on():
@@ -619,7 +621,7 @@ def test_report_stays_what_it_was_when_the_robot_goes_on():
     controller.update(READY + 0.1, 0.1)
     controller.enable('tool', False)
     assert report.tasks[0].errors[0][0] == pytest.approx(0.1)
-    assert report.tasks[0].wanted_speed == pytest.approx(0.2)
+    assert report.tasks[0].demanded_speed == pytest.approx(0.2)
     assert [task.name for task in report.tasks] == ['tool', 'posture']
 
 
@@ -687,7 +689,7 @@ def test_tasks_that_share_a_level_are_reported_one_by_one():
                          '   b: {type: joint, joints: panda_joint7, target: [0.285], gain: 4}]\n')
     a, b = controller.update(READY, 0.0).report.tasks
     assert (a.level, b.level) == (1, 1)
-    assert (a.wanted_speed, b.wanted_speed) == (pytest.approx(0.3), pytest.approx(2.0))
+    assert (a.demanded_speed, b.demanded_speed) == (pytest.approx(0.3), pytest.approx(2.0))
     assert (a.errors[0][0], b.errors[0][0]) == (pytest.approx(0.3), pytest.approx(0.5))
 
 
@@ -1126,7 +1128,7 @@ def test_reason_of_a_task_alone_never_speaks_of_higher_levels():
     tip = robot.state(stretched).position('link3')
     controller.set_goal('tip', tip - [0.002, 0.0, 0.0], 0.0)
     task, = controller.update(stretched, 0.0).report.tasks
-    assert task.achieved_speed < 0.1 * task.wanted_speed
+    assert task.achieved_speed < 0.1 * task.demanded_speed
     assert 'near a singularity' in task.reason
 
 

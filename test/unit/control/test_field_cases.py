@@ -352,7 +352,7 @@ def test_the_report_names_the_limit_that_leads_a_task_astray():
                 Settings(period=PERIOD, blend=0.0))
     loop.controller.set_goal('turn', [0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0], loop.now)
     loop.step()
-    # Joint 1 has to go back; joint 2 does all that is wanted of it.
+    # Joint 1 has to go back; joint 2 does all that is demanded of it.
     assert loop.task('turn').reason == 'panda_joint1 at its upper position limit'
 
 

@@ -68,8 +68,8 @@ class Run:
         if hasattr(self, 'goal'):
             state = self.robot.state(self.q)
             achieved = state.jacobian('panda_hand_tcp')[:3] @ self.command.velocity
-            wanted = 2.0 * (self.goal - state.position('panda_hand_tcp'))
-            self.errors.append(np.linalg.norm(achieved - wanted))
+            demand = 2.0 * (self.goal - state.position('panda_hand_tcp'))
+            self.errors.append(np.linalg.norm(achieved - demand))
         self.q = self.q + PERIOD * self.command.velocity
         self.now += PERIOD
 
@@ -242,7 +242,7 @@ def test_default_goal_is_inherited_by_the_next_stack():
     run.update()
     assert run.controller.stack.tasks['tool'].goal is goal
     tool = run.command.report.tasks[0]
-    assert tool.errors[0][0] < 1e-6 and abs(tool.wanted_speed - tool.achieved_speed) < 1e-12
+    assert tool.errors[0][0] < 1e-6 and abs(tool.demanded_speed - tool.achieved_speed) < 1e-12
 
 
 def test_restart_blends_to_the_default_goals_it_takes():
@@ -380,7 +380,7 @@ def test_bounds_of_the_new_stack_hold_while_a_change_fades_out():
     from tp_controller import Level
     from tp_controller.control.transition import Transition
     transition = Transition().begin(np.ones(2), 0.0, 0.4, 1)
-    first, demand = (Level(np.eye(2)[:1], np.array([wanted])) for wanted in (0.1, 0.2))
+    first, demand = (Level(np.eye(2)[:1], np.array([v])) for v in (0.1, 0.2))
     bound = Level(np.eye(2)[1:], upper=np.array([0.3]), lower=np.array([-0.3]))
     eased = transition.levels([first, bound, demand], np.zeros(2), 0.1)
     assert len(eased) == 3 and eased[0] is first and eased[1] is bound

@@ -57,15 +57,15 @@ def redistribute(levels, lower=None, upper=None, **options):
 
 def as_levels(hierarchy):
     """Return the hierarchy of the reference as that of the solver."""
-    return [Level(J, wanted[0]) if len(wanted) == 1 else
-            Level(J, lower=wanted[0], upper=wanted[1]) for J, *wanted in hierarchy]
+    return [Level(J, demand[0]) if len(demand) == 1 else
+            Level(J, lower=demand[0], upper=demand[1]) for J, *demand in hierarchy]
 
 
 def misses(hierarchy, x):
     """Return what each level misses: ‖v − J x‖, or by how much J x exceeds its bounds."""
-    return np.array([np.linalg.norm(J @ x - (wanted[0] if len(wanted) == 1
-                                             else np.clip(J @ x, *wanted)))
-                     for J, *wanted in hierarchy])
+    return np.array([np.linalg.norm(J @ x - (demand[0] if len(demand) == 1
+                                             else np.clip(J @ x, *demand)))
+                     for J, *demand in hierarchy])
 
 
 @st.composite
@@ -174,10 +174,10 @@ def scaled_hierarchy(rng, decades):
         J, size = rng.standard_normal((m, n)), 10.0 ** rng.uniform(0.0, decades, m)
         if rng.random() < 0.5:
             lower, upper = random_rows(rng, m)
-            wanted = lower + J @ inside, upper + J @ inside
+            demand = lower + J @ inside, upper + J @ inside
         else:
-            wanted = J @ inside + rng.choice([0.0, 1.0, 3.0]) * rng.standard_normal(m),
-        hierarchy.append((size[:, np.newaxis] * J / units, *(size * each for each in wanted)))
+            demand = J @ inside + rng.choice([0.0, 1.0, 3.0]) * rng.standard_normal(m),
+        hierarchy.append((size[:, np.newaxis] * J / units, *(size * each for each in demand)))
     bounds = units * rng.uniform(0.3, 1.5, n)
     return n, hierarchy, -bounds, bounds
 

@@ -221,19 +221,19 @@ def check_optimality(n, hierarchy, lower, upper, tolerance=1e-7):
             assert not any(level.limited_by or level.row_multipliers for level in solution.levels)
             return
     rows_above, relaxed = np.zeros((0, n)), {}
-    for index, ((J, *wanted), level) in enumerate(zip(hierarchy, solution.levels)):
+    for index, ((J, *demand), level) in enumerate(zip(hierarchy, solution.levels)):
         x, multipliers = level.velocity, level.multipliers
         assert (x >= lower).all() and (x <= upper).all()
         gradient = multipliers.copy()
         size = 1.0 + np.abs(multipliers).max()
-        if len(wanted) == 1:
-            gradient += J.T @ (J @ x - wanted[0])
+        if len(demand) == 1:
+            gradient += J.T @ (J @ x - demand[0])
         for above, (least, most) in relaxed.items():
             values = hierarchy[above][0] @ x
             assert (values >= least - 1e-9).all() and (values <= most + 1e-9).all()
-        if len(wanted) == 2:
+        if len(demand) == 2:
             values = J @ x
-            relaxed[index] = (np.minimum(wanted[0], values), np.maximum(wanted[1], values))
+            relaxed[index] = (np.minimum(demand[0], values), np.maximum(demand[1], values))
         for above, found in level.row_multipliers.items():
             assert above <= index and above in relaxed and len(found) == len(hierarchy[above][0])
             values = hierarchy[above][0] @ x
@@ -242,15 +242,15 @@ def check_optimality(n, hierarchy, lower, upper, tolerance=1e-7):
             assert (values[found < -tolerance] <= least[found < -tolerance] + 1e-8).all()
             gradient += hierarchy[above][0].T @ found
             size += np.abs(found).max()
-        if len(wanted) == 2:
-            violation = values - np.clip(values, *wanted)
+        if len(demand) == 2:
+            violation = values - np.clip(values, *demand)
             found = level.row_multipliers.get(index, np.zeros(len(J)))
             np.testing.assert_allclose(found, violation, rtol=0, atol=tolerance * size)
         free = null_of(rows_above)
         assert np.abs(free.T @ gradient).max(initial=0.0) < tolerance * size
         assert (x[multipliers > tolerance] == upper[multipliers > tolerance]).all()
         assert (x[multipliers < -tolerance] == lower[multipliers < -tolerance]).all()
-        if len(wanted) == 1:
+        if len(demand) == 1:
             rows_above = np.concatenate([rows_above, J])
 
 
@@ -316,8 +316,8 @@ def test_no_level_is_changed_by_the_levels_below_it(problem):
     whole = redistribute(levels, lower, upper).velocity
     for count in range(1, len(levels)):
         alone = redistribute(levels[:count], lower, upper).velocity
-        for J, *wanted in hierarchy[:count]:
-            if len(wanted) == 1:
+        for J, *demand in hierarchy[:count]:
+            if len(demand) == 1:
                 size = max(1.0, np.linalg.norm(J) * np.linalg.norm(alone))
                 assert np.linalg.norm(J @ (whole - alone)) < 1e-9 * size
         np.testing.assert_array_less(misses(hierarchy[:count], whole),
@@ -378,17 +378,17 @@ def test_order_of_the_joints_and_frame_and_size_of_the_rows_do_not_matter(proble
     rng = np.random.default_rng(seed)
     before = redistribute(as_levels(hierarchy), lower, upper).velocity
     order = rng.permutation(n)
-    permuted = [(J[:, order], *wanted) for J, *wanted in hierarchy]
+    permuted = [(J[:, order], *demand) for J, *demand in hierarchy]
     velocity = redistribute(as_levels(permuted), lower[order], upper[order]).velocity
     np.testing.assert_allclose(velocity, before[order], rtol=0, atol=1e-6)
     turned = []
-    for J, *wanted in hierarchy:
+    for J, *demand in hierarchy:
         size = rng.uniform(0.3, 3.0)
-        if len(wanted) == 1:
+        if len(demand) == 1:
             Q = size * np.linalg.qr(rng.standard_normal((len(J), len(J))))[0]
-            turned.append((Q @ J, Q @ wanted[0]))
+            turned.append((Q @ J, Q @ demand[0]))
         else:
-            turned.append((size * J, size * wanted[0], size * wanted[1]))
+            turned.append((size * J, size * demand[0], size * demand[1]))
     velocity = redistribute(as_levels(turned), lower, upper).velocity
     np.testing.assert_allclose(velocity, before, rtol=0, atol=1e-6)
 
@@ -423,7 +423,7 @@ def test_answer_is_finite_and_within_the_bounds_whatever_the_conditions(problem,
     n, hierarchy, lower, upper = problem
     if capped:
         options = {**options, 'speed_cap': np.full(n, 0.1)}
-    hierarchy = [(unit * J, *(unit * speed * wanted for wanted in rest))
+    hierarchy = [(unit * J, *(unit * speed * demand for demand in rest))
                  for J, *rest in hierarchy]
     solution = redistribute(as_levels(hierarchy), lower, upper, **options)
     assert np.isfinite(solution.velocity).all()
@@ -515,7 +515,7 @@ def test_mode_scale_keeps_the_direction_and_slows_as_little_as_possible(seed, ro
     s = np.linalg.svd(levels[0].J, compute_uv=False)
     assume(s[-1] > 0.15)
     level = redistribute(levels, lower, upper, **options).levels[0]
-    np.testing.assert_allclose(level.achieved, level.scale * level.wanted, rtol=0,
+    np.testing.assert_allclose(level.achieved, level.scale * level.demand, rtol=0,
                                atol=1e-8 if not options else 1e-6)
     best = largest_share(levels[:1], lower, upper)
     # The regularisation costs a little speed.

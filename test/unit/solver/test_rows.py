@@ -34,7 +34,7 @@ def test_row_that_is_in_the_way_is_kept_and_has_the_multiplier():
     assert level.row_multipliers[0] == near([0.5])
     assert level.limited_by == []
     assert solution.levels[0].row_multipliers == {}
-    assert solution.levels[0].wanted == near([1.0])
+    assert solution.levels[0].demand == near([1.0])
 
 
 def test_row_of_its_own_moves_the_joints_only_as_far_as_it_must():
@@ -305,8 +305,8 @@ def test_rows_that_cannot_be_met_are_weighed_against_rest(seed, regularisation):
     n, upper = 4, rng.uniform(0.1, 0.5, 4)
     J, v = rng.standard_normal((1, n)), 3.0 * rng.standard_normal(1)
     rows = rng.standard_normal((2, n))[[0, 0, 1]]
-    wanted = np.array([1.0, -INFINITE, 0.5]), np.array([INFINITE, 0.2, 0.7])
-    levels = redistribute([(J, v), Level(rows, lower=wanted[0], upper=wanted[1])], -upper, upper,
+    bounds = np.array([1.0, -INFINITE, 0.5]), np.array([INFINITE, 0.2, 0.7])
+    levels = redistribute([(J, v), Level(rows, lower=bounds[0], upper=bounds[1])], -upper, upper,
                           regularisation=regularisation).levels
     x, Z = levels[0].velocity, null_of(J)
     values = rows @ x
@@ -314,6 +314,6 @@ def test_rows_that_cannot_be_met_are_weighed_against_rest(seed, regularisation):
     exact = constrained_lstsq(
         np.block([[regularisation * Z.T, np.zeros((3, 3))], [np.zeros((3, n)), size]]),
         np.zeros(6), np.block([[np.eye(n), np.zeros((n, 3))], [rows, size]]),
-        np.concatenate([-upper, wanted[0]]), np.concatenate([upper, wanted[1]]),
-        np.hstack([J, np.zeros((1, 3))]), np.concatenate([x, np.clip(values, *wanted) - values]))
+        np.concatenate([-upper, bounds[0]]), np.concatenate([upper, bounds[1]]),
+        np.hstack([J, np.zeros((1, 3))]), np.concatenate([x, np.clip(values, *bounds) - values]))
     np.testing.assert_allclose(levels[1].velocity, exact[:n], rtol=0, atol=1e-6)

@@ -31,7 +31,7 @@ def numbers(lower, upper):
 
 
 def bounded(velocity, lower, upper):
-    """Return the solution of joints that want a velocity within bounds."""
+    """Return the solution of joints that demand a velocity within bounds."""
     return solve([(np.eye(len(velocity)), velocity)], lower, upper)
 
 

@@ -35,10 +35,16 @@ def test_solution_tells_rank_and_smallest_singular_value_of_each_level(stack, da
         assert level.rank == (s > 1e-9 * np.linalg.norm(J)).sum()
         smallest = s[-1] if 0 < len(v) <= n else 0.0
         assert level.smallest_singular_value == pytest.approx(smallest, abs=1e-9)
-        np.testing.assert_allclose(level.wanted, v)
+        np.testing.assert_allclose(level.demand, v)
         np.testing.assert_allclose(level.achieved, J @ solution.velocity, **EXACT)
         np.testing.assert_allclose(level.residual, v - J @ solution.velocity, **EXACT)
         assert level.scale == solution.scale
+
+
+def test_former_name_of_the_demand_warns():
+    level, = solve([([[1.0, 0.5]], [0.3])]).levels
+    with pytest.warns(DeprecationWarning, match='demand'):
+        assert level.wanted == near([0.3])
 
 
 def test_multipliers_and_limited_by_are_those_of_the_bounds_in_the_way():

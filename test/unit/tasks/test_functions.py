@@ -68,15 +68,15 @@ def test_gradient_is_the_derivative_of_the_function(name, keys):
 
 
 @pytest.mark.parametrize('name, keys', CONTRACT)
-def test_wanted_is_the_gradient_times_the_gain_up_to_the_top_speed(name, keys):
+def test_demand_is_the_gradient_times_the_gain_up_to_the_top_speed(name, keys):
     task, rng = make(name, keys), np.random.default_rng(1)
     for _ in range(5):
         state = task.robot.state(inside(task.robot, rng))
-        wanted = keys.get('gain', 1.0) * task.measure(state)[1] / task.slowdown(state)
+        demand = keys.get('gain', 1.0) * task.measure(state)[1] / task.slowdown(state)
         level = task.level(state, 0.0)
         assert level.is_identity
-        speed = min(np.linalg.norm(wanted), keys.get('max_speed', 0.5))
-        np.testing.assert_allclose(level.v, speed * wanted / np.linalg.norm(wanted))
+        speed = min(np.linalg.norm(demand), keys.get('max_speed', 0.5))
+        np.testing.assert_allclose(level.v, speed * demand / np.linalg.norm(demand))
     slow, gradient = make(name, {**keys, 'gain': 1e-6}), task.measure(state)[1]
     np.testing.assert_allclose(slow.level(state, 0.0).v, 1e-6 * gradient, rtol=1e-4)
 

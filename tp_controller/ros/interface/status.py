@@ -111,7 +111,7 @@ def _task_status(node_name: str, task: TaskReport, record: GoalRecord,
     for error, unit, tolerance in task.errors:
         values.append(_value(f'error [{unit}]', f'{error:.6g}'))
         values.append(_value(f'tolerance [{unit}]', f'{tolerance:.6g}'))
-    values.append(_value('wanted speed', f'{task.wanted_speed:.6g}'))
+    values.append(_value('wanted speed', f'{task.demanded_speed:.6g}'))
     values.append(_value('achieved speed', f'{task.achieved_speed:.6g}'))
     values.append(_value('reason', task.reason))
     values.append(_value('hint', task.hint))

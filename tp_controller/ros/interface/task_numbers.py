@@ -74,7 +74,7 @@ def numbers(report: TaskReport, stamp: float) -> Float64MultiArray:
     for error, unit, tolerance in report.errors:
         named[f'error [{unit}]'], named[f'tolerance [{unit}]'] = error, tolerance
     known = report.carried_out
-    named['wanted speed'] = report.wanted_speed if known else math.nan
+    named['wanted speed'] = report.demanded_speed if known else math.nan
     named['achieved speed'] = report.achieved_speed if known else math.nan
     named['stamp [s]'] = stamp
     message = Float64MultiArray(data=list(named.values()))

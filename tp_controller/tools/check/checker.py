@@ -15,11 +15,16 @@
 """Check of a stack by sampled configurations and closed loops."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import fields
+from functools import partial
 from itertools import chain
 import math
+from multiprocessing import get_context
+import os
+import signal
 from typing import Protocol
 
 import numpy as np
@@ -72,14 +77,15 @@ from tp_controller.tools.check.results import (
     WorstResult,
     WRONG,
 )
-from tp_controller.tools.check.setup import Setup
-from tp_controller.tools.check.spread import Spreader
+from tp_controller.tools.check.setup import in_process, Plan, Result, Seed, Setup
 
 VERSION = 1
 # Defaults: number of samples and of closed loops, longest time of a closed loop [s].
 SAMPLES, RUNS, SECONDS = 300, 20, 15.0
 # Near goals: share of the distance from the start to a random configuration [1]; half of them are.
 NEAR_SHARE = 0.5
+# Number of parts of the work of one section, and seeds in the largest part: Ctrl-C waits for it.
+PARTS, MOST_SEEDS = 64, 4
 
 
 class ProgressSection(Protocol):
@@ -105,10 +111,19 @@ def _no_progress(total: int, what: str) -> AbstractContextManager[ProgressSectio
     return nullcontext(_NoProgress())
 
 
+class Workers(Protocol):
+    """Map of work over seeds, whose results come in the order of the seeds."""
+
+    def __call__(self, work: Callable[[Setup, Seed], Result], seeds: Sequence[Seed]
+                 ) -> Iterable[Result]:
+        """Return the result of work for each seed; the work is a function of a module."""
+
+
 def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
           period: float | None = None, samples: int = SAMPLES, runs: int = RUNS,
-          seconds: float = SECONDS, seed: int = 0, jobs: int = 1, backend: str = 'loky',
-          around: ArrayLike | None = None, progress: Progress = _no_progress) -> CheckReport:
+          seconds: float = SECONDS, seed: int = 0, jobs: int = 1,
+          executor: Executor | None = None, around: ArrayLike | None = None,
+          progress: Progress = _no_progress) -> CheckReport:
     """
     Check a stack for faults and doubtful properties, before a robot moves.
 
@@ -116,8 +131,8 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
     Closed loops with a `KinematicSimulator` then run from random starts to random reachable goals:
     the values of the tasks at another configuration. Both satisfy bounds and goals of the stack.
 
-    The same seed gives the same report for any `jobs` and `backend`, except for `timing` and the
-    findings about it.
+    The same seed gives the same report for any `jobs` and `executor`, except for `timing` and
+    the findings about it.
 
     Parameters
     ----------
@@ -137,10 +152,10 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
     seed : int
         Seed of the random configurations, from 0.
     jobs : int
-        Number of processes; -1: one per processor. More than one requires joblib and a stack
-        that was read from YAML.
-    backend : str
-        ``loky``: processes of this machine; ``dask``, ``ray``: a cluster.
+        Number of processes; -1: one per processor. More than one requires a stack that was read
+        from YAML, and a script that calls this under ``if __name__ == '__main__':``.
+    executor : concurrent.futures.Executor, optional
+        Executor of the work in place of `jobs`, such as that of a cluster.
     around : array_like (nq,), optional
         Configuration near which a moving base starts; that of `start_configuration` by default.
     progress : callable, optional
@@ -159,8 +174,8 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
         A controller has used the stack; see `Stack.copy`.
     RobotError
         `around` is not a valid configuration.
-    ModuleNotFoundError
-        More than one job, and joblib or the backend is not installed.
+    concurrent.futures.BrokenExecutor
+        A process ended while it worked.
 
     """
     settings = settings or Settings()
@@ -169,15 +184,15 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
     _check_counts(samples, runs, seconds, seed)
     seeds = np.random.SeedSequence(seed).spawn(3)
     faults = _refusals(setup)
-    with Spreader(setup, jobs, backend) as spreader:
+    with _workers(setup, jobs, executor) as spread:
         with progress(samples, 'samples') as shown:
-            configurations = spreader.spread(sample_configuration, seeds[0].spawn(samples),
-                                             shown.advance)
+            configurations = list(_advancing(
+                shown, spread(sample_configuration, seeds[0].spawn(samples))))
         found: list[Run] = []
         if not faults:
             with progress(runs, 'closed loops') as shown:
-                found = spreader.spread(closed_loop, list(enumerate(seeds[1].spawn(runs))),
-                                        shown.advance)
+                found = list(_advancing(
+                    shown, spread(closed_loop, list(enumerate(seeds[1].spawn(runs))))))
     timing = None
     if not faults and runs:
         try:
@@ -186,6 +201,32 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
             # A task fails; the runs report it.
             pass
     return _report(setup, seed, configurations, found, faults, timing)
+
+
+@contextmanager
+def _workers(setup: Setup, jobs: int, executor: Executor | None) -> Iterator[Workers]:
+    """Open the workers: this process, new ones, or an executor."""
+    if jobs == 0 or jobs < -1:
+        raise SettingsError([f'jobs must be a number from 1 on, or -1 for all processors, '
+                             f'not {jobs}'])
+    if executor is None and jobs == 1:
+        yield lambda work, seeds: map(partial(work, setup), seeds)
+        return
+    plan = Plan.of(setup)
+    # Ctrl-C reaches all processes; this one lets the others finish their piece of work.
+    with nullcontext(executor) if executor else ProcessPoolExecutor(
+            jobs if jobs > 0 else os.cpu_count(), get_context('spawn'),
+            signal.signal, (signal.SIGINT, signal.SIG_IGN)) as opened:
+        yield lambda work, seeds: opened.map(
+            partial(in_process, work, plan), seeds,
+            chunksize=min(MOST_SEEDS, 1 + len(seeds) // PARTS))
+
+
+def _advancing(shown: ProgressSection, results: Iterable[Result]) -> Iterator[Result]:
+    """Yield results, and advance the display after each."""
+    for result in results:
+        shown.advance()
+        yield result
 
 
 def refused(messages: Iterable[tuple[str, str]], rate: float = 0.0, seed: int = 0,

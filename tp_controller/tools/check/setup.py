@@ -18,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import hashlib
 import pickle
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from tp_controller.control.settings import Settings
@@ -28,6 +28,9 @@ from tp_controller.model.mobile_base import DEFAULT_WORLD
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.stack import Stack
+
+Seed = TypeVar('Seed')
+Result = TypeVar('Result')
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,10 +137,9 @@ def built(plan: Plan) -> Setup:
     return _BUILT[plan.key]
 
 
-def in_process(work: Callable[..., Any], plan: Plan, seeds: list[Any]) -> list[Any]:
-    """Return the results of work for some seeds, in a process that may have to build the setup."""
-    setup = built(plan)
-    return [work(setup, seed) for seed in seeds]
+def in_process(work: Callable[[Setup, Seed], Result], plan: Plan, seed: Seed) -> Result:
+    """Return the result of work for a seed, in a process that may have to build the setup."""
+    return work(built(plan), seed)
 
 
 def _robot_arguments(robot: Robot) -> dict[str, Any]:

@@ -66,11 +66,7 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
                         help='of the random numbers; the same one gives the same result '
                         '(default: 0)')
     parser.add_argument('--jobs', type=_jobs, default=1, metavar='N',
-                        help='processes; -1: as many as there are processors (default: 1; more '
-                        "need pip install '.[check]')")
-    parser.add_argument('--backend', default='loky', metavar='NAME',
-                        help='what joblib spreads the work over: processes of this machine '
-                        '(loky), or a cluster (dask, ray) (default: loky)')
+                        help='processes; -1: as many as there are processors (default: 1)')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the numbers')
     parser.add_argument('--html', type=Path, metavar='FILE', help='write one page')
     parser.add_argument('--strict', action='store_true',
@@ -135,8 +131,8 @@ def _report(options: argparse.Namespace) -> 'CheckReport':
         return refused(error.messages(), options.rate or 0.0, options.seed)
     report = check(given.robot, given.stack, given.settings, period=given.period,
                    samples=options.samples, runs=options.runs, seconds=options.seconds,
-                   seed=options.seed, jobs=options.jobs, backend=options.backend,
-                   around=given.around, progress=progress)
+                   seed=options.seed, jobs=options.jobs, around=given.around,
+                   progress=progress)
     return report.adding(about_parameters(given.ignored))
 
 

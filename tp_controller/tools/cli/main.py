@@ -52,12 +52,6 @@ EXTRAS = {
     ('matplotlib', 'mpl_toolkits', 'PIL'): ('the figures need it', 'plots'),
     ('viser', 'trimesh', 'websockets'): ('the page needs it', 'view'),
     ('rosbags', 'lz4', 'backports'): ('recordings need it', 'record'),
-    ('joblib',): ('more than one job needs it', 'check'),
-}
-# {optional packages outside the extras: reason and installation command}
-INSTALL_HINTS = {
-    ('dask', 'distributed'): "the backend dask needs it: pip install 'dask[distributed]'",
-    ('ray',): 'the backend ray needs it: pip install ray',
 }
 # Longest error that is printed [characters].
 LONGEST_ERROR = 20_000
@@ -157,9 +151,8 @@ def _report_missing(error: ModuleNotFoundError) -> int:
     package = (error.name or '').partition('.')[0]
     if package in ('', 'tp_controller'):
         raise error
-    hints = {**INSTALL_HINTS, **{packages: f'{reason}: {install_command(extra)}'
-                                 for packages, (reason, extra) in EXTRAS.items()}}
-    hint = next((hint for packages, hint in hints.items() if package in packages),
+    hint = next((f'{reason}: {install_command(extra)}'
+                 for packages, (reason, extra) in EXTRAS.items() if package in packages),
                 f'this needs ROS 2: source its setup file, or {install_command("ros")}')
     print(f'tp_controller: {package} is missing; {hint}', file=sys.stderr)
     return 1

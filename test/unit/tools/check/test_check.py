@@ -457,8 +457,7 @@ def test_velocity_limits_that_are_none_are_doubtful(limits):
 
 @pytest.mark.parametrize(('options', 'said'), [
     ({'samples': 0}, 'samples'), ({'runs': -1}, 'runs'), ({'seed': 1.5}, 'seed'),
-    ({'seconds': math.inf}, 'seconds'), ({'period': 1.0}, 'period'), ({'jobs': 0}, 'jobs'),
-    ({'backend': 'threads'}, 'backend')])
+    ({'seconds': math.inf}, 'seconds'), ({'period': 1.0}, 'period'), ({'jobs': 0}, 'jobs')])
 def test_arguments_out_of_range_are_refused(options, said):
     with pytest.raises(SettingsError, match=said):
         check(planar(), stack_of(planar(), TIP), **options)

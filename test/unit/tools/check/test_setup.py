@@ -14,6 +14,7 @@
 
 """The same check in one process, in two, and on a cluster."""
 
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 import os
 
@@ -22,9 +23,8 @@ from robots import moving_panda, planar
 from tp_controller import Robot, Settings, SettingsError, Stack
 from tp_controller.model.simulator import start_configuration
 from tp_controller.tasks.position import Position
-from tp_controller.tools.check import check
+from tp_controller.tools.check import check, checker
 from tp_controller.tools.check.setup import built, in_process, Plan, Setup
-from tp_controller.tools.check.spread import Spreader
 
 YAML = """
 - near: {type: keep_in, frame: link3, shape: {sphere: 1.5}}
@@ -32,9 +32,7 @@ YAML = """
 - easy: {type: joint_limit_distance}
 - angle: {type: joint, joints: joint1}
 """
-# Here and in workers, whose processes are others.
-processes = pytest.mark.filterwarnings('ignore::DeprecationWarning', 'ignore::ResourceWarning',
-                                       'ignore::pytest.PytestUnraisableExceptionWarning')
+OPTIONS = {'samples': 12, 'runs': 4, 'seconds': 1.0, 'seed': 3}
 
 
 def limited():
@@ -54,37 +52,56 @@ def process_of(setup, seed):
     return os.getpid(), id(setup), setup.stack.tasks['tip'].gain, seed
 
 
-@processes
-@pytest.mark.parametrize('backend', ['loky', 'dask'])
-def test_two_processes_find_what_one_does(backend):
-    pytest.importorskip('joblib')
-    if backend == 'dask':
-        pytest.importorskip('distributed')
+def end(setup, seed):
+    """End the process."""
+    os._exit(1)
+
+
+def checked():
+    """Return a robot, and a stack with changes since it was read."""
     robot = limited()
     stack = Stack.from_yaml(YAML, robot)
     stack.tasks['tip'].set_gain(2.0)
     stack.enable('angle', False)
-    options = {'samples': 12, 'runs': 4, 'seconds': 1.0, 'seed': 3}
-    one, two = (check(robot, stack, jobs=jobs, backend=backend, **options) for jobs in (1, 2))
+    return robot, stack
+
+
+def setup_of(robot, stack):
+    """Return a setup of a check."""
+    return Setup(robot, stack, Settings(), 0.01, 1.0, start_configuration(robot))
+
+
+def test_two_processes_find_what_one_does():
+    one, two = (check(*checked(), jobs=jobs, **OPTIONS) for jobs in (1, 2))
     assert without_times(one) == without_times(two)
     assert one.ended and one.tasks[1].gain_period == pytest.approx(0.02)
     assert [task.level for task in one.tasks] == [1, 2, 3, 0]
 
 
-@processes
+@pytest.mark.filterwarnings('ignore::DeprecationWarning', 'ignore::ResourceWarning',
+                            'ignore::pytest.PytestUnraisableExceptionWarning')
+def test_a_cluster_finds_what_one_process_does():
+    distributed = pytest.importorskip('distributed')
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None
+                                  ) as cluster, distributed.Client(cluster) as client:
+        found = check(*checked(), executor=client.get_executor(), **OPTIONS)
+    assert without_times(found) == without_times(check(*checked(), **OPTIONS))
+
+
 def test_a_process_builds_a_robot_once():
-    pytest.importorskip('joblib')
-    robot = limited()
-    setup = Setup(robot, Stack.from_yaml(YAML, robot), Settings(), 0.01, 1.0,
-                  start_configuration(robot))
-    parts = []
-    with Spreader(setup, 2, 'loky') as spreader:
-        found = spreader.spread(process_of, list(range(40)), lambda: parts.append(1))
-    assert [seed for *_, seed in found] == list(range(40)) and len(parts) == 40
+    with checker._workers(setup_of(*checked()), 2, None) as spread:
+        found = list(spread(process_of, list(range(40))))
+    assert [seed for *_, seed in found] == list(range(40))
     assert os.getpid() not in {process for process, *_ in found}
     setups = {process: {each for other, each, *_ in found if other == process}
               for process, *_ in found}
     assert all(len(each) == 1 for each in setups.values())
+
+
+def test_a_process_that_ends_is_noticed():
+    with checker._workers(setup_of(*checked()), 2, None) as spread:
+        with pytest.raises(BrokenProcessPool):
+            list(spread(end, [1, 2]))
 
 
 @pytest.mark.parametrize('robot', [limited(), moving_panda('differential'),
@@ -109,7 +126,7 @@ def test_a_plan_that_is_known_is_not_built_again():
     plan = Plan.of(setup)
     assert built(plan) is built(Plan.of(setup))
     assert built(Plan.of(replace(setup, seconds=2.0))) is not built(plan)
-    assert len({each for _, each, _, _ in in_process(process_of, plan, [1, 2])}) == 1
+    assert len({in_process(process_of, plan, seed)[1] for seed in (1, 2)}) == 1
 
 
 def test_a_stack_without_yaml_stays_in_one_process():
