@@ -19,8 +19,8 @@ Run as ``python benchmarks/peers.py``. What is not installed is skipped; ``pip i
 .[peers]`` installs what can live beside this package. placo 0.10 needs pinocchio 3 and this
 package pinocchio 4: make an environment of its own for it, ``python3 -m venv placo; placo/bin/pip
 install placo``, and add ``--python placo=placo/bin/python``. tsid 1.10 needs pinocchio 4.0, so
-the same for ``tsid==1.10.0 pin==4.0.0``; docs/peers.md says how with a Python older than 3.14.
-``recursion`` is the plain recursion of *lecture* (docs/sources.md), in numpy with pinocchio.
+the same for ``tsid==1.10.0 pin==4.0.0``; docs/performance.md says how with a Python older than
+3.14. ``recursion`` is the plain recursion of *lecture* (docs/sources.md), in numpy with pinocchio.
 
 Every package has a process of its own, and all read the same URDF. ``--only`` takes some of:
 
@@ -366,7 +366,7 @@ def print_times(times, scenes, title):
             for active in (False, True):
                 rows = times[scene.name, active, package, variant]
                 micros = [row['micros'] for row in rows]
-                cells.append(f'{np.median(micros):.0f} ({min(micros):.0f} to {max(micros):.0f})')
+                cells.append(f'{np.median(micros):.0f} ({min(micros):.0f}–{max(micros):.0f})')
                 failed = np.mean([row['failed'] for row in rows])
                 if failed:
                     cells[-1] += f', {percent(failed)} unsolved'

@@ -231,19 +231,12 @@ def print_text(times, pace, rounds):
 
 def print_table(tight, cold):
     """Print the table of docs/performance.md."""
-    print('| stack | what | tight loop | share | one cycle per millisecond | share |')
-    print('| --- | --- | --- | --- | --- | --- |')
-    for case in CASES:
-        name = case
-        for shown, _, _ in ROWS:
-            cells = []
-            for times in (tight, cold):
-                row = times[case, shown]
-                share = np.median(row) / np.median(times[case, REFERENCE])
-                cells += [f'{np.median(row):.0f} ({row.min():.0f} to {row.max():.0f})',
-                          f'{share:.2f}']
-            print(f'| {name} | {shown} | {" | ".join(cells)} |')
-            name = ''
+    print('| µs | ' + ' | '.join(f'{case} | once per ms' for case in CASES) + ' |')
+    print('| --- |' + ' --- | --- |' * len(CASES))
+    for shown, _, _ in ROWS:
+        rows = [times[case, shown] for case in CASES for times in (tight, cold)]
+        cells = [f'{np.median(row):.0f} ({row.min():.0f}–{row.max():.0f})' for row in rows]
+        print(f'| {shown} | {" | ".join(cells)} |')
 
 
 def main():

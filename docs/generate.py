@@ -501,7 +501,7 @@ def check_report():
 
 
 def faults():
-    """Return the table of faults and outcomes, as the tests declare them."""
+    """Return the table of faults by their outcomes, as the tests declare them."""
     folders = [str(ROOT / 'test' / name)
                for name in ('', 'faults', 'ros', 'ros/loop', 'system')]
     before, sys.path[:0] = list(sys.path), folders
@@ -511,10 +511,19 @@ def faults():
             importlib.import_module(module)
     finally:
         sys.path[:] = before
-    rows = [(area, outcome.fault, outcome.result,
-             '' if outcome.within == float('inf') else f'{outcome.within:g} s', outcome.ends,
-             f'`{test}`') for area, found in declared.items() for outcome, test in found]
-    return table(('area', 'fault', 'what is commanded', 'noticed within', 'ends', 'test'), rows)
+    grouped = {}
+    for area, found in declared.items():
+        for outcome, test in found:
+            within = '' if outcome.within == float('inf') else f'{outcome.within:g} s'
+            alike = grouped.setdefault((area, outcome.result, within, outcome.ends), ([], []))
+            for texts, text in zip(alike, (outcome.fault, f'`{test}`')):
+                if text not in texts:
+                    texts.append(text)
+    areas = [area for area, *_ in grouped]
+    rows = [('' if area == before else area, '; '.join(faults), *outcome, ', '.join(tests))
+            for before, ((area, *outcome), (faults, tests)) in zip(
+                ['', *areas], grouped.items())]
+    return table(('area', 'faults', 'what is commanded', 'noticed within', 'ends', 'test'), rows)
 
 
 REGIONS = {

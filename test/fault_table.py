@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 AT_ONCE, RAMPED, NOTHING = 'zeros at once', 'a ramped stop', 'nothing is published'
-BY_ITSELF, START = 'by itself, `settle_time` after it is over', '`~/start`'
+BY_ITSELF, START = 'by itself', '`~/start`'
 
 
 @dataclass(frozen=True)
