@@ -246,4 +246,5 @@ def test_a_second_ctrl_c_ends_a_command_that_hangs_in_c_code():
             command.send_signal(signal.SIGINT)
             time.sleep(0.05)
         command.kill()
-    assert command.returncode == 128 + signal.SIGINT
+    # The first where a signal arrives after Python has given its own handler back.
+    assert command.returncode in (-signal.SIGINT, 128 + signal.SIGINT)
