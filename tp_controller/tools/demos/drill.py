@@ -107,7 +107,7 @@ def record(duration: float = DURATION) -> _Recording:
     times, q, velocities, tips, tip_errors, axis_errors, values, outside = (
         np.array(column) for column in zip(*rows))
     return _Recording(robot, stack, times, q, velocities, tips, tip_errors, axis_errors,
-                     dict(zip(LOWER, values.T)), dict(zip(LOWER, outside.T)))
+                      dict(zip(LOWER, values.T)), dict(zip(LOWER, outside.T)))
 
 
 def _errors(state: RobotState, tip: Array, axis: Array) -> tuple[float, float]:

@@ -206,7 +206,7 @@ def _record(stack: str, settings: Settings, duration: float,
     times, q, velocities, tool, goals, errors = (np.array(column) for column in zip(*rows))
     names = [task.name for task in command.report.tasks]
     return _Recording(robot, controller.stack, times, q, velocities, tool, goals,
-                     dict(zip(names, errors.T)))
+                      dict(zip(names, errors.T)))
 
 
 def _measure_two_tasks(goal: Point) -> Iterator[Measurement]:
