@@ -20,7 +20,7 @@ import pytest
 from robots import CONFIG, panda
 from tp_controller import Robot, Stack, TpControllerError
 from tp_controller.model.shapes import Box
-from tp_controller.tools.demos.motion import FixedObject, Motion
+from tp_controller.tools.demos.motion import FixedObject, Look, Motion
 from tp_controller.tools.view.browser import chromium_flags, find_chromium, open_page, UNLIMITED
 
 STACK = """\
@@ -67,7 +67,7 @@ def test_film_shows_a_solid_robot_that_moves_its_goal_and_an_obstacle(tmp_path):
     q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]) + np.outer([0.0, 1.0], [0.6, *6 * [0.0]])
     first, last = pictures = [picture[:-BAND] for picture in pictures_of(Motion(
         'title', robot, np.array([0.0, 1.0]), q, Stack.from_yaml(STACK, robot),
-        ('panda_hand_tcp',), goals=[(0.5, 'tool', [0.4, -0.3, 0.5])]),
+        Look(('panda_hand_tcp',)), goals=[(0.5, 'tool', [0.4, -0.3, 0.5])]),
         tmp_path)]
     moved = np.abs(first - last).max(axis=2) > 40
     assert 0.03 < moved.mean() < 0.5
@@ -91,10 +91,10 @@ def test_every_part_is_where_it_belongs(tmp_path):
     q = np.tile(robot.neutral(), (2, 1))
     q[0, 1] = -1.0
     motion = Motion(
-        'title', robot, np.array([0.0, 1.0]), q, Stack.from_yaml(APART, robot), ('tool',),
-        goals=[(0.0, 'tool', [0.5, -1.8, 0.6, 0.0, 0.0, 0.0, 1.0])],
-        objects=(FixedObject('base_link', Box(0.3, 0.3, 0.3), (0.0, 0.8, 0.15)),),
-        carried=(('laser', 'tool'),), view=(0.0, 30.0))
+        'title', robot, np.array([0.0, 1.0]), q, Stack.from_yaml(APART, robot), Look(
+            ('tool',), (FixedObject('base_link', Box(0.3, 0.3, 0.3), (0.0, 0.8, 0.15)),),
+            (('laser', 'tool'),), view=(0.0, 30.0)),
+        goals=[(0.0, 'tool', [0.5, -1.8, 0.6, 0.0, 0.0, 0.0, 1.0])])
     camera = film._camera(motion, [0, 1], 4.0 / 3.0)
     before, after = pictures_of(motion, tmp_path)
     state = robot.state(q[1])

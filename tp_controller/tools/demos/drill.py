@@ -36,7 +36,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.resources import package_share
 from tp_controller.tasks.field_of_view import FieldOfView
 from tp_controller.tasks.joint_limits import JointLimits
-from tp_controller.tools.demos.motion import FixedObject, Motion
+from tp_controller.tools.demos.motion import FixedObject, Look, Motion
 from tp_controller.tools.demos.outcome import films, Measurement, Outcome
 from tp_controller.tools.plots.curves import plot_bounds
 
@@ -71,43 +71,23 @@ def target(now: float) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
-    """
-    Recorded run, one sample for each period.
-
-    Attributes
-    ----------
-    robot : Robot
-    stack : Stack
-    times : ndarray (T,)
-        [s]
-    q, velocities : ndarray (T, n)
-        Positions [rad] and commands [rad/s].
-    tips : ndarray (T, 3)
-        Targets of the tip [m].
-    tip, axis : ndarray (T,)
-        Errors of tip [mm] and drill [°].
-    values : dict
-        {lower task: ndarray (T,)}, described by `LOWER`.
-    outside : dict
-        {lower task: ndarray (T,)}, violations of its bounds.
-
-    """
+class _Recording:
+    """Recorded run, one sample for each period."""
 
     robot: Robot
     stack: Stack
-    times: Array
-    q: Array
-    velocities: Array
-    tips: Array
-    tip: Array
-    axis: Array
-    values: Mapping[str, Array]
-    outside: Mapping[str, Array]
+    times: Array  # (T,) [s]
+    q: Array  # (T, n) [rad]
+    velocities: Array  # (T, n), commands [rad/s]
+    tips: Array  # (T, 3), targets of the tip [m]
+    tip: Array  # (T,), error of the tip [mm]
+    axis: Array  # (T,), error of the drill [°]
+    values: Mapping[str, Array]  # {lower task: (T,)}, described by `LOWER`
+    outside: Mapping[str, Array]  # {lower task: (T,)}, violations of its bounds
 
 
-def record(duration: float = DURATION) -> Recording:
-    """Return the `Recording` of a run of a duration [s]."""
+def record(duration: float = DURATION) -> _Recording:
+    """Return the record of a run of a duration [s]."""
     config = package_share() / 'config'
     robot = Robot.from_file(config / 'robots' / 'panda.yaml')
     stack = Stack.from_yaml(config / 'drill_stack.yaml', robot)
@@ -126,8 +106,8 @@ def record(duration: float = DURATION) -> Recording:
         simulator.step(PERIOD)
     times, q, velocities, tips, tip_errors, axis_errors, values, outside = (
         np.array(column) for column in zip(*rows))
-    return Recording(robot, stack, times, q, velocities, tips, tip_errors, axis_errors,
-                     dict(zip(LOWER, values.T)), dict(zip(LOWER, outside.T)))
+    return _Recording(robot, stack, times, q, velocities, tips, tip_errors, axis_errors,
+                      dict(zip(LOWER, values.T)), dict(zip(LOWER, outside.T)))
 
 
 def _errors(state: RobotState, tip: Array, axis: Array) -> tuple[float, float]:
@@ -172,7 +152,7 @@ def _follow(controller: Controller, now: float) -> tuple[Array, Array]:
     return tip, axis
 
 
-def _violations(motion: Recording) -> Iterator[str]:
+def _violations(motion: _Recording) -> Iterator[str]:
     """Yield lines with the times and sizes of violated bounds."""
     yield ''
     yield 'Violated bounds of the tasks below:'
@@ -191,7 +171,7 @@ def _intervals(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(first, last - 1) for first, last in zip(edges[::2], edges[1::2])]
 
 
-def _figures(folder: Path, motion: Recording) -> Iterator[Path]:
+def _figures(folder: Path, motion: _Recording) -> Iterator[Path]:
     """Write the figures and yield their paths."""
     tasks, nothing = motion.stack.tasks, -np.inf
     markers, joints = cast(FieldOfView, tasks['markers']), cast(JointLimits, tasks['joints'])
@@ -209,10 +189,10 @@ def _figures(folder: Path, motion: Recording) -> Iterator[Path]:
              for name, goal in zip(('tip', 'drill'), target(now))]
     yield from films(folder / 'drill.webp', Motion(
         'Drilling along a moving target', motion.robot, motion.times, motion.q, motion.stack,
-        (TOOL,), goals, list(_captions(motion)), DRILL, view=VIEW))
+        Look((TOOL,), DRILL, view=VIEW), goals, list(_captions(motion))))
 
 
-def _captions(motion: Recording) -> Iterator[tuple[float, str]]:
+def _captions(motion: _Recording) -> Iterator[tuple[float, str]]:
     """Yield (time, text) for each change of the set of violated tasks."""
     tolerances = {name: motion.stack.tasks[name].groups[0].tolerance for name in motion.outside}
     shown = None

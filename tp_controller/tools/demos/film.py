@@ -21,7 +21,7 @@ import io
 from itertools import product
 from pathlib import Path
 from textwrap import wrap
-from threading import Event
+import time
 
 import matplotlib
 import numpy as np
@@ -175,7 +175,7 @@ def pictures(motion: Motion, samples: Sequence[int]) -> Iterator[Image.Image]:
     print(f'Drawing the film, {len(samples)} pictures (--no-film: none) ...', flush=True)
     with ended_by_sigterm() as all_started, _server() as server:
         camera = _camera(motion, samples, SIZE[0] / SIZE[1])
-        stage = _Stage(server.scene, motion, motion.enlarged * camera.distance)
+        stage = _Stage(server.scene, motion, motion.look.enlarged * camera.distance)
         _add_lights(server.scene, camera)
         with open_page(program, address(server), *WINDOW) as page:
             all_started()
@@ -195,11 +195,12 @@ class _Stage:
         self._motion, self._playback = motion, Playback(motion)
         self._robot = RobotScene(scene, motion.robot)
         self._robot.show(motion.q[0])
-        add_ground(scene, self._robot.ground() if motion.ground is None else motion.ground)
+        look = motion.look
+        add_ground(scene, self._robot.ground() if look.ground is None else look.ground)
         self._sketches = SketchScene(scene, size)
-        self._trails = [Trail(scene, f'/trail/{frame}') for frame in motion.frames]
+        self._trails = [Trail(scene, f'/trail/{frame}') for frame in look.frames]
         self._objects = [(_add_object(scene, f'/objects/{number}', each), each.frame)
-                         for number, each in enumerate(motion.objects)]
+                         for number, each in enumerate(look.objects)]
         self._bars = [add_part(scene, f'/bar/{number}', _bar(ends))
                       for number, ends in enumerate(self._playback.bars())]
         self._next = 0
@@ -208,7 +209,7 @@ class _Stage:
         """Show a sample, and the path up to it."""
         for each in range(self._next, sample + 1):
             self._playback.seek(each)
-            for trail, frame in zip(self._trails, self._motion.frames):
+            for trail, frame in zip(self._trails, self._motion.look.frames):
                 trail.add(self._playback.state.position(frame))
         self._next = sample + 1
         state = self._playback.state
@@ -255,12 +256,12 @@ def _bar(ends: Array) -> Part:
 
 def _camera(motion: Motion, samples: Sequence[int], aspect: float) -> Camera:
     """Return a camera with all content in view; the size of goals grows with its distance."""
-    points, sketches = _seen(motion, samples)
-    camera = camera_for(points, motion.view, aspect)
+    (points, sketches), look = _seen(motion, samples), motion.look
+    camera = camera_for(points, look.view, aspect)
     for _ in range(2):
         camera = camera_for(np.concatenate(
-            [points, *(extent(sketch, motion.enlarged * camera.distance) for sketch in sketches)]),
-            motion.view, aspect)
+            [points, *(extent(sketch, look.enlarged * camera.distance) for sketch in sketches)]),
+            look.view, aspect)
     return camera
 
 
@@ -270,7 +271,7 @@ def _seen(motion: Motion, samples: Sequence[int]) -> tuple[Array, list[Sketch]]:
     sketches: list[Sketch] = []
     corners = {link: [_corners(part) for part in parts]
                for link, parts in visuals_of(motion.robot).parts.items()}
-    for each in motion.objects:
+    for each in motion.look.objects:
         part = _object_part(each)
         corners.setdefault(each.frame, []).extend([] if part is None else [_corners(part)])
     for sample in samples:
@@ -279,7 +280,7 @@ def _seen(motion: Motion, samples: Sequence[int]) -> tuple[Array, list[Sketch]]:
         for frame, boxes in corners.items():
             T = state.pose(frame)
             points += [box @ T[:3, :3].T + T[:3, 3] for box in boxes]
-        points += [state.position(frame)[np.newaxis] for frame in motion.frames]
+        points += [state.position(frame)[np.newaxis] for frame in motion.look.frames]
         shown = [sketch for parts in playback.sketches().values() for sketch in parts]
         bodies = [shape_part(sketch.shape, sketch.T, CARRIED_COLOUR) for sketch in shown
                   if isinstance(sketch, Body)]
@@ -321,17 +322,12 @@ def _server() -> Iterator[viser.ViserServer]:
 
 def _client(server: viser.ViserServer, page: HeadlessPage) -> viser.ClientHandle:
     """Return the client of the page once it is connected."""
-    connected, clients = Event(), []
-
-    def welcome(client: viser.ClientHandle) -> None:
-        clients.append(client)
-        connected.set()
-
-    server.on_client_connect(welcome)
     for _ in range(round(START_SECONDS / POLL_SECONDS)):
-        if connected.wait(POLL_SECONDS):
-            return clients[0]
+        clients = server.get_clients()
+        if clients:
+            return next(iter(clients.values()))
         page.check()
+        time.sleep(POLL_SECONDS)
     raise TpControllerError(f'Chromium did not open the page within {START_SECONDS:.0f} s')
 
 

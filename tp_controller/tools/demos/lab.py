@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
 from tp_controller.model.spatial import Array
 from tp_controller.resources import package_share
-from tp_controller.tools.demos.motion import Motion
+from tp_controller.tools.demos.motion import Look, Motion
 from tp_controller.tools.demos.outcome import films, Measurement, Outcome
 from tp_controller.tools.plots.curves import plot_errors, plot_positions, plot_velocities
 
@@ -57,33 +57,17 @@ REFERENCE_Q = (0.74633, -0.21186, -0.71626)
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
-    """
-    Recorded motion: one sample for each period, including the start and the end.
-
-    Attributes
-    ----------
-    robot : Robot
-    stack : Stack
-    times : ndarray (T,)
-        [s]
-    q, velocities : ndarray (T, n)
-        Positions [rad], and commands at these times [rad/s].
-    tool, goals : ndarray (T, 3)
-        The end-effector and its goal [m].
-    errors : dict
-        {task: ndarray (T,)}, the norms in the report.
-
-    """
+class _Recording:
+    """Recorded motion: one sample for each period, including the start and the end."""
 
     robot: Robot
     stack: Stack
-    times: Array
-    q: Array
-    velocities: Array
-    tool: Array
-    goals: Array
-    errors: Mapping[str, Array]
+    times: Array  # (T,) [s]
+    q: Array  # (T, n) [rad]
+    velocities: Array  # (T, n), commands at these times [rad/s]
+    tool: Array  # (T, 3), end-effector [m]
+    goals: Array  # (T, 3) [m]
+    errors: Mapping[str, Array]  # {task: (T,)}, norms in the report
 
     @property
     def top_speed(self) -> float:
@@ -142,8 +126,8 @@ def lab2(folder: str | Path, seed: int = 1) -> Outcome:
                    tuple(_two_task_figures(Path(folder), motions)))
 
 
-def null_space_motion(duration: float = 10.0) -> Recording:
-    """Return the `Recording` of exercise 1."""
+def null_space_motion(duration: float = 10.0) -> _Recording:
+    """Return the recorded motion of exercise 1."""
     def set_goals(controller: Controller, now: float) -> None:
         controller.set_goal('null_space_motion', [math.sin(now), math.cos(now), math.sin(now)],
                             now)
@@ -151,9 +135,9 @@ def null_space_motion(duration: float = 10.0) -> Recording:
     return _record('lab1', UNDAMPED, duration, set_goals)
 
 
-def two_tasks(order: str, goals: ArrayLike, goal_time: float = GOAL_TIME) -> Recording:
+def two_tasks(order: str, goals: ArrayLike, goal_time: float = GOAL_TIME) -> _Recording:
     """
-    Return the `Recording` of exercise 2.
+    Return the recorded motion of exercise 2.
 
     Parameters
     ----------
@@ -201,7 +185,7 @@ def best_error(goal: Point) -> float:
 
 
 def _record(stack: str, settings: Settings, duration: float,
-            set_goals: Callable[[Controller, float], None]) -> Recording:
+            set_goals: Callable[[Controller, float], None]) -> _Recording:
     """Simulate a stack; call `set_goals(controller, now)` in every cycle."""
     config = package_share() / 'config'
     robot = Robot.from_file(config / 'robots' / 'planar_3r.yaml')
@@ -221,8 +205,8 @@ def _record(stack: str, settings: Settings, duration: float,
         simulator.step(PERIOD)
     times, q, velocities, tool, goals, errors = (np.array(column) for column in zip(*rows))
     names = [task.name for task in command.report.tasks]
-    return Recording(robot, controller.stack, times, q, velocities, tool, goals,
-                     dict(zip(names, errors.T)))
+    return _Recording(robot, controller.stack, times, q, velocities, tool, goals,
+                      dict(zip(names, errors.T)))
 
 
 def _measure_two_tasks(goal: Point) -> Iterator[Measurement]:
@@ -238,7 +222,7 @@ def _measure_two_tasks(goal: Point) -> Iterator[Measurement]:
                           joint1, 2e-4)
 
 
-def _goal_lines(goals: Array, motions: Mapping[str, Recording]) -> Iterator[str]:
+def _goal_lines(goals: Array, motions: Mapping[str, _Recording]) -> Iterator[str]:
     """Yield a table of the final errors of each random goal."""
     first, second = motions.values()
     yield ''
@@ -258,7 +242,7 @@ def _goal_lines(goals: Array, motions: Mapping[str, Recording]) -> Iterator[str]
     yield ''
 
 
-def _two_task_figures(folder: Path, motions: Mapping[str, Recording]) -> Iterator[Path]:
+def _two_task_figures(folder: Path, motions: Mapping[str, _Recording]) -> Iterator[Path]:
     """Write the figures of exercise 2 and yield their paths."""
     changes = GOAL_TIME * np.arange(1, GOALS)
     for order, motion in motions.items():
@@ -279,13 +263,13 @@ def _two_task_figures(folder: Path, motions: Mapping[str, Recording]) -> Iterato
         title='Error of the end-effector (top) and of joint 1 (bottom)', changes=changes)
 
 
-def _film(path: Path, motion: Recording, title: str) -> tuple[Path, ...]:
+def _film(path: Path, motion: _Recording, title: str) -> tuple[Path, ...]:
     """Return the path of a film, with numbered goals if there are several; see `films`."""
     new = np.append(True, np.any(np.diff(motion.goals, axis=0), axis=1))
     goals = [(now, 'end_effector', goal) for now, goal in zip(
         motion.times[new].tolist(), motion.goals[new])]
     captions = [(now, f'{title}: goal {number} of {len(goals)}' if len(goals) > 1 else title)
                 for number, (now, *_) in enumerate(goals, 1)]
-    return films(path, Motion(title, motion.robot, motion.times, motion.q, motion.stack,
-                              (TOOL,), goals, captions, view=VIEW, ground=GROUND,
-                              enlarged=ENLARGED))
+    return films(path, Motion(
+        title, motion.robot, motion.times, motion.q, motion.stack,
+        Look((TOOL,), view=VIEW, ground=GROUND, enlarged=ENLARGED), goals, captions))

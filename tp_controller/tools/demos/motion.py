@@ -48,6 +48,35 @@ class FixedObject:
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
+@dataclass(frozen=True)
+class Look:
+    """
+    Appearance of a film.
+
+    Attributes
+    ----------
+    frames : tuple of str
+        Frames with a drawn path.
+    objects : tuple of FixedObject
+    carried : tuple of (str, str)
+        Pairs of frames that carry one bar.
+    view : tuple of float
+        Azimuth and elevation of the viewer [deg].
+    ground : float or None
+        Height of the ground [m]; None: below the robot at the start.
+    enlarged : float
+        Size factor of the goals.
+
+    """
+
+    frames: tuple[str, ...] = ()
+    objects: tuple[FixedObject, ...] = ()
+    carried: tuple[tuple[str, str], ...] = ()
+    view: tuple[float, float] = (-45.0, 25.0)
+    ground: float | None = None
+    enlarged: float = 1.0
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """
@@ -63,21 +92,11 @@ class Motion:
         Configurations [rad or m].
     stack : Stack
         Tasks with goals, regions and obstacles to show.
+    look : Look
     goals : sequence of (float, str, object)
         Start time of a goal [s], task and goal, in order of time.
     captions : sequence of (float, str)
         Start time of a caption [s], and its text, in order of time.
-    frames : tuple of str
-        Frames with a drawn path.
-    objects : tuple of FixedObject
-    carried : tuple of (str, str)
-        Pairs of frames that carry one bar.
-    view : tuple of float
-        Azimuth and elevation of the viewer [deg].
-    ground : float or None
-        Height of the ground [m]; None: below the robot at the start.
-    enlarged : float
-        Size factor of the goals.
 
     """
 
@@ -86,14 +105,9 @@ class Motion:
     times: Array
     q: Array
     stack: Stack
-    frames: tuple[str, ...]
+    look: Look
     goals: Sequence[tuple[float, str, Goal]] = ()
     captions: Sequence[tuple[float, str]] = ()
-    objects: tuple[FixedObject, ...] = ()
-    carried: tuple[tuple[str, str], ...] = ()
-    view: tuple[float, float] = (-45.0, 25.0)
-    ground: float | None = None
-    enlarged: float = 1.0
 
     def caption(self, sample: int) -> str:
         """Return the caption at a sample."""
@@ -144,7 +158,7 @@ class Playback:
     def bars(self) -> list[Array]:
         """Return the ends (2, 3) of the carried bars [m]."""
         return [np.stack((self.state.position(one), self.state.position(other)))
-                for one, other in self._motion.carried]
+                for one, other in self._motion.look.carried]
 
     def _is_shown(self, name: str, sketch: Sketch) -> bool:
         """Return whether a film shows a sketch."""

@@ -16,6 +16,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 import os
 from pathlib import Path
 from typing import cast, TYPE_CHECKING
@@ -186,14 +187,13 @@ def _figures(folder: Path, demo: Demo, recorder: 'Recorder',
     for configuration in q:
         state.update(configuration)
         path.append(state.position(leader.frame))
-    goals = [(change, goal['xyz']) for step, change in zip(demo.steps, changes)
-             for goal in step if goal['task'] == demo.leader]
+    goals = list(_film_goals(demo, changes))
     yield plot_tool_path(folder / 'tool_path.png', np.array(path),
-                         np.array([goal for _, goal in goals]), times=times)
+                         np.array([goal[:3] for *_, goal in goals]), times=times)
     yield from films(folder / 'film.webp', Motion(
-        demo.title, robot, times, q, demo.stack, (leader.frame, *demo.frames),
-        list(_film_goals(demo, changes)), _captions(demo, changes), demo.objects, demo.carried,
-        demo.view, demo.ground))
+        demo.title, robot, times, q, demo.stack,
+        replace(demo.look, frames=(leader.frame, *demo.look.frames)), goals,
+        _captions(demo, changes)))
 
 
 def _film_goals(demo: Demo, changes: Array) -> Iterator[tuple[float, str, list[float]]]:

@@ -27,7 +27,7 @@ from tp_controller.model.shapes import Box, Cylinder
 from tp_controller.resources import load_yaml, package_share
 from tp_controller.tasks.stack import Stack
 from tp_controller.tools.check.parameter_file import node_parameters
-from tp_controller.tools.demos.motion import FixedObject
+from tp_controller.tools.demos.motion import FixedObject, Look
 
 # A goal of a file: task, name, and the fields of its message.
 Goal = Mapping[str, Any]
@@ -46,28 +46,16 @@ class Demo:
     title : str
         Title of the film.
     leader : str
-        Task with the drawn goals and frame.
-    frames : tuple of str
-        Other frames with a drawn path.
-    carried : tuple of (str, str)
-        Pairs of frames that carry one object.
-    objects : tuple of FixedObject
-        Objects fixed to frames.
-    view : tuple of float
-        Azimuth and elevation of the viewer [deg].
-    ground : float or None
-        Height of the ground [m]; None: below the robot at the start.
+        Task with the drawn goals.
+    look : Look
+        Appearance of the film, in which the frame of the leader has a path, too.
 
     """
 
     files: str
     title: str
     leader: str
-    frames: tuple[str, ...] = ()
-    carried: tuple[tuple[str, str], ...] = ()
-    objects: tuple[FixedObject, ...] = ()
-    view: tuple[float, float] = (-45.0, 25.0)
-    ground: float | None = None
+    look: Look = Look()
 
     def file(self, ending: str) -> Path:
         """Return the path of the file whose name has an ending."""
@@ -99,14 +87,14 @@ class Demo:
 DEMOS = {
     'panda': Demo('demo', 'Panda: tool, elbow, posture', 'tool'),
     # A tray with a glass on it.
-    'mobile': Demo('mobile', 'A tray, level, past obstacles', 'tray', ('base_link',),
-                   objects=(FixedObject('tool', Box(0.28, 0.36, 0.02)),
-                            FixedObject('tool', Cylinder(0.03, 0.12), (0.0, 0.08, 0.07))),
-                   view=(-70.0, 28.0)),
-    'underwater': Demo('underwater', 'Underwater: tool, view, vehicle', 'tool', ('vehicle',),
-                       view=(-50.0, 30.0), ground=-4.2),
-    'two_arms': Demo('two_arms', 'Two hands carry one object', 'carry', ('right_hand',),
-                     (('left_hand', 'right_hand'),), view=(-30.0, 20.0)),
+    'mobile': Demo('mobile', 'A tray, level, past obstacles', 'tray', Look(
+        ('base_link',), (FixedObject('tool', Box(0.28, 0.36, 0.02)),
+                         FixedObject('tool', Cylinder(0.03, 0.12), (0.0, 0.08, 0.07))),
+        view=(-70.0, 28.0))),
+    'underwater': Demo('underwater', 'Underwater: tool, view, vehicle', 'tool', Look(
+        ('vehicle',), view=(-50.0, 30.0), ground=-4.2)),
+    'two_arms': Demo('two_arms', 'Two hands carry one object', 'carry', Look(
+        ('right_hand',), carried=(('left_hand', 'right_hand'),), view=(-30.0, 20.0))),
 }
 
 

@@ -68,7 +68,7 @@ class _Topic:
 
     kind: str
     subscription: Subscription
-    strict: tuple[bool, bool]
+    qos: QoSProfile
     offered: list[Qos]
     publishers: int
     sent: int = 0
@@ -213,16 +213,16 @@ class BagRecorder:
             self._drop(name)
         for name, kind in wanted.items():
             publishers = self._node.get_publishers_info_by_topic(name)
-            strict = _strictness(publishers)
+            qos = _matching(publishers)
             topic = self._topics.get(name)
-            if topic is not None and topic.kind == kind and topic.strict == strict:
+            if topic is not None and topic.kind == kind and topic.qos == qos:
                 # Keep the profiles of publishers that have ended.
                 topic.offered = [_qos(each.qos_profile) for each in publishers] or topic.offered
                 topic.publishers = max(topic.publishers, len(publishers))
                 continue
             if topic is not None:
                 self._drop(name)
-            self._listen(bag, name, kind, strict, publishers)
+            self._listen(bag, name, kind, qos, publishers)
 
     def _drop(self, name: str) -> None:
         """Unsubscribe from a topic."""
@@ -230,25 +230,20 @@ class BagRecorder:
         self._lost += topic.known_lost()
         self._node.destroy_subscription(topic.subscription)
 
-    def _listen(self, bag: BagWriter, name: str, kind: str, strict: tuple[bool, bool],
+    def _listen(self, bag: BagWriter, name: str, kind: str, qos: QoSProfile,
                 publishers: Collection[TopicEndpointInfo]) -> None:
         """Subscribe to a topic; a failure is retried in the next search."""
         message_type = _message_type(kind) if bag.knows(kind) else None
         if message_type is None:
             self.skipped[name] = f'its type {kind} is unknown on this machine'
             return
-        reliable, lasting = strict
-        qos = QoSProfile(
-            depth=DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if lasting else DurabilityPolicy.VOLATILE)
         try:
             subscription = self._node.create_subscription(message_type, name, _ignore, qos,
                                                           raw=True)
         except RCLError:
             # The subscription of another type was closed just now.
             return
-        self._topics[name] = _Topic(kind, subscription, strict,
+        self._topics[name] = _Topic(kind, subscription, qos,
                                     [_qos(each.qos_profile) for each in publishers],
                                     len(publishers))
 
@@ -342,12 +337,16 @@ def _full_name(endpoint: TopicEndpointInfo) -> str:
     return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
 
 
-def _strictness(publishers: Iterable[TopicEndpointInfo]) -> tuple[bool, bool]:
-    """Return whether all publishers are reliable, and whether all are transient local."""
+def _matching(publishers: Iterable[TopicEndpointInfo]) -> QoSProfile:
+    """Return the strictest profile that matches those of all publishers."""
     profiles = [publisher.qos_profile for publisher in publishers]
-    return (all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles),
-            bool(profiles) and all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL
-                                   for each in profiles))
+    reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
+    lasting = profiles and all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL
+                               for each in profiles)
+    return QoSProfile(
+        depth=DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if lasting else DurabilityPolicy.VOLATILE)
 
 
 def _qos(profile: QoSProfile) -> Qos:

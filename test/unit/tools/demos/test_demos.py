@@ -15,6 +15,9 @@
 """The files of the demos: robots, parameters, stacks and goals match, and goals are reached."""
 
 import importlib
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -180,7 +183,8 @@ def test_goals_of_a_demo_are_ones_that_their_tasks_take(demo):
 @demos
 def test_frames_that_are_drawn_are_ones_of_the_robot(demo):
     leader = demo.stack.tasks[demo.leader]
-    for frame in (leader.frame, *demo.frames, *(frame for pair in demo.carried for frame in pair)):
+    for frame in (leader.frame, *demo.look.frames,
+                  *(frame for pair in demo.look.carried for frame in pair)):
         assert frame in demo.robot.frame_names
 
 
@@ -253,6 +257,16 @@ def test_hands_keep_their_distance_while_they_carry(run):
     for name, unit, most in (('grip', 'm', 5e-3), ('watch', 'rad', 5e-3), ('balance', 'm', 3e-3),
                              ('apart', 'm', 1e-3), ('joints', 'rad', 1e-3)):
         assert motion.errors(name, unit).max() < most, name
+
+
+def test_a_demo_needs_no_library_for_recordings():
+    code = ('import sys\nsys.modules["rosbags"] = None\n'
+            'from tp_controller.tools.demos import drill, lab, ros_demos\n'
+            'from importlib.util import find_spec\n'
+            'if find_spec("rclpy"):\n'
+            '    from tp_controller.tools.demos import motion_recorder\n')
+    subprocess.run([sys.executable, '-c', code], check=True, timeout=120, env={
+        **os.environ, 'PYTHONPATH': os.pathsep.join((str(REPOSITORY), *filter(None, sys.path)))})
 
 
 def test_every_demo_is_found_by_both_commands():

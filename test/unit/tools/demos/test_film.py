@@ -27,7 +27,7 @@ from tp_controller.model.shapes import Box
 from tp_controller.tasks.sketch import Arrow, Body, Dot, Triad
 from tp_controller.tools.cli.demo import FILM, NO_FILM
 from tp_controller.tools.demos import film
-from tp_controller.tools.demos.motion import FixedObject, Motion, Playback
+from tp_controller.tools.demos.motion import FixedObject, Look, Motion, Playback
 from tp_controller.tools.demos.outcome import CHOICE, films, NONE
 from tp_controller.tools.extras import install_command
 from tp_controller.tools.view.sketches import extent
@@ -48,11 +48,11 @@ def swing(robot, amplitude=0.4):
     return robot.neutral() + amplitude * np.sin(TIMES[:, None] * rates)
 
 
-def motion_of(robot, q, times=TIMES, frame=None, stack='', **options):
+def motion_of(robot, q, times=TIMES, frame=None, stack='', goals=(), captions=(), **look):
     """Return a motion of which one frame is followed."""
     frame = frame or robot.frame_names[-1]
     return Motion('title', robot, times, q, Stack.from_yaml(TOOL.format(frame) + stack, robot),
-                  (frame,), **options)
+                  Look((frame,), **look), goals, captions)
 
 
 @pytest.fixture
