@@ -122,6 +122,7 @@ class Escape(NamedTuple):
 
 def _is_singular(solution: Solution, index: int) -> bool:
     """Return whether a level is at a singularity of its own, with an unreachable demand."""
-    alone = solution.singular_values_alone(index)
+    level = solution.levels[index]
+    alone = level.singular_values_alone
     return bool(alone[-1] <= SINGULAR_RATIO * alone[0]) \
-        and norm(solution.levels[index].unreachable) > LEAST_DEMAND
+        and norm(level.unreachable) > LEAST_DEMAND

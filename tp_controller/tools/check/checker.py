@@ -328,7 +328,7 @@ def _task(setup: Setup, task: Task, number: int, configurations: Sequence[Config
 def _region(setup: Setup, number: int) -> float | None:
     """Return the singular value below which a level is damped; None if all directions are."""
     above = any(not task.bounded for group in setup.stack.active[:number - 1] for task in group)
-    damping = setup.settings.solver_options(setup.robot.n).damping
+    damping = setup.settings.solver(setup.robot.n).damping
     damping = damping if above else damping.first
     return None if damping.everywhere else damping.singular_region
 
