@@ -17,7 +17,6 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import fields
 from itertools import chain
 import math
 from typing import Protocol
@@ -35,13 +34,12 @@ from tp_controller.tasks.task import Task
 from tp_controller.tools.check.closed_loop import (
     AT_REST,
     closed_loop,
-    Extremes,
+    EXTREMES,
     FAILED,
     REACHED,
     Run,
     TaskRun,
     TIME_UP,
-    Worst,
 )
 from tp_controller.tools.check.configuration_sample import (
     ConfigurationSample,
@@ -345,9 +343,8 @@ def _worst(runs: Sequence[Run]) -> tuple[WorstResult, ...]:
     if not runs:
         return ()
     found = []
-    for kind in (each.name for each in fields(Extremes)):
-        worst: Worst = max((getattr(run.extremes, kind) for run in runs),
-                           key=lambda each: each.value)
+    for kind in EXTREMES:
+        worst = max((run.extremes[kind] for run in runs), key=lambda each: each.value)
         value = worst.value if math.isfinite(worst.value) else None
         found.append(WorstResult(kind, value, worst.name, worst.run))
     return tuple(found)
