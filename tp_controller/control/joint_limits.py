@@ -22,6 +22,8 @@ are computed in Python.
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from functools import reduce
+from operator import add
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -154,10 +156,13 @@ class PositionLimit(JointLimit):
 
     def __init__(self, limits: Mapping[str, Array], period: float, gain: float) -> None:
         super().__init__(limits, period, gain)
-        self._return_speed = np.minimum(RETURN_SHARE * limits['velocity'], RETURN_SPEED)
+        self._unlimited = np.full(len(self._values), self.sign * -np.inf)
+        # The slowest return from outside is the least speed.
+        self._least = -np.minimum(RETURN_SHARE * limits['velocity'], RETURN_SPEED)
         self._acceleration: Array | None = None
         if np.isfinite(limits['acceleration']).any():
             self._acceleration = np.minimum(limits['acceleration'], UNLIMITED_ACCELERATION)
+            self._change = self._acceleration * period
 
     @abstractmethod
     def distance(self, positions: Array) -> Array:
@@ -173,18 +178,18 @@ class PositionLimit(JointLimit):
         gain, pending = self._gain, motion.pending
         if pending:
             gain = min(gain, calm_gain(len(pending)) / motion.duration)
-            nearer, farther = (
-                motion.duration * sum(np.maximum(sign * each, 0.0) for each in pending)
-                for sign in (self.sign, -self.sign))
-            distance = np.maximum(distance - nearer, np.minimum(distance + farther, 0.0))
-        return np.maximum(self._braking_speed(distance, gain), -self._return_speed)
+            up = motion.duration * reduce(add, [np.maximum(each, 0.0) for each in pending])
+            down = motion.duration * reduce(add, [np.minimum(each, 0.0) for each in pending])
+            nearer, farther = (up, down) if self.sign > 0.0 else (-down, -up)
+            distance = np.maximum(distance - nearer, np.minimum(distance - farther, 0.0))
+        return np.maximum(self._braking_speed(distance, gain), self._least)
 
     def _braking_speed(self, distance: Array, gain: float) -> Array:
         """Return the speed from which a joint can still stop within `distance` (n,)."""
         if self._acceleration is None:
             return gain * distance
         # D(v) = v/g up to `slow`; above it, one more piece for each step of `change`.
-        change, slow = self._acceleration * self._period, self._acceleration / gain ** 2
+        change, slow = self._change, self._acceleration / gain ** 2
         beyond = np.maximum(distance - slow, 0.0) / (change * self._period)
         pieces = 1.0 + 2.0 / (gain * self._period)
         steps = np.ceil(0.5 * (np.sqrt(pieces * pieces + 8.0 * beyond) - pieces))
@@ -205,8 +210,7 @@ class UpperPositionLimit(PositionLimit):
 
     def interval(self, motion: JointMotion) -> tuple[Array, Array]:
         """Return −∞ and the speed from which a joint can stop before the limit."""
-        speed = self.speed(motion)
-        return np.full(len(speed), -np.inf), speed
+        return self._unlimited, self.speed(motion)
 
 
 class LowerPositionLimit(PositionLimit):
@@ -222,8 +226,7 @@ class LowerPositionLimit(PositionLimit):
 
     def interval(self, motion: JointMotion) -> tuple[Array, Array]:
         """Return minus the speed from which a joint can stop before the limit, and ∞."""
-        speed = self.speed(motion)
-        return -speed, np.full(len(speed), np.inf)
+        return -self.speed(motion), self._unlimited
 
 
 class AccelerationLimit(JointLimit):

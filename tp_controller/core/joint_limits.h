@@ -157,11 +157,42 @@ struct AccelerationLimit {
   double period = 0.0;
   Numbers values;  // empty where it is not in force
 
+  bool in_force() const { return !values.empty(); }
+
   Interval at(const JointMotion &motion, size_t j) const {
     const double change = std::min(values[j], UNLIMITED_ACCELERATION)
         * std::min(motion.elapsed, period);
     const double velocity = motion.velocity.at(Py_ssize_t(j));
     return {velocity - change, velocity + change};
+  }
+};
+
+// All limits in force, as `LIMITS`.
+struct JointLimits {
+  VelocityLimit velocity;
+  PositionLimits position;
+  AccelerationLimit acceleration;
+
+  size_t size() const { return velocity.values.size(); }
+
+  // Read {key: numbers}; false where they are not those of as many joints.
+  bool read(PyObject *limits, double period, double gain) {
+    PyObject *first = PyDict_GetItemString(limits, "velocity");
+    if (!first || !read_all(first, velocity.values)) return false;
+    position.period = acceleration.period = period;
+    position.gain = gain;
+    position.velocity = velocity.values;
+    const bool fit = read_limit(limits, "lower", true, size(), position.lower)
+        && read_limit(limits, "upper", true, size(), position.upper)
+        && read_limit(limits, "acceleration", false, size(), acceleration.values);
+    position.acceleration = acceleration.values;
+    return fit;
+  }
+
+  // Call with the interval of each transient limit, in the order of precedence.
+  template <typename Clamp>
+  void transient(const JointMotion &motion, size_t j, Clamp clamp) const {
+    if (acceleration.in_force()) clamp(acceleration.at(motion, j));
   }
 };
 

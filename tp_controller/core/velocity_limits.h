@@ -23,56 +23,42 @@ namespace {
 
 class Limits {
  public:
-  VelocityLimit velocity;
-  PositionLimits position;
-  AccelerationLimit acceleration;
+  JointLimits limits;
 
-  Py_ssize_t size() const { return Py_ssize_t(velocity.values.size()); }
+  Py_ssize_t size() const { return Py_ssize_t(limits.size()); }
 
   // Fill in what `bounded` returns, without transient limits where `settled`.
   void box(const JointMotion &motion, bool settled, double *lower, double *upper) const {
-    const double gain = position.gain_of(motion);
-    for (size_t j = 0; j < velocity.values.size(); ++j) {
-      const Interval speed = velocity.at(j), braking = position.at(motion, gain, j);
+    const double gain = limits.position.gain_of(motion);
+    for (size_t j = 0; j < limits.size(); ++j) {
+      const Interval speed = limits.velocity.at(j), braking = limits.position.at(motion, gain, j);
       Interval box = {std::max(speed.least, braking.least), std::min(speed.most, braking.most)};
       if (box.most < box.least) {
         // A joint must not return so fast that it cannot stop at the other end of its range.
         box.most = std::max(box.most, std::min(box.least, 0.0));
         box.least = std::min(box.least, box.most);
       }
-      if (!settled && !acceleration.values.empty()) clamp(box, acceleration.at(motion, j));
+      // Clamp to the reachable velocities, even if all of them are too fast.
+      if (!settled)
+        limits.transient(motion, j, [&box](const Interval &reachable) {
+          box.least = std::min(std::max(box.least, reachable.least), reachable.most);
+          box.most = std::min(std::max(box.most, reachable.least), reachable.most);
+        });
       lower[j] = box.least;
       upper[j] = box.most;
     }
-  }
-
- private:
-  // Clamp to the velocities that a transient limit allows, even if all of them are too fast.
-  static void clamp(Interval &box, const Interval &reachable) {
-    box.least = std::min(std::max(box.least, reachable.least), reachable.most);
-    box.most = std::min(std::max(box.most, reachable.least), reachable.most);
   }
 };
 
 // Limits(period, gain, {key: limits})
 PyObject *make_limits(PyTypeObject *type, PyObject *given, PyObject *) {
   Limits limits;
-  PositionLimits &position = limits.position;
+  double period, gain;
   PyObject *values;
-  if (!PyArg_ParseTuple(given, "ddO!", &position.period, &position.gain, &PyDict_Type, &values))
-    return nullptr;
-  limits.acceleration.period = position.period;
+  if (!PyArg_ParseTuple(given, "ddO!", &period, &gain, &PyDict_Type, &values)) return nullptr;
   try {
-    PyObject *velocity = PyDict_GetItemString(values, "velocity");
-    if (!velocity || !read_all(velocity, limits.velocity.values))
-      return refuse("velocity limits are needed");
-    const size_t n = limits.velocity.values.size();
-    if (!read_limit(values, "lower", true, n, position.lower)
-        || !read_limit(values, "upper", true, n, position.upper)
-        || !read_limit(values, "acceleration", false, n, limits.acceleration.values))
+    if (!limits.limits.read(values, period, gain))
       return refuse("limits of as many joints are needed");
-    position.velocity = limits.velocity.values;
-    position.acceleration = limits.acceleration.values;
     return keep<Limits>(type, std::move(limits));
   } catch (const std::bad_alloc &) {
     return PyErr_NoMemory();

@@ -25,6 +25,7 @@ import robots
 from tp_controller import Controller, Robot, Settings, SettingsError, Stack
 from tp_controller.control.joint_limits import JointMotion
 from tp_controller.control.velocity_limits import VelocityLimits
+from tp_controller.model.limits import LIMIT_KEYS
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
 PERIODS = st.floats(1e-3, 0.05)
@@ -34,7 +35,7 @@ STRATEGIES = ('upper', 'lower', 'alternating', 'random', 'extremes', 'change of 
 
 def limits_of(lower, upper, velocity, acceleration, period=0.01, gain=None):
     """Return `VelocityLimits` of joints with these limits; gain 1/period by default."""
-    robot = SimpleNamespace(limits={
+    robot = SimpleNamespace(limits=dict.fromkeys(LIMIT_KEYS, np.full(len(lower), math.inf)) | {
         'lower': np.array(lower, float), 'upper': np.array(upper, float),
         'velocity': np.array(velocity, float), 'acceleration': np.array(acceleration, float)})
     return VelocityLimits(robot, period, 1.0 / period if gain is None else gain)

@@ -29,6 +29,7 @@ from tp_controller import Controller, Robot, RobotState, Settings, Stack
 from tp_controller.control.joint_limits import JointMotion
 from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.model import compiled
+from tp_controller.model.limits import LIMIT_KEYS, POSITIVE_KEYS
 from tp_controller.model.spatial import pose, rotation_from_vector, shorter_rotation
 from tp_controller.solver import compiled as solver
 from tp_controller.solver.compiled import core
@@ -310,9 +311,6 @@ def test_robots_with_more_frames_than_fit_are_left_to_pinocchio():
     assert np.allclose(here.pose(f'l{count - 1}')[:3, :3], rotation_from_vector([1.0, 0.0, 0.0]))
 
 
-LIMIT_KEYS = ('lower', 'upper', 'velocity', 'acceleration')
-
-
 @pytest.mark.parametrize('key', LIMIT_KEYS)
 def test_limits_that_do_not_fit_together_are_refused(key):
     fits = dict.fromkeys(LIMIT_KEYS, np.ones(2))
@@ -322,7 +320,7 @@ def test_limits_that_do_not_fit_together_are_refused(key):
             core.Limits(0.01, 100.0, fits | {key: wrong})
     # Only the limits of accelerations may be missing.
     del fits[key]
-    with nullcontext() if key == 'acceleration' else pytest.raises(ValueError, match='limits'):
+    with nullcontext() if key in POSITIVE_KEYS else pytest.raises(ValueError, match='limits'):
         core.Limits(0.01, 100.0, fits)
 
 
@@ -403,7 +401,7 @@ def test_limits_are_those_of_the_reference(seed, accelerated, endless, period, s
     rng, n = np.random.default_rng(seed), 20
     upper = np.where(rng.random(n) < 0.5 * endless, np.inf, rng.uniform(0.1, 3.0, n)
                      * rng.choice([0.01, 1.0], n))
-    its = {
+    its = dict.fromkeys(LIMIT_KEYS, np.full(n, np.inf)) | {
         'lower': -upper, 'upper': upper, 'velocity': rng.uniform(0.1, 20.0, n),
         'acceleration': {'all': rng.uniform(0.1, 20.0, n), 'none': np.full(n, np.inf),
                          'some': np.where(np.arange(n) % 2, 2.0, np.inf)}[accelerated]}
