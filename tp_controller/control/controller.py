@@ -90,8 +90,7 @@ class Controller(TaskInputs):
         super().__init__(robot, stack, settings or Settings())
         self._velocity_limits, self._make_solver = robot.velocity, solver
         self.check_settings(self._settings)
-        self._options = CycleOptions(robot, self._settings, robot.velocity, solver)
-        self._memory = CycleMemory.at_rest(self._options)
+        self._memory = CycleMemory.at_rest(robot.n)
         self._apply(self._settings)
         self._tasks.own()
 

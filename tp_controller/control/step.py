@@ -113,9 +113,9 @@ class CycleMemory(NamedTuple):
     escape: Escape = Escape()
 
     @classmethod
-    def at_rest(cls, options: CycleOptions) -> 'CycleMemory':
-        """Return the memory of a robot at rest, before the first cycle."""
-        return cls(np.zeros(options.n), (), None, CycleTime(0.0, 0.0, 0.0)).fit(options)
+    def at_rest(cls, n: int) -> 'CycleMemory':
+        """Return the memory of a robot with n joints at rest, before it fits any options."""
+        return cls(np.zeros(n), (), None, CycleTime(0.0, 0.0, 0.0))
 
     def fit(self, options: CycleOptions) -> 'CycleMemory':
         """Return the memory for cycles with other options."""
