@@ -113,7 +113,7 @@ class TpController(Peer):
                 goal = goal[:3, :3]
             self.controller.set_goal(task['name'], goal, 0.0)
         self.limits = VelocityLimits(self.robot, self.period, settings.braking_gain)
-        self.options, self.memory = settings.solver_options(self.robot.n), ()
+        self.options, self.memory = settings.solver(self.robot.n), ()
         self.state = self.robot.state(np.zeros(self.robot.n))
         self.rest = np.zeros(self.robot.n)
 
@@ -125,9 +125,10 @@ class TpController(Peer):
 
     def _solve(self, q):
         """Return the velocities without reports, transitions and checks of the input."""
+        from tp_controller.control.joint_limits import JointMotion
         from tp_controller.solver.solve import solve_cycle
         self.state.update(q)
-        bounds = self.limits.at(self.state.q, self.rest, self.period)
+        bounds = self.limits.at(JointMotion(self.state.q, self.rest, self.period))
         found = solve_cycle(self.stack.levels(self.state, 0.0), bounds.lower, bounds.upper,
                             self.options, self.period, memory=self.memory)
         self.memory = found.memory

@@ -41,6 +41,7 @@ from _robots import load_robot
 import numpy as np
 from scipy.optimize import lsq_linear
 from tp_controller import Controller, Settings, Stack
+from tp_controller.control.joint_limits import JointMotion
 from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.solver import bounded_hierarchy
 from tp_controller.solver.compiled import left_to_the_reference, running
@@ -293,7 +294,7 @@ class Episode:
         state = robot.state(self.q)
         level = self.controller.stack.levels(state, self.now)[0]
         limits = VelocityLimits(robot, settings.period, settings.braking_gain)
-        bounds = limits.at(state.q, previous, elapsed)
+        bounds = limits.at(JointMotion(state.q, previous, elapsed))
         command = self.controller.update(self.q, self.now)
         task = command.report.tasks[0]
         if task.reached:

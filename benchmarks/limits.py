@@ -25,6 +25,7 @@ import argparse
 from _robots import load_robot
 import numpy as np
 from tp_controller import Settings, Stack
+from tp_controller.control.joint_limits import JointMotion
 from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.solver.level import Level
 from tp_controller.solver.solve import solve_cycle
@@ -62,7 +63,7 @@ CASES = {
 def solver(robot, scaling, cap=None):
     """Return a function (levels, lower, upper) -> velocity (n,) with the default settings."""
     settings = Settings(scaling=scaling)
-    options = settings.solver_options(robot.n)
+    options = settings.solver(robot.n)
 
     def velocity(levels, lower=None, upper=None):
         return solve_cycle(levels, lower, upper, options, settings.period, cap).velocity
@@ -102,7 +103,7 @@ def states(robot, stack, positions_count, count):
                 v *= random.uniform(*SPEEDS) / np.linalg.norm(v)
             levels.append(Level(task.jacobian(state), v))
         if positions_count:
-            bounds = limits.at(state.q, np.zeros(robot.n), Settings().period)
+            bounds = limits.at(JointMotion(state.q, np.zeros(robot.n), Settings().period))
             yield levels, bounds.lower, bounds.upper
         else:
             yield levels, -robot.velocity, robot.velocity

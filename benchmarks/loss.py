@@ -110,7 +110,7 @@ class State:
 # How the solver is called, and what the Jacobians of a stack are, stands in these two only.
 def velocity(settings: Settings, state: State, cycles: int = 1) -> np.ndarray:
     """Return the velocities (n,) that the solver finds in the last of some cycles."""
-    options, memory = settings.solver_options(len(state.lower)), ()
+    options, memory = settings.solver(len(state.lower)), ()
     for _ in range(cycles):
         solution = solve_cycle(state.levels, state.lower, state.upper, options, settings.period,
                                memory=memory)

@@ -26,6 +26,7 @@ import argparse
 from _robots import load_robot
 import numpy as np
 from tp_controller import Settings
+from tp_controller.control.joint_limits import JointMotion
 from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.solver.level import identity, Level
 from tp_controller.solver.solve import solve_cycle
@@ -108,7 +109,7 @@ def follow(robot, path, settings, seconds):
         Largest change of a velocity from the cycle before [rad/s].
 
     """
-    options, memory = settings.solver_options(robot.n), ()
+    options, memory = settings.solver(robot.n), ()
     limits = VelocityLimits(robot, settings.period, settings.braking_gain)
     cap = settings.speed_cap(robot)
     q, velocity = READY, np.zeros(robot.n)
@@ -121,7 +122,7 @@ def follow(robot, path, settings, seconds):
         goal = path.at(now)
         levels = levels_at(state, goal, (path.at(now + PERIOD) - goal) / PERIOD,
                            elbow + ELBOW_STROKE * np.sin(ELBOW_RATE * now), pointing)
-        bounds = limits.at(q, velocity, PERIOD)
+        bounds = limits.at(JointMotion(q, velocity, PERIOD))
         previous = velocity
         solution = solve_cycle(levels, bounds.lower, bounds.upper, options, settings.period, cap,
                                memory)

@@ -32,6 +32,7 @@ import time
 from _robots import load_robot, PANDA_READY, TALOS_READY
 import numpy as np
 from tp_controller import Controller, Settings, Stack
+from tp_controller.control.joint_limits import JointMotion
 from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.solver.solve import solve_cycle
 
@@ -74,14 +75,14 @@ class Case:
         self.controller = Controller(robot, self.stack, settings)
         # In the first cycle tasks without a goal take their current value as default goal.
         self.controller.update(ready, 0.0, elapsed=PERIOD)
-        self.options, self.memory = settings.solver_options(robot.n), ()
+        self.options, self.memory = settings.solver(robot.n), ()
         self.state = robot.state(ready)
         self.frames = [task.frame for task in self.stack.tasks.values() if task.frame]
         limits = VelocityLimits(robot, settings.period, settings.braking_gain)
         self.prepared = []
         for q in states:
             self.state.update(q)
-            bounds = limits.at(self.state.q, np.zeros(robot.n), settings.period)
+            bounds = limits.at(JointMotion(self.state.q, np.zeros(robot.n), settings.period))
             self.prepared.append((self.stack.levels(self.state, 0.0), bounds.lower,
                                   bounds.upper))
 

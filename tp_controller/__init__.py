@@ -43,15 +43,15 @@ if TYPE_CHECKING:
     from tp_controller.model.robot import Robot, RobotState
     from tp_controller.model.simulator import KinematicSimulator, SimulatorNoise
     from tp_controller.solver.level import Level
-    from tp_controller.solver.solution import LevelSolution, Solution
+    from tp_controller.solver.solution import Bounds, LevelSolution, LevelStep, Solution, Solver
     from tp_controller.solver.solve import solve
     from tp_controller.tasks.stack import Stack
 
 __all__ = [
-    'Command', 'Controller', 'EvaluationError', 'GoalError', 'KinematicSimulator', 'Level',
-    'LevelSolution', 'Robot', 'RobotError', 'RobotState', 'Settings', 'SettingsError',
-    'SimulatorNoise', 'Solution', 'SolverError', 'Stack', 'StackError', 'TaskError', 'TimeError',
-    'TpControllerError', 'solve']
+    'Bounds', 'Command', 'Controller', 'EvaluationError', 'GoalError', 'KinematicSimulator',
+    'Level', 'LevelSolution', 'LevelStep', 'Robot', 'RobotError', 'RobotState', 'Settings',
+    'SettingsError', 'SimulatorNoise', 'Solution', 'Solver', 'SolverError', 'Stack', 'StackError',
+    'TaskError', 'TimeError', 'TpControllerError', 'solve']
 
 # Module of each public name, imported on first use: the command line needs few of them.
 _ORIGINS = {
@@ -62,7 +62,7 @@ _ORIGINS = {
     'model.robot': ('Robot', 'RobotState'),
     'model.simulator': ('KinematicSimulator', 'SimulatorNoise'),
     'solver.level': ('Level',),
-    'solver.solution': ('LevelSolution', 'Solution'),
+    'solver.solution': ('Bounds', 'LevelSolution', 'LevelStep', 'Solution', 'Solver'),
     'solver.solve': ('solve',),
     'tasks.stack': ('Stack',),
 }

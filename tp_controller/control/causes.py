@@ -16,18 +16,15 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-import math
 
 import numpy as np
 from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
 from tp_controller.control.error_minimum import is_at_minimum, Place, SIGNIFICANT_SHARE
-from tp_controller.control.variants import ActiveLimits, Removable, RESERVE, Variants
+from tp_controller.control.variants import ActiveLimits, Removable, Variants
 from tp_controller.control.velocity_limits import SAME_VELOCITY, VelocityBounds
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
-from tp_controller.solver.level import Level, NEGLIGIBLE
-from tp_controller.solver.min_norm import moves_well
-from tp_controller.solver.null_space import decompose, Directions
+from tp_controller.solver.level import Level
 from tp_controller.solver.solution import LevelSolution
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation, norm
@@ -88,14 +85,13 @@ class Causes:
         self._robot, self._evaluations, self._place = robot, evaluations, place
         self._cycle, self._outcome = cycle, outcome
         self._variants = Variants(evaluations, cycle, outcome)
-        self._limits: dict[tuple[int, bool], list[str]] = {}
         self._limits_by_level: dict[int, list[ActiveLimits]] = {}
         self._out_of_reach: dict[str, bool] = {}
 
     @property
     def period(self) -> float:
         """Return the mean time between two commands [s]."""
-        return self._cycle.period
+        return self._cycle.bounds.hold
 
     @property
     def override(self) -> str:
@@ -219,19 +215,8 @@ class Causes:
 
     def limits_at(self, level: LevelSolution, joint: int) -> list[str]:
         """Return the limits of a joint that are active in a level; mostly one."""
-        up = bool(level.multipliers[joint] > 0.0)
-        bounds = self._cycle.bounds
-        velocity = level.limited_velocity[joint]
-        cap = self._cycle.speed_cap
-        before = velocity < bounds.upper[joint] - SAME_VELOCITY if up \
-            else velocity > bounds.lower[joint] + SAME_VELOCITY
-        # The reserve limits a joint before its own bound does.
-        if before and cap is not None and math.isfinite(cap[joint]):
-            return [RESERVE]
-        # The same limits may be active in levels above and below.
-        if (joint, up) not in self._limits:
-            self._limits[joint, up] = bounds.limits(joint, up)
-        return self._limits[joint, up]
+        return self._cycle.bounds.limits(joint, bool(level.multipliers[joint] > 0.0),
+                                         float(level.limited_velocity[joint]))
 
     def _active_limits(self, index: int) -> list[ActiveLimits]:
         """Return all limits that are active in a level or in one above it."""
@@ -258,17 +243,18 @@ class Causes:
 
     def _is_damped(self, index: int) -> bool:
         """Return whether a level, or one above it, is damped or relaxed."""
-        # Bounds of levels that cannot be satisfied are damped, too.
-        return any(step.relaxed is not None or step.directions is None and step.multipliers is
-                   not None or min(step.followed.tolist(), default=1.0) < 1.0 - NEGLIGIBLE
-                   for step in map(self._outcome.commanded.step, self._levels_down_to(index)))
+        levels = self._outcome.commanded.levels
+        return any(levels[number].is_damped for number in self._levels_down_to(index))
 
     def _singular(self, index: int, evaluation: Evaluation,
                   residual: Array) -> Iterator[tuple[str, str, Array]]:
         """Yield the candidates for directions in which the robot can hardly move or not at all."""
         level = evaluation.level
-        its = self._directions(index, level)
+        if not level.J.size or level.is_identity:
+            return
+        its = self._outcome.commanded.directions_alone(level, NEAR_SINGULAR)
         if its is None:
+            # It moves well in all directions.
             return
         if its.rank < len(level.J):
             yield IMPOSSIBLE, '', its.U.dot(its.U.T.dot(residual))
@@ -278,18 +264,6 @@ class Causes:
             group = [other if each is evaluation else each for each in self._evaluations[index]]
             yield SINGULARITY, '', residual_of(other.level, self._variants.velocity_with(
                 self._cycle, {index: levels_of([group])}, self._outcome.commanded.hierarchy))
-
-    def _directions(self, index: int, level: Level) -> Directions | None:
-        """Return the directions of a level by itself; None where it moves well in all of them."""
-        if not level.J.size or level.is_identity:
-            return None
-        commanded = self._outcome.commanded
-        if index == 0 and commanded.hierarchy[0] is level:
-            # The solver has them: nothing is above the first level.
-            its = commanded.step(0).directions
-            if its is not None:
-                return its
-        return None if moves_well(level.J, NEAR_SINGULAR) else decompose(level)
 
 
 def _at_bounds(bounds: VelocityBounds, x: Array) -> list[ActiveLimits]:

@@ -15,34 +15,24 @@
 """Controller: joint positions in, joint velocities and a report out."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller.control.active_stack import ActiveStack
-from tp_controller.control.cycle_options import CycleOptions
+from tp_controller.control.cycle_options import CycleOptions, SolverFactory
 from tp_controller.control.cycle_time import check_time
-from tp_controller.control.gains import gain_faults, gain_remark, set_gain, set_tolerance
-from tp_controller.control.goal_limits import check_goal
+from tp_controller.control.gains import gain_faults, gain_remark
 from tp_controller.control.ramp import ramp_down
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
-from tp_controller.control.state_buffer import StateBuffer
 from tp_controller.control.step import CycleMemory, Problem, Snapshot, step
+from tp_controller.control.task_inputs import TaskInputs
 from tp_controller.control.velocity_limits import lowered
-from tp_controller.errors import (
-    GoalError,
-    RobotError,
-    SettingsError,
-    TimeError,
-)
+from tp_controller.errors import RobotError, SettingsError, TimeError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.goal_holder import Goal
-from tp_controller.tasks.keys import Gain, Tolerance
 from tp_controller.tasks.stack import check_type, levels_of, Stack
-from tp_controller.tasks.task_errors import accept
 
 
 class Command(NamedTuple):
@@ -62,7 +52,7 @@ class Command(NamedTuple):
     report: Report
 
 
-class Controller:
+class Controller(TaskInputs):
     """
     Velocity controller that executes a stack of tasks on a robot, one `update` per cycle.
 
@@ -77,6 +67,8 @@ class Controller:
     robot : Robot
     stack : Stack
     settings : Settings, optional
+    solver : callable (Settings, int) -> Solver, optional
+        Makes the solver for settings and n joints; by default that of this package.
 
     Raises
     ------
@@ -89,27 +81,18 @@ class Controller:
 
     """
 
-    def __init__(self, robot: Robot, stack: Stack, settings: Settings | None = None) -> None:
+    def __init__(self, robot: Robot, stack: Stack, settings: Settings | None = None,
+                 solver: SolverFactory = Settings.solver) -> None:
         if not isinstance(robot, Robot):
             raise RobotError('a controller needs a Robot, such as Robot.from_urdf(file), and then '
                              f'a Stack, got {type(robot).__name__}')
         check_type(stack)
-        self.robot = robot
-        self._tasks = ActiveStack(stack)
-        self._changes = self._tasks.changes
-        self._states = StateBuffer(robot)
-        self._velocity_limits = robot.velocity
-        self._settings = settings = settings or Settings()
-        self.check_settings(settings)
-        self._options = CycleOptions(robot, settings, robot.velocity)
-        self._memory = CycleMemory.at_rest(self._options)
-        self._apply(settings)
+        super().__init__(robot, stack, settings or Settings())
+        self._velocity_limits, self._make_solver = robot.velocity, solver
+        self.check_settings(self._settings)
+        self._memory = CycleMemory.at_rest(robot.n)
+        self._apply(self._settings)
         self._tasks.own()
-
-    @property
-    def stack(self) -> Stack:
-        """Return the stack in force."""
-        return self._tasks.stack
 
     def replace_stack(self, stack: Stack, settings: Settings | None = None) -> None:
         """
@@ -142,30 +125,6 @@ class Controller:
         self._tasks.replace(stack)
         stack.limit_time(settings.task_budget * settings.period)
         self.settings = settings
-
-    def restart(self) -> None:
-        """
-        Reset the default goals: in the next cycle tasks without a goal take their present value.
-
-        Raises
-        ------
-        EvaluationError
-            A task fails; the default goals of the others are reset.
-
-        """
-        self._tasks.restart()
-
-    def forget_goals(self) -> None:
-        """
-        Replace all goals, in the next cycle, by the present values of the tasks; bounds stay.
-
-        Raises
-        ------
-        EvaluationError
-            A task fails; the goals of the others are replaced.
-
-        """
-        self._tasks.forget_goals()
 
     def halt(self, now: float | None = None) -> None:
         """
@@ -229,7 +188,8 @@ class Controller:
     def _apply(self, settings: Settings) -> None:
         """Apply validated settings."""
         self._settings = settings
-        self._options = CycleOptions(self.robot, settings, self._velocity_limits)
+        self._options = CycleOptions(self.robot, settings, self._velocity_limits,
+                                     self._make_solver)
         self._memory = self._memory.fit(self._options)
         self.stack.limit_time(settings.task_budget * settings.period)
         self._tasks.switches_off = settings.task_faults != STOP
@@ -292,32 +252,6 @@ class Controller:
             self._apply(self._settings)
             self._changes.announce(0)
 
-    def set_gain(self, name: str, gain: Gain) -> None:
-        """
-        Set the gain of a task from the next cycle on; it is blended in as a setting is.
-
-        Parameters
-        ----------
-        name : str
-            Task.
-        gain : float or array_like (rows,)
-            Scalar, or one number for each row [1/s].
-
-        Raises
-        ------
-        GoalError
-            There is no such task.
-        SettingsError
-            It has no gain, or the value is not valid; the previous gain stays in force.
-
-        """
-        task = self._tasks.task(name)
-        before = task.gain
-        set_gain(task, gain, self._settings.period)
-        if np.array_equal(task.gain, before):
-            return
-        self._changes.announce_task(task, self.stack.active)
-
     def gain_warning(self, name: str) -> str:
         """
         Return a warning about a doubtful gain of a task, with a suggested change; mostly empty.
@@ -333,114 +267,6 @@ class Controller:
         task = self._tasks.task(name)
         doubt = gain_remark(task, task.gain, self._memory.time.mean)
         return f'{doubt.message}: {doubt.change}' if doubt else ''
-
-    def set_tolerance(self, name: str, tolerance: Tolerance) -> None:
-        """
-        Set the tolerances of a task, which affect its report only.
-
-        Parameters
-        ----------
-        name : str
-            Task.
-        tolerance : float or dict
-            Error below which the goal counts as reached, or {unit: error}.
-
-        Raises
-        ------
-        GoalError
-            There is no such task.
-        SettingsError
-            It has no tolerance, or the value is not valid; the previous tolerances stay in force.
-
-        """
-        set_tolerance(self._tasks.task(name), tolerance)
-
-    def set_goal(self, name: str, goal: Goal, now: float | None = None,
-                 frame: str | Array | None = None) -> tuple[str, ...]:
-        """
-        Set the goal of a task.
-
-        Parameters
-        ----------
-        name : str
-            Task.
-        goal : array_like or dict
-            Goal of the type of the task; see `tp_controller.tasks`.
-        now : float
-            [s]
-        frame : str or ndarray (4, 4), optional
-            Frame of the robot, at its present pose, in which the goal is expressed, or the pose
-            T_root_frame of a frame that is not on the robot; the task's reference frame by
-            default.
-
-        Returns
-        -------
-        tuple of str
-            Remarks about probable mistakes in the goal: it is out of reach, or it has coordinates
-            that do not count.
-
-        Raises
-        ------
-        GoalError
-            The task or frame is unknown, the goal is not finite, has the wrong shape or is beyond
-            the limits of goals in the settings, or `now` is not a finite number. The previous goal
-            stays in force.
-
-        """
-        now = check_time(now, 'now', GoalError)
-        task = self._tasks.task(name)
-        goal = accept(task, task.parse_goal, goal)
-        if frame is not None:
-            goal = accept(task, task.goal_in_reference, goal,
-                          self._states.pose_in_reference(task, frame))
-        accept(task, check_goal, task, goal, self._states.present, self._settings)
-        own = frame is None or (isinstance(frame, str) and frame == task.reference)
-        remarks = accept(task, task.goal_remarks, goal, not own)
-        self._tasks.set_goal(task, goal, now)
-        return remarks
-
-    def set_feed_forward(self, name: str, velocity: Any, now: float | None = None,
-                         frame: str | Array | None = None) -> None:
-        """
-        Set the feed-forward velocity of a task, in force until its timeout.
-
-        Parameters
-        ----------
-        name, now, frame
-            See `set_goal`.
-        velocity : array_like or dict
-            Twist (6,), linear then angular [m/s, rad/s], or joint velocities.
-
-        Raises
-        ------
-        GoalError
-            As `set_goal`.
-
-        """
-        now = check_time(now, 'now', GoalError)
-        task = self._tasks.task(name)
-        velocity = accept(task, task.parse_feed_forward, velocity)
-        if frame is not None:
-            velocity = accept(task, task.feed_forward_in_reference, velocity,
-                              self._states.pose_in_reference(task, frame)[:3, :3])
-        self._tasks.set_feed_forward(task, velocity, now)
-
-    def enable(self, name: str, enabled: bool) -> None:
-        """
-        Enable or disable a task of the stack.
-
-        A task that is enabled again without a goal takes its present value as the default goal.
-
-        Raises
-        ------
-        GoalError
-            There is no such task, or `enabled` is neither true nor false.
-
-        """
-        task = self._tasks.task(name)
-        if not isinstance(enabled, (int, np.bool_)) or enabled not in (True, False):
-            raise GoalError(f'enabled must be True or False, got {enabled!r}')
-        self._tasks.enable(task, bool(enabled))
 
     def update(self, q: ArrayLike, now: float | None = None, passive: ArrayLike | None = None,
                elapsed: float | None = None) -> Command:
@@ -524,18 +350,3 @@ class Controller:
         evaluations = self._tasks.evaluate(state, now)
         memory = self._memory.for_groups(self._changes.groups, self.stack.active)
         return Snapshot(levels_of(evaluations), state.positions, memory.damping)
-
-    def configuration(self) -> tuple[Array, Array | None] | None:
-        """
-        Return the configuration of the robot in the last update; None before the first one.
-
-        Returns
-        -------
-        q : ndarray (nq,)
-            Configuration [rad or m].
-        passive : ndarray (p,) or None
-            Positions of the passive joints [rad or m]; None if not given.
-
-        """
-        state = self._states.present
-        return None if state is None else (state.q, self._states.passive)

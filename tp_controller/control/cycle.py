@@ -14,15 +14,12 @@
 
 """Problem of one control cycle, kept so that variants of it can be solved."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from tp_controller.control.velocity_limits import VelocityBounds
 from tp_controller.model.spatial import Array
-from tp_controller.solver.damping import Memory
 from tp_controller.solver.level import Level
-from tp_controller.solver.solution import Solution
-from tp_controller.solver.solve import Options, solve_cycle
+from tp_controller.solver.solution import Bounds, Memory, Solution, Solver
 
 # Kind of an outcome that blends in a change; see `Outcome.override`.
 TRANSITION = 'transition'
@@ -37,43 +34,35 @@ class Cycle(NamedTuple):
     levels : list of Level
         Levels of the stack.
     bounds : VelocityBounds
-    options : Options
-    period : float
-        Duration of the zero-order hold of the velocity [s].
-    speed_cap : ndarray (n,) or None
-        See `tp_controller.solver.solve`.
+    solver : Solver
     memory : tuple of float
-        h of each level from the previous cycle; see `tp_controller.solver.damping`.
+        `Solution.memory` of the previous cycle.
 
     """
 
     levels: list[Level]
     bounds: VelocityBounds
-    options: Options
-    period: float
-    speed_cap: Array | None
+    solver: Solver
     memory: Memory
 
-    def solve(self, levels: Sequence[Level] | None = None) -> Solution:
+    def solve(self, levels: list[Level] | None = None) -> Solution:
         """Return the solution of levels, by default those of the stack."""
         if levels is None:
-            return solve_cycle(self.levels, self.bounds.lower, self.bounds.upper, self.options,
-                               self.period, self.speed_cap, self.memory)
-        return self._solve(levels, self.bounds.lower, self.bounds.upper)
+            return self.solver.solve(self.levels, self.bounds, self.memory)
+        return self._solve(levels, self.bounds)
 
-    def aim(self, levels: Sequence[Level] | None = None) -> Solution:
+    def aim(self, levels: list[Level] | None = None) -> Solution:
         """Return the solution of levels without acceleration limits."""
-        return self._solve(self.levels if levels is None else levels, *self.bounds.settled)
+        return self._solve(self.levels if levels is None else levels, self.bounds.settled)
 
-    def _solve(self, levels: Sequence[Level], lower: Array, upper: Array) -> Solution:
-        """Return the solution of levels within bounds on the velocities (n,)."""
+    def _solve(self, levels: list[Level], bounds: Bounds) -> Solution:
+        """Return the solution of levels within other bounds."""
         # Levels that are not in the stack have no memory.
         memory = self.memory
         if levels is not self.levels and any(memory):
             remembered = {id(level): h for level, h in zip(self.levels, memory)}
             memory = tuple([remembered.get(id(level), 0.0) for level in levels])
-        return solve_cycle(list(levels), lower, upper, self.options, self.period,
-                           self.speed_cap, memory)
+        return self.solver.solve(levels, bounds, memory)
 
 
 class Outcome(NamedTuple):

@@ -14,14 +14,19 @@
 
 """Options of the control cycle, constant until a setting or a velocity limit changes."""
 
-import numpy as np
+from collections.abc import Callable
+from typing import TypeAlias
+
 from tp_controller.control.settings import Settings
-from tp_controller.control.velocity_limits import VelocityBounds, VelocityLimits
+from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.solver.solution import Solver
 
 # Longest time that a command is in force, relative to the mean time between two; at most a period.
 HOLD_RATIO = 2.0
+# Makes the solver for settings and a number of joints.
+SolverFactory: TypeAlias = Callable[[Settings, int], Solver]
 
 
 class CycleOptions:
@@ -35,58 +40,32 @@ class CycleOptions:
         Settings that fit the robot.
     velocity : ndarray (n,)
         Velocity limits in force [rad/s or m/s].
+    make_solver : callable (Settings, int) -> Solver
+        Solver for the settings and n joints.
 
     Attributes
     ----------
-    robot : Robot
+    n : int
+        Number of joints.
     period, blend : float
         Settings [s].
     delay : int
         Number of pending commands.
-    solver : Options
-        Options of the solver.
-    speed_cap : ndarray (n,) or None
-        See `Settings.speed_cap`.
+    solver : Solver
+    limits : VelocityLimits
 
     """
 
-    def __init__(self, robot: Robot, settings: Settings, velocity: Array) -> None:
-        self.robot = robot
+    def __init__(self, robot: Robot, settings: Settings, velocity: Array,
+                 make_solver: SolverFactory = Settings.solver) -> None:
+        self.n = robot.n
         self.period, self.blend = settings.period, settings.blend
         self.delay = settings.command_delay
-        self.solver = settings.solver_options(robot.n)
-        self.speed_cap = settings.speed_cap(robot, velocity)
-        self._limits = VelocityLimits(robot, settings.period, settings.braking_gain, velocity)
-        # Row of each pending command in the previous cycle; the first row is replaced.
-        self._previous_rows = np.maximum(np.arange(self.delay) - 1, 0)
+        self.solver = make_solver(settings, robot.n)
+        self.limits = VelocityLimits(robot, settings.period, settings.braking_gain, velocity,
+                                     settings.speed_cap(robot, velocity))
 
-    def bounds(self, positions: Array, velocity: Array, elapsed: float, pending: Array,
-               mean: float) -> VelocityBounds:
-        """
-        Return the bounds on the velocities.
-
-        Parameters
-        ----------
-        positions : ndarray (n,)
-            [rad or m]
-        velocity : ndarray (n,)
-            Last command [rad/s or m/s].
-        elapsed : float
-            Time since then [s].
-        pending : ndarray (delay, n)
-            Commands that the positions do not reflect yet [rad/s or m/s].
-        mean : float
-            Mean time between two commands [s].
-
-        """
+    def longest_hold(self, mean: float) -> float:
+        """Return the longest time that a command is in force [s], of the mean time between two."""
         duration = HOLD_RATIO * mean
-        return self._limits.at(positions, velocity, elapsed, pending,
-                               duration if duration < self.period else self.period)
-
-    def shifted(self, pending: Array, velocity: Array) -> Array:
-        """Return the pending commands (delay, n) after another one, of a velocity (n,)."""
-        if not self.delay:
-            return pending
-        shifted = pending.take(self._previous_rows, 0)
-        shifted[0] = velocity
-        return shifted
+        return duration if duration < self.period else self.period

@@ -45,8 +45,8 @@ def ramp_down(options: CycleOptions, memory: CycleMemory, positions: Array, elap
     left = fastest - deceleration * passed
     factor = 0.0
     if left > 0.0:
-        upper, lower = options.bounds(positions, before, passed, memory.pending,
-                                      memory.time.mean).stopping
+        motion = memory.motion(positions, passed, options.longest_hold(memory.time.mean))
+        upper, lower = options.limits.at(motion).stopping
         moving = before != 0.0
         shares = np.where(before > 0.0, upper, lower)[moving] / np.abs(before[moving])
         factor = min(left / fastest, float(shares.min()))

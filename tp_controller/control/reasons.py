@@ -28,9 +28,9 @@ from tp_controller.control.causes import (
 )
 from tp_controller.control.cycle import TRANSITION
 from tp_controller.control.gains import gain_remark
+from tp_controller.control.joint_limits import LIMITS
 from tp_controller.control.units import with_unit
-from tp_controller.control.variants import RESERVE
-from tp_controller.control.velocity_limits import ACCELERATION, LOWER, UPPER, VELOCITY
+from tp_controller.control.velocity_limits import RESERVE
 from tp_controller.tasks.bounded import out_of_reach, STILL
 from tp_controller.tasks.task import Evaluation
 
@@ -38,10 +38,7 @@ from tp_controller.tasks.task import Evaluation
 NAMES_PER_REASON = 3
 # {kind: sentence, with a placeholder for the joint or task}
 SENTENCES = {
-    VELOCITY: '{} at its velocity limit',
-    LOWER: '{} at its lower position limit',
-    UPPER: '{} at its upper position limit',
-    ACCELERATION: '{} at its acceleration limit',
+    **{limit.name: limit.sentence for limit in LIMITS},
     RESERVE: '{} at its velocity limit minus the reserve for the first level',
     TASK: 'blocked by {}',
     BOUNDS: 'blocked by the bounds of {}',
@@ -52,10 +49,7 @@ SENTENCES = {
 }
 # {kind: suggested change}; {own} is the limited task.
 HINTS = {
-    VELOCITY: 'raise the velocity limit of {name}, or give {own} a smaller gain',
-    LOWER: 'choose a goal, or an arm posture, farther from the lower position limit of {name}',
-    UPPER: 'choose a goal, or an arm posture, farther from the upper position limit of {name}',
-    ACCELERATION: 'wait, or raise the acceleration limit of {name}',
+    **{limit.name: limit.hint for limit in LIMITS},
     RESERVE: 'lower the setting reserve',
     TASK: 'exchange {name} and {own} in the stack, or choose goals that are compatible',
     BOUNDS: 'choose a goal that the bounds of {name} allow',
@@ -67,7 +61,7 @@ HINTS = {
 OUT_OF_REACH = 'out of reach'
 CHOOSE_ANOTHER = 'the goal is out of reach: choose another one'
 # Kinds of causes that a gain too high for the period leads to.
-OVERSHOOT_KINDS = frozenset((VELOCITY, ACCELERATION, RESERVE))
+OVERSHOOT_KINDS = frozenset((RESERVE, *(limit.name for limit in LIMITS if limit.caused_by_gain)))
 # Kinds of causes that a goal out of reach leads to.
 UNREACHABLE_KINDS = frozenset((SINGULARITY, IMPOSSIBLE, DAMPING))
 

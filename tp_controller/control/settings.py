@@ -25,7 +25,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.resources import is_number
 from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import Array, WEIGHT_RATIO
-from tp_controller.solver.solve import Options, SCALINGS
+from tp_controller.solver.solve import PrioritySolver, SCALINGS
 
 # Reactions to a task that fails.
 STOP, SWITCH_OFF = 'stop', 'switch off'
@@ -151,10 +151,11 @@ class Settings:
         return (self.workspace, self.largest_jump, self.largest_turn) != (
             ANYWHERE, math.inf, math.inf)
 
-    def solver_options(self, n: int) -> Options:
-        """Return the solver options for a robot with n joints."""
-        return Options(n, Damping(self.damping, self.singular_region, self.release_region,
-                                  self.regularisation), self.weights or None, self.scaling)
+    def solver(self, n: int) -> PrioritySolver:
+        """Return the solver of this package for a robot with n joints."""
+        return PrioritySolver(
+            n, Damping(self.damping, self.singular_region, self.release_region,
+                       self.regularisation), self.weights or None, self.scaling)
 
     def speed_cap(self, robot: Robot, velocity: Array | None = None) -> Array | None:
         """

@@ -22,10 +22,11 @@ from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
 from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.cycle_time import CycleTime
 from tp_controller.control.escape import Escape
+from tp_controller.control.joint_limits import JointMotion
 from tp_controller.control.transition import kept_above, Transition
 from tp_controller.model.spatial import Array
-from tp_controller.solver.damping import Memory
 from tp_controller.solver.level import Level
+from tp_controller.solver.solution import Memory
 from tp_controller.tasks.stack import Groups
 from tp_controller.tasks.task import Task
 
@@ -91,20 +92,20 @@ class CycleMemory(NamedTuple):
     ----------
     velocity : ndarray (n,)
         Last command [rad/s or m/s]; zeros before the first one.
-    pending : ndarray (delay, n)
+    pending : tuple of ndarray (n,)
         Commands that the positions do not reflect yet, the last one first [rad/s or m/s].
     commanded : float or None
         Time of the last command, on the clock of the caller [s]; None before the first one.
     time : CycleTime
     damping : tuple of float
-        h of each level; see `tp_controller.solver.damping`.
+        `Solution.memory` of the solver, one number for each level.
     transition : Transition
     escape : Escape
 
     """
 
     velocity: Array
-    pending: Array
+    pending: tuple[Array, ...]
     commanded: float | None
     time: CycleTime
     damping: Memory = ()
@@ -112,16 +113,14 @@ class CycleMemory(NamedTuple):
     escape: Escape = Escape()
 
     @classmethod
-    def at_rest(cls, options: CycleOptions) -> 'CycleMemory':
-        """Return the memory of a robot at rest, before the first cycle."""
-        n = options.robot.n
-        return cls(np.zeros(n), np.zeros((0, n)), None, CycleTime(0.0, 0.0, 0.0)).fit(options)
+    def at_rest(cls, n: int) -> 'CycleMemory':
+        """Return the memory of a robot with n joints at rest, before it fits any options."""
+        return cls(np.zeros(n), (), None, CycleTime(0.0, 0.0, 0.0))
 
     def fit(self, options: CycleOptions) -> 'CycleMemory':
         """Return the memory for cycles with other options."""
-        known = self.pending[:options.delay]
-        rest = np.zeros((options.delay - len(known), known.shape[1]))
-        return self._replace(pending=np.vstack((known, rest)),
+        rest = (np.zeros(options.n),) * options.delay
+        return self._replace(pending=(self.pending + rest)[:options.delay],
                              time=self.time.expect(options.period))
 
     def for_groups(self, before: Groups | None, after: Groups) -> 'CycleMemory':
@@ -134,8 +133,24 @@ class CycleMemory(NamedTuple):
 
     def after_command(self, velocity: Array, now: float, options: CycleOptions) -> 'CycleMemory':
         """Return the memory after a velocity (n,) that was commanded without tasks at `now`."""
-        return self._replace(velocity=velocity, pending=options.shifted(self.pending, velocity),
-                             commanded=now, transition=Transition())
+        return self._replace(velocity=velocity, commanded=now, transition=Transition(),
+                             pending=(velocity, *self.pending)[:options.delay])
+
+    def motion(self, positions: Array, elapsed: float, hold: float) -> JointMotion:
+        """
+        Return the motion of the joints, as their limits see it.
+
+        Parameters
+        ----------
+        positions : ndarray (n,)
+            [rad or m]
+        elapsed : float
+            Time since the last command [s].
+        hold : float
+            Longest time that a command is in force [s].
+
+        """
+        return JointMotion(positions, self.velocity, elapsed, self.pending, hold)
 
 
 def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMemory]:
@@ -162,14 +177,14 @@ def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMe
 
     """
     options, levels, positions, now, elapsed, shared, before = problem
-    velocity, pending, commanded, time, damping, transition, escape = memory
+    _, pending, commanded, time, damping, transition, escape = memory
     if commanded is None:
         elapsed = options.period
     elif elapsed is None:
         elapsed = now - commanded
     elapsed, time = time.advance(elapsed, options.period)
-    bounds = options.bounds(positions, velocity, elapsed, pending, time.mean)
-    cycle = Cycle(levels, bounds, options.solver, time.mean, options.speed_cap, damping)
+    motion = memory.motion(positions, elapsed, options.longest_hold(time.mean))
+    cycle = Cycle(levels, options.limits.at(motion, time.mean), options.solver, damping)
     outcome = None
     if shared is not None:
         escape = escape.reset()
@@ -181,7 +196,7 @@ def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMe
         outcome = Outcome(solution, solution) if leaving is None else Outcome(
             solution, cycle.solve(leaving), 'leaving a singularity')
     command = outcome.commanded.velocity
-    return cycle, outcome, CycleMemory(command, options.shifted(pending, command), now, time,
+    return cycle, outcome, CycleMemory(command, (command, *pending)[:options.delay], now, time,
                                        outcome.solution.memory, transition, escape)
 
 
@@ -197,9 +212,9 @@ def _blend(problem: Problem, memory: CycleMemory, cycle: Cycle, elapsed: float, 
     if shared is not None:
         transition, changed = memory.transition, cycle
         if before is not None:
-            changed = cycle._replace(
-                levels=before.levels, memory=before.damping, bounds=options.bounds(
-                    before.positions, memory.velocity, elapsed, memory.pending, time.mean))
+            motion = memory.motion(before.positions, elapsed, options.longest_hold(time.mean))
+            changed = cycle._replace(levels=before.levels, memory=before.damping,
+                                     bounds=options.limits.at(motion, time.mean))
         began = time.now - min(elapsed, options.period)
         # Shared levels must not fade, even if their goals move on.
         velocity = changed.aim(kept_above(changed.levels, shared) + [

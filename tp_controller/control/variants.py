@@ -18,15 +18,12 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
-import numpy as np
 from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level
+from tp_controller.solver.solution import Bounds
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation
-
-# Kind of limit: the share of its speed that the levels below the first one leave to a joint.
-RESERVE = 'reserve'
 
 
 class ActiveLimits(NamedTuple):
@@ -73,9 +70,10 @@ class Variants:
     @cached_property
     def undamped(self) -> Array:
         """Return the velocities (n,) without damping or relaxed directions."""
-        cycle = self._cycle
-        return cycle._replace(options=cycle.options.undamped, period=0.0, memory=()).solve(
-            self._outcome.commanded.hierarchy).velocity
+        bounds = self._cycle.bounds
+        return self._cycle.solver.undamped.solve(
+            self._outcome.commanded.hierarchy,
+            Bounds(bounds.lower, bounds.upper, bounds.cap)).velocity
 
     def velocity_without(self, removed: Sequence[Removable], complete: bool = False) -> Array:
         """Return the velocities (n,) without some tasks and limits; unblended if `complete`."""
@@ -98,7 +96,7 @@ class Variants:
         cycle = self._cycle
         for each in removed:
             if isinstance(each, ActiveLimits):
-                cycle = _without_limits(cycle, each)
+                cycle = cycle._replace(bounds=cycle.bounds.without(*each))
         return cycle
 
     def velocity_with(self, cycle: Cycle, groups: Mapping[int, list[Level]],
@@ -119,7 +117,7 @@ class Variants:
         """Return h of each level of the stack from this cycle alone."""
         return _bends(self._cycle, self._outcome.commanded.hierarchy)
 
-    def _velocity_after(self, cycle: Cycle, levels: Sequence[Level], kept: Sequence[int]) -> Array:
+    def _velocity_after(self, cycle: Cycle, levels: list[Level], kept: Sequence[int]) -> Array:
         """
         Return the velocities (n,) of a changed cycle that kept these levels, by index.
 
@@ -135,17 +133,7 @@ class Variants:
         return cycle.solve(levels).velocity
 
 
-def _without_limits(cycle: Cycle, active: ActiveLimits) -> Cycle:
-    """Return a cycle without some limits of a joint."""
-    joint, limits = active
-    if RESERVE not in limits or cycle.speed_cap is None:
-        return cycle._replace(bounds=cycle.bounds.without(joint, limits))
-    cap = cycle.speed_cap.copy()
-    cap[joint] = np.inf
-    return cycle._replace(speed_cap=cap)
-
-
-def _bends(cycle: Cycle, levels: Sequence[Level]) -> list[float]:
+def _bends(cycle: Cycle, levels: list[Level]) -> list[float]:
     """Return h of each level of the stack, from one cycle alone that solves `levels`."""
     found = cycle._replace(memory=()).solve(levels)
     bends = {id(level): h for level, h in zip(levels, found.bends)}

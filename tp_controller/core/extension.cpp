@@ -17,10 +17,10 @@
 
 #include "bounded_rows.h"
 #include "frame_task.h"
-#include "limits_object.h"
 #include "motion_object.h"
 #include "python_buffers.h"
 #include "solver_object.h"
+#include "velocity_limits.h"
 
 namespace {
 
@@ -28,7 +28,8 @@ namespace {
 PyObject *constants() {
   return Py_BuildValue(
       "{s:{s:n}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d}, s:{s:(dddd),s:(dd)},"
-      " s:{s:d,s:d}, s:{s:d,s:d}, s:{s:d}, s:{s:d}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d,s:d}}",
+      " s:{s:d,s:d}, s:{s:d,s:d}, s:{s:d}, s:{s:d}, s:{s:d,s:d,s:d,s:d},"
+      " s:{s:d,s:d,s:d,s:d,s:d,s:d}}",
       "solver.compiled", "MOST", MOST,
       "solver.level", "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
       "solver.damping", "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING,
@@ -40,8 +41,9 @@ PyObject *constants() {
       "solver.min_norm", "WELL_CONDITIONED", WELL_CONDITIONED, "WELL_WEIGHTED", WELL_WEIGHTED,
       "model.state", "LARGEST", LARGEST,
       "model.spatial", "HALF_TURN_BAND", HALF_TURN_BAND,
-      "control.velocity_limits", "RETURN_SHARE", RETURN_SHARE, "RETURN_SPEED", RETURN_SPEED,
+      "control.joint_limits", "RETURN_SHARE", RETURN_SHARE, "RETURN_SPEED", RETURN_SPEED,
       "LARGEST_DISTANCE", LARGEST_DISTANCE,
+      "UNLIMITED_ACCELERATION", UNLIMITED_ACCELERATION,
       "tasks.bounded", "RETURN_JOINT_SPEED", bounded::RETURN_JOINT_SPEED, "FAR", bounded::FAR,
       "STILL", bounded::STILL, "LOOSE", bounded::LOOSE, "DRIFT", bounded::DRIFT,
       "TINY", bounded::TINY);
@@ -56,7 +58,7 @@ PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "extension", "The compiled core.", 
 }  // namespace
 
 PyMODINIT_FUNC PyInit_extension(void) {
-  if (!intern_names()) return nullptr;
+  if (!intern_level_names() || !intern_motion_names()) return nullptr;
   return make_module(MODULE, {
       {"Solver", make_type<Solver>("tp_controller.core.extension.Solver", make_solver,
                                    SOLVER_METHODS)},

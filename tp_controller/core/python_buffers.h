@@ -175,6 +175,12 @@ PyMethodDef method(const char *name, PyObject *(*function)(PyObject *, PyObject 
           METH_FASTCALL, what};
 }
 
+// A name of an attribute, made once; false where there is no memory.
+bool intern(PyObject *&name, const char *text) {
+  name = PyUnicode_InternFromString(text);
+  return name != nullptr;
+}
+
 // A module that takes objects by name; none where one of them could not be made.
 PyObject *make_module(PyModuleDef &definition,
                       std::initializer_list<std::pair<const char *, PyObject *>> objects) {

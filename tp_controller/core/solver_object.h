@@ -266,13 +266,8 @@ PyMethodDef SOLVER_METHODS[] = {
     method("solve", solve, "Solve one cycle."),
     {nullptr, nullptr, 0, nullptr}};
 
-bool intern(PyObject *&name, const char *text) {
-  name = PyUnicode_InternFromString(text);
-  return name != nullptr;
-}
-
 // Names are interned once; false where there is no memory.
-bool intern_names() {
+bool intern_level_names() {
   return intern(J_NAME, "J") && intern(V_NAME, "v") && intern(MODE_NAME, "mode")
       && intern(LOWER_NAME, "lower") && intern(UPPER_NAME, "upper")
       && intern(IDENTITY_NAME, "is_identity");

@@ -12,96 +12,79 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-// Bounds on joint velocities from position, velocity and acceleration limits.
+// Bounds on the joint velocities in one cycle, and `Limits` as Python has it.
 // Reference: tp_controller/control/velocity_limits.py
 
 #pragma once
 
-#include "python_buffers.h"
-
-#include <algorithm>
-#include <cmath>
-#include <vector>
+#include "joint_limits.h"
 
 namespace {
 
-// Constants of the reference.
-constexpr double RETURN_SHARE = 0.2, RETURN_SPEED = 1.0, LARGEST_DISTANCE = 1e6;
-
 class Limits {
  public:
-  double period = 0.0, gain = 0.0;
-  bool endless = false;                  // there are joints without position limits
-  std::vector<double> lower, upper, velocity, acceleration;  // of accelerations, none where empty
+  JointLimits limits;
 
-  static constexpr int ROWS = 8;
+  Py_ssize_t size() const { return Py_ssize_t(limits.size()); }
 
-  // Fill in what `bounded` returns (8, n).
-  void at(const Buffer &q, const Buffer &previous, double elapsed, const Buffer &pending,
-          double duration, double *rows) const {
-    const size_t n = lower.size();
-    const double delay = double(pending.rows(2));
-    const double g = delay > 0.0 ? std::min(gain, calm_gain(delay) / duration) : gain;
-    for (size_t j = 0; j < n; ++j) {
-      double *row = rows + j;
-      const double back = std::min(RETURN_SHARE * velocity[j], RETURN_SPEED);
-      double upwards = 0.0, downwards = 0.0;
-      for (Py_ssize_t i = 0; i < pending.rows(2); ++i) {
-        upwards += std::max(pending.at(i, j), 0.0);
-        downwards += std::max(-pending.at(i, j), 0.0);
+  // Fill in what `bounded` returns, without transient limits where `settled`.
+  void box(const JointMotion &motion, bool settled, double *lower, double *upper) const {
+    const double gain = limits.position.gain_of(motion);
+    for (size_t j = 0; j < limits.size(); ++j) {
+      const Interval speed = limits.velocity.at(j), braking = limits.position.at(motion, gain, j);
+      Interval box = {std::max(speed.least, braking.least), std::min(speed.most, braking.most)};
+      if (box.most < box.least) {
+        // A joint must not return so fast that it cannot stop at the other end of its range.
+        box.most = std::max(box.most, std::min(box.least, 0.0));
+        box.least = std::min(box.least, box.most);
       }
-      upwards *= duration;
-      downwards *= duration;
-      const double above = felt(upper[j] - q.at(j), upwards, downwards);
-      const double below = felt(q.at(j) - lower[j], downwards, upwards);
-      const double up = std::max(braking_speed(above, g, j), -back);
-      const double down = std::max(braking_speed(below, g, j), -back);
-      double most = std::min(up, velocity[j]), least = -std::min(down, velocity[j]);
-      if (most < least) {
-        // Coming back from outside must not be faster than it can stop at the other end.
-        most = std::max(most, std::min(least, 0.0));
-        least = std::min(least, most);
-      }
-      row[2 * n] = least;
-      row[3 * n] = most;
-      row[4 * n] = up;
-      row[5 * n] = down;
-      row[6 * n] = up;
-      row[7 * n] = down;
-      if (!acceleration.empty()) {
-        const double change = acceleration[j] * std::min(elapsed, period);
-        const double slowest = previous.at(j) - change, fastest = previous.at(j) + change;
-        most = std::min(std::max(most, slowest), fastest);
-        least = std::min(std::max(least, slowest), fastest);
-        row[6 * n] = slowest;
-        row[7 * n] = fastest;
-      }
-      row[0] = least;
-      row[n] = most;
+      // Clamp to the reachable velocities, even if all of them are too fast.
+      if (!settled)
+        limits.transient(motion, j, [&box](const Interval &reachable) {
+          box.least = std::min(std::max(box.least, reachable.least), reachable.most);
+          box.most = std::min(std::max(box.most, reachable.least), reachable.most);
+        });
+      lower[j] = box.least;
+      upper[j] = box.most;
     }
   }
-
- private:
-  // The distance nearest to zero that commands under way can leave.
-  double felt(double distance, double towards, double away) const {
-    if (endless) distance = std::min(distance, LARGEST_DISTANCE);
-    return std::max(distance - towards, std::min(distance + away, 0.0));
-  }
-
-  // The largest K for which x[k+1] = x[k] − K x[k−delay] does not oscillate.
-  static double calm_gain(double delay) {
-    return std::pow(delay, delay) / std::pow(delay + 1.0, delay + 1.0);
-  }
-
-  double braking_speed(double distance, double g, size_t j) const {
-    if (acceleration.empty()) return g * distance;
-    const double change = acceleration[j] * period, slow = acceleration[j] / (g * g);
-    const double beyond = std::max(distance - slow, 0.0) / (change * period);
-    const double pieces = 1.0 + 2.0 / (g * period);
-    const double steps = std::ceil(0.5 * (std::sqrt(pieces * pieces + 8.0 * beyond) - pieces));
-    return (distance + steps * change * (0.5 * (steps - 1.0) * period + 1.0 / g))
-        / (steps * period + 1.0 / g);
-  }
 };
+
+// Limits(period, gain, {key: limits})
+PyObject *make_limits(PyTypeObject *type, PyObject *given, PyObject *) {
+  Limits limits;
+  double period, gain;
+  PyObject *values;
+  if (!PyArg_ParseTuple(given, "ddO!", &period, &gain, &PyDict_Type, &values)) return nullptr;
+  try {
+    if (!limits.limits.read(values, period, gain))
+      return refuse("limits of as many joints are needed");
+    return keep<Limits>(type, std::move(limits));
+  } catch (const std::bad_alloc &) {
+    return PyErr_NoMemory();
+  }
+}
+
+// box(motion, settled, lower, upper): fill in lower and upper (n,); see `Limits::box`.
+PyObject *limits_box(PyObject *self, PyObject *const *given, Py_ssize_t count) {
+  const Limits &limits = of<Limits>(self);
+  const Output lower(count == 4 ? given[2] : nullptr), upper(count == 4 ? given[3] : nullptr);
+  if (!lower.is(limits.size()) || !upper.is(limits.size()))
+    return refuse("box(motion, settled, lower, upper)");
+  try {
+    const JointMotion motion(given[0], limits.size());
+    const int settled = PyObject_IsTrue(given[1]);
+    if (settled < 0) return nullptr;
+    if (!motion.fits) return refuse("the motion is not one of these joints");
+    limits.box(motion, settled == 1, lower.p(), upper.p());
+  } catch (const std::bad_alloc &) {
+    return PyErr_NoMemory();
+  }
+  return Py_NewRef(Py_None);
+}
+
+PyMethodDef LIMITS_METHODS[] = {
+    method("box", limits_box, "Return the bounds of joint velocities."),
+    {nullptr, nullptr, 0, nullptr}};
 
 }  // namespace

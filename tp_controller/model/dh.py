@@ -26,14 +26,20 @@ from typing import Any, TypeAlias
 from xml.sax.saxutils import quoteattr
 
 from tp_controller.errors import RobotError, unknown
+from tp_controller.model.limits import (
+    BASE_LIMIT_KEYS,
+    LIMIT_KEYS,
+    POSITIVE_KEYS,
+    UNLIMITED_JOINT,
+)
 from tp_controller.model.urdf import UNLIMITED
 from tp_controller.resources import is_number, load_yaml, read_source
 
 CONVENTIONS = ('standard', 'modified')
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
 TABLE_KEYS = ('name', 'convention', 'root', 'joints', 'frames')
-JOINT_KEYS = ('name', 'a', 'alpha', 'd', 'theta', 'type', 'lower', 'upper', 'velocity',
-              'acceleration', 'link')
+PARAMETERS = ('a', 'alpha', 'd', 'theta')
+JOINT_KEYS = ('name', *PARAMETERS, 'type', *LIMIT_KEYS, 'link')
 FRAME_KEYS = ('name', 'parent', 'xyz', 'rpy')
 LINK_RADIUS = 0.03
 
@@ -147,21 +153,21 @@ def _rows(table: Mapping[str, Any], key: str, valid: Sequence[str]) -> Sequence[
 
 def _joint_row(row: Row, number: int) -> Row:
     """Return a row with defaults filled in and validated numbers."""
-    joint = {'a': 0.0, 'alpha': 0.0, 'd': 0.0, 'theta': 0.0, 'type': 'revolute',
-             'lower': -math.inf, 'upper': math.inf, 'velocity': math.inf,
-             'acceleration': math.inf, 'link': f'link{number}', **row}
+    joint = {**dict.fromkeys(PARAMETERS, 0.0), 'type': 'revolute', **UNLIMITED_JOINT,
+             'link': f'link{number}', **row}
     if joint['type'] not in JOINT_TYPES:
         raise RobotError(
             f'DH table, {joint["name"]}: {unknown("joint type", joint["type"], JOINT_TYPES)}')
     _check_word(joint['link'], f'DH table, {joint["name"]}: link')
-    for key in ('a', 'alpha', 'd', 'theta', 'lower', 'upper', 'velocity', 'acceleration'):
+    for key in (*PARAMETERS, *LIMIT_KEYS):
         joint[key] = _number(joint[key], f'DH table, {joint["name"]}: {key}')
-        if key in ('a', 'alpha', 'd', 'theta') and not math.isfinite(joint[key]):
+        if key in PARAMETERS and not math.isfinite(joint[key]):
             raise RobotError(f'DH table, {joint["name"]}: {key} must be finite')
     if joint['velocity'] < 0.0:
         raise RobotError(f'DH table, {joint["name"]}: velocity must not be negative')
-    if not joint['acceleration'] > 0.0:
-        raise RobotError(f'DH table, {joint["name"]}: acceleration must be positive')
+    for key in POSITIVE_KEYS:
+        if not joint[key] > 0.0:
+            raise RobotError(f'DH table, {joint["name"]}: {key} must be positive')
     return joint
 
 
@@ -225,8 +231,8 @@ def _moving_joint(joint: Row, parent: str, child: str, before: Transform) -> str
     unlimited = math.isinf(joint['lower']) and math.isinf(joint['upper'])
     turning = 'continuous' if unlimited else 'revolute'
     kind = 'prismatic' if joint['type'] == 'prismatic' else turning
-    limits = (f'effort="0" velocity="{min(joint["velocity"], UNLIMITED)!r}"'
-              f' acceleration="{min(joint["acceleration"], UNLIMITED)!r}"')
+    limits = 'effort="0"' + ''.join(f' {key}="{min(joint[key], UNLIMITED)!r}"'
+                                    for key in BASE_LIMIT_KEYS)
     if kind != 'continuous':
         limits += (f' lower="{max(joint["lower"], -UNLIMITED)!r}"'
                    f' upper="{min(joint["upper"], UNLIMITED)!r}"')

@@ -28,16 +28,24 @@ from tp_controller.model.spatial import Array, read_only
 from tp_controller.model.urdf import MimicRules, resolve_mimic, UNLIMITED
 from tp_controller.resources import is_number
 
-LIMIT_KEYS = ('lower', 'upper', 'velocity', 'acceleration')
+# {limit: what follows the unit of a position in its own}. All but the position limits limit an
+# absolute value, also of a base, and are infinite by default.
+LIMIT_UNITS = {'lower': '', 'upper': '', 'velocity': '/s', 'acceleration': '/s²'}
+LIMIT_KEYS = tuple(LIMIT_UNITS)
+POSITION_KEYS = ('lower', 'upper')
+# A base has no position limits.
+BASE_LIMIT_KEYS = LIMIT_KEYS[len(POSITION_KEYS):]
+# Limits that must not be zero.
+POSITIVE_KEYS = BASE_LIMIT_KEYS[1:]
 # A joint with a narrower range than this cannot move; the range is a rounding error [rad or m].
 NARROWEST_RANGE = 1e-9
 # No joint with limits turns farther than this from zero; larger limits look like degrees [rad].
 LARGEST_ANGLE = 4.0 * math.pi * (1.0 + 1e-3)
-# A base has no position limits.
-BASE_LIMIT_KEYS = ('velocity', 'acceleration')
 
 # {limit: value}, for each of `LIMIT_KEYS`.
 Limits: TypeAlias = dict[str, float]
+# A joint without limits.
+UNLIMITED_JOINT: Limits = {**dict.fromkeys(LIMIT_KEYS, math.inf), 'lower': -math.inf}
 # Overrides of a user: {velocity: {limit: value}}, with only the limits that are replaced.
 LimitOverrides: TypeAlias = Mapping[str, Mapping[str, float]]
 
@@ -49,19 +57,14 @@ class LimitArrays:
 
     Attributes
     ----------
-    lower, upper : ndarray (n,)
-        Position limits [rad or m], infinite if there are none.
-    velocity, acceleration : ndarray (n,)
-        Limits of the absolute values [rad/s or m/s, rad/s² or m/s²].
+    values : dict
+        {limit: ndarray (n,)}, for each of `LIMIT_UNITS`; infinite if there are none.
     continuous : ndarray (n,) of bool
         Joints that turn without limits.
 
     """
 
-    lower: Array
-    upper: Array
-    velocity: Array
-    acceleration: Array
+    values: dict[str, Array]
     continuous: NDArray[np.bool_]
 
 
@@ -90,13 +93,13 @@ def limit_arrays(base: Base, driven: Sequence[str], elements: Mapping[str, Eleme
 
     """
     rows = _velocity_limits(base, driven, elements, mimics, overrides)
-    lower, upper, velocity, acceleration = (
-        read_only(np.array([float(row[key]) for row in rows.values()])) for key in LIMIT_KEYS)
+    values = {key: read_only(np.array([float(row[key]) for row in rows.values()]))
+              for key in LIMIT_KEYS}
     # An override can limit a joint of type continuous.
     continuous = read_only(np.array(
         [name in elements and elements[name].get('type') == 'continuous' for name in rows],
-        dtype=bool) & np.isinf(lower) & np.isinf(upper))
-    return LimitArrays(lower, upper, velocity, acceleration, continuous)
+        dtype=bool) & np.isinf(values['lower']) & np.isinf(values['upper']))
+    return LimitArrays(values, continuous)
 
 
 def nearest_to_zero(names: Sequence[str], elements: Mapping[str, Element]) -> Array:
@@ -110,8 +113,7 @@ def _velocity_limits(base: Base, driven: Sequence[str], elements: Mapping[str, E
     """Return the limits of every velocity; arguments as for `limit_arrays`."""
     for name, limits in overrides.items():
         _check_override(name, limits, base, driven)
-    rows = {name: {'lower': -math.inf, 'upper': math.inf, 'velocity': DEFAULT_VELOCITY,
-                   'acceleration': math.inf} for name in base.names}
+    rows = {name: {**UNLIMITED_JOINT, 'velocity': DEFAULT_VELOCITY} for name in base.names}
     rows.update(_shared_limits(driven, elements, mimics))
     for name, row in rows.items():
         row.update(overrides.get(name, {}))
@@ -152,11 +154,10 @@ def joint_limits(name: str, element: Element) -> Limits:
     limit = element.find('limit')
     attributes = {} if limit is None else limit.attrib
     endless = element.get('type') == 'continuous'
-    defaults = {'lower': -math.inf if endless else 0.0, 'upper': math.inf if endless else 0.0,
-                'velocity': math.inf, 'acceleration': math.inf}
+    defaults = UNLIMITED_JOINT if endless else UNLIMITED_JOINT | dict.fromkeys(POSITION_KEYS, 0.0)
     limits = {}
     for key, default in defaults.items():
-        given = None if endless and key in ('lower', 'upper') else attributes.get(key)
+        given = None if endless and key in POSITION_KEYS else attributes.get(key)
         try:
             value = default if given is None else float(given)
         except ValueError as error:
@@ -169,12 +170,12 @@ def _share(row: Limits, follower: Limits, multiplier: float, offset: float) -> N
     """Narrow the limits of a joint by those of a joint that mimics it."""
     if multiplier == 0.0:
         return
-    ends = [(follower[key] - offset) / multiplier for key in ('lower', 'upper')]
+    ends = [(follower[key] - offset) / multiplier for key in POSITION_KEYS]
     if multiplier < 0.0:
         ends.reverse()
     row['lower'] = max(row['lower'], ends[0])
     row['upper'] = min(row['upper'], ends[1])
-    for key in ('velocity', 'acceleration'):
+    for key in BASE_LIMIT_KEYS:
         row[key] = min(row[key], follower[key] / abs(multiplier))
 
 
@@ -207,8 +208,9 @@ def _check_row(what: str, row: Limits, followers: Sequence[str]) -> None:
                          'driven ones (joints), or replace its limits (limits)')
     if not row['velocity'] >= 0.0:
         raise RobotError(f'{what}: velocity limit {row["velocity"]} must not be negative')
-    if not row['acceleration'] > 0.0:
-        raise RobotError(f'{what}: acceleration limit {row["acceleration"]} must be positive')
+    for key in POSITIVE_KEYS:
+        if not row[key] > 0.0:
+            raise RobotError(f'{what}: {key} limit {row[key]} must be positive')
 
 
 def _label(name: str, base: Base) -> str:

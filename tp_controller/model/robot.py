@@ -28,6 +28,7 @@ from tp_controller.model.kinematics import Kinematics
 from tp_controller.model.limits import (
     in_degrees,
     limit_arrays,
+    LIMIT_KEYS,
     LimitArrays,
     LimitOverrides,
     nearest_to_zero,
@@ -108,6 +109,12 @@ class Robot:
         be changed, if not at once.
 
     """
+
+    # Each of `LIMIT_KEYS` is an attribute.
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
 
     def __init__(self, urdf: str, joints: Sequence[str] | None = None,
                  limits: LimitOverrides | None = None, base: str = 'fixed',
@@ -328,10 +335,15 @@ class Robot:
         self._joint_indices = {name: index for index, name in enumerate(
             self.joint_names, start=self.joint_columns.start)}
 
+    @property
+    def limits(self) -> dict[str, Array]:
+        """Return all limits, {limit: ndarray (n,)}."""
+        return {key: getattr(self, key) for key in LIMIT_KEYS}
+
     def _set_limits(self, limits: LimitArrays) -> None:
         """Set the limits of the velocities, and the remark on probable degrees."""
-        self.lower, self.upper = limits.lower, limits.upper
-        self.velocity, self.acceleration = limits.velocity, limits.acceleration
+        for key, values in limits.values.items():
+            setattr(self, key, values)
         self.continuous = limits.continuous
         degrees = in_degrees(self.velocity_names, self.velocity_units, self.lower, self.upper)
         self.remarks = (f'position limits beyond two turns, which look like degrees: '

@@ -29,8 +29,6 @@ exclude zero change its step no more than necessary. A level with bounds moves x
 its rows constrain all levels below. No level depends on those below it.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from tp_controller.solver.active_set import ActiveSet
 from tp_controller.solver.damping import bend, bend_of_rows, Damping
@@ -52,6 +50,7 @@ from tp_controller.solver.null_space import (
 )
 from tp_controller.solver.polytope import EMPTY, Polytope
 from tp_controller.solver.qp import nearest, regularised
+from tp_controller.solver.solution import LevelStep
 
 # If levels above, other rows and joints at their limits leave less than this share of a row with
 # bounds, it demands no more of the joints than a row of that length would [1].
@@ -59,37 +58,6 @@ ROW_DAMPING = 0.1
 # μ² below this share of the largest stiffness counts as 0. A share of 1e-28, in units that do not
 # suit μ, costs a program all digits of its bounds, and levels above 2 % of their velocity.
 SOFTEST = 1e-8
-
-
-class LevelStep(NamedTuple):
-    """
-    Result of one level, before the levels below it.
-
-    Attributes
-    ----------
-    velocity : ndarray (n,)
-        Joint velocities after the level.
-    directions : Directions or None
-        None for a level with bounds.
-    followed : ndarray (rank,)
-        Share of the demand that damping leaves in each direction.
-    relaxed : ndarray (n, k) or None
-        Basis of the null space left to the levels below; None without relaxed directions.
-    multipliers, row_multipliers : ndarray (n,), (r,), or None
-        Multipliers of the joint bounds, and of the rows of all levels with bounds down to this
-        one; None if no bound was active.
-    bend : float
-        h of this cycle alone (see `damping`).
-
-    """
-
-    velocity: Array
-    directions: Directions | None = None
-    followed: Array = EMPTY
-    relaxed: Array | None = None
-    multipliers: Array | None = None
-    row_multipliers: Array | None = None
-    bend: float = 0.0
 
 
 class BoundedHierarchy:

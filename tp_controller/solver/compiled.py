@@ -28,12 +28,11 @@ from types import ModuleType
 from typing import Protocol
 
 import numpy as np
-from tp_controller.solver.bounded_hierarchy import LevelStep
-from tp_controller.solver.damping import Damping, Memory
+from tp_controller.solver.damping import Damping
 from tp_controller.solver.errors import SolverError, unknown
 from tp_controller.solver.level import Array, Level
 from tp_controller.solver.null_space import Directions
-from tp_controller.solver.solution import Solution
+from tp_controller.solver.solution import LevelStep, Memory, Solution
 
 VARIABLE = 'TP_CONTROLLER_SOLVER'
 SOLVERS = ('compiled', 'python')

@@ -65,8 +65,6 @@ FIRST = 0.2
 # Time constant of h [s]. At the ridge of a manipulability that is maximized, joints jump in 41 of
 # 500 cycles with 0.3, in 0 with 0.1.
 MEMORY = 0.1
-# h of each level.
-Memory = tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)

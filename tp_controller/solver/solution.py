@@ -12,17 +12,76 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Solution of the solver, with the results of its levels."""
+"""
+Contract of a solver: what it gets, and what it returns.
+
+A `Solver` gets levels and `Bounds`, and returns a `Solution`. Whatever a report asks of a solution
+is here; it follows from one `LevelStep` for each level, whose fields a solver may leave out.
+"""
 
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol, TypeAlias
 from warnings import warn
 
 import numpy as np
-from tp_controller.solver.bounded_hierarchy import BoundedHierarchy, LevelStep
-from tp_controller.solver.damping import Damping, Memory
-from tp_controller.solver.level import Array, Level, NEGLIGIBLE, ROUNDING
-from tp_controller.solver.polytope import Polytope
+from tp_controller.solver.level import Array, Level, NEGLIGIBLE, norm, ROUNDING
+from tp_controller.solver.min_norm import moves_well
+from tp_controller.solver.null_space import decompose, Directions
+
+# State of a solver between two cycles: one number for each level, 0 where nothing is remembered.
+Memory: TypeAlias = tuple[float, ...]
+
+
+class Bounds:
+    """
+    Bounds on the velocity of one cycle.
+
+    Attributes
+    ----------
+    lower, upper : ndarray (n,)
+        Least and largest velocities, lower ≤ upper; they may exclude zero.
+    cap : ndarray (n,) or None
+        Speed up to which the levels below the first may use a joint.
+    hold : float
+        Duration for which the velocity is in force [s]; 0: no matter how long.
+
+    """
+
+    def __init__(self, lower: Array, upper: Array, cap: Array | None = None,
+                 hold: float = 0.0) -> None:
+        self.lower, self.upper, self.cap, self.hold = lower, upper, cap, hold
+
+
+class LevelStep(NamedTuple):
+    """
+    Result of one level, before the levels below it.
+
+    Attributes
+    ----------
+    velocity : ndarray (n,)
+        Joint velocities after the level.
+    directions : Directions or None
+        None for a level with bounds; if a solver leaves it out, it is computed from the levels.
+    followed : ndarray (rank,)
+        Share of the demand that damping leaves in each direction; empty: all of it.
+    relaxed : ndarray (n, k) or None
+        Basis of the null space left to the levels below; None without relaxed directions.
+    multipliers, row_multipliers : ndarray (n,), (r,), or None
+        Multipliers of the joint bounds, and of the rows of all levels with bounds down to this
+        one; None if no bound was active.
+    bend : float
+        Part of the memory of the level that follows from this cycle alone; in this package h, see
+        `damping`.
+
+    """
+
+    velocity: Array
+    directions: Directions | None = None
+    followed: Array = np.zeros(0)
+    relaxed: Array | None = None
+    multipliers: Array | None = None
+    row_multipliers: Array | None = None
+    bend: float = 0.0
 
 
 class LevelSolution:
@@ -40,6 +99,13 @@ class LevelSolution:
     def _step(self) -> LevelStep:
         """Return the step of the level."""
         return self._solution.step(self._index)
+
+    @cached_property
+    def _directions(self) -> Directions | None:
+        """Return the directions of the level; None for one with bounds."""
+        if self._level.v is None or self._step.directions is not None:
+            return self._step.directions
+        return self._solution.free_steps[self._index].directions
 
     @cached_property
     def achieved(self) -> Array:
@@ -76,7 +142,7 @@ class LevelSolution:
 
         0 for a level with bounds, which does not reduce the null space.
         """
-        return 0 if self._step.directions is None else self._step.directions.rank
+        return 0 if self._directions is None else self._directions.rank
 
     @property
     def smallest_singular_value(self) -> float:
@@ -85,18 +151,38 @@ class LevelSolution:
 
         It is 0 if the level cannot move in some direction at all, small near a singularity.
         """
-        return 0.0 if self._step.directions is None else self._step.directions.smallest
+        return 0.0 if self._directions is None else self._directions.smallest
 
     @property
     def unreachable(self) -> Array:
         """Return the part of `demand` (m,) that is unreachable even without bounds."""
-        if self._step.directions is None:
+        if self._directions is None:
             return np.zeros(len(self.demand))
         missing = self.demand
         if any(level.v is not None for level in self._solution.hierarchy[:self._index]):
             missing = missing - self._level.J.dot(self._solution.step(self._index - 1).velocity)
-        U = self._step.directions.U
-        return missing - U.dot(self._step.followed * U.T.dot(missing))
+        U, followed = self._directions.U, self._step.followed
+        along = U.T.dot(missing)
+        return missing - U.dot(followed * along if len(followed) else along)
+
+    @property
+    def singular_values_alone(self) -> Array:
+        """Return the singular values of the level by itself, the largest first."""
+        return np.asarray(np.linalg.svd(self._level.J, compute_uv=False), float)
+
+    @property
+    def rank_alone(self) -> int:
+        """Return the rank of the level by itself."""
+        return int(np.count_nonzero(self.singular_values_alone > NEGLIGIBLE * norm(self._level.J)))
+
+    @property
+    def is_damped(self) -> bool:
+        """Return whether damping or relaxed directions may be why the level has a residual."""
+        step = self._step
+        # Bounds of levels that cannot be satisfied are damped, too.
+        return step.relaxed is not None \
+            or self._level.v is None and step.multipliers is not None \
+            or min(step.followed.tolist(), default=1.0) < 1.0 - NEGLIGIBLE
 
     # Limits of the level
 
@@ -194,7 +280,7 @@ class LevelSolution:
 
 
 class Steps(Protocol):
-    """Steps of the levels, recorded by the compiled core."""
+    """Steps of the levels that are read on access."""
 
     def step(self, index: int) -> LevelStep:
         """Return the step of a level."""
@@ -207,12 +293,19 @@ class Solution:
     """
     Solution of the levels in one cycle.
 
+    Parameters
+    ----------
+    velocity, hierarchy, memory, whole, slowed
+        See the attributes.
+    steps : list of LevelStep or Steps, optional
+        Steps of the levels; by default those without damping, and without active bounds.
+
     Attributes
     ----------
     velocity : ndarray (n,)
         Joint velocities (quasi-velocities where a base is involved).
     memory : tuple of float
-        State for the next cycle: h of each level (`tp_controller.solver.damping`).
+        State for the next cycle, one number for each level.
     hierarchy : list of Level
         Levels that were solved.
     whole, slowed : ndarray (n,), float
@@ -220,7 +313,7 @@ class Solution:
 
     """
 
-    def __init__(self, velocity: Array, hierarchy: list[Level], memory: Memory,
+    def __init__(self, velocity: Array, hierarchy: list[Level], memory: Memory = (),
                  steps: list[LevelStep] | Steps | None = None, whole: Array | None = None,
                  slowed: float = 1.0) -> None:
         self.velocity, self.hierarchy, self.memory = velocity, hierarchy, memory
@@ -245,15 +338,36 @@ class Solution:
             return self._steps
         if self._steps is not None:
             return [self._steps.step(index) for index in range(len(self.hierarchy))]
-        # No direction was damped, and no bound active.
-        infinite = np.full(len(self.velocity), np.inf)
-        recursion = BoundedHierarchy(Polytope(-infinite, infinite), Damping())
-        return [LevelStep(recursion.x) if level.v is None else recursion.carry_out(level, 0.0)
-                for level in self.hierarchy]
+        return self.free_steps
+
+    @cached_property
+    def free_steps(self) -> list[LevelStep]:
+        """Return the steps of all levels without damping and bounds; see `null_space`."""
+        x, Z, found = np.zeros(len(self.velocity)), None, []
+        for level in self.hierarchy:
+            if level.v is None:
+                found.append(LevelStep(x))
+                continue
+            its = decompose(level, Z)
+            missing = level.v if Z is None else level.v - level.J.dot(x)
+            gains = 1.0 / its.s
+            x = x + its.moving.dot(gains * missing.dot(its.U))
+            Z = its.Q[:, its.rank:]
+            found.append(LevelStep(x, its, its.s * gains))
+        return found
+
+    def directions_alone(self, level: Level, least: float) -> Directions | None:
+        """Return the directions of a level by itself; None if its singular values ≥ `least`."""
+        if self.hierarchy and self.hierarchy[0] is level:
+            # The solver may have them: nothing is above the first level.
+            its = self.step(0).directions
+            if its is not None:
+                return its
+        return None if moves_well(level.J, least) else decompose(level)
 
     @property
     def bends(self) -> list[float]:
-        """Return h of this cycle alone (`tp_controller.solver.damping`), of each level."""
+        """Return the part of `memory` that follows from this cycle alone."""
         if self._steps is None or isinstance(self._steps, list):
             return [step.bend for step in self.steps]
         return self._steps.bends()
@@ -263,10 +377,6 @@ class Solution:
         """Return whether bounds were active."""
         return self._steps is not None and any(
             step.multipliers is not None for step in self.steps)
-
-    def singular_values_alone(self, index: int) -> Array:
-        """Return the singular values of a level on its own."""
-        return np.asarray(np.linalg.svd(self.hierarchy[index].J, compute_uv=False), float)
 
     @property
     def scale(self) -> float:
@@ -284,3 +394,31 @@ class Solution:
     def levels(self) -> tuple[LevelSolution, ...]:
         """Return the results of all levels."""
         return tuple(LevelSolution(index, self) for index in range(len(self.hierarchy)))
+
+
+class Solver(Protocol):
+    """Solver of prioritized levels; its options are constant over the cycles."""
+
+    def solve(self, levels: list[Level], bounds: Bounds, memory: Memory = ()) -> Solution:
+        """
+        Return the solution of one cycle.
+
+        Parameters
+        ----------
+        levels : list of Level
+            The highest priority first.
+        bounds : Bounds
+            Bounds of this cycle.
+        memory : tuple of float
+            `Solution.memory` of the previous cycle, for the same levels; empty at first.
+
+        Raises
+        ------
+        SolverError
+            The levels have no finite solution.
+
+        """
+
+    @property
+    def undamped(self) -> 'Solver':
+        """Return the solver without damping and relaxed directions; itself if it has none."""

@@ -27,9 +27,9 @@ import math
 from typing import Any
 
 import numpy as np
-from tp_controller.solver.bounded_hierarchy import BoundedHierarchy, LevelStep
+from tp_controller.solver.bounded_hierarchy import BoundedHierarchy
 from tp_controller.solver.compiled import Core, core_for, solve_by_core
-from tp_controller.solver.damping import Damping, Memory
+from tp_controller.solver.damping import Damping
 from tp_controller.solver.errors import SolverError, unknown
 from tp_controller.solver.level import (
     Array,
@@ -42,7 +42,7 @@ from tp_controller.solver.level import (
 from tp_controller.solver.min_norm import min_norm
 from tp_controller.solver.polytope import Polytope
 from tp_controller.solver.scaling import enlarged, scale_uniformly
-from tp_controller.solver.solution import Solution
+from tp_controller.solver.solution import Bounds, LevelStep, Memory, Solution
 
 SCALINGS = ('redistribute', 'uniform')
 
@@ -119,8 +119,8 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
     n = checked[0].J.shape[1] if checked else np.size(others)
     if lower is not None or upper is not None:
         lower, upper = check_bounds(lower, upper, n, 'joints')
-    options = Options(n, Damping(damping, singular_region, release_region, regularisation),
-                      weights, scaling)
+    solver = PrioritySolver(n, Damping(damping, singular_region, release_region, regularisation),
+                            weights, scaling)
     if speed_cap is not None:
         if scaling != 'redistribute':
             raise SolverError('speed_cap needs scaling redistribute')
@@ -129,13 +129,13 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
             raise SolverError(f'speed_cap must not be negative, got {speed_cap.tolist()}')
     _check_numbers(period=period)
     _check_numbers(**{f'memory of level {number}': h for number, h in enumerate(memory or (), 1)})
-    return solve_cycle(checked, lower, upper, options, period, speed_cap, memory or ())
+    return solve_cycle(checked, lower, upper, solver, period, speed_cap, memory or ())
 
 
 @dataclass(frozen=True, eq=False)
-class Options:
+class PrioritySolver:
     """
-    Validated options, constant over the cycles.
+    Solver of this package, with validated options.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class Options:
     scaling: str = 'uniform'
 
     def __post_init__(self) -> None:
-        """Validate all options."""
+        """Validate all solver."""
         _check_numbers(**asdict(self.damping))
         if self.scaling not in SCALINGS:
             raise SolverError(unknown('scaling', self.scaling, SCALINGS))
@@ -169,19 +169,24 @@ class Options:
         """Return the fields for a copy; a core cannot be copied."""
         return {item.name: getattr(self, item.name) for item in fields(self)}
 
+    def solve(self, levels: list[Level], bounds: Bounds, memory: Memory = ()) -> Solution:
+        """Return the solution of one cycle; see `Solver`."""
+        return solve_cycle(levels, bounds.lower, bounds.upper, self, bounds.hold, bounds.cap,
+                           memory)
+
     @cached_property
     def core(self) -> Core | None:
         """Return the compiled solver for these options; None for the reference."""
         return core_for(self.n, self.damping, self.weights, self.scaling)
 
     @cached_property
-    def undamped(self) -> 'Options':
-        """Return the options without damping or relaxed directions."""
+    def undamped(self) -> 'PrioritySolver':
+        """Return the solver without damping and relaxed directions."""
         return replace(self, damping=Damping(regularisation=self.damping.regularisation))
 
 
 def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
-                options: Options, period: float, speed_cap: Array | None = None,
+                solver: PrioritySolver, period: float, speed_cap: Array | None = None,
                 memory: Memory = ()) -> Solution:
     """
     Return the `Solution` of levels and bounds whose shapes fit together.
@@ -192,8 +197,8 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
         The highest priority first.
     lower, upper : ndarray (n,) or None
         Bounds on the velocity, both or none.
-    options : Options
-        Options that are constant over the cycles.
+    solver : PrioritySolver
+        Solver with its options.
     period, speed_cap, memory
         See `solve`.
 
@@ -203,41 +208,41 @@ def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,
         The levels hold numbers that are not finite.
 
     """
-    if options.core is not None:
-        found = solve_by_core(options.core, options.n, levels, lower, upper, period, speed_cap,
+    if solver.core is not None:
+        found = solve_by_core(solver.core, solver.n, levels, lower, upper, period, speed_cap,
                               memory)
         if found is not None:
             return found
-    return solve_by_reference(levels, lower, upper, options, period, speed_cap, memory)
+    return solve_by_reference(levels, lower, upper, solver, period, speed_cap, memory)
 
 
 def solve_by_reference(levels: list[Level], lower: Array | None, upper: Array | None,
-                       options: Options, period: float, speed_cap: Array | None = None,
+                       solver: PrioritySolver, period: float, speed_cap: Array | None = None,
                        memory: Memory = ()) -> Solution:
     """Return the solution of `solve_cycle`, computed in Python."""
-    damping = options.damping
+    damping = solver.damping
     if lower is None or upper is None:
-        lower, upper = np.full(options.n, -np.inf), np.full(options.n, np.inf)
+        lower, upper = np.full(solver.n, -np.inf), np.full(solver.n, np.inf)
     memory = (*memory, *(0.0,) * len(levels))[:len(levels)]
     curved = [damping.curvature(h, period) for h in memory]
-    x = _fast(levels, lower, upper, options, period, speed_cap, curved)
+    x = _fast(levels, lower, upper, solver, period, speed_cap, curved)
     if x is not None:
         if any(memory):
             memory = tuple(damping.follow(h, 0.0, period) for h in memory)
         return Solution(x, levels, memory)
-    if options.scaling == 'uniform':
-        return _uniform(levels, lower, upper, options, period, memory, curved)
-    x, steps = _loop(levels, lower, upper, options, speed_cap, curved)
+    if solver.scaling == 'uniform':
+        return _uniform(levels, lower, upper, solver, period, memory, curved)
+    x, steps = _loop(levels, lower, upper, solver, speed_cap, curved)
     return Solution(x, levels, _remembered(steps, memory, damping, period), steps)
 
 
-def _fast(levels: list[Level], lower: Array, upper: Array, options: Options,
+def _fast(levels: list[Level], lower: Array, upper: Array, solver: PrioritySolver,
           period: float, speed_cap: Array | None, curved: list[float]) -> Array | None:
     """Return the velocity (n,) of the fast path; None if a level is damped or a bound active."""
     demands = [level for level in levels if level.v is not None]
     bounded = [level for level in levels if level.v is None]
     curved = [c for level, c in zip(levels, curved) if level.v is not None]
-    x = min_norm(demands, options.n, options.damping, period, curved, options.weights)
+    x = min_norm(demands, solver.n, solver.damping, period, curved, solver.weights)
     if x is None or not math.isfinite(x.dot(x)):
         return None
     allowed = Polytope(lower, upper)
@@ -247,11 +252,11 @@ def _fast(levels: list[Level], lower: Array, upper: Array, options: Options,
     return x if x is not None and all(level.meets(x) for level in bounded) else None
 
 
-def _loop(levels: list[Level], lower: Array, upper: Array, options: Options,
+def _loop(levels: list[Level], lower: Array, upper: Array, solver: PrioritySolver,
           speed_cap: Array | None, curved: list[float]) -> tuple[Array, list[LevelStep]]:
     """Return the velocity (n,), and the step of each level."""
     allowed = Polytope(lower, upper)
-    hierarchy = BoundedHierarchy(allowed, options.damping)
+    hierarchy = BoundedHierarchy(allowed, solver.damping)
     steps = []
     for level, c in zip(levels, curved):
         if level.v is None:
@@ -261,25 +266,25 @@ def _loop(levels: list[Level], lower: Array, upper: Array, options: Options,
         if speed_cap is not None:
             allowed.narrow(speed_cap, hierarchy.x)
             speed_cap = None
-    hierarchy.finish(options.weights)
+    hierarchy.finish(solver.weights)
     x = hierarchy.x
     if not math.isfinite(x.dot(x)):
         raise SolverError('the levels hold numbers that are not finite')
     return x, steps
 
 
-def _uniform(levels: list[Level], lower: Array, upper: Array, options: Options, period: float,
-             memory: Memory, curved: list[float]) -> Solution:
+def _uniform(levels: list[Level], lower: Array, upper: Array, solver: PrioritySolver,
+             period: float, memory: Memory, curved: list[float]) -> Solution:
     """Return the solution with all joints scaled alike (lecture 4)."""
     least, most = np.full((2, len(lower)), [[-np.inf], [np.inf]])
     if any(level.v is None for level in levels):
         # Bounds of levels must not slow the joints more than the demands do.
         demands = [level for level in levels if level.v is not None]
-        free, _ = _loop(demands, least, most, options, None,
+        free, _ = _loop(demands, least, most, solver, None,
                         [c for level, c in zip(levels, curved) if level.v is not None])
         least, most = enlarged(free, lower, upper)
-    whole, steps = _loop(levels, least, most, options, None, curved)
-    memory = _remembered(steps, memory, options.damping, period)
+    whole, steps = _loop(levels, least, most, solver, None, curved)
+    memory = _remembered(steps, memory, solver.damping, period)
     x, slowed, limiting = scale_uniformly(whole, lower, upper)
     if limiting is not None:
         multipliers = np.zeros(len(x))

@@ -23,7 +23,9 @@ import numpy as np
 import pytest
 import robots
 from tp_controller import Controller, Robot, Settings, SettingsError, Stack
+from tp_controller.control.joint_limits import JointMotion
 from tp_controller.control.velocity_limits import VelocityLimits
+from tp_controller.model.limits import LIMIT_KEYS
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
 PERIODS = st.floats(1e-3, 0.05)
@@ -33,10 +35,15 @@ STRATEGIES = ('upper', 'lower', 'alternating', 'random', 'extremes', 'change of 
 
 def limits_of(lower, upper, velocity, acceleration, period=0.01, gain=None):
     """Return `VelocityLimits` of joints with these limits; gain 1/period by default."""
-    robot = SimpleNamespace(
-        lower=np.array(lower, float), upper=np.array(upper, float),
-        velocity=np.array(velocity, float), acceleration=np.array(acceleration, float))
+    robot = SimpleNamespace(limits=dict.fromkeys(LIMIT_KEYS, np.full(len(lower), math.inf)) | {
+        'lower': np.array(lower, float), 'upper': np.array(upper, float),
+        'velocity': np.array(velocity, float), 'acceleration': np.array(acceleration, float)})
     return VelocityLimits(robot, period, 1.0 / period if gain is None else gain)
+
+
+def at(limits, q, previous, elapsed, pending=(), duration=0.0):
+    """Return the bounds at positions, after commands; pending ones are (delay, n)."""
+    return limits.at(JointMotion(q, previous, elapsed, tuple(pending), duration))
 
 
 def stopping_distance(speed, acceleration, period, gain):
@@ -53,7 +60,7 @@ def settled(limits, q, period, up=True):
     """Return the bound on the velocities at `q` that the acceleration has no part in."""
     previous = np.zeros(len(q))
     for _ in range(100000):
-        bounds = limits.at(q, previous, period)
+        bounds = at(limits, q, previous, period)
         reached = bounds.upper if up else bounds.lower
         if (reached == previous).all():
             return reached
@@ -85,7 +92,7 @@ def test_no_choice_within_the_bounds_leaves_a_limit(seed, period, share, strateg
     q, previous = middle + rng.uniform(-1.0, 1.0, n) * reach, np.zeros(n)
     elapsed = period
     for step in range(250):
-        bounds = limits.at(q, previous, elapsed)
+        bounds = at(limits, q, previous, elapsed)
         assert (bounds.lower <= bounds.upper).all()
         command = chosen(strategy, bounds, step, rng)
         assert (np.abs(command) <= velocity).all()
@@ -103,7 +110,7 @@ def test_joints_without_an_acceleration_limit_keep_their_ranges_too(seed, period
     limits = limits_of(lower, upper, velocity, [math.inf] * 3, period)
     q, previous = np.zeros(3), np.zeros(3)
     for step in range(250):
-        bounds = limits.at(q, previous, period)
+        bounds = at(limits, q, previous, period)
         assert (bounds.lower <= bounds.upper).all()
         command = chosen(strategy, bounds, step, rng)
         assert (np.abs(command) <= velocity).all()
@@ -152,14 +159,14 @@ def test_stopping_distance_worked_out_by_hand():
 
 def test_without_acceleration_limits_the_speed_is_proportional_to_the_distance():
     limits = limits_of([-1.0] * 3, [1.0] * 3, [2.0] * 3, [math.inf] * 3, 0.01, 4.0)
-    bounds = limits.at(np.array([0.75, -0.9, 0.0]), np.zeros(3), 0.01)
+    bounds = at(limits, np.array([0.75, -0.9, 0.0]), np.zeros(3), 0.01)
     assert bounds.upper == pytest.approx([1.0, 2.0, 2.0])
     assert bounds.lower == pytest.approx([-2.0, -0.4, -2.0])
 
 
 def test_joint_without_an_acceleration_limit_beside_one_that_has_one():
     limits = limits_of([-1.0] * 2, [1.0] * 2, [2.0] * 2, [math.inf, 10.0], 0.01, 4.0)
-    bounds = limits.at(np.array([0.75, 0.0]), np.array([0.0, 0.5]), 0.01)
+    bounds = at(limits, np.array([0.75, 0.0]), np.array([0.0, 0.5]), 0.01)
     assert bounds.upper == pytest.approx([1.0, 0.6])
     assert bounds.lower == pytest.approx([-2.0, 0.4])
 
@@ -167,14 +174,14 @@ def test_joint_without_an_acceleration_limit_beside_one_that_has_one():
 def test_velocity_may_change_as_far_as_the_time_since_the_last_command_allows():
     limits = limits_of([-10.0], [10.0], [5.0], [20.0], 0.01)
     for elapsed, change in ((0.01, 0.2), (0.004, 0.08), (7.0, 0.2)):
-        bounds = limits.at(np.zeros(1), np.array([1.0]), elapsed)
+        bounds = at(limits, np.zeros(1), np.array([1.0]), elapsed)
         assert bounds.upper == pytest.approx(1.0 + change, abs=1e-7)
         assert bounds.lower == pytest.approx(1.0 - change, abs=1e-7)
 
 
 def test_infinite_limits_do_not_get_in_the_way():
     infinite = [math.inf]
-    bounds = limits_of([-math.inf], infinite, [3.0], infinite).at(np.zeros(1), np.zeros(1), 0.01)
+    bounds = at(limits_of([-math.inf], infinite, [3.0], infinite), np.zeros(1), np.zeros(1), 0.01)
     assert (bounds.lower[0], bounds.upper[0]) == (-3.0, 3.0)
     limits = limits_of([-math.inf], infinite, [3.0], [5.0])
     assert settled(limits, np.array([1e9]), 0.01) == 3.0
@@ -205,13 +212,12 @@ def test_commands_no_later_than_expected_lead_no_joint_past_a_limit(seed, period
     limits = limits_of(*joints, period, share / period)
     commands = [np.zeros(6)] * 8
     for step in range(200):
-        bounds = limits.at(q, commands[0], period, np.array(commands[:delay + spare]
-                                                            ).reshape(-1, 6), period)
+        bounds = at(limits, q, commands[0], period, commands[:delay + spare], period)
         if not spare:
             # What is allowed in time can be reached now: no limit contradicts another.
-            least, most = bounds.settled
-            assert (bounds.lower <= most + 1e-9 * velocity).all()
-            assert (bounds.upper >= least - 1e-9 * velocity).all()
+            reached = bounds.settled
+            assert (bounds.lower <= reached.upper + 1e-9 * velocity).all()
+            assert (bounds.upper >= reached.lower - 1e-9 * velocity).all()
         command = chosen(strategy, bounds, step, rng)
         assert (np.abs(command) <= velocity * (1.0 + 1e-9)).all()
         assert (np.abs(command - commands[0]) <= acceleration * period + 1e-12 * velocity).all()
@@ -229,7 +235,7 @@ def test_a_joint_that_obeys_sooner_than_expected_does_not_stop_and_go(share, del
                        share / period)
     q, commands, speeds = np.zeros(1), [np.zeros(1)] * delay, []
     for _ in range(80):
-        command = limits.at(q, commands[0], period, np.array(commands), period).upper
+        command = at(limits, q, commands[0], period, commands, period).upper
         commands = [command, *commands[:-1]]
         q = q + period * command
         speeds.append(float(command[0]))
@@ -252,7 +258,7 @@ def test_delays_and_cycles_may_change_if_the_gain_leaves_a_margin(seed, period, 
         late = rng.integers(100)
     now, last, elapsed = 0.0, 0.0, period
     for step in range(200):
-        bounds = limits.at(q, commands[0], elapsed, np.array(commands[:delay + is_late]), period)
+        bounds = at(limits, q, commands[0], elapsed, commands[:delay + is_late], period)
         commands = [chosen(strategy, bounds, step, rng), *commands[:-1]]
         last = max(last, now + delay * period * rng.choice([0.0, 1.0, rng.random()]))
         arrivals.append((last, commands[0]))
@@ -277,8 +283,7 @@ def test_counting_too_few_commands_is_no_worse_than_counting_none(seed, period, 
         limits = limits_of(*joints, period, share / period)
         commands, farthest = [np.zeros(6)] * 4, np.zeros(6)
         for step in range(200):
-            bounds = limits.at(q, commands[0], period, np.array(commands[:count]).reshape(-1, 6),
-                               period)
+            bounds = at(limits, q, commands[0], period, commands[:count], period)
             commands = [chosen(strategy, bounds, step, rng), *commands[:-1]]
             q = q + period * commands[delay]
             farthest = np.maximum(farthest, np.maximum(q - joints[1], joints[0] - q))
@@ -290,12 +295,12 @@ def test_distance_that_counts_is_the_one_where_pending_commands_lead():
     # g = 4 /s; two commands of up to 10 ms each lead 5 mm further up, 15 mm down, or to and fro.
     limits = limits_of([-1.0] * 3, [1.0] * 3, [9.0] * 3, [math.inf] * 3, 0.01, 4.0)
     pending = np.array([[0.25, -1.0, 1.0], [0.25, -0.5, -1.0]])
-    bounds = limits.at(np.full(3, 0.9), np.zeros(3), 0.01, pending, 0.01)
+    bounds = at(limits, np.full(3, 0.9), np.zeros(3), 0.01, pending, 0.01)
     assert bounds.upper == pytest.approx([4.0 * 0.095, 4.0 * 0.1, 4.0 * 0.09])
     assert bounds.lower == pytest.approx([-4.0 * 1.9, -4.0 * 1.885, -4.0 * 1.89])
     # Where they may, or may not, lead outside, or back inside, the joint is to stop there; where
     # it is outside in any case it comes back.
-    bounds = limits.at(np.array([0.998, 1.01, 1.02]), np.zeros(3), 0.01, pending, 0.01)
+    bounds = at(limits, np.array([0.998, 1.01, 1.02]), np.zeros(3), 0.01, pending, 0.01)
     assert bounds.upper == pytest.approx([-0.0, 0.0, -4.0 * 0.01])
 
 
@@ -313,7 +318,7 @@ def test_joint_outside_its_range_is_led_back_at_a_bounded_speed(seed, strategy, 
     q, previous = side * (1.0 + rng.uniform(0.0, 0.3, n)), np.zeros(n)
     slowest = np.minimum(0.2 * velocity, 1.0)
     for step in range(6000):
-        bounds = limits.at(q, previous, period)
+        bounds = at(limits, q, previous, period)
         assert (bounds.lower <= bounds.upper).all()
         demanded = np.where(side > 0.0, -bounds.upper, bounds.lower)
         outside = side * q > 1.0
@@ -339,7 +344,7 @@ def test_joint_that_comes_back_from_outside_stops_at_the_other_end(width, side):
         q, previous, rng = 0.5 * width * (1.0 + side) + side * np.ones(1), np.zeros(1), \
             np.random.default_rng(0)
         for step in range(3000):
-            bounds = limits.at(q, previous, period)
+            bounds = at(limits, q, previous, period)
             velocity = chosen(strategy, bounds, step, rng)
             q, previous = q + period * velocity, velocity
             # The other end is never passed, nor is this one once it is inside.
@@ -349,10 +354,10 @@ def test_joint_that_comes_back_from_outside_stops_at_the_other_end(width, side):
 
 def test_joint_far_outside_has_to_come_back_at_a_fifth_of_its_speed_and_one_at_most():
     limits = limits_of([-1.0] * 2, [1.0] * 2, [2.0, 30.0], [math.inf] * 2)
-    bounds = limits.at(np.array([1.5, 1.5]), np.zeros(2), 0.01)
+    bounds = at(limits, np.array([1.5, 1.5]), np.zeros(2), 0.01)
     assert bounds.upper == pytest.approx([-0.4, -1.0])
     assert bounds.lower == pytest.approx([-2.0, -30.0])
-    bounds = limits.at(np.array([-1.5, -1.002]), np.zeros(2), 0.01)
+    bounds = at(limits, np.array([-1.5, -1.002]), np.zeros(2), 0.01)
     assert bounds.lower == pytest.approx([0.4, 0.2])
 
 
@@ -363,17 +368,17 @@ def test_joint_far_outside_has_to_come_back_at_a_fifth_of_its_speed_and_one_at_m
 def test_bounds_never_cross_wherever_a_joint_is_and_however_fast(width, q, previous, acceleration,
                                                                  period, share):
     limits = limits_of([0.0], [width], [2.0], [acceleration], period, share / period)
-    bounds = limits.at(np.array([q]), np.array([previous]), period)
+    bounds = at(limits, np.array([q]), np.array([previous]), period)
     assert bounds.lower <= bounds.upper
     free = limits_of([0.0], [width], [2.0], [math.inf], period, share / period)
-    bounds = free.at(np.array([q]), np.array([previous]), period)
+    bounds = at(free, np.array([q]), np.array([previous]), period)
     assert bounds.lower <= bounds.upper
 
 
 def test_acceleration_is_kept_where_the_limits_contradict_each_other():
     limits = limits_of([-1.0] * 3, [1.0] * 3, [2.0] * 3, [10.0] * 3, 0.01)
     # Too fast; too close to the limit to stop; and outside while moving outwards.
-    bounds = limits.at(np.array([0.0, 1.0, 1.2]), np.array([3.0, 1.0, 0.5]), 0.01)
+    bounds = at(limits, np.array([0.0, 1.0, 1.2]), np.array([3.0, 1.0, 0.5]), 0.01)
     assert bounds.upper == pytest.approx([2.9, 0.9, 0.4])
     assert bounds.lower == pytest.approx([2.9, 0.9, 0.4])
 
@@ -383,7 +388,7 @@ def test_acceleration_is_kept_where_the_limits_contradict_each_other():
 def test_limit_that_sets_a_bound_is_named():
     limits = limits_of([-1.0] * 4, [1.0] * 4, [2.0] * 4, [100.0, 100.0, 100.0, 10.0], 0.01, 10.0)
     q, previous = np.array([0.0, 0.95, -0.95, 0.0]), np.array([2.0, 0.0, 0.0, 0.5])
-    bounds = limits.at(q, previous, 0.01)
+    bounds = at(limits, q, previous, 0.01)
     assert bounds.upper == pytest.approx([2.0, 0.5, 1.0, 0.6])
     assert bounds.lower == pytest.approx([1.0, -1.0, -0.5, 0.4])
     assert bounds.limits(0, True) == ['velocity limit']
@@ -398,7 +403,7 @@ def test_limit_that_sets_a_bound_is_named():
 
 def test_limit_is_named_without_acceleration_limits_and_outside_the_range():
     limits = limits_of([-1.0] * 3, [1.0] * 3, [2.0] * 3, [math.inf] * 3, 0.01, 10.0)
-    bounds = limits.at(np.array([0.95, 1.5, -1.5]), np.zeros(3), 0.01)
+    bounds = at(limits, np.array([0.95, 1.5, -1.5]), np.zeros(3), 0.01)
     assert bounds.limits(0, False) == ['velocity limit']
     assert bounds.limits(0, True) == ['upper position limit']
     assert bounds.limits(1, True) == ['upper position limit']
@@ -409,7 +414,7 @@ def test_limits_that_say_the_same_are_all_named():
     # Braking leaves 10 /s times 0.2 rad, as much as the speed limit; the window of a joint that
     # rests leaves 200 rad/s² for 10 ms.
     limits = limits_of([-1.0], [1.0], [2.0], [200.0], 0.01, 10.0)
-    bounds = limits.at(np.array([0.8]), np.zeros(1), 0.01)
+    bounds = at(limits, np.array([0.8]), np.zeros(1), 0.01)
     assert bounds.limits(0, True) == ['velocity limit', 'upper position limit',
                                       'acceleration limit']
 
@@ -418,7 +423,7 @@ def test_bound_that_no_speed_alone_sets_has_a_name_as_well():
     # Joint 1 is too fast to keep its limit: 1.9 rad/s is the least it can have. Joint 2 is far
     # outside of its range, and has to come back.
     limits = limits_of([-1.0] * 2, [1.0] * 2, [2.0] * 2, [10.0, math.inf], 0.01, 10.0)
-    bounds = limits.at(np.array([0.99, -9.0]), np.array([2.0, 0.0]), 0.01)
+    bounds = at(limits, np.array([0.99, -9.0]), np.array([2.0, 0.0]), 0.01)
     assert bounds.upper[0] == pytest.approx(1.9)
     assert bounds.limits(0, True) == ['acceleration limit']
     for up in (True, False):
@@ -432,7 +437,7 @@ def test_bound_that_no_speed_alone_sets_has_a_name_as_well():
     (['upper position limit', 'velocity limit', 'acceleration limit'], math.inf)])
 def test_bounds_without_a_limit_are_set_by_the_next_one(names, upper):
     limits = limits_of([-1.0] * 2, [1.0] * 2, [2.0] * 2, [100.0] * 2, 0.01, 10.0)
-    bounds = limits.at(np.array([0.95, 0.95]), np.zeros(2), 0.01)
+    bounds = at(limits, np.array([0.95, 0.95]), np.zeros(2), 0.01)
     without = bounds.without(0, names)
     assert without.upper == pytest.approx([upper, 0.5])
     assert bounds.upper == pytest.approx([0.5, 0.5])

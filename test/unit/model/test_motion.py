@@ -14,6 +14,7 @@
 
 """What is compiled of a robot does what Pinocchio and the reference in Python do."""
 
+from contextlib import nullcontext
 from functools import lru_cache, partial
 import sys
 from types import SimpleNamespace
@@ -25,8 +26,10 @@ import pinocchio
 import pytest
 import robots
 from tp_controller import Controller, Robot, RobotState, Settings, Stack
+from tp_controller.control.joint_limits import JointMotion, LIMITS
 from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.model import compiled
+from tp_controller.model.limits import LIMIT_KEYS, POSITIVE_KEYS
 from tp_controller.model.spatial import pose, rotation_from_vector, shorter_rotation
 from tp_controller.solver import compiled as solver
 from tp_controller.solver.compiled import core
@@ -308,44 +311,45 @@ def test_robots_with_more_frames_than_fit_are_left_to_pinocchio():
     assert np.allclose(here.pose(f'l{count - 1}')[:3, :3], rotation_from_vector([1.0, 0.0, 0.0]))
 
 
-@pytest.mark.parametrize('place', range(3, 7))
-def test_limits_that_do_not_fit_together_are_refused(place):
-    ones = np.ones(2)
-    fits = [0.01, 100.0, False, -ones, ones, ones, ones]
-    core.Limits(*fits)
-    for wrong in (np.ones(3), np.ones((2, 1)), np.ones(2, int), [1.0, 1.0], *[None] * (place < 6)):
-        given_ = [*fits]
-        given_[place] = wrong
-        with pytest.raises(ValueError, match='as many joints'):
-            core.Limits(*given_)
+@pytest.mark.parametrize('key', [limit.key for limit in LIMITS if limit.compiled])
+def test_limits_that_do_not_fit_together_are_refused(key):
+    fits = dict.fromkeys(LIMIT_KEYS, np.ones(2))
+    core.Limits(0.01, 100.0, fits)
+    for wrong in (np.ones(3), np.ones((2, 1)), np.ones(2, int), [1.0, 1.0], None):
+        with pytest.raises(ValueError, match='limits'):
+            core.Limits(0.01, 100.0, fits | {key: wrong})
+    # Only the limits of accelerations may be missing.
+    del fits[key]
+    with nullcontext() if key in POSITIVE_KEYS else pytest.raises(ValueError, match='limits'):
+        core.Limits(0.01, 100.0, fits)
 
 
 def test_limits_are_for_arrays_of_one_number_for_each_joint():
-    ones, rows = np.ones(2), np.empty((8, 2))
-    limits = core.Limits(0.01, 100.0, False, -ones, ones, ones, ones)
-    fits = [ones, ones, 0.01, np.ones((3, 2)), 0.01, rows]
-    limits.at(*fits)
-    for place, wrong in ((0, np.ones(3)), (0, ones.astype(int)), (0, None), (1, np.ones(1)),
-                         (1, np.ones((2, 1))), (3, ones), (3, np.ones((2, 3))), (3, None),
-                         (3, np.ones((3, 2), int)), (5, np.empty((7, 2))), (5, np.empty((8, 3))),
-                         (5, rows.astype(np.float32)), (5, np.empty((2, 8)).T), (5, None)):
-        given_ = [*fits]
-        given_[place] = wrong
-        with pytest.raises(ValueError, match='at.q, previous'):
-            limits.at(*given_)
-    with pytest.raises(ValueError, match='at.q, previous'):
-        limits.at(*fits[:5])
-    for place in (2, 4):
-        with pytest.raises(TypeError):
-            limits.at(*fits[:place], None, *fits[place + 1:])
+    ones, lower, upper = np.ones(2), np.empty(2), np.empty(2)
+    limits = core.Limits(0.01, 100.0, dict.fromkeys(LIMIT_KEYS, ones))
+    fits = JointMotion(ones, ones, 0.01, (ones, ones, ones), 0.01)
+    limits.box(fits, False, lower, upper)
+    for wrong in (np.ones(3), ones.astype(int), np.ones((2, 1)), 'x', None):
+        for motion in (fits._replace(positions=wrong), fits._replace(velocity=wrong),
+                       fits._replace(elapsed=wrong), fits._replace(duration=wrong),
+                       fits._replace(pending=wrong), fits._replace(pending=(ones, wrong)), wrong):
+            with pytest.raises(ValueError, match='the motion'):
+                limits.box(motion, False, lower, upper)
+        with pytest.raises(ValueError, match='box.motion'):
+            limits.box(fits, False, wrong, upper)
+        with pytest.raises(ValueError, match='box.motion'):
+            limits.box(fits, False, lower, wrong)
+    with pytest.raises(ValueError, match='box.motion'):
+        limits.box(fits, False, lower)
+    with pytest.raises(ValueError, match='truth value'):
+        limits.box(fits, ones, lower, upper)
 
 
 def test_limits_of_more_joints_than_fit_are_those_of_the_reference():
     many = np.ones(solver.MOST + 1)
-    limits = VelocityLimits(SimpleNamespace(lower=-many, upper=many, velocity=many,
-                                            acceleration=many), 0.01, 100.0)
-    assert np.array_equal(limits.at(0.0 * many, many, 0.01)._rows,
-                          limits._rows(0.0 * many, many, 0.01, np.empty((0, len(many))), 0.0))
+    limits = VelocityLimits(SimpleNamespace(limits=dict.fromkeys(LIMIT_KEYS, many)), 0.01, 100.0)
+    motion = JointMotion(0.0 * many, many, 0.01)
+    assert np.array_equal(limits.box(motion), limits.box_by_reference(motion))
 
 
 def test_all_objects_that_are_lent_are_given_back():
@@ -354,27 +358,31 @@ def test_all_objects_that_are_lent_are_given_back():
                                           [2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, *hanging]])
     frames, one, two, T = np.array([[1.0, *hanging]]), np.ones(1), np.ones(2), np.eye(4)
     J, error, turn, rows, bounds = (np.empty((6, 1)), np.empty(6), np.empty(3), bytes(range(6)),
-                                    np.empty((8, 2)))
-    gain, v, pending = np.array(2.0), np.empty(6), np.ones((1, 2))
-    elapsed, index = np.pi * 1.0, 10 ** 6
-    objects = (base, bodies, frames, one, two, T, J, error, turn, rows, bounds, gain, v,
-               pending, elapsed, index, core.Motion, core.Limits)
+                                    np.empty(2))
+    gain, v, elapsed, index = np.array(2.0), np.empty(6), np.pi * 1.0, 10 ** 6
+    pending = two.copy(),
+    moved = JointMotion(two, two, elapsed, pending, elapsed)
+    values = dict.fromkeys(LIMIT_KEYS, two)
+    others = moved._replace(pending=(two, one))
+    objects = (base, bodies, frames, one, two, T, J, error, turn, rows, bounds, gain, v, moved,
+               values, others, *pending, pending, elapsed, index, core.Motion, core.Limits)
 
     def use():
         motion = core.Motion(1, 0, base, bodies, frames)
-        limits = core.Limits(0.01, 100.0, False, two, two, two, two)
+        limits = core.Limits(0.01, 100.0, values)
         motion.move(one, one, None)
         motion.place(0, T)
         motion.jacobian(0, J)
         assert motion.observe(0, 0, rows, T, turn, turn, gain, error, J, v)
-        limits.at(two, two, elapsed, pending, elapsed, bounds)
+        limits.box(moved, False, bounds, bounds)
         for call in (lambda: core.Motion(1, 0, two, bodies, frames),
                      lambda: core.Motion(1, 0, base, frames, bodies),
-                     lambda: core.Limits(0.01, 100.0, False, two, two, one, two),
+                     lambda: core.Limits(0.01, 100.0, values | {'upper': one}),
                      lambda: motion.move(one, two, None), lambda: motion.move(one, one, T),
                      lambda: motion.place(index, T), lambda: motion.place(0, J),
-                     lambda: motion.jacobian(0, T), lambda: limits.at(one, two, elapsed, bounds),
-                     lambda: limits.at(two, two, elapsed, T)):
+                     lambda: motion.jacobian(0, T), lambda: limits.box(moved, False, bounds),
+                     lambda: limits.box(others, False, bounds, bounds),
+                     lambda: limits.box(moved, False, bounds, T)):
             with pytest.raises(ValueError):
                 call()
         fits = (0, 0, rows, T, turn, turn, gain, error, J, v)
@@ -393,20 +401,22 @@ def test_limits_are_those_of_the_reference(seed, accelerated, endless, period, s
     rng, n = np.random.default_rng(seed), 20
     upper = np.where(rng.random(n) < 0.5 * endless, np.inf, rng.uniform(0.1, 3.0, n)
                      * rng.choice([0.01, 1.0], n))
-    its = SimpleNamespace(
-        lower=-upper, upper=upper, velocity=rng.uniform(0.1, 20.0, n),
-        acceleration={'all': rng.uniform(0.1, 20.0, n), 'none': np.full(n, np.inf),
-                      'some': np.where(np.arange(n) % 2, 2.0, np.inf)}[accelerated])
-    limits = VelocityLimits(its, period, share / period)
+    its = dict.fromkeys(LIMIT_KEYS, np.full(n, np.inf)) | {
+        'lower': -upper, 'upper': upper, 'velocity': rng.uniform(0.1, 20.0, n),
+        'acceleration': {'all': rng.uniform(0.1, 20.0, n), 'none': np.full(n, np.inf),
+                         'some': np.where(np.arange(n) % 2, 2.0, np.inf)}[accelerated]}
+    limits = VelocityLimits(SimpleNamespace(limits=its), period, share / period)
     assert limits._compiled is not None
     wide = np.minimum(upper, 100.0)
     q = np.where(rng.random(n) < 0.3, wide + rng.normal(size=n) * 1e-3,
                  rng.uniform(-1.3, 1.3, n) * wide)
     q[0] *= rng.choice([1.0, 1e7])
     previous, elapsed = rng.normal(size=n), rng.uniform(1e-4, 0.2)
-    late = rng.normal(size=(delay, n)), rng.uniform(0.0, period)
-    assert np.array_equal(limits.at(q, previous, elapsed, *late)._rows,
-                          limits._rows(q, previous, elapsed, *late))
+    motion = JointMotion(q, previous, elapsed, tuple(rng.normal(size=(delay, n))),
+                         rng.uniform(0.0, period))
+    for settled in (False, True):
+        assert np.array_equal(limits.box(motion, settled),
+                              limits.box_by_reference(motion, settled))
 
 
 @pytest.mark.parametrize('name, frames', [

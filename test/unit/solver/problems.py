@@ -28,7 +28,7 @@ from tp_controller import Level, solve
 from tp_controller.solver import compiled
 from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import check_bounds, check_levels
-from tp_controller.solver.solve import Options
+from tp_controller.solver.solve import PrioritySolver
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
 EXACT = {'rtol': 1e-9, 'atol': 1e-9}
@@ -262,7 +262,7 @@ def random_cycle(seed, settings):
         lower = upper = None
     weights = 10.0 ** rng.uniform(-1.0, 1.0, n) if rng.random() < 0.3 else None
     scaling = 'uniform' if rng.random() < 0.25 else 'redistribute'
-    options = Options(n, settings[rng.integers(len(settings))], weights, scaling)
+    options = PrioritySolver(n, settings[rng.integers(len(settings))], weights, scaling)
     cap = rng.uniform(0.05, 0.5, n) if scaling == 'redistribute' and rng.random() < 0.3 else None
     remembered = rng.uniform(0.0, 3.0, len(levels)) * (rng.random(len(levels)) < 0.5)
     return (check_levels(levels), lower, upper, options, 0.01 if rng.random() < 0.7 else 0.0, cap,
@@ -347,8 +347,8 @@ def hard_cycle(seed, setting):
     """Return what `solve_cycle` takes: the problem of a seed with one of the `SETTINGS`."""
     levels, lower, upper, weights = hard_problem(seed)
     n, rng = levels[0].J.shape[1], np.random.default_rng([seed, 2])
-    options = Options(n, Damping() if setting == 'exact' else OPTIONS['default'][0], weights,
-                      'uniform' if setting == 'uniform' else 'redistribute')
+    options = PrioritySolver(n, Damping() if setting == 'exact' else OPTIONS['default'][0],
+                             weights, 'uniform' if setting == 'uniform' else 'redistribute')
     cap, memory = None, ()
     if setting == 'speed cap':
         widest = 1.0 if lower is None else np.maximum(np.abs(lower), np.abs(upper))

@@ -35,7 +35,7 @@ from tp_controller.solver import (
 )
 from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import check_levels
-from tp_controller.solver.solve import Options, solve_by_reference, solve_cycle
+from tp_controller.solver.solve import PrioritySolver, solve_by_reference, solve_cycle
 
 # A long run: TP_CONTROLLER_PROBLEMS=10000 make test PYTEST_FLAGS=test/unit/solver/test_core.py
 PROBLEMS = int(os.environ.get('TP_CONTROLLER_PROBLEMS', '1500'))
@@ -419,15 +419,17 @@ def test_core_reads_and_writes_arrays_however_they_lie_in_memory():
 def test_what_the_core_cannot_solve_is_solved_all_the_same_and_counted():
     before = compiled.left_to_the_reference()
     with pytest.raises(SolverError, match='not finite'):
-        solve_cycle([Level(np.array([[BAD, 1.0]]), np.ones(1))], None, None, Options(2), 0.0)
+        solve_cycle([Level(np.array([[BAD, 1.0]]), np.ones(1))], None, None, PrioritySolver(2),
+                    0.0)
     # The solver in Python takes whole numbers.
-    found = solve_cycle([Level(np.eye(2, dtype=int), np.ones(2))], None, None, Options(2), 0.0)
+    found = solve_cycle([Level(np.eye(2, dtype=int), np.ones(2))], None, None, PrioritySolver(2),
+                        0.0)
     assert found.velocity.tolist() == [1.0, 1.0]
     assert compiled.left_to_the_reference() == before + 2
 
 
 def test_options_can_be_copied_and_stored_whatever_they_have_solved():
-    options = Options(2, Damping(0.1, 0.1), np.array([1.0, 2.0]), 'redistribute')
+    options = PrioritySolver(2, Damping(0.1, 0.1), np.array([1.0, 2.0]), 'redistribute')
     levels = check_levels([([[1.0, 1.0]], [1.0])])
     expected = solve_cycle(levels, None, None, options, 0.0).velocity.tolist()
     for other in (copy.copy(options), copy.deepcopy(options), pickle.loads(pickle.dumps(options))):

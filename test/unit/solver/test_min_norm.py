@@ -28,7 +28,7 @@ from tp_controller import Level, solve, SolverError
 from tp_controller.solver.damping import CURVATURE, Damping, FIRST, TURNING
 from tp_controller.solver.level import check_levels
 from tp_controller.solver.min_norm import min_norm
-from tp_controller.solver.solve import Options, solve_cycle
+from tp_controller.solver.solve import PrioritySolver, solve_cycle
 
 UNDAMPED = Damping()
 
@@ -191,7 +191,8 @@ def test_fast_path_finds_the_bend_of_each_level_by_its_place():
 
 def test_fast_path_refuses_what_is_no_number():
     with pytest.raises(SolverError, match='not finite'):
-        solve_cycle([Level(np.eye(2)[:1], np.array([math.nan]))], None, None, Options(2), 0.0)
+        solve_cycle([Level(np.eye(2)[:1], np.array([math.nan]))], None, None, PrioritySolver(2),
+                    0.0)
 
 
 def test_fast_path_knows_singular_values_well_enough_where_they_are_equal():
@@ -212,7 +213,7 @@ def test_closing_level_is_the_same_whether_it_is_recognised_or_not(damping, regi
                            singular_region=region)
         assert recognised.hierarchy[-1].is_identity
         plain = solve_cycle([Level(J, v) for J, v in [*above, (np.eye(6), posture)]], None, None,
-                            Options(6, Damping(damping, region)), 0.0)
+                            PrioritySolver(6, Damping(damping, region)), 0.0)
         np.testing.assert_allclose(recognised.velocity, plain.velocity, **EXACT)
         for one, other in zip(recognised.levels, plain.levels):
             np.testing.assert_allclose(one.residual, other.residual, **EXACT)

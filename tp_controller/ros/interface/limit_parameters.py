@@ -20,7 +20,7 @@ from typing import Any
 from rclpy.node import Node
 from tp_controller.control.controller import Controller
 from tp_controller.errors import RobotError, SettingsError
-from tp_controller.model.limits import BASE_LIMIT_KEYS, LIMIT_KEYS
+from tp_controller.model.limits import BASE_LIMIT_KEYS, LIMIT_KEYS, LIMIT_UNITS
 from tp_controller.model.robot import Robot
 from tp_controller.ros.parameters import declare, LIMITS, Spec
 from tp_controller.ros.rclpy_internals import initial_parameters
@@ -29,7 +29,6 @@ from tp_controller.ros.rclpy_internals import initial_parameters
 Limits = dict[str, dict[str, float]]
 
 VELOCITY = '.velocity'
-UNIT_ENDINGS = {'velocity': '/s', 'acceleration': '/s²'}
 RAISING = 'for a higher one deactivate and clean up the node, set it, and configure'
 
 
@@ -108,9 +107,9 @@ class LimitParameters:
         name, unit = robot.velocity_names[row], robot.velocity_units[row]
         adjustable = self._adjustable and key == 'velocity'
         when = '; can be lowered at any time, and raised again' if adjustable else ''
-        return Spec(f'{LIMITS}{name}.{key}', float(getattr(robot, key)[row]),
+        return Spec(f'{LIMITS}{name}.{key}', float(robot.limits[key][row]),
                     f'{key} limit of {name}; changed, it replaces the one in the description'
-                    f'{when}', unit + UNIT_ENDINGS.get(key, ''), fixed=not adjustable)
+                    f'{when}', unit + LIMIT_UNITS[key], fixed=not adjustable)
 
     def _refuse_unknown(self, robot: Robot, specs: Sequence[Spec]) -> None:
         """Raise `SettingsError` if the node was started with limits that a robot lacks."""

@@ -18,7 +18,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import fields
 from functools import partial
 from itertools import chain
 import math
@@ -40,13 +39,12 @@ from tp_controller.tasks.task import Task
 from tp_controller.tools.check.closed_loop import (
     AT_REST,
     closed_loop,
-    Extremes,
+    EXTREMES,
     FAILED,
     REACHED,
     Run,
     TaskRun,
     TIME_UP,
-    Worst,
 )
 from tp_controller.tools.check.configuration_sample import (
     ConfigurationSample,
@@ -369,7 +367,7 @@ def _task(setup: Setup, task: Task, number: int, configurations: Sequence[Config
 def _region(setup: Setup, number: int) -> float | None:
     """Return the singular value below which a level is damped; None if all directions are."""
     above = any(not task.bounded for group in setup.stack.active[:number - 1] for task in group)
-    damping = setup.settings.solver_options(setup.robot.n).damping
+    damping = setup.settings.solver(setup.robot.n).damping
     damping = damping if above else damping.first
     return None if damping.everywhere else damping.singular_region
 
@@ -386,9 +384,8 @@ def _worst(runs: Sequence[Run]) -> tuple[WorstResult, ...]:
     if not runs:
         return ()
     found = []
-    for kind in (each.name for each in fields(Extremes)):
-        worst: Worst = max((getattr(run.extremes, kind) for run in runs),
-                           key=lambda each: each.value)
+    for kind in EXTREMES:
+        worst = max((run.extremes[kind] for run in runs), key=lambda each: each.value)
         value = worst.value if math.isfinite(worst.value) else None
         found.append(WorstResult(kind, value, worst.name, worst.run))
     return tuple(found)

@@ -18,15 +18,17 @@ from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, field
 import math
+from typing import TypeAlias
 
 import numpy as np
 from tp_controller.control.controller import Command, Controller
 from tp_controller.control.report import TaskReport
 from tp_controller.errors import GoalError, in_words, TpControllerError
+from tp_controller.model.limits import BASE_LIMIT_KEYS
 from tp_controller.model.simulator import KinematicSimulator
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.stack import Stack
-from tp_controller.tools.check.results import STILL_MOVING
+from tp_controller.tools.check.results import JUMP, POSITION, STILL_MOVING
 from tp_controller.tools.check.sampling import random_configuration
 from tp_controller.tools.check.setup import Setup
 
@@ -40,6 +42,12 @@ REST_SPEED, REST_SECONDS = 3e-4, 1.0
 SETTLE_SECONDS = 10.0
 # Time for which all tasks have to be at their goals before a run ends [s].
 REACHED_SECONDS = 0.2
+# Extremes of the commands: shares of the limits of absolute values, with changes over the time
+# between two commands, −∞ without a limit; the distance by which a command would have moved a
+# joint past its position limit, or farther outside if it was already, negative where it is kept
+# from the limit [rad or m]; and the change between two cycles, as a share of the velocity limit,
+# without such a limit [rad/s or m/s].
+EXTREMES = (BASE_LIMIT_KEYS[0], POSITION, *BASE_LIMIT_KEYS[1:], JUMP)
 # Outcomes of a run.
 REACHED, AT_REST, TIME_UP, FAILED = 'reached', 'at rest', 'time is up', 'failed'
 
@@ -64,28 +72,8 @@ class Worst:
     run: int = -1
 
 
-@dataclass
-class Extremes:
-    """
-    Extremes of the commands of a run.
-
-    Attributes
-    ----------
-    velocity, acceleration : Worst
-        Share of the limit; acceleration over the time between two commands. −∞ without a limit.
-    position : Worst
-        Distance by which a command would have moved a joint past its limit, or farther outside
-        if it was already; negative: distance kept from the limit [rad or m].
-    jump : Worst
-        Change of the command between two cycles, as a share of the velocity limit; without such
-        a limit [rad/s or m/s].
-
-    """
-
-    velocity: Worst = Worst()
-    position: Worst = Worst()
-    acceleration: Worst = Worst()
-    jump: Worst = Worst()
+# {one of `EXTREMES`: the worst of its values}
+Extremes: TypeAlias = dict[str, Worst]
 
 
 @dataclass(frozen=True)
@@ -136,7 +124,7 @@ class Run:
         {task: TaskRun} of the enabled tasks.
     active : dict
         {inequality task: share of the time with active bounds}.
-    extremes : Extremes
+    extremes : dict
     fault : tuple of str
         Task and reason if a task failed; else empty.
 
@@ -159,23 +147,24 @@ class Loop:
 
     Attributes
     ----------
-    commanded : ndarray (n,)
-        Velocities of the last cycle.
+    commands : ndarray (k, n)
+        Velocities of the last cycles, those of the last one first, one for each limit of a
+        command and its changes.
     since : dict
         {task: time since which it is at its goal [s]}.
     active : Counter
         Number of reports in which bounds were active.
     reads : int
         Number of reports read.
-    extremes : Extremes or None
-        Extremes of the commands, if recorded.
+    extremes : dict or None
+        {one of `EXTREMES`: Worst}, if recorded.
 
     """
 
     setup: Setup
     controller: Controller
     simulator: KinematicSimulator
-    commanded: Array
+    commands: Array
     number: int = -1
     extremes: Extremes | None = None
     since: dict[str, float] = field(default_factory=dict)
@@ -189,7 +178,7 @@ class Loop:
         """Return a loop at a configuration."""
         return cls(setup, Controller(setup.robot, stack, setup.settings),
                    KinematicSimulator(setup.robot, q, timeout=max(0.1, 2.0 * setup.period)),
-                   np.zeros(setup.robot.n))
+                   np.zeros((len(BASE_LIMIT_KEYS), setup.robot.n)))
 
     @property
     def now(self) -> float:
@@ -199,15 +188,15 @@ class Loop:
     def step(self) -> Command:
         """Run one cycle."""
         command = self.controller.update(self.simulator.q, self.now)
-        if self.extremes is not None:
-            watch(self.extremes, self.setup, self.simulator.q, command.velocity, self.commanded,
-                  self.number)
+        q = self.simulator.q.copy()
         self.follow(command)
+        if self.extremes is not None:
+            watch(self.extremes, self.setup, q, self.commands, self.number)
         return command
 
     def follow(self, command: Command) -> None:
         """Move the robot with a command for one period."""
-        self.commanded = command.velocity
+        self.commands = np.vstack((command.velocity, self.commands[:-1]))
         self.simulator.command(command.velocity)
         self.simulator.step(self.setup.period)
         self.cycles += 1
@@ -290,7 +279,7 @@ def closed_loop(setup: Setup, numbered: tuple[int, np.random.SeedSequence]) -> R
         return _run(setup, number, start, goals, far, possible)
     except TpControllerError as error:
         fault = (getattr(error, 'task', ''), getattr(error, 'reason', in_words(error)))
-        return Run(FAILED, 0.0, 0, 0.0, {}, {}, Extremes(), fault)
+        return Run(FAILED, 0.0, 0, 0.0, {}, {}, no_extremes(), fault)
 
 
 def _valid_configuration(setup: Setup, random: np.random.Generator, around: Array,
@@ -326,7 +315,7 @@ def _run(setup: Setup, number: int, start: Array, goals: Array, far: float,
          possible: dict[str, bool]) -> Run:
     """Return the result of a closed loop from a configuration to the goals of another one."""
     loop = start_loop(setup, start, goals)
-    loop.number, loop.extremes = number, Extremes()
+    loop.number, loop.extremes = number, no_extremes()
     ended = loop.run(setup.seconds)
     tasks = {task.name: _task_run(task, loop.since[task.name], possible.get(task.name, True))
              for task in loop.reports}
@@ -367,25 +356,29 @@ def _task_run(task: TaskReport, since: float, possible: bool) -> TaskRun:
     return TaskRun(possible, False, math.nan, causes, task.reason)
 
 
-def watch(extremes: Extremes, setup: Setup, q: Array, velocity: Array, previous: Array,
-          number: int) -> None:
-    """Record the extremes of a command, compared with the `previous` one."""
-    robot, period = setup.robot, setup.period
-    change = np.abs(velocity - previous)
+def no_extremes() -> Extremes:
+    """Return the extremes before the first command."""
+    return {kind: Worst() for kind in EXTREMES}
+
+
+def watch(extremes: Extremes, setup: Setup, q: Array, commands: Array, number: int) -> None:
+    """Record the extremes of a command, the first of the last ones (k, n), at positions q."""
+    robot, period, velocity = setup.robot, setup.period, commands[0]
+    changes = [np.abs(np.diff(commands[:order + 1], order, axis=0)[0])
+               for order in range(len(commands))]
     limit = np.where(np.isfinite(robot.velocity), robot.velocity, 1.0)
     here = robot.positions(q)
     moved = robot.positions(robot.integrate(q, velocity, period))
     # A joint that starts outside must not move farther out.
     allowed = np.maximum(np.maximum(robot.lower - here, here - robot.upper), 0.0)
-    for name, values in (
-            ('velocity', _share(np.abs(velocity), robot.velocity)),
-            ('position', np.maximum(robot.lower - moved, moved - robot.upper) - allowed),
-            ('acceleration', _share(change, robot.acceleration * period)),
-            ('jump', _share(change, limit))):
+    found = {key: _share(change, robot.limits[key] * period ** order)
+             for order, (key, change) in enumerate(zip(BASE_LIMIT_KEYS, changes))}
+    found[POSITION] = np.maximum(robot.lower - moved, moved - robot.upper) - allowed
+    found[JUMP] = _share(changes[1], limit)
+    for kind, values in found.items():
         worst = int(np.argmax(values))
-        if values[worst] > getattr(extremes, name).value:
-            setattr(extremes, name, Worst(float(values[worst]), robot.velocity_names[worst],
-                                          number))
+        if values[worst] > extremes[kind].value:
+            extremes[kind] = Worst(float(values[worst]), robot.velocity_names[worst], number)
 
 
 def _share(values: Array, limits: Array) -> Array:

@@ -20,14 +20,14 @@ from itertools import combinations
 import math
 
 import numpy as np
+from tp_controller.control.joint_limits import JointMotion
 from tp_controller.control.report import active_bounds
 from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.errors import EvaluationError
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level, NEGLIGIBLE
-from tp_controller.solver.null_space import decompose, remaining
-from tp_controller.solver.solve import solve_cycle
+from tp_controller.solver.solution import Solution
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation
 from tp_controller.tools.check.sampling import random_configuration
@@ -131,16 +131,12 @@ def _fills(level: Level, joints: slice) -> bool:
                                  and np.array_equal(rows, np.eye(len(rows))))
 
 
-def _ranks(levels: Sequence[Level], n: int) -> dict[int, tuple[int, int]]:
+def _ranks(levels: list[Level], n: int) -> dict[int, tuple[int, int]]:
     """Return the rank left to each level with a demand, and its rank alone."""
-    ranks, Z = {}, np.eye(n)
-    for number, level in enumerate(levels, 1):
-        if level.v is None:
-            continue
-        directions = decompose(level, Z)
-        ranks[number] = directions.rank, decompose(level).rank
-        Z = remaining(directions)
-    return ranks
+    solution = Solution(np.zeros(n), levels)
+    return {number: (its.rank, its.rank_alone)
+            for number, (level, its) in enumerate(zip(levels, solution.levels), 1)
+            if level.v is not None}
 
 
 def _pairs(evaluations: Sequence[Evaluation]) -> dict[tuple[str, str], tuple[float, int]]:
@@ -160,10 +156,8 @@ def _bounds(setup: Setup, state: RobotState, evaluations: Sequence[Sequence[Eval
         return {}
     robot, settings = setup.robot, setup.settings
     limits = VelocityLimits(robot, settings.period, settings.braking_gain)
-    lower, upper = limits.at(robot.positions(state.q), np.zeros(robot.n),
-                             settings.period).settled
-    solution = solve_cycle(levels, lower, upper, settings.solver_options(robot.n),
-                           setup.period)
+    motion = JointMotion(robot.positions(state.q), np.zeros(robot.n), settings.period)
+    solution = settings.solver(robot.n).solve(levels, limits.at(motion, setup.period).settled)
     active = active_bounds(evaluations, solution)
     return {evaluation.task.name: (_is_outside(evaluation),
                                    evaluation.task.name in active,

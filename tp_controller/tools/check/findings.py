@@ -25,8 +25,10 @@ from tp_controller.tools.check.results import (
     DOUBTFUL,
     Finding,
     FINE,
+    JUMP,
     LevelResult,
     PairResult,
+    POSITION,
     STILL_MOVING,
     TaskResult,
     Timing,
@@ -230,17 +232,16 @@ def about_limits(worst: Sequence[WorstResult], setup: Setup) -> Iterator[Finding
     for each in worst:
         if each.value is None:
             continue
-        most = {'velocity': 1.0 + LIMIT_ROUNDING, 'acceleration': 1.0 + LIMIT_ROUNDING,
-                'position': POSITION_ROUNDING}.get(each.kind, math.inf)
+        most = {POSITION: POSITION_ROUNDING, JUMP: math.inf}.get(each.kind, 1.0 + LIMIT_ROUNDING)
         if each.value > most:
             exceeded = True
-            share = 'passed by {:.2g}' if each.kind == 'position' else 'exceeded {:.3g} times'
+            share = 'passed by {:.2g}' if each.kind == POSITION else 'exceeded {:.3g} times'
             yield Finding(
                 WRONG, 'violation', each.name,
                 f'its {each.kind} limit was {share.format(each.value)} in run {each.run}',
                 'this is a fault of the program: please report it with the stack and the seed')
-        row = setup.robot.velocity_names.index(each.name) if each.kind == 'jump' else 0
-        if each.kind == 'jump' and each.value > JUMP_SHARE \
+        row = setup.robot.velocity_names.index(each.name) if each.kind == JUMP else 0
+        if each.kind == JUMP and each.value > JUMP_SHARE \
                 and not np.isfinite(setup.robot.acceleration[row]):
             yield Finding(
                 DOUBTFUL, 'jump', each.name,

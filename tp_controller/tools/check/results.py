@@ -26,6 +26,8 @@ WRONG, DOUBTFUL, FINE = 'wrong', 'doubtful', 'fine'
 SEVERITIES = (WRONG, DOUBTFUL, FINE)
 # Kind of a cause: nothing limited the task when the time of the run was up.
 STILL_MOVING = 'moving'
+# Kinds of extremes of the commands, besides the limits of absolute values.
+POSITION, JUMP = 'position', 'jump'
 
 
 def _spec(description: str, unit: str = '') -> Any:

@@ -144,7 +144,7 @@ def in_process(work: Callable[[Setup, Seed], Result], plan: Plan, seed: Seed) ->
 
 def _robot_arguments(robot: Robot) -> dict[str, Any]:
     """Return the arguments of `Robot.from_urdf` that rebuild a robot."""
-    limits = {name: {key: float(getattr(robot, key)[row])
+    limits = {name: {key: float(robot.limits[key][row])
                      for key in (LIMIT_KEYS if name in robot.joint_names else BASE_LIMIT_KEYS)}
               for row, name in enumerate(robot.velocity_names)}
     return {'source': robot.urdf, 'base': robot.base, 'joints': list(robot.joint_names),

@@ -18,15 +18,22 @@ from collections.abc import Iterator, Sequence
 import math
 from textwrap import wrap
 
-from tp_controller.tools.check.results import CheckReport, SEVERITIES, TaskResult, WorstResult
+from tp_controller.model.limits import BASE_LIMIT_KEYS
+from tp_controller.tools.check.results import (
+    CheckReport,
+    JUMP,
+    POSITION,
+    SEVERITIES,
+    TaskResult,
+    WorstResult,
+)
 
 WIDTH = 99
 # Prefix of a suggested change.
 ARROW = '→ '
 # {kind of an extreme: title in a table, and format}
-WORST = {'velocity': ('velocity / limit', '{:.1%}'), 'position': ('past a limit', '{:.2g}'),
-         'acceleration': ('acceleration / limit', '{:.1%}'),
-         'jump': ('jump / velocity limit', '{:.1%}')}
+WORST = {**{key: (f'{key} / limit', '{:.1%}') for key in BASE_LIMIT_KEYS},
+         POSITION: ('past a limit', '{:.2g}'), JUMP: ('jump / velocity limit', '{:.1%}')}
 NO_VALUE = '–'
 # Columns with names in them.
 NAMES = ('task', 'tasks', 'what', 'joint')

@@ -52,8 +52,8 @@ QUALITY, EFFORT = 65, 4
 INK, PAPER = (33, 41, 52), (255, 255, 255, 205)
 LARGE, SMALL, MARGIN = 26, 20, 14
 FONT = Path(matplotlib.get_data_path()) / 'fonts' / 'ttf' / 'DejaVuSans.ttf'
-# Timeouts of the start (usually 2 s) and of a picture (0.2 s; more than 60 s at a load of 30 on two
-# processors), and polling period [s].
+# Timeouts of the start (usually 2 s) and of a picture (0.2 s; more than 60 s where 30 processes
+# share two processors), and polling period [s].
 START_SECONDS, PICTURE_SECONDS, POLL_SECONDS = 180.0, 180.0, 0.1
 # Size of the window, independent of that of the pictures [pixels].
 WINDOW = 160, 120

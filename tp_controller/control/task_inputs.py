@@ -1,0 +1,232 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Inputs of the tasks of a controller between two cycles: goals, gains, tolerances, enabling."""
+
+from typing import Any
+
+import numpy as np
+from tp_controller.control.active_stack import ActiveStack
+from tp_controller.control.cycle_time import check_time
+from tp_controller.control.gains import set_gain, set_tolerance
+from tp_controller.control.goal_limits import check_goal
+from tp_controller.control.settings import Settings
+from tp_controller.control.state_buffer import StateBuffer
+from tp_controller.errors import GoalError
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.tasks.goal_holder import Goal
+from tp_controller.tasks.keys import Gain, Tolerance
+from tp_controller.tasks.stack import Stack
+from tp_controller.tasks.task_errors import accept
+
+
+class TaskInputs:
+    """
+    Tasks in force, and their inputs, which take effect in the next cycle.
+
+    Parameters
+    ----------
+    robot : Robot
+    stack : Stack
+        First stack.
+    settings : Settings
+        Settings in force.
+
+    """
+
+    def __init__(self, robot: Robot, stack: Stack, settings: Settings) -> None:
+        self.robot = robot
+        self._settings = settings
+        self._tasks = ActiveStack(stack)
+        self._changes = self._tasks.changes
+        self._states = StateBuffer(robot)
+
+    @property
+    def stack(self) -> Stack:
+        """Return the stack in force."""
+        return self._tasks.stack
+
+    def restart(self) -> None:
+        """
+        Reset the default goals: in the next cycle tasks without a goal take their present value.
+
+        Raises
+        ------
+        EvaluationError
+            A task fails; the default goals of the others are reset.
+
+        """
+        self._tasks.restart()
+
+    def forget_goals(self) -> None:
+        """
+        Replace all goals, in the next cycle, by the present values of the tasks; bounds stay.
+
+        Raises
+        ------
+        EvaluationError
+            A task fails; the goals of the others are replaced.
+
+        """
+        self._tasks.forget_goals()
+
+    def set_gain(self, name: str, gain: Gain) -> None:
+        """
+        Set the gain of a task from the next cycle on; it is blended in as a setting is.
+
+        Parameters
+        ----------
+        name : str
+            Task.
+        gain : float or array_like (rows,)
+            Scalar, or one number for each row [1/s].
+
+        Raises
+        ------
+        GoalError
+            There is no such task.
+        SettingsError
+            It has no gain, or the value is not valid; the previous gain stays in force.
+
+        """
+        task = self._tasks.task(name)
+        before = task.gain
+        set_gain(task, gain, self._settings.period)
+        if np.array_equal(task.gain, before):
+            return
+        self._changes.announce_task(task, self.stack.active)
+
+    def set_tolerance(self, name: str, tolerance: Tolerance) -> None:
+        """
+        Set the tolerances of a task, which affect its report only.
+
+        Parameters
+        ----------
+        name : str
+            Task.
+        tolerance : float or dict
+            Error below which the goal counts as reached, or {unit: error}.
+
+        Raises
+        ------
+        GoalError
+            There is no such task.
+        SettingsError
+            It has no tolerance, or the value is not valid; the previous tolerances stay in force.
+
+        """
+        set_tolerance(self._tasks.task(name), tolerance)
+
+    def set_goal(self, name: str, goal: Goal, now: float | None = None,
+                 frame: str | Array | None = None) -> tuple[str, ...]:
+        """
+        Set the goal of a task.
+
+        Parameters
+        ----------
+        name : str
+            Task.
+        goal : array_like or dict
+            Goal of the type of the task; see `tp_controller.tasks`.
+        now : float
+            [s]
+        frame : str or ndarray (4, 4), optional
+            Frame of the robot, at its present pose, in which the goal is expressed, or the pose
+            T_root_frame of a frame that is not on the robot; the task's reference frame by
+            default.
+
+        Returns
+        -------
+        tuple of str
+            Remarks about probable mistakes in the goal: it is out of reach, or it has coordinates
+            that do not count.
+
+        Raises
+        ------
+        GoalError
+            The task or frame is unknown, the goal is not finite, has the wrong shape or is beyond
+            the limits of goals in the settings, or `now` is not a finite number. The previous goal
+            stays in force.
+
+        """
+        now = check_time(now, 'now', GoalError)
+        task = self._tasks.task(name)
+        goal = accept(task, task.parse_goal, goal)
+        if frame is not None:
+            goal = accept(task, task.goal_in_reference, goal,
+                          self._states.pose_in_reference(task, frame))
+        accept(task, check_goal, task, goal, self._states.present, self._settings)
+        own = frame is None or (isinstance(frame, str) and frame == task.reference)
+        remarks = accept(task, task.goal_remarks, goal, not own)
+        self._tasks.set_goal(task, goal, now)
+        return remarks
+
+    def set_feed_forward(self, name: str, velocity: Any, now: float | None = None,
+                         frame: str | Array | None = None) -> None:
+        """
+        Set the feed-forward velocity of a task, in force until its timeout.
+
+        Parameters
+        ----------
+        name, now, frame
+            See `set_goal`.
+        velocity : array_like or dict
+            Twist (6,), linear then angular [m/s, rad/s], or joint velocities.
+
+        Raises
+        ------
+        GoalError
+            As `set_goal`.
+
+        """
+        now = check_time(now, 'now', GoalError)
+        task = self._tasks.task(name)
+        velocity = accept(task, task.parse_feed_forward, velocity)
+        if frame is not None:
+            velocity = accept(task, task.feed_forward_in_reference, velocity,
+                              self._states.pose_in_reference(task, frame)[:3, :3])
+        self._tasks.set_feed_forward(task, velocity, now)
+
+    def enable(self, name: str, enabled: bool) -> None:
+        """
+        Enable or disable a task of the stack.
+
+        A task that is enabled again without a goal takes its present value as the default goal.
+
+        Raises
+        ------
+        GoalError
+            There is no such task, or `enabled` is neither true nor false.
+
+        """
+        task = self._tasks.task(name)
+        if not isinstance(enabled, (int, np.bool_)) or enabled not in (True, False):
+            raise GoalError(f'enabled must be True or False, got {enabled!r}')
+        self._tasks.enable(task, bool(enabled))
+
+    def configuration(self) -> tuple[Array, Array | None] | None:
+        """
+        Return the configuration of the robot in the last update; None before the first one.
+
+        Returns
+        -------
+        q : ndarray (nq,)
+            Configuration [rad or m].
+        passive : ndarray (p,) or None
+            Positions of the passive joints [rad or m]; None if not given.
+
+        """
+        state = self._states.present
+        return None if state is None else (state.q, self._states.passive)

@@ -1,0 +1,199 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// Limits of the joints: each an interval of velocities in a cycle.
+// Reference: tp_controller/control/joint_limits.py
+
+#pragma once
+
+#include "motion_object.h"
+#include "python_buffers.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace {
+
+// Constants of the reference.
+constexpr double RETURN_SHARE = 0.2, RETURN_SPEED = 1.0, LARGEST_DISTANCE = 1e6;
+constexpr double UNLIMITED_ACCELERATION = 1e12;
+
+using Numbers = std::vector<double>;
+
+// Names of the attributes of a `JointMotion`.
+PyObject *POSITIONS_NAME, *VELOCITY_NAME, *ELAPSED_NAME, *PENDING_NAME, *DURATION_NAME;
+
+// Names are interned once; false where there is no memory.
+bool intern_motion_names() {
+  return intern(POSITIONS_NAME, "positions") && intern(VELOCITY_NAME, "velocity")
+      && intern(ELAPSED_NAME, "elapsed") && intern(PENDING_NAME, "pending")
+      && intern(DURATION_NAME, "duration");
+}
+
+// Numbers of a limit of n joints in a dictionary; none where it is not in force.
+bool read_limit(PyObject *limits, const char *key, bool required, size_t n, Numbers &found) {
+  PyObject *values = PyDict_GetItemString(limits, key);
+  if (!values) return !required;
+  return read_all(values, found) && found.size() == n;
+}
+
+// The motion of the joints, as their limits see it; `fits` where it is one of n joints.
+class JointMotion {
+ public:
+  JointMotion(PyObject *motion, Py_ssize_t n)
+      : positions_(PyObject_GetAttr(motion, POSITIONS_NAME)),
+        velocity_(PyObject_GetAttr(motion, VELOCITY_NAME)),
+        positions(positions_), velocity(velocity_) {
+    const Held pending(PyObject_GetAttr(motion, PENDING_NAME));
+    fits = read(motion, ELAPSED_NAME, elapsed) && read(motion, DURATION_NAME, duration)
+        && positions.is(n) && velocity.is(n) && pending && PyTuple_Check(pending);
+    count = fits ? PyTuple_Size(pending) : 0;
+    if (count > 0) {
+      upwards.assign(size_t(n), 0.0);
+      downwards = upwards;
+    }
+    for (Py_ssize_t i = 0; fits && i < count; ++i) {
+      const Buffer command(PyTuple_GetItem(pending, i));
+      fits = command.is(n);
+      for (Py_ssize_t j = 0; fits && j < n; ++j) {
+        upwards[size_t(j)] += std::max(command.at(j), 0.0);
+        downwards[size_t(j)] += std::max(-command.at(j), 0.0);
+      }
+    }
+    PyErr_Clear();
+  }
+
+ private:
+  static bool read(PyObject *motion, PyObject *name, double &found) {
+    const Held number(PyObject_GetAttr(motion, name));
+    if (number) found = PyFloat_AsDouble(number);
+    return number && !(found == -1.0 && PyErr_Occurred());
+  }
+
+  Held positions_, velocity_;
+
+ public:
+  Buffer positions, velocity;
+  double elapsed = 0.0, duration = 0.0;
+  Py_ssize_t count = 0;
+  // Sums of the pending commands in each direction, where there are any.
+  Numbers upwards, downwards;
+  bool fits = false;
+};
+
+struct Interval {
+  double least, most;
+};
+
+struct VelocityLimit {
+  Numbers values;
+
+  Interval at(size_t j) const { return {-values[j], values[j]}; }
+};
+
+// The largest K for which x[k+1] = x[k] − K x[k−delay] does not oscillate.
+inline double calm_gain(double delay) {
+  return std::pow(delay, delay) / std::pow(delay + 1.0, delay + 1.0);
+}
+
+// Both ends of the range of the joints.
+struct PositionLimits {
+  double period = 0.0, gain = 0.0;
+  Numbers lower, upper, velocity, acceleration;  // of accelerations, none where empty
+
+  // The gain at which pending commands do not make a joint stop and go.
+  double gain_of(const JointMotion &motion) const {
+    return motion.count ? std::min(gain, calm_gain(double(motion.count)) / motion.duration) : gain;
+  }
+
+  Interval at(const JointMotion &motion, double g, size_t j) const {
+    const double q = motion.positions.at(Py_ssize_t(j));
+    double upwards = 0.0, downwards = 0.0;
+    if (motion.count) {
+      upwards = motion.duration * motion.upwards[j];
+      downwards = motion.duration * motion.downwards[j];
+    }
+    return {-speed(felt(q - lower[j], downwards, upwards), g, j),
+            speed(felt(upper[j] - q, upwards, downwards), g, j)};
+  }
+
+ private:
+  // The distance nearest to zero that pending commands can leave.
+  static double felt(double distance, double nearer, double farther) {
+    distance = std::min(distance, LARGEST_DISTANCE);
+    return std::max(distance - nearer, std::min(distance + farther, 0.0));
+  }
+
+  double speed(double distance, double g, size_t j) const {
+    return std::max(braking_speed(distance, g, j),
+                    -std::min(RETURN_SHARE * velocity[j], RETURN_SPEED));
+  }
+
+  double braking_speed(double distance, double g, size_t j) const {
+    if (acceleration.empty()) return g * distance;
+    const double a = std::min(acceleration[j], UNLIMITED_ACCELERATION);
+    const double change = a * period, slow = a / (g * g);
+    const double beyond = std::max(distance - slow, 0.0) / (change * period);
+    const double pieces = 1.0 + 2.0 / (g * period);
+    const double steps = std::ceil(0.5 * (std::sqrt(pieces * pieces + 8.0 * beyond) - pieces));
+    return (distance + steps * change * (0.5 * (steps - 1.0) * period + 1.0 / g))
+        / (steps * period + 1.0 / g);
+  }
+};
+
+struct AccelerationLimit {
+  double period = 0.0;
+  Numbers values;  // empty where it is not in force
+
+  bool in_force() const { return !values.empty(); }
+
+  Interval at(const JointMotion &motion, size_t j) const {
+    const double change = std::min(values[j], UNLIMITED_ACCELERATION)
+        * std::min(motion.elapsed, period);
+    const double velocity = motion.velocity.at(Py_ssize_t(j));
+    return {velocity - change, velocity + change};
+  }
+};
+
+// All limits in force, as `LIMITS`.
+struct JointLimits {
+  VelocityLimit velocity;
+  PositionLimits position;
+  AccelerationLimit acceleration;
+
+  size_t size() const { return velocity.values.size(); }
+
+  // Read {key: numbers}; false where they are not those of as many joints.
+  bool read(PyObject *limits, double period, double gain) {
+    PyObject *first = PyDict_GetItemString(limits, "velocity");
+    if (!first || !read_all(first, velocity.values)) return false;
+    position.period = acceleration.period = period;
+    position.gain = gain;
+    position.velocity = velocity.values;
+    const bool fit = read_limit(limits, "lower", true, size(), position.lower)
+        && read_limit(limits, "upper", true, size(), position.upper)
+        && read_limit(limits, "acceleration", false, size(), acceleration.values);
+    position.acceleration = acceleration.values;
+    return fit;
+  }
+
+  // Call with the interval of each transient limit, in the order of precedence.
+  template <typename Clamp>
+  void transient(const JointMotion &motion, size_t j, Clamp clamp) const {
+    if (acceleration.in_force()) clamp(acceleration.at(motion, j));
+  }
+};
+
+}  // namespace
