@@ -106,7 +106,7 @@ def print_lines(times, sizes):
 
 def draw(times, sweeps, path):
     """Draw both sweeps."""
-    figure = Figure(figsize=(8.2, 3.45), dpi=drawing.DPI, layout='constrained')
+    figure = Figure(figsize=(8.2, 3.45), dpi=drawing.PLOT_DPI, layout='constrained')
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2)
     for axis, (title, place, sizes) in zip(axes, sweeps):

@@ -433,7 +433,7 @@ class Scene:
 
 def make_figure():
     """Return a figure of the size that all have."""
-    figure = Figure(figsize=(8.2, 3.45), dpi=drawing.DPI, layout='constrained')
+    figure = Figure(figsize=(8.2, 3.45), dpi=drawing.PLOT_DPI, layout='constrained')
     figure.get_layout_engine().set(w_pad=0.08, h_pad=0.06)
     FigureCanvasAgg(figure)
     return figure

@@ -418,7 +418,7 @@ def draw(name, folder=FOLDER):
     """Draw the picture of a case; return its path and the numbers of its curves as lines."""
     case = CASES[name]
     runs = [Run(setup, case.tool) for setup in (case.before, case.after)]
-    figure = Figure(figsize=(8.2, 3.2), dpi=drawing.DPI, layout='constrained')
+    figure = Figure(figsize=(8.2, 3.2), dpi=drawing.PLOT_DPI, layout='constrained')
     figure.get_layout_engine().set(w_pad=0.08, h_pad=0.06)
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, len(case.plots))

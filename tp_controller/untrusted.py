@@ -23,7 +23,7 @@ ELLIPSIS = ' …'
 # Beginning of the key of an error in a status: ``error [<unit>]``.
 ERROR_KEY = 'error ['
 # Largest number of errors of a task.
-MOST_ERRORS = 8
+MOST_TASK_ERRORS = 8
 
 
 def plain(text: str, longest: int = LONGEST_TEXT, *, lines: bool = False) -> str:
@@ -76,4 +76,4 @@ def errors_of(values: Mapping[str, str]) -> dict[str, float]:
     """Return {unit: error} of the status of a task, given as {key: value}."""
     errors = [(key[len(ERROR_KEY):-1], number(value)) for key, value in values.items()
               if key.startswith(ERROR_KEY)]
-    return dict(errors[:MOST_ERRORS])
+    return dict(errors[:MOST_TASK_ERRORS])

@@ -177,7 +177,7 @@ def test_limits_suffice_for_the_largest_robots_there_are():
     assert 4 * len(large) < resources.MOST_XML_CHARACTERS
     assert 4 * sum(1 for _ in tree.iter()) < resources.MOST_XML_ELEMENTS
     assert 4 * len(tree.findall('link')) < urdf.MOST_LINKS
-    assert 1.4 * len(urdf.moving_joints(tree)) < urdf.MOST_JOINTS
+    assert 1.4 * len(urdf.moving_joints(tree)) < urdf.MOST_MOVING_JOINTS
 
 
 def test_encoding_that_a_description_names_says_nothing():

@@ -29,7 +29,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tp_controller import Stack
 from tp_controller.control.settings import Settings
-from tp_controller.ros.interface.controller_parameters import PARAMETERS
+from tp_controller.ros.declarations.controller import PARAMETERS
 from tp_controller.ros.log import Log
 from tp_controller.ros.loop import control_loop as loop_module
 from tp_controller.ros.loop.base_topics import fill_odometry, twist_of

@@ -226,7 +226,7 @@ def test_a_twist_in_a_frame_of_the_robot_is_along_its_axes(harness):
 
 
 def test_a_goal_that_is_probably_a_mistake_is_taken_and_told_once(harness, log, monkeypatch):
-    monkeypatch.setattr('tp_controller.ros.log.REPEAT_SECONDS', 1000.0)
+    monkeypatch.setattr('tp_controller.ros.log.MESSAGE_REPEAT_SECONDS', 1000.0)
     rig = Rig(harness, 'place')
     far = make_message('', PointStamped, {'xyz': (400.0, 200.0, 500.0)})
     log()

@@ -22,7 +22,7 @@ from types import SimpleNamespace
 from harness import DEADLINE
 import pytest
 from tp_controller.ros import log as log_module
-from tp_controller.ros.log import LARGEST_QUEUE, Log, MOST_CAUSES
+from tp_controller.ros.log import LARGEST_QUEUE, Log, MOST_LOG_CAUSES
 
 
 @pytest.fixture
@@ -90,10 +90,10 @@ def test_a_flood_without_flushes_keeps_what_came_last(written, clock):
 
 def test_causes_that_never_repeat_do_not_fill_the_memory(written, clock):
     log, _ = written
-    for count in range(20 * MOST_CAUSES):
+    for count in range(20 * MOST_LOG_CAUSES):
         log.error(f'fault {count}')
         log.flush()
-    assert len(log._written) <= MOST_CAUSES
+    assert len(log._written) <= MOST_LOG_CAUSES
 
 
 def test_nobody_waits_for_a_writer_that_does_not_return():

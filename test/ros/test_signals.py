@@ -190,7 +190,7 @@ def test_the_first_signal_acts_on_another_thread_and_forces_nothing(forced):
 @pytest.mark.parametrize('act', [None, lambda number: threading.Event().wait()],
                          ids=['nothing', 'hangs'])
 def test_a_further_signal_ends_the_process(forced, monkeypatch, act):
-    monkeypatch.setattr(interruption, 'REPEAT_SECONDS', 0.0)
+    monkeypatch.setattr(interruption, 'SIGNAL_REPEAT_SECONDS', 0.0)
     watch = started(act=act)
     signal.raise_signal(signal.SIGINT)
     signal.raise_signal(signal.SIGINT)
@@ -200,7 +200,7 @@ def test_a_further_signal_ends_the_process(forced, monkeypatch, act):
 
 
 def test_a_signal_that_a_launch_repeats_at_once_leaves_time_to_end(forced, monkeypatch):
-    monkeypatch.setattr(interruption, 'REPEAT_SECONDS', 60.0)
+    monkeypatch.setattr(interruption, 'SIGNAL_REPEAT_SECONDS', 60.0)
     watch = started(limit=60.0)
     for _ in range(3):
         signal.raise_signal(signal.SIGINT)
@@ -209,7 +209,7 @@ def test_a_signal_that_a_launch_repeats_at_once_leaves_time_to_end(forced, monke
 
 
 def test_a_process_that_does_not_end_in_time_is_ended(forced, monkeypatch):
-    monkeypatch.setattr(interruption, 'REPEAT_SECONDS', 0.0)
+    monkeypatch.setattr(interruption, 'SIGNAL_REPEAT_SECONDS', 0.0)
     watch = started(limit=0.01)
     signal.raise_signal(signal.SIGINT)
     wait_for(forced)
@@ -218,7 +218,7 @@ def test_a_process_that_does_not_end_in_time_is_ended(forced, monkeypatch):
 
 
 def test_a_signal_that_waited_for_a_message_counts_once(forced, monkeypatch):
-    monkeypatch.setattr(interruption, 'REPEAT_SECONDS', 0.0)
+    monkeypatch.setattr(interruption, 'SIGNAL_REPEAT_SECONDS', 0.0)
     watch = started()
     with uninterrupted():
         signal.raise_signal(signal.SIGINT)
@@ -227,7 +227,7 @@ def test_a_signal_that_waited_for_a_message_counts_once(forced, monkeypatch):
 
 
 def test_other_signals_end_nothing(forced, monkeypatch):
-    monkeypatch.setattr(interruption, 'REPEAT_SECONDS', 0.0)
+    monkeypatch.setattr(interruption, 'SIGNAL_REPEAT_SECONDS', 0.0)
     before = signal.signal(signal.SIGUSR1, lambda *_: None)
     watch = started(limit=0.0)
     signal.raise_signal(signal.SIGUSR1)

@@ -17,7 +17,7 @@
 import math
 
 import pytest
-from tp_controller.untrusted import count, errors_of, LONGEST_TEXT, MOST_ERRORS, number, plain
+from tp_controller.untrusted import count, errors_of, LONGEST_TEXT, MOST_TASK_ERRORS, number, plain
 
 
 @pytest.mark.parametrize('text, shown', [
@@ -69,4 +69,4 @@ def test_errors_are_those_of_a_status():
         'm': 0.1, 'rad': 2.0}
     assert math.isnan(errors_of({'error [m]': 'abc'})['m'])
     assert errors_of({'error [': '1'}) == {'': 1.0}
-    assert len(errors_of({f'error [{unit}]': '1' for unit in range(1000)})) == MOST_ERRORS
+    assert len(errors_of({f'error [{unit}]': '1' for unit in range(1000)})) == MOST_TASK_ERRORS

@@ -19,6 +19,8 @@ Whoever knows another library for differential inverse kinematics, or a book on 
 read names, docstrings, messages and pages without having to guess.
 """
 
+import ast
+from collections import defaultdict
 from pathlib import Path
 import re
 
@@ -46,6 +48,8 @@ FOUND = re.compile('|'.join(rf'\b({word})\b' for word in WORDS), re.IGNORECASE)
 # Names that users have written into their files, and those of ROS tools and of a page.
 NAMES = re.compile('release_region|catkin_prepare_release|bloom-release|RELEASING')
 SUFFIXES = {'.md', '.py', '.yaml', '.xml', '.toml', '.cfg'}
+# Their modules may share names among themselves; nobody imports them.
+PICTURES = ('tools/demos', 'tools/recording', 'tools/view')
 FOLDERS = ('tp_controller', 'config', 'docs', 'launch', 'benchmarks', 'test', 'scripts',
            'examples')
 
@@ -86,3 +90,45 @@ def test_a_word_that_grew_here_is_found(text, word):
 @pytest.mark.parametrize('text', ['release_region', 'nothing', 'something else', 'the threshold'])
 def test_other_words_are_left_alone(text):
     assert not faults(text)
+
+
+def numbers(text):
+    """Return {name: value} of the constants of a module that are numbers, or tuples of them."""
+    found = {}
+    for node in ast.parse(text).body:
+        if not isinstance(node, (ast.Assign, ast.AnnAssign)) or node.value is None:
+            continue
+        name = node.targets[0] if isinstance(node, ast.Assign) else node.target
+        pairs = zip(name.elts, node.value.elts) if isinstance(name, ast.Tuple) \
+            and isinstance(node.value, ast.Tuple) else [(name, node.value)]
+        for target, value in pairs:
+            kinds = {type(each) for each in ast.walk(value)}
+            if isinstance(target, ast.Name) and target.id.isupper() and kinds & {ast.Constant} \
+                    and not kinds & {ast.Name, ast.Call, ast.Attribute, ast.Dict, ast.JoinedStr}:
+                given = eval(ast.unparse(value), {'__builtins__': {}})
+                if all(isinstance(each, (int, float)) for each in
+                       (given if isinstance(given, tuple) else [given])):
+                    found[target.id] = given
+    return found
+
+
+def shared(modules):
+    """Return {name: {module: number}} where numbers of one name differ, from {module: text}."""
+    found = defaultdict(dict)
+    for module, text in modules.items():
+        for name, value in numbers(text).items():
+            found[name][module] = value
+    return {name: values for name, values in found.items()
+            if len({*map(repr, values.values())}) > 1
+            and not all(module.startswith(PICTURES) for module in values)}
+
+
+def test_constants_of_one_name_are_the_same_number():
+    package = ROOT / 'tp_controller'
+    assert not shared({path.relative_to(package).as_posix(): path.read_text(encoding='utf-8')
+                       for path in package.rglob('*.py')})
+
+
+def test_a_name_of_two_numbers_is_found():
+    assert shared({'a': 'SAME = 1e-9\nN, M = 2 ** 3, 5\n', 'b': 'SAME: float = -1\nN = 8\n',
+                   'c': "SAME = 'text'\nM = len('M')\n"}) == {'SAME': {'a': 1e-9, 'b': -1}}

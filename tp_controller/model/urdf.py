@@ -30,7 +30,7 @@ MOVING_TYPES = ('revolute', 'continuous', 'prismatic')
 UNLIMITED = 1e9
 # The largest of example-robot-data, TIAGo with two arms, has 130 links and 101 moving joints.
 # Pinocchio's data of a state grow with the third power of the joints: 100 MB for 150.
-MOST_LINKS, MOST_JOINTS = 1000, 150
+MOST_LINKS, MOST_MOVING_JOINTS = 1000, 150
 # Name of the joint between the world and a base that moves.
 FREE_FLYER = 'free flyer'
 # {follower: (leader, multiplier, offset)}
@@ -57,9 +57,9 @@ def moving_joints(tree: Element) -> dict[str, Element]:
         kind = joint.get('type')
         if kind in MOVING_TYPES:
             elements[joint.get('name', '')] = joint
-            if len(elements) > MOST_JOINTS:
-                raise RobotError(f'more than {MOST_JOINTS} joints that move: fix those that are '
-                                 'not needed')
+            if len(elements) > MOST_MOVING_JOINTS:
+                raise RobotError(f'more than {MOST_MOVING_JOINTS} joints that move: fix those '
+                                 'that are not needed')
         elif kind != 'fixed':
             raise RobotError(f'joint {joint.get("name")!r} is of type {kind!r}; '
                              f'valid: fixed, {", ".join(MOVING_TYPES)}')

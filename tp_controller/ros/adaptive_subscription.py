@@ -23,7 +23,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from tp_controller.ros import Message
 
-DEPTH = 10
+QUEUE_DEPTH = 10
 
 
 class AdaptiveSubscription:
@@ -62,7 +62,7 @@ class AdaptiveSubscription:
         """Create another subscription."""
         self._open.append(self._node.create_subscription(
             self._kind, self._topic, partial(self._on_message, len(self._open)),
-            QoSProfile(depth=DEPTH, reliability=reliability),
+            QoSProfile(depth=QUEUE_DEPTH, reliability=reliability),
             event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._on_incompatible)))
 
     def _on_incompatible(self, _: object) -> None:

@@ -32,8 +32,8 @@ from std_srvs.srv import Trigger
 from tp_controller.control.settings import Settings
 from tp_controller.errors import EvaluationError, in_words
 from tp_controller.model.robot import Robot
+from tp_controller.ros.declarations.controller import PARAMETERS
 from tp_controller.ros.interface.controlled_robot import ControlledRobot, log_remarks
-from tp_controller.ros.interface.controller_parameters import PARAMETERS
 from tp_controller.ros.interface.limit_parameters import LimitParameters, robot_from
 from tp_controller.ros.interface.namesakes import Namesakes
 from tp_controller.ros.interface.reporter import Reporter

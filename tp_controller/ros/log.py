@@ -24,11 +24,11 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from tp_controller.untrusted import plain
 
 # Shortest time between two messages of one cause [s].
-REPEAT_SECONDS = 1.0
+MESSAGE_REPEAT_SECONDS = 1.0
 # Largest number of queued messages, and of causes that are distinguished.
-LARGEST_QUEUE, MOST_CAUSES = 200, 100
+LARGEST_QUEUE, MOST_LOG_CAUSES = 200, 100
 # Longest text of a message [characters].
-LONGEST_TEXT = 20_000
+LONGEST_ENTRY = 20_000
 # rclpy needs a call site of its own for each severity.
 WRITERS: dict[str, Callable[[RcutilsLogger, str], object]] = {
     'info': lambda logger, text: logger.info(text),
@@ -51,7 +51,7 @@ class Log:
     """
     Log that accepts messages from any thread without waiting, and writes them in `flush`.
 
-    Repeated messages of one cause are written once in `REPEAT_SECONDS`, and counted.
+    Repeated messages of one cause are written once in `MESSAGE_REPEAT_SECONDS`, and counted.
 
     Parameters
     ----------
@@ -87,13 +87,13 @@ class Log:
             self._write(written, now)
         for written in self._written.values():
             self._write(written, now)
-        if len(self._written) > MOST_CAUSES:
+        if len(self._written) > MOST_LOG_CAUSES:
             self._written.clear()
 
     def _write(self, written: CauseRecord, now: float) -> None:
         """Write the last message of a cause, if it is due."""
-        if written.pending and now - written.at >= REPEAT_SECONDS:
+        if written.pending and now - written.at >= MESSAGE_REPEAT_SECONDS:
             more = f' ({written.pending} times)' if written.pending > 1 else ''
             # It may contain text from other nodes.
-            WRITERS[written.severity](self._logger, plain(written.text, LONGEST_TEXT) + more)
+            WRITERS[written.severity](self._logger, plain(written.text, LONGEST_ENTRY) + more)
             written.at, written.pending = now, 0

@@ -12,11 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameters: declaration with description, unit and range, and validation with reasons."""
+"""Parameters of a node: declaration, and validation with reasons."""
 
 from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -34,83 +33,40 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from tp_controller.errors import SettingsError, suggestion
-from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
 from tp_controller.resources import load_yaml
+from tp_controller.ros.declarations.spec import (
+    EMPTY,
+    FIXED,
+    LIMITS,
+    out_of_range,
+    ROBOT,
+    Spec,
+    TASKS,
+    wrong_type,
+)
 from tp_controller.ros.rclpy_internals import declared_names, initial_parameters
 
-# Constraint that ROS tools show for a parameter that cannot change.
-FIXED = 'fixed while the node is configured'
-# Default weights, for any number of joints.
-EQUAL = [1.0]
-# Values that replace the empty list, which has no type.
-EMPTY: Mapping[str, list[float] | list[str]] = {
-    'weights': EQUAL, 'joints': [''], 'command_joints': ['']}
+__all__ = [
+    'LIMITS', 'ROBOT', 'Spec', 'TASKS', 'accept_numbers', 'as_type', 'declare', 'descriptor',
+    'fixed_faults', 'keep_fixed', 'names_in', 'plain', 'warn_unknown']
+
 LISTS = (Parameter.Type.STRING, Parameter.Type.STRING_ARRAY, Parameter.Type.INTEGER_ARRAY)
-# Prefix of the joint limits.
-LIMITS = 'limits.'
-# Prefix of gains and tolerances of the tasks.
-TASKS = 'tasks.'
-EXAMPLES = {
-    'DOUBLE': 'a number, such as 1.0', 'INTEGER': 'an integer, such as 1',
-    'STRING': 'a string', 'BOOL': 'true or false',
-    'STRING_ARRAY': 'a list of strings, such as [a, b]',
-    'DOUBLE_ARRAY': 'a list of numbers, such as [1.0, 2.0]'}
 
 
-@dataclass(frozen=True)
-class Spec:
-    """
-    Definition of a parameter.
-
-    Attributes
-    ----------
-    name : str
-    default : object
-    description : str
-    unit : str
-    lower, upper : float
-        Range of a number.
-    fixed : bool
-        Fixed while the node is configured.
-    why : str
-        Origin of the range, or empty.
-
-    """
-
-    name: str
-    default: object
-    description: str
-    unit: str = ''
-    lower: float = -math.inf
-    upper: float = math.inf
-    fixed: bool = False
-    why: str = ''
-
-    def descriptor(self) -> ParameterDescriptor:
-        """Return the descriptor that ROS tools show."""
-        unit = f' [{self.unit}]' if self.unit else ''
-        described = ParameterDescriptor(description=self.description + unit,
-                                        additional_constraints=FIXED if self.fixed else self.why)
-        if self.lower == -math.inf and self.upper == math.inf:
-            return described
-        if isinstance(self.default, int):
-            described.integer_range = [IntegerRange(from_value=int(self.lower),
-                                                    to_value=int(self.upper))]
-        else:
-            described.floating_point_range = [FloatingPointRange(from_value=self.lower,
-                                                                 to_value=self.upper)]
+def descriptor(spec: Spec) -> ParameterDescriptor:
+    """Return the descriptor that ROS tools show."""
+    unit = f' [{spec.unit}]' if spec.unit else ''
+    described = ParameterDescriptor(description=spec.description + unit,
+                                    additional_constraints=FIXED if spec.fixed else spec.why)
+    if spec.lower == -math.inf and spec.upper == math.inf:
         return described
-
-
-ROBOT = (
-    Spec('robot_description', '', 'URDF text; goes before the topic of the same name',
-         fixed=True),
-    Spec('robot', '', 'file of the robot: URDF, or DH table (.yaml); a path or '
-         'package://<package>/<path>; goes before robot_description', fixed=True),
-    Spec('base', 'fixed', f'how the base moves ({", ".join(BASES)})', fixed=True),
-    Spec('world_frame', DEFAULT_WORLD, 'name of the frame that a base moves in, the one of its '
-         'odometry', fixed=True),
-)
+    if isinstance(spec.default, int):
+        described.integer_range = [IntegerRange(from_value=int(spec.lower),
+                                                to_value=int(spec.upper))]
+    else:
+        described.floating_point_range = [FloatingPointRange(from_value=spec.lower,
+                                                             to_value=spec.upper)]
+    return described
 
 
 def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
@@ -145,30 +101,22 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
             initial[spec.name] = as_type(given, kind)
         try:
             values[spec.name] = node.declare_parameter(
-                spec.name, spec.default, spec.descriptor()).value
+                spec.name, spec.default, descriptor(spec)).value
         except ParameterAlreadyDeclaredException:
             values[spec.name] = node.get_parameter_or(spec.name).value
         except InvalidParameterTypeException:
-            faults.append(wrong_type(spec.name, Parameter.Type.from_parameter_value(spec.default),
-                                     initial[spec.name].value))
+            faults.append(wrong_type(spec.name, spec.kind, plain(initial[spec.name].value)))
         except InvalidParameterValueException:
-            faults.append(_out_of_range(spec.name, spec.lower, spec.upper,
-                                        initial[spec.name].value, spec.why))
+            faults.append(out_of_range(spec.name, spec.lower, spec.upper,
+                                       initial[spec.name].value, spec.why))
     if faults:
         raise SettingsError(faults)
     return values
 
 
-def wrong_type(name: str, kind: Parameter.Type, given: object) -> str:
-    """Return the fault of a value of the wrong type."""
-    shown = given.tolist() if isinstance(given, array) else given
-    return f'parameter {name} must be {EXAMPLES.get(kind.name, kind.name)}, not {shown!r}'
-
-
-def _out_of_range(name: str, lower: float, upper: float, given: object, why: str) -> str:
-    """Return the fault of a number out of range, with the origin of the range."""
-    return f'parameter {name} must be from {lower:g} to {upper:g}, not {given!r}' \
-           + (f' ({why})' if why else '')
+def plain(value: object) -> object:
+    """Return a value of a parameter, with arrays as lists."""
+    return value.tolist() if isinstance(value, array) else value
 
 
 def accept_numbers(node: Node) -> None:
@@ -204,12 +152,12 @@ def _refusals(node: Node, parameter: Parameter) -> list[str]:
     descriptor = node.describe_parameter(parameter.name)
     kind = Parameter.Type(descriptor.type)
     if parameter.type_ is not kind:
-        return [wrong_type(parameter.name, kind, parameter.value)]
+        return [wrong_type(parameter.name, kind.name, plain(parameter.value))]
     for allowed in (*descriptor.floating_point_range, *descriptor.integer_range):
         if isinstance(parameter.value, (int, float)) \
                 and not allowed.from_value <= parameter.value <= allowed.to_value:
-            return [_out_of_range(parameter.name, allowed.from_value, allowed.to_value,
-                                  parameter.value, descriptor.additional_constraints)]
+            return [out_of_range(parameter.name, allowed.from_value, allowed.to_value,
+                                 parameter.value, descriptor.additional_constraints)]
     return []
 
 

@@ -26,7 +26,7 @@ from typing import Any
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # Time in which a repeated signal is ignored [s]: a launch repeats Ctrl-C at once.
-REPEAT_SECONDS = 1.0
+SIGNAL_REPEAT_SECONDS = 1.0
 # Value written to the pipe by `close`; no signal has this number.
 CLOSED = 0
 
@@ -36,8 +36,8 @@ class SignalWatch:
     Signal reader on a thread of its own, independent of threads that hang.
 
     The signals need handlers in Python, which run on the main thread, if at all. A further signal
-    ends the process at once, but not sooner than `REPEAT_SECONDS` after the first one. C code that
-    owns the interpreter lock delays this thread, too.
+    ends the process at once, but not sooner than `SIGNAL_REPEAT_SECONDS` after the first one. C
+    code that owns the interpreter lock delays this thread, too.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class SignalWatch:
             # On a thread of its own, since it may hang, too.
             threading.Thread(target=self._act, args=(first,), daemon=True).start()
         end = None if self._limit is None else began + self._limit
-        if self._read(end) != CLOSED and not self._closes(began + REPEAT_SECONDS):
+        if self._read(end) != CLOSED and not self._closes(began + SIGNAL_REPEAT_SECONDS):
             os._exit(self._status)
 
     def _closes(self, end: float) -> bool:

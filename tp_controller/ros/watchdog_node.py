@@ -28,6 +28,7 @@ from std_msgs.msg import Float64MultiArray, String
 from tp_controller.errors import SettingsError, unknown
 from tp_controller.model.mobile_base import BASES
 from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
+from tp_controller.ros.declarations.spec import Spec
 from tp_controller.ros.loop.base_topics import twist_of
 from tp_controller.ros.loop.commands import LAST_ZEROS, TOPIC
 from tp_controller.ros.loop.other_publishers import HEARTBEAT, HEARTBEAT_SECONDS, WATCHDOG
@@ -35,7 +36,6 @@ from tp_controller.ros.parameters import (
     accept_numbers,
     declare,
     keep_fixed,
-    Spec,
     warn_unknown,
 )
 from tp_controller.ros.runner import ClosableNode, run

@@ -18,7 +18,7 @@ import difflib
 from typing import Iterable
 
 # Longest message, and longest name that a message quotes [characters].
-LONGEST_MESSAGE, LONGEST_NAME = 10_000, 200
+LONGEST_ERROR_TEXT, LONGEST_QUOTE = 10_000, 200
 
 
 class TpControllerError(Exception):
@@ -27,7 +27,7 @@ class TpControllerError(Exception):
     def __str__(self) -> str:
         """Return the message, truncated if it quotes a long input."""
         text = super().__str__()
-        return text if len(text) <= LONGEST_MESSAGE else f'{text[:LONGEST_MESSAGE]} …'
+        return text if len(text) <= LONGEST_ERROR_TEXT else f'{text[:LONGEST_ERROR_TEXT]} …'
 
 
 class SolverError(TpControllerError):
@@ -43,9 +43,9 @@ def unknown(what: str, name: object, valid: Iterable[str]) -> str:
 def suggestion(name: object, valid: Iterable[str]) -> str:
     """Return a name in quotes, with a similar valid name if there is one."""
     shown = repr(name)
-    if len(shown) > LONGEST_NAME:
+    if len(shown) > LONGEST_QUOTE:
         # Too long for a name: the comparison with all valid names would take seconds.
-        return f'{shown[:LONGEST_NAME]} …'
+        return f'{shown[:LONGEST_QUOTE]} …'
     # Do not suggest the name itself: it can be valid, yet not usable here.
     others = [each for each in valid if each != name]
     near = difflib.get_close_matches(str(name), others, n=1)

@@ -26,7 +26,7 @@ DRAW_SECONDS = 0.1
 # Elapsed time from which the remaining time is estimated [s].
 ESTIMATE_SECONDS = 1.0
 # Columns of the bar.
-WIDTH = 24
+BAR_COLUMNS = 24
 # Carriage return, and erase to the end of the line.
 CLEAR_LINE = '\r\x1b[K'
 
@@ -80,8 +80,8 @@ class Progress:
     def _line(self, elapsed: float) -> str:
         """Return the line after a time [s]."""
         part = min(1.0, self._done / self._total) if self._total > 0.0 else 1.0
-        full = round(WIDTH * part)
-        line = f'{self._what} [{"#" * full}{"." * (WIDTH - full)}] {part:4.0%}'
+        full = round(BAR_COLUMNS * part)
+        line = f'{self._what} [{"#" * full}{"." * (BAR_COLUMNS - full)}] {part:4.0%}'
         if elapsed < ESTIMATE_SECONDS or part == 0.0:
             return line
         left = round(elapsed * (1.0 / part - 1.0))

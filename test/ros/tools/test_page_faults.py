@@ -27,7 +27,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
 
 from pages import MadeUpController  # noqa: E402, I100
-from tp_controller.ros.client.received_status import MOST_TASKS  # noqa: E402
+from tp_controller.ros.client.received_status import MOST_RECEIVED_TASKS  # noqa: E402
 from tp_controller.tools.view.markers import MOST_MARKERS, MOST_POINTS  # noqa: E402
 from tp_controller.tools.view.page import MOST_WAITING  # noqa: E402
 from tp_controller.tools.view.server import LOCAL, open_server, unused_port  # noqa: E402
@@ -185,7 +185,7 @@ def test_what_is_shown_of_a_status_is_bounded(made_up):
     assert len(made_up.page.state_text.content) < 10_000
     made_up.tell(**{f'task{number}': {'type': 'x'} for number in range(3000)})
     made_up.update()
-    assert len(made_up.page.stack.rows) == MOST_TASKS
+    assert len(made_up.page.stack.rows) == MOST_RECEIVED_TASKS
     made_up.tell(**{'a' * 50_000: {'b' * 5000: 'c' * 5000, **TASK, 'reason': 'd' * 50_000}})
     made_up.update()
     (name, row), = made_up.page.stack.rows.items()

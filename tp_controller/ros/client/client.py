@@ -41,7 +41,7 @@ from tp_controller.untrusted import count
 # answered, by all other subscribers [s].
 LEAVE_SECONDS, OTHERS_SECONDS = 5.0, 2.0
 # Polling period [s]; ROS does not signal topic discovery.
-POLL_SECONDS = 0.02
+DISCOVERY_POLL_SECONDS = 0.02
 # Largest number of callbacks run at once, since more may become ready all the time.
 MOST_CALLBACKS = 100
 # Timeout for other subscribers of a goal [s]: one that was just killed is counted for a while.
@@ -149,7 +149,7 @@ class Client:
             left = end - time.monotonic()
             if left <= 0.0:
                 return False
-            self.spin(min(left, POLL_SECONDS))
+            self.spin(min(left, DISCOVERY_POLL_SECONDS))
         return True
 
     def tasks(self) -> dict[str, dict[str, type]]:

@@ -24,9 +24,9 @@ from tp_controller.ros.bounded_subscription import subscribe
 from tp_controller.untrusted import plain
 
 # Largest number of tasks, and of entries per task.
-MOST_TASKS, MOST_VALUES = 200, 64
+MOST_RECEIVED_TASKS, MOST_VALUES = 200, 64
 # Longest name [characters].
-LONGEST_NAME = 256
+LONGEST_KEY = 256
 
 
 def subscribe_status(node: Node, controller: str,
@@ -45,14 +45,14 @@ def subscribe_status(node: Node, controller: str,
 
 def received(message: DiagnosticArray) -> DiagnosticArray:
     """Return a status with printable text, cut to the bounds of its size."""
-    message.status = [_shown(status) for status in message.status[:MOST_TASKS + 1]]
+    message.status = [_shown(status) for status in message.status[:MOST_RECEIVED_TASKS + 1]]
     return message
 
 
 def _shown(status: DiagnosticStatus) -> DiagnosticStatus:
     """Return the entry of the controller, or of a task, with printable text."""
-    status.name, status.message = plain(status.name, LONGEST_NAME), plain(status.message)
+    status.name, status.message = plain(status.name, LONGEST_KEY), plain(status.message)
     status.values = status.values[:MOST_VALUES]
     for value in status.values:
-        value.key, value.value = plain(value.key, LONGEST_NAME), plain(value.value)
+        value.key, value.value = plain(value.key, LONGEST_KEY), plain(value.value)
     return status

@@ -23,6 +23,7 @@ from rclpy.node import Node
 from tp_controller.control.settings import Settings
 from tp_controller.errors import EvaluationError, in_words, SettingsError
 from tp_controller.model.robot import Robot
+from tp_controller.ros.declarations.spec import TASKS
 from tp_controller.ros.interface.limit_parameters import LimitParameters
 from tp_controller.ros.interface.reporter import Reporter
 from tp_controller.ros.interface.task_parameters import TaskParameters
@@ -32,7 +33,6 @@ from tp_controller.ros.loop.clocks import boot_time
 from tp_controller.ros.loop.control_loop import ControlLoop, INACTIVE
 from tp_controller.ros.loop.other_publishers import Competitors
 from tp_controller.ros.loop.shared_controller import SharedController
-from tp_controller.ros.parameters import TASKS
 from tp_controller.solver.compiled import fallback_reason, running
 from tp_controller.tasks.stack import Stack
 

@@ -22,7 +22,8 @@ from tp_controller.control.controller import Controller
 from tp_controller.errors import RobotError, SettingsError
 from tp_controller.model.limits import BASE_LIMIT_KEYS, LIMIT_KEYS, LIMIT_UNITS
 from tp_controller.model.robot import Robot
-from tp_controller.ros.parameters import declare, LIMITS, Spec
+from tp_controller.ros.declarations.spec import LIMITS, Spec
+from tp_controller.ros.parameters import declare, descriptor
 from tp_controller.ros.rclpy_internals import initial_parameters
 
 # {velocity: {key: limit}}
@@ -83,7 +84,7 @@ class LimitParameters:
             if spec.name in before:
                 # Values set since the start override those that the node was started with.
                 self._node.declare_parameter(spec.name, changed.get(spec.name, spec.default),
-                                             spec.descriptor(), ignore_override=True)
+                                             descriptor(spec), ignore_override=True)
         limits: Limits = {}
         for name, value in declare(self._node, specs).items():
             if value != self._described[name]:

@@ -59,12 +59,12 @@ MOST_LIFT = 2.0 * TEXT_SIZE
 # the arrow [1].
 ARROW_SIZE, HEAD_SHARE = (0.006, 0.015, 0.03), 0.4
 # Edge length and thickness of the plate that represents a half-space [m].
-PLATE = (2.0, 0.002)
+HALF_SPACE_PLATE = (2.0, 0.002)
 # Number of corners on the rim of a cone.
 RIM_CORNERS = 24
 GOAL = 'goal'
 # Largest number of points of a marker.
-MOST_POINTS = 2000
+MOST_DRAWN_POINTS = 2000
 # Lifetime of the markers: in periods, and at least [s].
 LIFE_PERIODS, SHORTEST_LIFE = 3.0, 1.0
 
@@ -212,7 +212,7 @@ def _size(shape: Shape) -> tuple[int, Sequence[float]]:
         radius, half = shape.half.tolist()
         return Marker.CYLINDER, (2.0 * radius, 2.0 * radius, 2.0 * half)
     if isinstance(shape, HalfSpace):
-        return Marker.CUBE, (PLATE[0], PLATE[0], PLATE[1])
+        return Marker.CUBE, (HALF_SPACE_PLATE[0], HALF_SPACE_PLATE[0], HALF_SPACE_PLATE[1])
     raise ValueError(f'{type(shape).__name__} is not a shape')
 
 
@@ -305,8 +305,8 @@ def _to_point(vector: Array) -> Point:
 
 def _to_points(points: Array) -> list[Point]:
     """Return point messages."""
-    if len(points) > MOST_POINTS:
-        raise ValueError(f'needs at most {MOST_POINTS} points, got {len(points)}')
+    if len(points) > MOST_DRAWN_POINTS:
+        raise ValueError(f'needs at most {MOST_DRAWN_POINTS} points, got {len(points)}')
     return [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
 
 

@@ -19,7 +19,7 @@ from rclpy.node import Node
 from tp_controller.ros.log import Log
 
 # Polling period of the node graph [s].
-POLL_SECONDS = 0.5
+GRAPH_POLL_SECONDS = 0.5
 
 
 class Namesakes:
@@ -35,7 +35,8 @@ class Namesakes:
 
     def __init__(self, node: Node, log: Log) -> None:
         self._node, self._log, self._count = node, log, 0
-        node.create_timer(POLL_SECONDS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(GRAPH_POLL_SECONDS, self._look,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _look(self) -> None:
         """Count the nodes of the same name; log another one."""

@@ -38,7 +38,7 @@ from tp_controller.tasks.sketch import Sketch
 from visualization_msgs.msg import MarkerArray
 
 # Longest delay of a log message [s].
-FLUSH_SECONDS = 0.05
+LOG_DELAY = 0.05
 # Longest time that a status waits for a cycle with all goals [s]: they may arrive all the time.
 LONGEST_STATUS_WAIT = 0.2
 DIAGNOSTICS_SECONDS = 1.0
@@ -82,7 +82,7 @@ class Reporter:
         self._faults: dict[str, str] = {}
         self._goals = InteractiveGoals(node, log.warning)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        for period, callback in ((1.0 / rate, self._on_status), (FLUSH_SECONDS, self._on_flush),
+        for period, callback in ((1.0 / rate, self._on_status), (LOG_DELAY, self._on_flush),
                                  (DIAGNOSTICS_SECONDS, self._on_diagnostics)):
             node.create_timer(period, callback, clock=steady)
 

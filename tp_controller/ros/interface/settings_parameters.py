@@ -15,22 +15,12 @@
 """Settings of the method as node parameters."""
 
 from collections.abc import Mapping
-from dataclasses import fields
-import math
 from typing import Any
 
 from tp_controller.control.settings import Settings
 from tp_controller.errors import SettingsError
-from tp_controller.ros.parameters import EQUAL, Spec
-
-# Names, descriptions and ranges are defined by the fields of Settings.
-SETTINGS = tuple(
-    Spec(item.name, EQUAL if item.name == 'weights' else item.default,
-         item.metadata['description']
-         + (f' ({", ".join(item.metadata["valid"])})' if 'valid' in item.metadata else ''),
-         item.metadata['unit'], item.metadata.get('lower', -math.inf),
-         item.metadata.get('upper', math.inf))
-    for item in fields(Settings) if item.name != 'period')
+from tp_controller.ros.declarations.controller import SETTINGS
+from tp_controller.ros.declarations.spec import EQUAL
 
 
 def settings_from(values: Mapping[str, Any], period: float, origin: str) -> Settings:

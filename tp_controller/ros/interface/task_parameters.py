@@ -32,8 +32,9 @@ from tp_controller.control.gains import (
 )
 from tp_controller.errors import SettingsError
 from tp_controller.foreign import foreign
+from tp_controller.ros.declarations.spec import Spec, TASKS, wrong_type
 from tp_controller.ros.log import Log
-from tp_controller.ros.parameters import as_type, declare, Spec, TASKS, wrong_type
+from tp_controller.ros.parameters import as_type, declare, plain
 from tp_controller.ros.rclpy_internals import initial_parameters
 from tp_controller.tasks.keys import MAX_NUMBER
 from tp_controller.tasks.stack import Stack
@@ -92,7 +93,7 @@ class TaskParameters:
             kind = Parameter.Type.from_parameter_value(entry.spec.default)
             given = as_type(given, kind)
             if given.type_ is not kind:
-                faults.append(wrong_type(name, kind, given.value))
+                faults.append(wrong_type(name, kind.name, plain(given.value)))
                 continue
             task = stack.tasks[entry.task]
             try:

@@ -29,22 +29,8 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from tp_controller.errors import in_words, SettingsError
 from tp_controller.ros.log import Log
 from tp_controller.ros.loop.stop_reasons import Stops
-from tp_controller.ros.parameters import names_in, Spec
+from tp_controller.ros.parameters import names_in
 
-PARAMETERS = (
-    Spec('enable_topic', '', 'enable switch (std_msgs/Bool): motion only while it is true (empty: '
-         'none)', fixed=True),
-    Spec('enable_timeout', 0.5, 'age of the last message of the enable switch from which it '
-         'counts as off (0: any age, for a publisher of changes only)', 's', 0.0, 60.0, True),
-    Spec('permit_topics', [''], 'states of the robot that all have to hold for motion: topics of '
-         'one Bool or number, true or more than 0, or "topic:field == value" with ==, !=, >, >=, '
-         '<, <=; one that is lost stops the robot until ~/start (an empty name: none)',
-         fixed=True),
-    Spec('speed_scaling_topic', '', 'topic of the share of the commanded velocity that the robot '
-         'carries out, one number (empty: none)', fixed=True),
-    Spec('speed_scaling_full', 100.0, 'value on `speed_scaling_topic` that stands for full speed',
-         '', 1e-6, 1e6, True),
-)
 OPERATORS: Mapping[str, Callable[[float, float], bool]] = {
     '==': operator.eq, '!=': operator.ne, '>=': operator.ge, '<=': operator.le,
     '>': operator.gt, '<': operator.lt}
@@ -218,7 +204,7 @@ class Permits:
     topic : callable
         Returns the full name of a topic.
     values : dict
-        Values of `PARAMETERS`.
+        Values of `tp_controller.ros.declarations.controller.PERMITS`.
     stops : Stops
     clock : callable
         Returns the time of receipt [s].
@@ -292,7 +278,7 @@ def read_inputs(values: Mapping[str, Any], resolve: Callable[[str], str]
     Parameters
     ----------
     values : dict
-        Values of `PARAMETERS`.
+        Values of `tp_controller.ros.declarations.controller.PERMITS`.
     resolve : callable
         Returns the full name of a topic.
 

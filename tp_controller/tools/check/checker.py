@@ -77,9 +77,9 @@ from tp_controller.tools.check.results import (
 )
 from tp_controller.tools.check.setup import in_process, Plan, Result, Seed, Setup
 
-VERSION = 1
+REPORT_VERSION = 1
 # Defaults: number of samples and of closed loops, longest time of a closed loop [s].
-SAMPLES, RUNS, SECONDS = 300, 20, 15.0
+SAMPLES, RUNS, RUN_SECONDS = 300, 20, 15.0
 # Near goals: share of the distance from the start to a random configuration [1]; half of them are.
 NEAR_SHARE = 0.5
 # Number of parts of the work of one section, and seeds in the largest part: Ctrl-C waits for it.
@@ -119,7 +119,7 @@ class Workers(Protocol):
 
 def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
           period: float | None = None, samples: int = SAMPLES, runs: int = RUNS,
-          seconds: float = SECONDS, seed: int = 0, jobs: int = 1,
+          seconds: float = RUN_SECONDS, seed: int = 0, jobs: int = 1,
           executor: Executor | None = None, around: ArrayLike | None = None,
           progress: Progress = _no_progress) -> CheckReport:
     """
@@ -242,7 +242,7 @@ def refused(messages: Iterable[tuple[str, str]], rate: float = 0.0, seed: int = 
     """
     findings = tuple(Finding(WRONG, 'fault', where, message, 'correct it: a controller refuses '
                              'it, too') for where, message in messages)
-    return CheckReport(VERSION, robot, rate, seed, 0, 0, {}, findings, (), (), (), (), None)
+    return CheckReport(REPORT_VERSION, robot, rate, seed, 0, 0, {}, findings, (), (), (), (), None)
 
 
 def _checked_period(period: float | None, settings: Settings) -> float:
@@ -295,7 +295,7 @@ def _report(setup: Setup, seed: int, configurations: Sequence[ConfigurationSampl
         about_time(timing, setup) if timing else ())]
     ended = Counter(run.ended for run in runs)
     return CheckReport(
-        VERSION, setup.robot.name, 1.0 / setup.period, seed, len(configurations), len(runs),
+        REPORT_VERSION, setup.robot.name, 1.0 / setup.period, seed, len(configurations), len(runs),
         {how: ended[how] for how in (REACHED, AT_REST, TIME_UP, FAILED)} if runs else {},
         by_severity(findings), levels, tasks, pairs, worst, timing)
 

@@ -35,9 +35,9 @@ from tp_controller.tools.check.setup import Setup
 # Largest number of configurations tried until one, as a start or for goals, satisfies the stack.
 MOST_CONFIGURATIONS = 3
 # Interval between reports [s]: a report takes as long as the cycle itself.
-REPORT_SECONDS = 0.05
+REPORT_INTERVAL = 0.05
 # Speed [rad/s or m/s] below which, for this time [s], a robot counts as at rest.
-REST_SPEED, REST_SECONDS = 3e-4, 1.0
+ROBOT_REST_SPEED, REST_SECONDS = 3e-4, 1.0
 # Longest time to move from a configuration to one that satisfies the stack [s].
 SETTLE_SECONDS = 10.0
 # Time for which all tasks have to be at their goals before a run ends [s].
@@ -220,12 +220,12 @@ class Loop:
             ``reached``, ``at rest`` or ``time is up``.
 
         """
-        each = max(1, round(REPORT_SECONDS / self.setup.period))
+        each = max(1, round(REPORT_INTERVAL / self.setup.period))
         until = self.now + seconds
         still = math.inf
         while self.now < until:
             command = self.step()
-            if np.abs(command.velocity).max() > REST_SPEED:
+            if np.abs(command.velocity).max() > ROBOT_REST_SPEED:
                 still = math.inf
             else:
                 still = min(still, self.now)

@@ -15,8 +15,7 @@
 """Reader of the parameter files of a controller node, without ROS."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
-import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,27 +26,20 @@ from tp_controller.model.mobile_base import DEFAULT_WORLD
 from tp_controller.model.robot import Robot
 from tp_controller.model.simulator import initial_positions
 from tp_controller.model.spatial import Array
-from tp_controller.resources import is_number, load_yaml, read_source
+from tp_controller.resources import load_yaml, read_source
+from tp_controller.ros.declarations.controller import PARAMETERS, SETTINGS
+from tp_controller.ros.declarations.simulator import PARAMETERS as SIMULATOR_PARAMETERS
+from tp_controller.ros.declarations.spec import LIMITS, Spec, TASKS
 from tp_controller.tasks.stack import Stack
 
 CONTROLLER, SIMULATOR = 'tp_controller', 'tp_simulator'
 ENTRY = 'ros__parameters'
 WILDCARDS = ('*', '**')
-# Defaults of a node: rate [Hz] and timeout of joint states [s].
-RATE, STATE_TIMEOUT = 100.0, 0.1
-# Parameters that a check reads, and parameters that only concern the node itself.
-SETTINGS = tuple(item.name for item in fields(Settings) if item.name != 'period')
-CHECKED_PARAMETERS = (
-    'robot', 'robot_description', 'base', 'world_frame', 'joints', 'stack', 'rate',
-    'state_timeout', *SETTINGS)
-NODE_PARAMETERS = (
-    'command_joints', 'check_stamps', 'jump_tolerance', 'odometry_jump_tolerance',
-    'limit_tolerance', 'follow_window', 'settle_time', 'exclusive', 'require_listener',
-    'require_watchdog', 'stop_deceleration', 'keep_goals', 'enable_topic', 'enable_timeout',
-    'permit_topics', 'speed_scaling_topic', 'speed_scaling_full', 'watchdog_timeout',
-    'command_deadline', 'state_deadline', 'autostart', 'realtime_priority', 'processor',
-    'lock_memory', 'freeze_garbage', 'status_rate', 'use_sim_time')
-FAMILIES = ('limits.', 'tasks.', 'qos_overrides.')
+# Declared parameters of the nodes, by name.
+DECLARED = {spec.name: spec for spec in PARAMETERS}
+SIMULATED = {spec.name: spec for spec in SIMULATOR_PARAMETERS}
+SETTING_NAMES = tuple(spec.name for spec in SETTINGS)
+FAMILIES = (LIMITS, TASKS, 'qos_overrides.')
 
 
 @dataclass(frozen=True)
@@ -176,11 +168,12 @@ def read(files: Sequence[str | Path], stack: str, robot: str, base: str, rate: f
         ('stack', stack), ('base', base), ('rate', rate)) if value})
     if robot:
         given.update(robot=robot, robot_description='')
-    faults: list[Exception] = []
+    refused = [*_drop_refused(given, DECLARED), *_drop_refused(simulated, SIMULATED)]
+    faults: list[Exception] = [SettingsError(refused)] if refused else []
     settings = _try(faults, _settings, given)
     made = _try(faults, _robot, given, simulated)
     tasks = _try(faults, _stack, given, made) if made else None
-    period = settings and _try(faults, _period, given, simulated, settings)
+    period = settings and _period(given, simulated, settings)
     if tasks and settings:
         _try(faults, _set_task_parameters, given, tasks, settings)
     if faults or not (settings and made and tasks and period):
@@ -225,20 +218,27 @@ def _try(faults: list[Exception], method: Any, *arguments: Any) -> Any:
         return None
 
 
-def _number(given: Mapping[str, Any], name: str, default: float) -> float:
-    """Return a parameter as a number, or raise `SettingsError`."""
-    value = given.get(name, default)
-    if not is_number(value) or not 0.0 <= value < math.inf:
-        raise SettingsError([f'parameter {name} must be a number, not {value!r}'])
-    return float(value)
+def _drop_refused(given: dict[str, Any], specs: Mapping[str, Spec]) -> list[str]:
+    """Remove the values that a node refuses, and return their faults; `Settings` has its own."""
+    faults = {name: specs[name].fault(value) for name, value in given.items()
+              if name in specs and name not in SETTING_NAMES}
+    for name, fault in faults.items():
+        if fault:
+            del given[name]
+    return list(filter(None, faults.values()))
+
+
+def _number(given: Mapping[str, Any], specs: Mapping[str, Spec], name: str) -> float:
+    """Return a parameter, or its default, as a number."""
+    return float(given.get(name, specs[name].default))
 
 
 def _settings(given: Mapping[str, Any]) -> Settings:
     """Return the settings, with the period of the rate."""
-    rate = _number(given, 'rate', RATE)
-    period = 1.0 / rate if rate > 0.0 else _number(given, 'state_timeout', STATE_TIMEOUT)
+    rate = _number(given, DECLARED, 'rate')
+    period = 1.0 / rate if rate > 0.0 else _number(given, DECLARED, 'state_timeout')
     values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
-                              for name, value in given.items() if name in SETTINGS}
+                              for name, value in given.items() if name in SETTING_NAMES}
     if values.get('weights') in ((), (1.0,)):
         # These values denote equal weights for any number of joints.
         del values['weights']
@@ -247,10 +247,7 @@ def _settings(given: Mapping[str, Any]) -> Settings:
 
 def _period(given: Mapping[str, Any], simulated: Mapping[str, Any], settings: Settings) -> float:
     """Return the time between two cycles [s]."""
-    rate = _number(given, 'rate', RATE) or _number(simulated, 'rate', RATE)
-    if rate == 0.0:
-        raise SettingsError(['rate is 0 for controller and simulator: give the rate of the joint '
-                             'states'])
+    rate = _number(given, DECLARED, 'rate') or _number(simulated, SIMULATED, 'rate')
     return min(1.0 / rate, settings.period)
 
 
@@ -259,8 +256,8 @@ def _robot(given: Mapping[str, Any], simulated: Mapping[str, Any]) -> Robot:
     joints = given.get('joints')
     limits: dict[str, dict[str, float]] = {}
     for name, value in given.items():
-        if name.startswith('limits.'):
-            joint, _, key = name.removeprefix('limits.').rpartition('.')
+        if name.startswith(LIMITS):
+            joint, _, key = name.removeprefix(LIMITS).rpartition('.')
             limits.setdefault(joint, {})[key] = value
     options: dict[str, Any] = {
         'joints': None if joints in (None, [], ['']) else joints, 'limits': limits or None,
@@ -298,8 +295,8 @@ def _set_task_parameters(given: Mapping[str, Any], stack: Stack, settings: Setti
     """Set the gains and tolerances of tasks from the file."""
     faults: list[str] = []
     for name, value in given.items():
-        task, _, key = name.removeprefix('tasks.').partition('.')
-        if not name.startswith('tasks.') or task not in stack.tasks:
+        task, _, key = name.removeprefix(TASKS).partition('.')
+        if not name.startswith(TASKS) or task not in stack.tasks:
             continue
         key, _, unit = key.partition('.')
         try:
@@ -316,9 +313,9 @@ def _set_task_parameters(given: Mapping[str, Any], stack: Stack, settings: Setti
 def _ignored(given: Mapping[str, Any], stack: Stack) -> Iterator[str]:
     """Yield the parameters that a node would ignore."""
     for name in given:
-        if name.startswith('tasks.'):
-            task, _, key = name.removeprefix('tasks.').partition('.')
+        if name.startswith(TASKS):
+            task, _, key = name.removeprefix(TASKS).partition('.')
             if task not in stack.tasks or key.partition('.')[0] not in ('gain', 'tolerance'):
                 yield name
-        elif name not in CHECKED_PARAMETERS + NODE_PARAMETERS and not name.startswith(FAMILIES):
+        elif name not in (*DECLARED, 'use_sim_time') and not name.startswith(FAMILIES):
             yield name

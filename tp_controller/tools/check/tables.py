@@ -28,7 +28,7 @@ from tp_controller.tools.check.results import (
     WorstResult,
 )
 
-WIDTH = 99
+TABLE_COLUMNS = 99
 # Prefix of a suggested change.
 ARROW = '→ '
 # {kind of an extreme: title in a table, and format}
@@ -52,10 +52,10 @@ def text_of(report: CheckReport) -> str:
         lines.append(f'{severity}:')
         for finding in found:
             where = f'{finding.where}: ' if finding.where else ''
-            lines += wrap(where + finding.message, WIDTH, initial_indent='  - ',
+            lines += wrap(where + finding.message, TABLE_COLUMNS, initial_indent='  - ',
                           subsequent_indent='    ')
             if finding.change:
-                lines += wrap(ARROW + finding.change, WIDTH, initial_indent='    ',
+                lines += wrap(ARROW + finding.change, TABLE_COLUMNS, initial_indent='    ',
                               subsequent_indent='      ')
         lines.append('')
     for title, columns, rows in tables(report):

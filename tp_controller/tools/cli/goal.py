@@ -31,7 +31,7 @@ if TYPE_CHECKING:  # Imported when a goal is sent: the help needs no ROS.
     from tp_controller.ros.client.client import Client
 
 # Period of repeated velocities, which time out at the controller [s].
-REPEAT_SECONDS = 0.05
+VELOCITY_REPEAT_SECONDS = 0.05
 TURN = 2.0 * math.pi
 # {part of a goal: option}
 OPTIONS = {'xyz': '--xyz', 'quat_xyzw': '--rpy/--quat', 'joints': '--joint',
@@ -160,7 +160,7 @@ def _repeat(client: 'Client', duration: float) -> None:
     """Send the goal repeatedly for a duration [s]."""
     end = time.monotonic() + duration
     while time.monotonic() < end:
-        client.wait(lambda: False, REPEAT_SECONDS)
+        client.wait(lambda: False, VELOCITY_REPEAT_SECONDS)
         client.repeat()
 
 

@@ -54,7 +54,7 @@ EXTRAS = {
     ('rosbags', 'lz4', 'backports'): ('recordings need it', 'record'),
 }
 # Longest error that is printed [characters].
-LONGEST_ERROR = 20_000
+LONGEST_PRINTED_ERROR = 20_000
 INTERRUPTED = 128 + signal.SIGINT
 
 
@@ -142,7 +142,8 @@ def _node(name: str, part: str = 'ros') -> int:
 
 def _refuse(error: TpControllerError) -> int:
     """Print an error; return the exit status, 2 for an unavailable solver."""
-    print(f'tp_controller: {plain(str(error), LONGEST_ERROR, lines=True)}', file=sys.stderr)
+    print(f'tp_controller: {plain(str(error), LONGEST_PRINTED_ERROR, lines=True)}',
+          file=sys.stderr)
     return 2 if isinstance(error, SolverError) else 1
 
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:  # Imported when a recording starts: the help needs no ROS.
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # Periods of polling the messages, of writing to the disk, and of the status line [s].
-POLL_SECONDS, FLUSH_SECONDS, STATUS_SECONDS = 0.005, 1.0, 0.2
+RECEIVE_SECONDS, WRITE_SECONDS, STATUS_SECONDS = 0.005, 1.0, 0.2
 # Carriage return, and erase to the end of the line.
 CLEAR_LINE = '\r\x1b[K'
 UNITS = ((1e9, 'GB'), (1e6, 'MB'), (1e3, 'kB'))
@@ -103,7 +103,7 @@ def record(options: argparse.Namespace) -> int:
             if time.monotonic() > end:
                 raise TpControllerError(
                     absence(', '.join(f'/{name}' for name in recorder.missing())))
-            time.sleep(POLL_SECONDS)
+            time.sleep(RECEIVE_SECONDS)
         if arrived:
             raise KeyboardInterrupt
         bag = BagWriter(path)
@@ -140,13 +140,13 @@ def _write(recorder: 'BagRecorder', bag: 'BagWriter', seconds: float | None,
         while not arrived and (seconds is None or time.monotonic() - start < seconds):
             recorder.record(bag)
             now = time.monotonic()
-            if now - flushed >= FLUSH_SECONDS:
+            if now - flushed >= WRITE_SECONDS:
                 flushed = now
                 bag.flush()
             if now - shown >= STATUS_SECONDS:
                 shown = now
                 _show(f'{_amount(bag, now - start)}, {len(bag.counts)} topics')
-            time.sleep(POLL_SECONDS)
+            time.sleep(RECEIVE_SECONDS)
         recorder.record(bag)
         bag.close()
     except OSError as error:

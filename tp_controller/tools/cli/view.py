@@ -48,7 +48,7 @@ CONTROLLER = 'tp_controller'
 DEMOS = {'panda': 'demo', 'conflict': 'conflict', 'mobile': 'mobile', 'underwater': 'underwater',
          'two_arms': 'two_arms'}
 # Timeout of the response to a goal, on a busy machine [s].
-ANSWER_SECONDS = 120.0
+GOAL_RESPONSE_SECONDS = 120.0
 # Demos of `tp_controller demo` without nodes.
 WITHOUT_NODES = ('drill', 'lab1', 'lab2')
 # Variables that connect another terminal to the nodes of a demo.
@@ -183,7 +183,7 @@ def _show(stack: ExitStack, server: 'viser.ViserServer', controller: str,
     if nodes:
         startup.wait(lambda: missing(client), page.turn)
     for goal in goals:
-        client.send(goal['task'], wait=ANSWER_SECONDS, **goal_fields(goal))
+        client.send(goal['task'], wait=GOAL_RESPONSE_SECONDS, **goal_fields(goal))
     alive = list(nodes)
     while True:
         page.turn()

@@ -36,12 +36,12 @@ from tp_controller.tools.plots.drawing import (
     ARM_COLOUR,
     Array,
     COLOURS,
-    DPI,
     FAINT,
     GOAL_COLOUR,
     LIMIT_COLOUR,
     make_scene,
     mark_bound,
+    PLOT_DPI,
     save,
     Scene,
     SHADOW_COLOUR,
@@ -348,7 +348,7 @@ def _add_reasons(axis: Axes, times: Array, reasons: Mapping[str, Sequence[str]],
 def _figure(title: str, rows: int, height: float,
             heights: Sequence[float] | None = None) -> tuple[Figure, list[Axes]]:
     """Return a figure and its axes, from top to bottom, with a common time axis."""
-    figure = Figure(figsize=(8.2, height), dpi=DPI, layout='constrained')
+    figure = Figure(figsize=(8.2, height), dpi=PLOT_DPI, layout='constrained')
     FigureCanvasAgg(figure)
     figure.suptitle(title)
     axes = list(figure.subplots(

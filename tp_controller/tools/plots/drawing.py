@@ -39,13 +39,13 @@ ARM_COLOUR = '#2F3B4A'
 LIMIT_COLOUR = '#B00020'
 SHADOW_COLOUR = '#DDE1E6'
 FAINT = '#B8BEC6'
-DPI = 110
+PLOT_DPI = 110
 # Spread of the heights [m] below which a motion counts as planar.
 PLANAR_SPREAD = 1e-6
 # Scene in space: ratio of the shortest to the longest side; zoom of a cube, and exponent of the
 # enlargement of flatter or thinner boxes [1].
 LEAST_SIDE = 0.5
-ZOOM, ENLARGED = 0.9, 0.1
+ZOOM, ZOOM_EXPONENT = 0.9, 0.1
 # Ticks of the longest side, and distances of the axis labels from the numbers [pt].
 TICKS, LABEL_PADS = 6, (9.0, 9.0, 10.0)
 # Longest name in a plot [characters].
@@ -87,7 +87,7 @@ def make_scene(points: Array, title: str) -> Scene:
     """Return a scene with equal scales around points (k, 3), in the plane if they are."""
     lower, upper = points.min(axis=0), points.max(axis=0)
     flat = upper[2] - lower[2] < PLANAR_SPREAD
-    figure = Figure(figsize=(6.4, 6.0), dpi=DPI, layout='constrained')
+    figure = Figure(figsize=(6.4, 6.0), dpi=PLOT_DPI, layout='constrained')
     FigureCanvasAgg(figure)
     axis: Axes = figure.add_subplot() if flat else figure.add_subplot(projection='3d')
     axis.set_title(title)
@@ -113,7 +113,7 @@ def _add_height(axis: 'Axes3D', bottom: float, half: Array) -> None:
     # A cube has the longest diagonal: a flatter or thinner box may be drawn larger.
     shape = half / half.max()
     # A tall box is drawn smaller: its lower corner would cover the items below.
-    zoom = ZOOM * min((np.sqrt(3.0) / np.linalg.norm(shape)) ** ENLARGED,
+    zoom = ZOOM * min((np.sqrt(3.0) / np.linalg.norm(shape)) ** ZOOM_EXPONENT,
                       _projected_height(np.ones(3)) / _projected_height(shape))
     axis.set_box_aspect(shape, zoom=zoom)
     for each, side, pad in zip((axis.xaxis, axis.yaxis, axis.zaxis), shape, LABEL_PADS):

@@ -14,6 +14,9 @@
 
 """A parameter file, read as a node reads it."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from robots import CONFIG, PLANAR_DH
@@ -132,14 +135,32 @@ def test_all_that_a_node_would_refuse_is_listed(file):
 
 
 @pytest.mark.parametrize(('parameters', 'said'), [
-    ('{rate: fast}', 'rate must be a number'), ('{rate: -1.0}', 'rate must be a number'),
+    ('{rate: fast}', 'rate must be a number'), ('{rate: -1.0}', 'rate must be from 0 to 2000'),
+    ('{status_rate: 0.0}', 'status_rate must be from 0.1'), ('{autostart: 1}', 'true or false'),
+    ('{permit_topics: 3}', 'a list of strings'), ('{processor: 0.5}', 'an integer'),
     ('{limits: {joint9: {velocity: 1.0}}}', 'joint9'), ('{joints: [joint1, joint8]}', 'joint8'),
     ('{base: boat}', 'boat'), ('{tasks: {tip: {gain: [1.0, 2.0, 3.0]}}}', 'tasks.tip.gain'),
-    ('{rate: 0.0, state_timeout: 0.0}', 'period')])
+    ('{rate: 0.0, state_timeout: 0.0}', 'state_timeout must be from 0.001')])
 def test_parameters_that_are_wrong_are_faults(file, parameters, said):
     with pytest.raises(Refused, match=said):
         read([file(f'tp_controller: {{ros__parameters: {parameters}}}')], STACK, str(PLANAR_DH),
              '', None)
+
+
+def test_values_that_a_node_accepts_are_no_faults(file):
+    path = file('tp_controller:\n  ros__parameters: {rate: 0, joints: [], limit_tolerance: .inf, '
+                'status_rate: 5e0}\n')
+    given = read([path], STACK, str(PLANAR_DH), '', None)
+    # Cycles as often as the simulator publishes, by its default.
+    assert given.period == 1.0 / 200.0 and not given.ignored
+
+
+def test_a_check_needs_no_ros():
+    code = ('import sys; sys.modules["rclpy"] = None\n'
+            'from tp_controller.tools.check import parameter_file\n'
+            'assert "rate" in parameter_file.DECLARED\n'
+            'assert not [name for name in sys.modules if name.endswith("_msgs")]')
+    subprocess.run([sys.executable, '-c', code], check=True)
 
 
 @pytest.mark.parametrize('text', ['- a list', 'tp_controller: {rate: 3.0}', '{', 'a: {b: 3}',

@@ -14,14 +14,40 @@
 
 """Parameters of the controller node, besides those of limits and tasks."""
 
+from dataclasses import fields
 import math
 
-from tp_controller.ros.interface.settings_parameters import SETTINGS
-from tp_controller.ros.loop.permits import PARAMETERS as PERMITS
-from tp_controller.ros.parameters import ROBOT, Spec
+from tp_controller.control.settings import Settings
+from tp_controller.ros.declarations.spec import EQUAL, ROBOT, Spec
 
 # Largest number of processors that Linux can be configured for.
 MOST_PROCESSORS = 8192
+# Inputs that allow motion.
+PERMITS = (
+    Spec('enable_topic', '', 'enable switch (std_msgs/Bool): motion only while it is true (empty: '
+         'none)', fixed=True),
+    Spec('enable_timeout', 0.5,
+         'age of the last message of the enable switch from which it counts as off (0: any '
+         'age, for a publisher of changes only)', 's', 0.0,
+         60.0, True),
+    Spec('permit_topics', [''],
+         'states of the robot that all have to hold for motion: topics of one Bool or number, '
+         'true or more than 0, or "topic:field == value" with ==, !=, >, >=, <, <=; one that '
+         'is lost stops the robot until ~/start (an empty name: none)', fixed=True),
+    Spec('speed_scaling_topic', '',
+         'topic of the share of the commanded velocity that the robot carries out, one number '
+         '(empty: none)', fixed=True),
+    Spec('speed_scaling_full', 100.0, 'value on `speed_scaling_topic` that stands for full speed',
+         '', 1e-6, 1e6, True),
+)
+# Names, descriptions and ranges are defined by the fields of Settings.
+SETTINGS = tuple(
+    Spec(item.name, EQUAL if item.name == 'weights' else item.default,
+         item.metadata['description']
+         + (f' ({", ".join(item.metadata["valid"])})' if 'valid' in item.metadata else ''),
+         item.metadata['unit'], item.metadata.get('lower', -math.inf),
+         item.metadata.get('upper', math.inf))
+    for item in fields(Settings) if item.name != 'period')
 PARAMETERS = (
     *ROBOT,
     Spec('joints', [''], 'driven joints, in the order of `weights` (an empty name: all that can '
