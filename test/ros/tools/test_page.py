@@ -176,7 +176,8 @@ def test_robot_stands_on_the_ground_once_it_is_known_where_it_is(rig):
 
 
 def test_who_opens_the_page_sees_the_robot_where_it_is_and_not_at_zero(rig):
-    points, view = rig.page._robot.points_in_view(0.22), rig.page.server.initial_camera
+    points = np.concatenate((rig.page._robot.outer_points(), rig.page.gizmos.tips()))
+    view = rig.page.server.initial_camera
     start = rig.link.robot.state(PLANAR_START)
     middle = np.mean([start.position(f'link{number}') for number in (1, 2, 3)], axis=0)
     assert np.linalg.norm(view.look_at[:2] - middle[:2]) < 0.5 * np.ptp(points, axis=0).max()

@@ -131,12 +131,6 @@ class RobotScene:
             return outer_points(self.state, self._corners)
         return np.array([self.state.position(frame) for frame in self.robot.frame_names])
 
-    def points_in_view(self, size: float) -> Array:
-        """Return points (k, 3) around the robot, and `size` around its tip, for its goal [m]."""
-        around = size * np.concatenate((np.eye(3), -np.eye(3)))
-        return np.concatenate((self.outer_points(),
-                               self.state.position(tip(self.robot)) + around))
-
     def remove(self) -> None:
         """Remove the robot from the scene."""
         self._root.remove()

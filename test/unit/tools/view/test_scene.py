@@ -29,8 +29,6 @@ from tp_controller.tools.view.skeleton import JOINT_COLOUR, skeleton
 import trimesh
 import viser
 
-# Size of what a goal is dragged by [m].
-GIZMO = 0.22
 BOX = '<geometry><box size="0.1 0.2 0.3"/></geometry>'
 BALL = '<geometry><sphere radius="0.2"/></geometry>'
 MISSING = '<geometry><mesh filename="package://no_such_package/a.stl"/></geometry>'
@@ -320,8 +318,7 @@ def test_first_view_has_the_robot_beside_the_panel(stage, name, width, height):
     for turn in (0.0, 1.0):
         shown.show(robot.configuration(np.full(len(robot.joint_names), turn), T)
                    if robot.moves else np.clip(np.full(robot.n, turn), robot.lower, robot.upper))
-        # The goal of its tool is there, too, with what it is dragged by.
-        points = shown.points_in_view(GIZMO)
+        points = shown.outer_points()
         view = camera.first_view(points, moves=robot.moves)
         x, y = seen(*view, points)
         # The scene is as wide as the panel leaves.
