@@ -67,16 +67,16 @@ MOST_POINTS = 2000
 
 
 class Kind(IntEnum):
-    """Kinds of primitives, with the numbers of ``visualization_msgs/Marker``."""
+    """Kinds of primitives, with the names and numbers of ``visualization_msgs/Marker``."""
 
     ARROW = 0
-    BOX = 1
+    CUBE = 1
     SPHERE = 2
     CYLINDER = 3
     LINE_STRIP = 4
     LINE_LIST = 5
-    TEXT = 9
-    TRIANGLES = 11
+    TEXT_VIEW_FACING = 9
+    TRIANGLE_LIST = 11
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,7 +188,7 @@ def _path(sketch: Path, scale: float, colours: Mapping[str, Rgba]) -> list[Primi
 def _cone(sketch: Cone, scale: float, colours: Mapping[str, Rgba]) -> list[Primitive]:
     """Return the surface of a cone; its tip is at the pose, its axis along z."""
     half_angle, length = checked((sketch.half_angle, sketch.length), (2,)).tolist()
-    return [_made(Kind.TRIANGLES, sketch.T, (1.0, 1.0, 1.0), colour_of(sketch.part, colours),
+    return [_made(Kind.TRIANGLE_LIST, sketch.T, (1.0, 1.0, 1.0), colour_of(sketch.part, colours),
                   _surface(half_angle, length))]
 
 
@@ -204,12 +204,12 @@ def _size(shape: Shape) -> tuple[Kind, Sequence[float]]:
     if isinstance(shape, Sphere):
         return Kind.SPHERE, (2.0 * shape.radius,) * 3
     if isinstance(shape, Box):
-        return Kind.BOX, (2.0 * shape.half).tolist()
+        return Kind.CUBE, (2.0 * shape.half).tolist()
     if isinstance(shape, Cylinder):
         radius, half = shape.half.tolist()
         return Kind.CYLINDER, (2.0 * radius, 2.0 * radius, 2.0 * half)
     if isinstance(shape, HalfSpace):
-        return Kind.BOX, (PLATE[0], PLATE[0], PLATE[1])
+        return Kind.CUBE, (PLATE[0], PLATE[0], PLATE[1])
     raise ValueError(f'{type(shape).__name__} is not a shape')
 
 
@@ -223,7 +223,7 @@ def _gaps(sketch: Gaps, scale: float, colours: Mapping[str, Rgba]) -> list[Primi
     # Points are in the root frame, as there are several lines.
     return [_made(Kind.LINE_LIST, np.eye(4), (scale * LINE_WIDTH, 0.0, 0.0), lights[0],
                   np.stack([starts, ends], axis=1), [each for each in lights for _ in '12']),
-            _made(Kind.TEXT, _at(_text_position(starts[nearest], ends[nearest])),
+            _made(Kind.TEXT_VIEW_FACING, _at(_text_position(starts[nearest], ends[nearest])),
                   (0.0, 0.0, scale * TEXT_SIZE), lights[nearest],
                   text=f'{distances[nearest]:.3f} m')]
 

@@ -16,25 +16,28 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
+from dataclasses import replace
 import io
-from itertools import product
 from threading import Event
 
 import numpy as np
 from PIL import Image
 from tp_controller.errors import TpControllerError
+from tp_controller.model.shapes import HalfSpace
 from tp_controller.model.spatial import Array, pose
 from tp_controller.tasks.aim import pose_along
-from tp_controller.tasks.sketch import Sketch
+from tp_controller.tasks.primitives import COLOURS, Primitive, primitives
+from tp_controller.tasks.sketch import Arrow, Body, Cone, Path, Sketch
 from tp_controller.tools.demos.motion import FixedObject, Motion, Playback
 from tp_controller.tools.demos.outlines import outline
 from tp_controller.tools.demos.processes import ended_by_sigterm
+from tp_controller.tools.view.bounds import corners, outer_points
 from tp_controller.tools.view.browser import find_chromium, HeadlessPage, open_page
 from tp_controller.tools.view.camera import Camera, camera_for, FILM_FOV
+from tp_controller.tools.view.markers import ADD, MarkerScene
 from tp_controller.tools.view.parts import add_part, Colour, Part, place, wxyz
 from tp_controller.tools.view.scene import add_ground, RobotScene, Trail
 from tp_controller.tools.view.server import address, open_server, unused_port
-from tp_controller.tools.view.sketches import extent, shape_part, SketchScene
 from tp_controller.tools.view.visuals import visuals_of
 import viser
 
@@ -49,8 +52,13 @@ OUT_OF_VIEW = '<style>#root { position: fixed; top: 300vh; }</style>'
 MOST_TRIES = 20
 CARRIED_COLOUR: Colour = (204, 121, 167)
 BAR_RADIUS = 0.018
-# Half the size assumed for a mesh with unknown vertices, which has its own colours [m].
-MESH_HALF = 0.07
+# Colours of parts that differ from those of markers: obstacles are solid.
+CARRIED = 'carried'
+FILM_COLOURS = {**COLOURS, 'allowed': (0.0, 0.62, 0.45, 0.18), 'forbidden': (0.69, 0.48, 0.26, 1.0),
+                'cone': (0.34, 0.71, 0.91, 0.18), CARRIED: (0.8, 0.475, 0.655, 1.0)}
+# Size of goals per size of the scene, as a factor on that of markers, and largest length of a cone
+# as a share of it.
+GOAL_SCALE, LONGEST_CONE = 0.9, 0.14
 # Ambient and directional intensity; position of the lamp relative to the camera, in distances.
 AMBIENT, BRIGHTNESS, LAMP = 1.25, 2.4, np.array([0.0, 0.0, 1.2])
 NO_CHROMIUM = ('there is no Chromium on the PATH (Debian: sudo apt install chromium; Ubuntu: '
@@ -86,7 +94,7 @@ def solid_pictures(motion: Motion, samples: Sequence[int],
         raise TpControllerError(NO_CHROMIUM)
     with ended_by_sigterm() as all_started, _server() as server:
         camera = _camera(motion, samples, size[0] / size[1])
-        stage = _Stage(server.scene, motion, motion.enlarged * camera.distance)
+        stage = _Stage(server.scene, motion, camera, size[1])
         _add_lights(server.scene, camera)
         with open_page(program, address(server), *WINDOW) as page:
             all_started()
@@ -102,12 +110,15 @@ def solid_pictures(motion: Motion, samples: Sequence[int],
 class _Stage:
     """Scene of a film."""
 
-    def __init__(self, scene: viser.SceneApi, motion: Motion, size: float) -> None:
+    def __init__(self, scene: viser.SceneApi, motion: Motion, camera: Camera,
+                 height: int) -> None:
         self._motion, self._playback = motion, Playback(motion)
         self._robot = RobotScene(scene, motion.robot)
         self._robot.show(motion.q[0])
         add_ground(scene, self._robot.ground() if motion.ground is None else motion.ground)
-        self._sketches = SketchScene(scene, size)
+        self._size = motion.enlarged * camera.distance
+        self._sketches = MarkerScene(scene, pixels=height / (
+            2.0 * np.tan(0.5 * FILM_FOV) * camera.distance))
         self._trails = [Trail(scene, f'/trail/{frame}') for frame in motion.frames]
         self._objects = [(_add_object(scene, f'/objects/{number}', each), each.frame)
                          for number, each in enumerate(motion.objects)]
@@ -124,7 +135,10 @@ class _Stage:
         self._next = sample + 1
         state = self._playback.state
         self._robot.show(self._motion.q[sample])
-        self._sketches.draw(self._playback.sketches())
+        self._sketches.show({
+            (f'{task}/{sketch.part}', number): primitive
+            for task, parts in self._playback.sketches().items() for sketch in parts
+            for number, primitive in enumerate(_drawn(sketch, self._size))})
         for handle, frame in self._objects:
             place(handle, state.pose(frame))
         for bar, ends in zip(self._bars, self._playback.bars()):
@@ -134,10 +148,43 @@ class _Stage:
 def _add_object(scene: viser.SceneApi, name: str, each: FixedObject) -> viser.SceneNodeHandle:
     """Add an object, and return the node that follows its frame."""
     handle = scene.add_frame(name, show_axes=False)
-    part = shape_part(each.shape, pose(np.eye(3), each.at), CARRIED_COLOUR)
-    if part is not None:
-        add_part(scene, f'{name}/shape', part)
+    for primitive in _drawn(Body(CARRIED, pose(np.eye(3), each.at), each.shape)):
+        place(ADD[primitive.kind](scene, f'{name}/shape', primitive), primitive.T)
     return handle
+
+
+def _drawn(sketch: Sketch, size: float = 1.0) -> list[Primitive]:
+    """
+    Return the primitives of a sketch; none for a half-space, which is infinite.
+
+    An arrow is a line: the first picture after an arrow is added does not show it yet.
+    """
+    if isinstance(sketch, Body) and isinstance(sketch.shape, HalfSpace):
+        return []
+    if isinstance(sketch, Cone):
+        sketch = replace(sketch, length=min(sketch.length, LONGEST_CONE * size))
+    if isinstance(sketch, Arrow):
+        sketch = Path(sketch.part, np.stack((sketch.start, sketch.end)))
+    return primitives(sketch, GOAL_SCALE * size, FILM_COLOURS)
+
+
+def extent(sketch: Sketch, size: float) -> Array:
+    """
+    Return points (k, 3) that enclose a goal or a cone; empty for other sketches [m].
+
+    Parameters
+    ----------
+    sketch : Sketch
+    size : float
+        Size of the scene, to which the size of goals is proportional [m].
+
+    """
+    found = [np.empty((0, 3))]
+    for each in [] if isinstance(sketch, (Arrow, Body, Path)) else _drawn(sketch, size):
+        half = 0.5 * np.diag(each.size)
+        points = each.points if len(each.points) else np.concatenate((half, -half))
+        found.append(each.T[:3, 3] + points @ each.T[:3, :3].T)
+    return np.concatenate(found)
 
 
 def _add_lights(scene: viser.SceneApi, camera: Camera) -> None:
@@ -174,14 +221,11 @@ def _seen(motion: Motion, samples: Sequence[int]) -> tuple[Array, list[Sketch]]:
     """Return the points (k, 3) [m] and sketches that must be in view."""
     playback, points = Playback(motion), []
     sketches: list[Sketch] = []
-    corners = {link: np.concatenate([_corners(part) for part in parts])
-               for link, parts in visuals_of(motion.robot).parts.items() if parts}
+    solids = corners(visuals_of(motion.robot).parts)
     for sample in samples:
         playback.seek(sample)
         state = playback.state
-        for link, own in corners.items():
-            T = state.pose(link)
-            points.append(own @ T[:3, :3].T + T[:3, 3])
+        points.append(outer_points(state, solids))
         points += [state.position(frame)[np.newaxis] for frame in motion.frames]
         points += [outline(each.shape, state.pose(each.frame) @ pose(np.eye(3), each.at))
                    for each in motion.objects]
@@ -189,24 +233,6 @@ def _seen(motion: Motion, samples: Sequence[int]) -> tuple[Array, list[Sketch]]:
         sketches += [sketch for parts in playback.sketches().values() for sketch in parts]
     seen = np.concatenate(points)
     return seen[np.isfinite(seen).all(axis=1)], sketches
-
-
-def _corners(part: Part) -> Array:
-    """Return the corners (k, 3) of a box around a part, in the axes of its link [m]."""
-    half, middle = np.zeros(3), np.zeros(3)
-    if part.kind == 'box':
-        half = 0.5 * np.array(part.size)
-    elif part.kind == 'sphere':
-        half = np.ones(3) * part.size
-    elif part.kind == 'cylinder':
-        half = np.array([part.size[0], part.size[0], 0.5 * part.size[1]])
-    elif part.mesh is not None and part.mesh.vertices is not None:
-        low, high = part.mesh.vertices.min(axis=0), part.mesh.vertices.max(axis=0)
-        half, middle = 0.5 * (high - low) * part.size, 0.5 * (low + high) * part.size
-    else:
-        half += MESH_HALF
-    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
-    return (middle + signs * half) @ part.T[:3, :3].T + part.T[:3, 3]
 
 
 @contextmanager
