@@ -24,7 +24,7 @@ from tp_controller import Robot, Stack, TpControllerError
 from tp_controller.model.shapes import Box
 from tp_controller.tools.demos import film
 from tp_controller.tools.demos.motion import FixedObject, Motion
-from tp_controller.tools.view.browser import chromium_flags, find_chromium, open_page, UNLIMITED
+from tp_controller.tools.demos.chromium import chromium_flags, find_chromium, open_page, UNLIMITED
 
 STACK = """\
 - clear: {type: keep_out, frame: panda_hand_tcp, shape: {cylinder: [0.1, 0.8]},

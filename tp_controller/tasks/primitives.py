@@ -119,6 +119,7 @@ def primitives(sketch: Sketch, scale: float = 1.0,
     Parameters
     ----------
     sketch : Sketch
+        Sketch of a task.
     scale : float
         Factor on the sizes of axes, points, lines and texts.
     colours : mapping

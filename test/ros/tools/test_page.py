@@ -37,7 +37,7 @@ from tp_controller.ros.interface.markers import Markers
 from tp_controller.ros.interface.status import diagnostics
 from tp_controller.tasks.sketch import Cone, Gaps
 from tp_controller.tools.view.camera import first_view
-from tp_controller.tools.view.condition import BAD, GONE
+from tp_controller.tools.view.status import BAD, GONE
 from tp_controller.tools.view.draggables import draggables_of
 from tp_controller.tools.view.gizmos import FOLLOW_DELAY, Gizmos, SEND_PERIOD
 from tp_controller.tools.view.joint_sliders import span

@@ -10,7 +10,6 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
-# limitations under the License.
 
 """Pictures of a moving solid robot, rendered by a headless Chromium."""
 
@@ -28,14 +27,21 @@ from tp_controller.model.spatial import Array, pose
 from tp_controller.tasks.aim import pose_along
 from tp_controller.tasks.primitives import COLOURS, Primitive, primitives
 from tp_controller.tasks.sketch import Arrow, Body, Cone, Path, Sketch
+from tp_controller.tools.demos.chromium import find_chromium, HeadlessPage, open_page
 from tp_controller.tools.demos.motion import FixedObject, Motion, Playback
 from tp_controller.tools.demos.outlines import outline
 from tp_controller.tools.demos.processes import ended_by_sigterm
-from tp_controller.tools.view.bounds import corners, outer_points
-from tp_controller.tools.view.browser import find_chromium, HeadlessPage, open_page
 from tp_controller.tools.view.camera import Camera, camera_for, FILM_FOV
 from tp_controller.tools.view.markers import ADD, MarkerScene
-from tp_controller.tools.view.parts import add_part, Colour, Part, place, wxyz
+from tp_controller.tools.view.parts import (
+    add_part,
+    Colour,
+    corners,
+    outer_points,
+    Part,
+    place,
+    wxyz,
+)
 from tp_controller.tools.view.scene import add_ground, RobotScene, Trail
 from tp_controller.tools.view.server import address, open_server, unused_port
 from tp_controller.tools.view.visuals import visuals_of
@@ -54,8 +60,9 @@ CARRIED_COLOUR: Colour = (204, 121, 167)
 BAR_RADIUS = 0.018
 # Colours of parts that differ from those of markers: obstacles are solid.
 CARRIED = 'carried'
-FILM_COLOURS = {**COLOURS, 'allowed': (0.0, 0.62, 0.45, 0.18), 'forbidden': (0.69, 0.48, 0.26, 1.0),
-                'cone': (0.34, 0.71, 0.91, 0.18), CARRIED: (0.8, 0.475, 0.655, 1.0)}
+FILM_COLOURS = {
+    **COLOURS, 'allowed': (0.0, 0.62, 0.45, 0.18), 'forbidden': (0.69, 0.48, 0.26, 1.0),
+    'cone': (0.34, 0.71, 0.91, 0.18), CARRIED: (0.8, 0.475, 0.655, 1.0)}
 # Size of goals per size of the scene, as a factor on that of markers, and largest length of a cone
 # as a share of it.
 GOAL_SCALE, LONGEST_CONE = 0.9, 0.14
@@ -175,6 +182,7 @@ def extent(sketch: Sketch, size: float) -> Array:
     Parameters
     ----------
     sketch : Sketch
+        Sketch of a task.
     size : float
         Size of the scene, to which the size of goals is proportional [m].
 

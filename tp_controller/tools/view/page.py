@@ -10,7 +10,6 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
-# limitations under the License.
 
 """Page of a controller: shows its state, and forwards the actions of users."""
 
@@ -28,17 +27,16 @@ from tp_controller.errors import in_words, TpControllerError
 from tp_controller.ros.parameters import TASKS
 from tp_controller.tasks import task_types
 from tp_controller.tools.view.camera import FIELD_OF_VIEW, first_view
-from tp_controller.tools.view.condition import BAD, Condition, ConditionReader
 from tp_controller.tools.view.draggables import draggables_of, Topics
 from tp_controller.tools.view.gizmos import Gizmos
 from tp_controller.tools.view.joint_sliders import JointSliders
 from tp_controller.tools.view.link import Link
 from tp_controller.tools.view.markers import MarkerScene
-from tp_controller.tools.view.notice import Notice
 from tp_controller.tools.view.plots import Plots
 from tp_controller.tools.view.scene import add_ground, add_sky, RobotScene, tip, Trail
-from tp_controller.tools.view.stack_changes import StackChanges
+from tp_controller.tools.view.stack_edits import StackChanges
 from tp_controller.tools.view.stack_panel import assign, StackPanel
+from tp_controller.tools.view.status import BAD, Condition, ConditionReader
 from tp_controller.untrusted import plain
 import viser
 from visualization_msgs.msg import Marker
@@ -54,6 +52,11 @@ RESTARTED = ('the controller has been restarted and has no goals; drag them, or 
 MOST_WAITING = 100
 # Largest number of internal errors that are reported; longest report [characters].
 MOST_ERRORS, LONGEST_ERROR = 10, 5000
+# Display time of a notice [s].
+NOTICE_SECONDS = 12.0
+# Colours of refusals and of remarks.
+REFUSAL_COLOURS = '#fdecea;color:#8c1d18'
+REMARK_COLOURS = '#eef1f4;color:#5b6470'
 
 
 class Page:
@@ -354,3 +357,50 @@ class Page:
         kinds = task_types()
         return [row.name for row in self.link.rows
                 if row.kind in kinds and kinds[row.kind].goal_type == 'joints']
+
+
+class Notice:
+    """
+    Notice that disappears after `NOTICE_SECONDS`.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+        Panel to which the notice is added.
+
+    """
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._html = gui.add_html('')
+        self._until = 0.0
+
+    @property
+    def content(self) -> str:
+        """Return the displayed HTML; empty without a notice."""
+        return self._html.content
+
+    def refuse(self, reason: str) -> None:
+        """Show the reason of a refusal."""
+        self._show('refused', plain(reason), REFUSAL_COLOURS)
+
+    def remark(self, kind: str, text: str) -> None:
+        """Show a remark of a kind."""
+        self._show(kind, text, REMARK_COLOURS)
+
+    def clear(self) -> None:
+        """Clear the notice."""
+        if self._until:
+            self._until = 0.0
+            self._html.content = ''
+
+    def expire(self, now: float) -> None:
+        """Clear the notice if its time [s] is over."""
+        if now > self._until:
+            self.clear()
+
+    def _show(self, kind: str, text: str, colours: str) -> None:
+        """Show a text instead of the previous one."""
+        self._until = time.monotonic() + NOTICE_SECONDS
+        self._html.content = (
+            f'<div data-notice="{kind}" style="margin:4px 12px;padding:6px 10px;border-radius:4px;'
+            f'background:{colours};font-size:0.9em">{escape(text)}</div>')
