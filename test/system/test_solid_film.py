@@ -23,8 +23,8 @@ from robots import CONFIG, panda
 from tp_controller import Robot, Stack, TpControllerError
 from tp_controller.model.shapes import Box
 from tp_controller.tools.demos import film
-from tp_controller.tools.demos.motion import FixedObject, Motion
 from tp_controller.tools.demos.chromium import chromium_flags, find_chromium, open_page, UNLIMITED
+from tp_controller.tools.demos.motion import FixedObject, Motion
 
 STACK = """\
 - clear: {type: keep_out, frame: panda_hand_tcp, shape: {cylinder: [0.1, 0.8]},

@@ -37,7 +37,6 @@ from tp_controller.ros.interface.markers import Markers
 from tp_controller.ros.interface.status import diagnostics
 from tp_controller.tasks.sketch import Cone, Gaps
 from tp_controller.tools.view.camera import first_view
-from tp_controller.tools.view.status import BAD, GONE
 from tp_controller.tools.view.draggables import draggables_of
 from tp_controller.tools.view.gizmos import FOLLOW_DELAY, Gizmos, SEND_PERIOD
 from tp_controller.tools.view.joint_sliders import span
@@ -46,6 +45,7 @@ from tp_controller.tools.view.markers import MarkerScene
 from tp_controller.tools.view.page import Page, RATE
 from tp_controller.tools.view.server import open_server
 from tp_controller.tools.view.skeleton import JOINT_COLOUR
+from tp_controller.tools.view.status import BAD, GONE
 import viser
 from visualization_msgs.msg import Marker, MarkerArray
 import yaml

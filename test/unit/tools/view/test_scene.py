@@ -379,9 +379,9 @@ def test_a_robot_whose_root_is_its_pelvis_stands_on_the_ground(stage, foot):
 
 def test_a_wheel_that_has_turned_stands_on_the_same_ground_and_a_box_on_its_edge(stage):
     shown = {}
-    for foot in ('wheel', 'box'):
-        shown[foot] = scene.RobotScene(stage, Leg(foot).robot, name=f'/{foot}')
-        shown[foot].show([0.7])
+    for name in ('wheel', 'box'):
+        shown[name] = scene.RobotScene(stage, Leg(name).robot, name=f'/{name}')
+        shown[name].show([0.7])
     assert shown['wheel'].ground() == pytest.approx(-1.15)
     edge = 0.1 * np.sin(0.7) + 0.03 * np.cos(0.7)
     assert shown['box'].ground() == pytest.approx(-1.0 - edge)
