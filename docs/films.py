@@ -27,7 +27,7 @@ import sys
 from tempfile import TemporaryDirectory
 
 from tp_controller.tools.cli.main import main as command
-from tp_controller.tools.view.browser import find_chromium
+from tp_controller.tools.demos.chromium import find_chromium
 from tp_controller.tools.view.visuals import CHOICE, OWN
 
 FOLDER = Path(__file__).resolve().parent / 'images'

@@ -127,15 +127,17 @@ class MadeUpClient(Client):
 
 class MadeUpController:
     """
-    A page and its controller, of a planar arm.
+    A page and its controller.
 
     Parameters
     ----------
     server : PageServer
+    robot : tp_controller.Robot
+        By default a planar arm.
 
     """
 
-    def __init__(self, server):
+    def __init__(self, server, robot=None):
         server.scene.reset()
         server.gui.reset()
         # Without one, viser drops what comes.
@@ -146,7 +148,7 @@ class MadeUpController:
         self.link.values = {'robot': '', 'robot_description': '', 'base': 'fixed',
                             'world_frame': 'world', 'joints': [''], 'stack': ''}
         self.link._ask = lambda: None
-        self.link._on_description(String(data=planar().urdf))
+        self.link._on_description(String(data=(robot or planar()).urdf))
         self.update()
 
     def hear(self, topic, message):

@@ -17,7 +17,7 @@
 from importlib.util import find_spec
 
 import pytest
-from tp_controller.tools.view.browser import chromium_flags, find_chromium
+from tp_controller.tools.demos.chromium import chromium_flags, find_chromium
 
 # Without a graphics card, on a machine with much to do, the page takes most of a minute to open.
 SECONDS = 120.0

@@ -33,8 +33,8 @@ import pytest
 from robots import CONFIG, panda
 from scipy.spatial.transform import Rotation
 from tp_controller.resources import load_yaml
+from tp_controller.tools.demos.chromium import chromium_flags, find_chromium
 from tp_controller.tools.demos.processes import NodeProcess, own_domain
-from tp_controller.tools.view.browser import chromium_flags, find_chromium
 import yaml
 
 SIZE = {'width': 960, 'height': 680}

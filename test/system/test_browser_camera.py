@@ -114,9 +114,7 @@ def window(server, chromium):
 def first_view(window):
     """Return from where the robot is seen well where it is now."""
     from tp_controller.tools.view import camera
-    from tp_controller.tools.view.draggables import GOALS
-    from tp_controller.tools.view.gizmos import SIZES
-    return camera.first_view(window.page._robot.points_in_view(SIZES[GOALS]))
+    return camera.first_view(window.page._robot.outer_points())
 
 
 def test_a_browser_that_is_open_already_goes_once_to_where_the_robot_is_seen(window):

@@ -48,9 +48,9 @@ def robot():
 def inputs(server, chromium):
     """Return what is in the inputs of a panel with sliders and gains: (text, is it cut off)."""
     from tp_controller.tools.view.joint_sliders import JointSliders
-    from tp_controller.tools.view.rows import Row
     from tp_controller.tools.view.server import address
     from tp_controller.tools.view.stack_panel import StackPanel
+    from tp_controller.tools.view.status import Row
     server.scene.reset()
     server.gui.reset()
     joints, stack = JointSliders(server.gui, None), StackPanel(server.gui, None, None, None)

@@ -117,7 +117,7 @@ def tab(server, chromium):
 
 def row(name):
     """Return what is shown of a task."""
-    from tp_controller.tools.view.rows import Row
+    from tp_controller.tools.view.status import Row
     return Row(name, 'position', '1', 'moving', (('m', 0.1),), 0.5, '', '', 0, 0, '', '')
 
 

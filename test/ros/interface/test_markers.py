@@ -26,7 +26,8 @@ import robots
 from tp_controller.model.shapes import Sphere
 from tp_controller.model.spatial import pose, rotation_from_quaternion
 from tp_controller.ros.client.goal_fields import make_message
-from tp_controller.ros.interface.markers import _colour, Markers
+from tp_controller.ros.interface.markers import Markers
+from tp_controller.tasks.primitives import colour_of
 from tp_controller.tasks.sketch import Arrow, Body, Cone, Dot, Gaps, Path, Triad
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -244,7 +245,7 @@ def test_goals_and_the_lines_to_them_differ_from_frames(panda):
     assert ball.type == Marker.SPHERE and goal.scale.x > 1.5 * frame.scale.x
     np.testing.assert_allclose([getattr(ball.pose.position, axis) for axis in 'xyz'],
                                [getattr(goal.pose.position, axis) for axis in 'xyz'])
-    colours = [_colour(part) for part in ('goal', 'error', 'frame')]
+    colours = [colour_of(part) for part in ('goal', 'error', 'frame')]
     assert colours[0] == colours[1] != colours[2]
 
 

@@ -37,7 +37,6 @@ from tp_controller.ros.interface.markers import Markers
 from tp_controller.ros.interface.status import diagnostics
 from tp_controller.tasks.sketch import Cone, Gaps
 from tp_controller.tools.view.camera import first_view
-from tp_controller.tools.view.condition import BAD, GONE
 from tp_controller.tools.view.draggables import draggables_of
 from tp_controller.tools.view.gizmos import FOLLOW_DELAY, Gizmos, SEND_PERIOD
 from tp_controller.tools.view.joint_sliders import span
@@ -46,6 +45,7 @@ from tp_controller.tools.view.markers import MarkerScene
 from tp_controller.tools.view.page import Page, RATE
 from tp_controller.tools.view.server import open_server
 from tp_controller.tools.view.skeleton import JOINT_COLOUR
+from tp_controller.tools.view.status import BAD, GONE
 import viser
 from visualization_msgs.msg import Marker, MarkerArray
 import yaml
@@ -176,7 +176,8 @@ def test_robot_stands_on_the_ground_once_it_is_known_where_it_is(rig):
 
 
 def test_who_opens_the_page_sees_the_robot_where_it_is_and_not_at_zero(rig):
-    points, view = rig.page._robot.points_in_view(0.22), rig.page.server.initial_camera
+    points = np.concatenate((rig.page._robot.outer_points(), rig.page.gizmos.tips()))
+    view = rig.page.server.initial_camera
     start = rig.link.robot.state(PLANAR_START)
     middle = np.mean([start.position(f'link{number}') for number in (1, 2, 3)], axis=0)
     assert np.linalg.norm(view.look_at[:2] - middle[:2]) < 0.5 * np.ptp(points, axis=0).max()
@@ -569,9 +570,11 @@ def test_distances_are_changed_where_they_are_and_not_removed_and_added(server):
         line, label = handles['task/distance', 0], handles['task/distance', 1]
         assert label.text == text.text == f'{lengths[0]:.3f} m'
         np.testing.assert_allclose(line.points, np.stack([starts, ends], axis=1), atol=1e-6)
-        np.testing.assert_array_equal(
-            line.colors.reshape(-1, 3), [[round(255 * each.r), round(255 * each.g),
-                                          round(255 * each.b)] for each in lines.colors])
+        # Browsers get linear colours.
+        np.testing.assert_allclose(
+            line.colors.reshape(-1, 3), [[255.0 * each.r ** 2.2, 255.0 * each.g ** 2.2,
+                                          255.0 * each.b ** 2.2] for each in lines.colors],
+            atol=0.51)
     assert not removed
 
 

@@ -17,6 +17,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
+from dataclasses import replace
 import io
 from itertools import product
 from pathlib import Path
@@ -27,19 +28,29 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from tp_controller.errors import TpControllerError
+from tp_controller.model.shapes import HalfSpace
 from tp_controller.model.spatial import Array, pose
 from tp_controller.tasks.aim import pose_along
-from tp_controller.tasks.sketch import Body, Sketch
+from tp_controller.tasks.primitives import COLOURS, Primitive, primitives
+from tp_controller.tasks.sketch import Arrow, Body, Cone, Path as Polyline, Sketch
+from tp_controller.tools.demos.chromium import find_chromium, HeadlessPage, open_page
 from tp_controller.tools.demos.motion import FixedObject, Motion, Playback
 from tp_controller.tools.demos.processes import ended_by_sigterm
 from tp_controller.tools.files import new_file
 from tp_controller.tools.progress import progress
-from tp_controller.tools.view.browser import find_chromium, HeadlessPage, open_page
 from tp_controller.tools.view.camera import Camera, camera_for, FILM_FOV
-from tp_controller.tools.view.parts import add_part, Colour, Part, place, wxyz
+from tp_controller.tools.view.markers import ADD, MarkerScene
+from tp_controller.tools.view.parts import (
+    add_part,
+    Colour,
+    corners,
+    outer_points,
+    Part,
+    place,
+    wxyz,
+)
 from tp_controller.tools.view.scene import add_ground, RobotScene, Trail
 from tp_controller.tools.view.server import address, open_server, unused_port
-from tp_controller.tools.view.sketches import extent, shape_part, SketchScene
 from tp_controller.tools.view.visuals import visuals_of
 import viser
 
@@ -63,8 +74,16 @@ OUT_OF_VIEW = '<style>#root { position: fixed; top: 300vh; }</style>'
 MOST_TRIES = 20
 CARRIED_COLOUR: Colour = (204, 121, 167)
 BAR_RADIUS = 0.018
-# Half the size assumed for a mesh with unknown vertices, which has its own colours [m].
-MESH_HALF = 0.07
+# Colours of parts that differ from those of markers: obstacles are solid.
+CARRIED = 'carried'
+FILM_COLOURS = {
+    **COLOURS, 'allowed': (0.0, 0.62, 0.45, 0.18), 'forbidden': (0.69, 0.48, 0.26, 1.0),
+    'cone': (0.34, 0.71, 0.91, 0.18), CARRIED: (0.8, 0.475, 0.655, 1.0)}
+# Size of goals per size of the scene, as a factor on that of markers, and largest length of a cone
+# as a share of it.
+GOAL_SCALE, LONGEST_CONE = 0.9, 0.14
+# Corners of a cube of side 1.
+CORNERS = 0.5 * np.array(list(product((-1.0, 1.0), repeat=3)))
 # Ambient and directional intensity; position of the lamp relative to the camera, in distances.
 AMBIENT, BRIGHTNESS, LAMP = 1.25, 2.4, np.array([0.0, 0.0, 1.2])
 NO_CHROMIUM = ('there is no Chromium on the PATH (Debian: sudo apt install chromium; Ubuntu: '
@@ -175,7 +194,7 @@ def pictures(motion: Motion, samples: Sequence[int]) -> Iterator[Image.Image]:
     print(f'Drawing the film, {len(samples)} pictures (--no-film: none) ...', flush=True)
     with ended_by_sigterm() as all_started, _server() as server:
         camera = _camera(motion, samples, SIZE[0] / SIZE[1])
-        stage = _Stage(server.scene, motion, motion.look.enlarged * camera.distance)
+        stage = _Stage(server.scene, motion, camera, SIZE[1])
         _add_lights(server.scene, camera)
         with open_page(program, address(server), *WINDOW) as page:
             all_started()
@@ -191,13 +210,16 @@ def pictures(motion: Motion, samples: Sequence[int]) -> Iterator[Image.Image]:
 class _Stage:
     """Scene of a film."""
 
-    def __init__(self, scene: viser.SceneApi, motion: Motion, size: float) -> None:
+    def __init__(self, scene: viser.SceneApi, motion: Motion, camera: Camera,
+                 height: int) -> None:
         self._motion, self._playback = motion, Playback(motion)
         self._robot = RobotScene(scene, motion.robot)
         self._robot.show(motion.q[0])
         look = motion.look
         add_ground(scene, self._robot.ground() if look.ground is None else look.ground)
-        self._sketches = SketchScene(scene, size)
+        self._size = look.enlarged * camera.distance
+        self._sketches = MarkerScene(scene, pixels=height / (
+            2.0 * np.tan(0.5 * FILM_FOV) * camera.distance))
         self._trails = [Trail(scene, f'/trail/{frame}') for frame in look.frames]
         self._objects = [(_add_object(scene, f'/objects/{number}', each), each.frame)
                          for number, each in enumerate(look.objects)]
@@ -214,7 +236,10 @@ class _Stage:
         self._next = sample + 1
         state = self._playback.state
         self._robot.show(self._motion.q[sample])
-        self._sketches.draw(self._playback.sketches())
+        self._sketches.show({
+            (f'{task}/{sketch.part}', number): primitive
+            for task, parts in self._playback.sketches().items() for sketch in parts
+            for number, primitive in enumerate(_drawn(sketch, self._size))})
         for handle, frame in self._objects:
             place(handle, state.pose(frame))
         for bar, ends in zip(self._bars, self._playback.bars()):
@@ -224,15 +249,53 @@ class _Stage:
 def _add_object(scene: viser.SceneApi, name: str, each: FixedObject) -> viser.SceneNodeHandle:
     """Add an object, and return the node that follows its frame."""
     handle = scene.add_frame(name, show_axes=False)
-    part = _object_part(each)
-    if part is not None:
-        add_part(scene, f'{name}/shape', part)
+    for primitive in _solid(each):
+        place(ADD[primitive.kind](scene, f'{name}/shape', primitive), primitive.T)
     return handle
 
 
-def _object_part(each: FixedObject) -> Part | None:
-    """Return the solid of an object in its frame; None for a half-space."""
-    return shape_part(each.shape, pose(np.eye(3), each.at), CARRIED_COLOUR)
+def _solid(each: FixedObject) -> list[Primitive]:
+    """Return the primitives of an object in its frame; none for a half-space."""
+    return _drawn(Body(CARRIED, pose(np.eye(3), each.at), each.shape))
+
+
+def _drawn(sketch: Sketch, size: float = 1.0) -> list[Primitive]:
+    """
+    Return the primitives of a sketch; none for a half-space, which is infinite.
+
+    An arrow is a line: the first picture after an arrow is added does not show it yet.
+    """
+    if isinstance(sketch, Body) and isinstance(sketch.shape, HalfSpace):
+        return []
+    if isinstance(sketch, Cone):
+        sketch = replace(sketch, length=min(sketch.length, LONGEST_CONE * size))
+    if isinstance(sketch, Arrow):
+        sketch = Polyline(sketch.part, np.stack((sketch.start, sketch.end)))
+    return primitives(sketch, GOAL_SCALE * size, FILM_COLOURS)
+
+
+def extent(sketch: Sketch, size: float) -> Array:
+    """
+    Return points (k, 3) that enclose a goal, a cone or a shape; empty for lines [m].
+
+    Parameters
+    ----------
+    sketch : Sketch
+        Sketch of a task.
+    size : float
+        Size of the scene, to which the size of goals is proportional [m].
+
+    """
+    return _outline([] if isinstance(sketch, (Arrow, Polyline)) else _drawn(sketch, size))
+
+
+def _outline(solids: Sequence[Primitive]) -> Array:
+    """Return points (k, 3) whose convex hull contains primitives [m]."""
+    found = [np.empty((0, 3))]
+    for each in solids:
+        points = each.points if len(each.points) else CORNERS * each.size
+        found.append(each.T[:3, 3] + points @ each.T[:3, :3].T)
+    return np.concatenate(found)
 
 
 def _add_lights(scene: viser.SceneApi, camera: Camera) -> None:
@@ -269,42 +332,16 @@ def _seen(motion: Motion, samples: Sequence[int]) -> tuple[Array, list[Sketch]]:
     """Return the points (k, 3) [m] and sketches that must be in view."""
     playback, points = Playback(motion), []
     sketches: list[Sketch] = []
-    corners = {link: [_corners(part) for part in parts]
-               for link, parts in visuals_of(motion.robot).parts.items()}
+    solids = corners(visuals_of(motion.robot).parts)
     for each in motion.look.objects:
-        part = _object_part(each)
-        corners.setdefault(each.frame, []).extend([] if part is None else [_corners(part)])
+        solids[each.frame] = np.concatenate([
+            solids.get(each.frame, np.empty((0, 3))), _outline(_solid(each))])
     for sample in samples:
         playback.seek(sample)
-        state = playback.state
-        for frame, boxes in corners.items():
-            T = state.pose(frame)
-            points += [box @ T[:3, :3].T + T[:3, 3] for box in boxes]
-        points += [state.position(frame)[np.newaxis] for frame in motion.look.frames]
-        shown = [sketch for parts in playback.sketches().values() for sketch in parts]
-        bodies = [shape_part(sketch.shape, sketch.T, CARRIED_COLOUR) for sketch in shown
-                  if isinstance(sketch, Body)]
-        points += [_corners(part) for part in bodies if part is not None]
-        sketches += shown
+        points.append(outer_points(playback.state, solids))
+        points += [playback.state.position(frame)[np.newaxis] for frame in motion.look.frames]
+        sketches += [sketch for parts in playback.sketches().values() for sketch in parts]
     return np.concatenate(points), sketches
-
-
-def _corners(part: Part) -> Array:
-    """Return the corners (k, 3) of a box around a part, in the axes of its link [m]."""
-    half, middle = np.zeros(3), np.zeros(3)
-    if part.kind == 'box':
-        half = 0.5 * np.array(part.size)
-    elif part.kind == 'sphere':
-        half = np.ones(3) * part.size
-    elif part.kind == 'cylinder':
-        half = np.array([part.size[0], part.size[0], 0.5 * part.size[1]])
-    elif part.mesh is not None and part.mesh.vertices is not None:
-        low, high = part.mesh.vertices.min(axis=0), part.mesh.vertices.max(axis=0)
-        half, middle = 0.5 * (high - low) * part.size, 0.5 * (low + high) * part.size
-    else:
-        half += MESH_HALF
-    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
-    return (middle + signs * half) @ part.T[:3, :3].T + part.T[:3, 3]
 
 
 @contextmanager

@@ -24,8 +24,8 @@ FILM_FOV = 0.6
 # Margins as shares of the picture; a caption is at the bottom.
 MARGIN_SIDE, MARGIN_TOP, MARGIN_BOTTOM = 0.05, 0.05, 0.12
 # Initial view of a page: angles [deg], vertical field of view [rad], aspect ratio of the scene
-# beside the panel in a window of 800 x 600, and minimum distance [m].
-FIRST_ANGLES, FIELD_OF_VIEW, FIRST_ASPECT, MIN_DISTANCE = (-43.5, 21.7), 0.75, 0.69, 1.4
+# beside the panel and its edge in a window of 800 x 600, and minimum distance [m].
+FIRST_ANGLES, FIELD_OF_VIEW, FIRST_ASPECT, MIN_DISTANCE = (-43.5, 21.7), 0.75, 0.685, 1.4
 # Factors on the fitting distance, for goals around the robot and for mobile robots.
 DISTANCE_FACTOR, MOBILE_DISTANCE_FACTOR = 1.15, 2.0
 

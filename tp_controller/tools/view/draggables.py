@@ -28,7 +28,7 @@ from tp_controller.ros import Message
 from tp_controller.ros.client.goal_fields import FIELDS, make_message
 from tp_controller.tasks.aim import across
 from tp_controller.tools.view.markers import pose_of
-from tp_controller.tools.view.rows import quantity
+from tp_controller.tools.view.status import quantity
 from visualization_msgs.msg import Marker, MarkerArray
 
 GOALS, REGIONS, OBSTACLES = 'goals', 'regions', 'obstacles'

@@ -89,6 +89,11 @@ class Gizmos:
                 self.gizmos[name] = Gizmo(self._scene, found, self._clock)
             self.gizmos[name].follow(found, now)
 
+    def tips(self) -> Array:
+        """Return the positions (k, 3) of the tips of all arrows [m]."""
+        return np.concatenate([np.zeros((0, 3)), *(
+            gizmo.tips() for gizmo in self.gizmos.values())])
+
     def send(self) -> None:
         """Publish dragged poses at a limited rate; the last pose is always published."""
         now = self._clock()
@@ -138,6 +143,11 @@ class Gizmo:
             self.drag(_pose_of_handle(event.target))
             if event.phase == 'end':
                 self.end_drag()
+
+    def tips(self) -> Array:
+        """Return the positions (k, 3) of the tips of its arrows [m]."""
+        T = _pose_of_handle(self.handle)
+        return T[:3, 3] + SIZES[self.element.group] * T[:3, :3].T[list(self.grip.axes)]
 
     @property
     def source(self) -> Draggable:

@@ -10,7 +10,6 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
-# limitations under the License.
 
 """Connection of the page to a running controller: topics, parameters and services."""
 
@@ -41,9 +40,8 @@ from tp_controller.ros.client.client import Client
 from tp_controller.ros.client.configuration import ConfigurationBuffer
 from tp_controller.ros.client.goal_fields import type_name
 from tp_controller.ros.parameters import LIMITS, names_in, ROBOT, TASKS
-from tp_controller.tools.view.condition import RUNNING
 from tp_controller.tools.view.markers import drawable
-from tp_controller.tools.view.rows import Row, rows_of
+from tp_controller.tools.view.status import Row, rows_of, RUNNING
 from tp_controller.untrusted import plain
 from visualization_msgs.msg import Marker, MarkerArray
 

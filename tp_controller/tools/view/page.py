@@ -10,7 +10,6 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
-# limitations under the License.
 
 """Page of a controller: shows its state, and forwards the actions of users."""
 
@@ -23,27 +22,29 @@ import sys
 import time
 from traceback import format_exception
 
+import numpy as np
 from tp_controller.errors import in_words, TpControllerError
 from tp_controller.ros.parameters import TASKS
 from tp_controller.tasks import task_types
 from tp_controller.tools.view.camera import FIELD_OF_VIEW, first_view
-from tp_controller.tools.view.condition import BAD, Condition, ConditionReader
-from tp_controller.tools.view.draggables import draggables_of, GOALS, Topics
-from tp_controller.tools.view.gizmos import Gizmos, SIZES
+from tp_controller.tools.view.draggables import draggables_of, Topics
+from tp_controller.tools.view.gizmos import Gizmos
 from tp_controller.tools.view.joint_sliders import JointSliders
 from tp_controller.tools.view.link import Link
 from tp_controller.tools.view.markers import MarkerScene
-from tp_controller.tools.view.notice import Notice
 from tp_controller.tools.view.plots import Plots
 from tp_controller.tools.view.scene import add_ground, add_sky, RobotScene, tip, Trail
-from tp_controller.tools.view.stack_changes import StackChanges
+from tp_controller.tools.view.stack_edits import StackChanges
 from tp_controller.tools.view.stack_panel import assign, StackPanel
+from tp_controller.tools.view.status import BAD, Condition, ConditionReader
 from tp_controller.untrusted import plain
 import viser
 from visualization_msgs.msg import Marker
 
 # Frame rate [1/s]; period of the texts, with and without a browser [s].
 RATE, TEXT_SECONDS, UNSEEN_SECONDS = 30.0, 0.2, 1.0
+# Longest wait of the first view for the gizmos, which must be in it [s].
+VIEW_SECONDS = 2.0
 # Notice after a restart of the controller.
 RESTARTED = ('the controller has been restarted and has no goals; drag them, or send them '
              'again')
@@ -51,6 +52,11 @@ RESTARTED = ('the controller has been restarted and has no goals; drag them, or 
 MOST_WAITING = 100
 # Largest number of internal errors that are reported; longest report [characters].
 MOST_ERRORS, LONGEST_ERROR = 10, 5000
+# Display time of a notice [s].
+NOTICE_SECONDS = 12.0
+# Colours of refusals and of remarks.
+REFUSAL_COLOURS = '#fdecea;color:#8c1d18'
+REMARK_COLOURS = '#eef1f4;color:#5b6470'
 
 
 class Page:
@@ -86,6 +92,8 @@ class Page:
         self._concluded = False
         add_sky(server.scene)
         self._ground, self._grounded = add_ground(server.scene), False
+        # Time at which the first view is due, with or without gizmos; None: not now.
+        self._view_due: float | None = None
         server.initial_camera.fov = FIELD_OF_VIEW
         self._markers = MarkerScene(server.scene)
         self._changes = StackChanges(link, self._show_answer)
@@ -137,8 +145,9 @@ class Page:
         now = time.monotonic()
         self._attempt('change the stack', self._changes.update)
         self._attempt('listen', self.link.update)
-        # The first configuration is received even without a browser.
-        self._attempt('look', partial(self.link.watch, watched or self.link.q is None))
+        # All that the first view depends on is received even without a browser.
+        self._attempt('look', partial(self.link.watch, watched or self.link.q is None
+                                      or self._view_due is not None))
         self._attempt('show the robot', self._show_robot)
         self._attempt('send goals', self._send_goals)
         if now >= self._texts_due and not self._concluded:
@@ -235,12 +244,16 @@ class Page:
                 if not self._grounded:
                     self._grounded = True
                     self._place_ground(self._robot)
-                    self._set_initial_camera(self._robot)
+                    self._view_due = time.monotonic() + VIEW_SECONDS
                 self._show_path()
                 if markers is not self._drawn or not markers:
                     self._drawn = markers
                     self._markers.draw(markers)
                     self._show_gizmos(markers)
+                if self._view_due is not None and (
+                        self._topics and self.gizmos.gizmos or time.monotonic() > self._view_due):
+                    self._view_due = None
+                    self._set_initial_camera(self._robot)
 
     def _show_gizmos(self, markers: Sequence[Marker]) -> None:
         """Update the gizmos."""
@@ -282,14 +295,14 @@ class Page:
 
     def _set_initial_camera(self, robot: RobotScene) -> None:
         """
-        Point the cameras of present and future browsers at a robot.
+        Point the cameras of present and future browsers at a robot and its gizmos.
 
-        Browsers apply only the first initial camera, so it is set once the configuration is known.
-        From then on users control their cameras.
+        Browsers apply only the first initial camera, so it is set once the configuration and the
+        gizmos are known. From then on users control their cameras.
         """
         camera = self.server.initial_camera
         camera.position, camera.look_at = first_view(
-            robot.points_in_view(SIZES[GOALS]), moves=robot.robot.moves)
+            np.concatenate((robot.outer_points(), self.gizmos.tips())), moves=robot.robot.moves)
 
     def _show_tasks(self, now: float) -> None:
         """Show the stack and the state of its tasks."""
@@ -344,3 +357,50 @@ class Page:
         kinds = task_types()
         return [row.name for row in self.link.rows
                 if row.kind in kinds and kinds[row.kind].goal_type == 'joints']
+
+
+class Notice:
+    """
+    Notice that disappears after `NOTICE_SECONDS`.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+        Panel to which the notice is added.
+
+    """
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._html = gui.add_html('')
+        self._until = 0.0
+
+    @property
+    def content(self) -> str:
+        """Return the displayed HTML; empty without a notice."""
+        return self._html.content
+
+    def refuse(self, reason: str) -> None:
+        """Show the reason of a refusal."""
+        self._show('refused', plain(reason), REFUSAL_COLOURS)
+
+    def remark(self, kind: str, text: str) -> None:
+        """Show a remark of a kind."""
+        self._show(kind, text, REMARK_COLOURS)
+
+    def clear(self) -> None:
+        """Clear the notice."""
+        if self._until:
+            self._until = 0.0
+            self._html.content = ''
+
+    def expire(self, now: float) -> None:
+        """Clear the notice if its time [s] is over."""
+        if now > self._until:
+            self.clear()
+
+    def _show(self, kind: str, text: str, colours: str) -> None:
+        """Show a text instead of the previous one."""
+        self._until = time.monotonic() + NOTICE_SECONDS
+        self._html.content = (
+            f'<div data-notice="{kind}" style="margin:4px 12px;padding:6px 10px;border-radius:4px;'
+            f'background:{colours};font-size:0.9em">{escape(text)}</div>')

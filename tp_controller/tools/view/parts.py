@@ -10,16 +10,17 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
-# limitations under the License.
 
-"""Solid shapes in a scene of the browser."""
+"""Solid shapes in a scene of the browser, and their bounds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 import math
 
 import numpy as np
 from tp_controller.model.spatial import Array, quaternion_from_rotation
+from tp_controller.model.state import RobotState
 from tp_controller.tools.view.meshes import Mesh
 import viser
 
@@ -132,3 +133,62 @@ def _mesh(scene: viser.SceneApi, name: str, part: Part) -> viser.SceneNodeHandle
 
 ADD: dict[str, Callable[[viser.SceneApi, str, Part], viser.SceneNodeHandle]] = {
     'box': _box, 'sphere': _sphere, 'cylinder': _cylinder, 'mesh': _mesh}
+
+
+def corners(parts: Mapping[str, Sequence[Part]]) -> dict[str, Array]:
+    """Return {link: points (k, 3)}: the corners of boxes around its parts, in its axes [m]."""
+    return {link: np.concatenate([_corners(part) for part in each])
+            for link, each in parts.items() if each}
+
+
+def outer_points(state: RobotState, own: Mapping[str, Array]) -> Array:
+    """
+    Return points whose convex hull contains a robot.
+
+    Parameters
+    ----------
+    state : RobotState
+        State of the robot.
+    own : mapping
+        {link: points (k, 3) in its axes}, as `corners` returns them [m].
+
+    Returns
+    -------
+    ndarray (k, 3)
+        In the root frame [m]; empty for a robot without parts.
+
+    """
+    found = [np.zeros((0, 3))]
+    for link, points in own.items():
+        T = state.pose(link)
+        found.append(points @ T[:3, :3].T + T[:3, 3])
+    return np.concatenate(found)
+
+
+def lowest(state: RobotState, parts: Mapping[str, Sequence[Part]]) -> float:
+    """Return the height of the lowest point of a robot [m]; infinite if it has no parts."""
+    found = math.inf
+    for link, each in parts.items():
+        for part in each:
+            T = state.pose(link) @ part.T
+            found = min(found, float(T[2, 3]) - _reach(part, -T[2, :3]))
+    return found
+
+
+def _corners(part: Part) -> Array:
+    """Return the corners (8, 3) of a box around a part, in the axes of its link [m]."""
+    high, low = ([sign * _reach(part, sign * axis) for axis in np.eye(3)] for sign in (1.0, -1.0))
+    return np.array(list(product(*zip(low, high)))) @ part.T[:3, :3].T + part.T[:3, 3]
+
+
+def _reach(part: Part, d: Array) -> float:
+    """Return the largest coordinate of a part along a unit vector (3,) in its own axes [m]."""
+    size = np.array(part.size)
+    if part.mesh is not None:
+        return float((part.mesh.points @ (size * d)).max())
+    if part.kind == 'box':
+        return float(0.5 * size @ np.abs(d))
+    if part.kind == 'sphere':
+        return float(np.linalg.norm(size * d))
+    # Exact, not of the bounding box: a turned wheel stands on the same ground.
+    return float(size[0] * math.hypot(d[0], d[1]) + 0.5 * size[1] * abs(d[2]))

@@ -10,7 +10,6 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
-# limitations under the License.
 
 """Running plots on the page: errors, joint velocities relative to their limits, manipulability."""
 
@@ -23,7 +22,7 @@ import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.tools.view.rows import Row
+from tp_controller.tools.view.status import Row
 import viser
 
 # Time span of a plot, and sampling period [s].

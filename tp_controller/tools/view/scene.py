@@ -10,7 +10,6 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
-# limitations under the License.
 
 """Robot in a scene of the browser: links, ground, and the path of a frame."""
 
@@ -19,8 +18,7 @@ from numpy.typing import ArrayLike
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.tools.view.bounds import corners, lowest, outer_points
-from tp_controller.tools.view.parts import add_part, Colour, place
+from tp_controller.tools.view.parts import add_part, Colour, corners, lowest, outer_points, place
 from tp_controller.tools.view.visuals import Visuals, visuals_of
 import viser
 
@@ -130,12 +128,6 @@ class RobotScene:
         if self._corners:
             return outer_points(self.state, self._corners)
         return np.array([self.state.position(frame) for frame in self.robot.frame_names])
-
-    def points_in_view(self, size: float) -> Array:
-        """Return points (k, 3) around the robot, and `size` around its tip, for its goal [m]."""
-        around = size * np.concatenate((np.eye(3), -np.eye(3)))
-        return np.concatenate((self.outer_points(),
-                               self.state.position(tip(self.robot)) + around))
 
     def remove(self) -> None:
         """Remove the robot from the scene."""

@@ -10,7 +10,6 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
-# limitations under the License.
 
 """Stack on the page: a row for each task, in order of priority, with its controls."""
 
@@ -21,8 +20,7 @@ import time
 from typing import TypeVar
 
 from tp_controller.control.reason_text import causes_in
-from tp_controller.tools.view.condition import FAINT
-from tp_controller.tools.view.rows import Row, STOPPED
+from tp_controller.tools.view.status import FAINT, Row, STOPPED
 import viser
 
 # Colour of the dot before the name of a task, by status.

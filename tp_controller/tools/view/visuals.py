@@ -10,28 +10,37 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
-# limitations under the License.
 
-"""Visual model of a robot: meshes, else collision shapes, else solid links."""
+"""Visual model of a robot: its own, or that of an example robot with the same kinematics."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 import os
+from pathlib import Path
 from xml.etree.ElementTree import Element
 
+import numpy as np
+from tp_controller.errors import RobotError
 from tp_controller.model.dh import LINK_RADIUS
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import pose, rotation_from_rpy
 from tp_controller.model.urdf import parse
-from tp_controller.tools.view.borrowed import attachments, matching_robot
-from tp_controller.tools.view.meshes import load_mesh, mesh_path
-from tp_controller.tools.view.parts import Colour, LINK_COLOUR, Part
+from tp_controller.tools.view.meshes import load_mesh, mesh_path, SHARE_FOLDER
+from tp_controller.tools.view.parts import Colour, FARTHEST, LINK_COLOUR, Part
 from tp_controller.tools.view.skeleton import numbers, skeleton, vector
 
 # Environment variable that disables the meshes of example robots, and its value.
 CHOICE, OWN = 'TP_CONTROLLER_MESHES', 'own'
 # Attributes of primitives, in the order of `Part.size`.
 SIZES = {'box': ('size',), 'sphere': ('radius',), 'cylinder': ('radius', 'length')}
+# Number of their sizes.
+NUMBERS = {'box': 3, 'sphere': 1, 'cylinder': 2}
+# Folder in which pip installs the robots of example-robot-data.
+ROBOTS = SHARE_FOLDER / 'example-robot-data' / 'robots'
+# Largest difference of entries of the poses of a frame that counts as equal [m, rad].
+MATCH_TOLERANCE = 1e-4
+# Number of random configurations at which two robots are compared.
+MATCH_SAMPLES = 3
 
 
 @dataclass(frozen=True)
@@ -122,9 +131,13 @@ class _Reader:
                 raise ValueError(f'unknown shape <{shape.tag}>')
             size = tuple(number for key in SIZES[shape.tag]
                          for number in numbers(shape.get(key, '')))
+            if len(size) != NUMBERS[shape.tag]:
+                raise ValueError(f'<{shape.tag}> has {len(size)} numbers')
+            _check_range((*size, *T.ravel()))
             return Part(shape.tag, size, T, colour or LINK_COLOUR, opacity)
         mesh = load_mesh(mesh_path(shape.get('filename', '')))
         scale = mesh.unit * vector(shape, 'scale', '1 1 1')
+        _check_range((*scale, *T.ravel()))
         return Part('mesh', tuple(scale.tolist()), T,
                     None if mesh.glb else colour or LINK_COLOUR, opacity, mesh)
 
@@ -138,8 +151,15 @@ class _Reader:
             found = self._colours.get(material.get('name'))
         if found is None:
             return None, 1.0
-        red, green, blue, opacity = (*numbers(found.get('rgba', '')), 1.0, 1.0, 1.0, 1.0)[:4]
+        red, green, blue, opacity = np.clip(
+            (*numbers(found.get('rgba', '')), 1.0, 1.0, 1.0, 1.0)[:4], 0.0, 1.0).tolist()
         return (round(255 * red), round(255 * green), round(255 * blue)), opacity
+
+
+def _check_range(values: Iterable[float]) -> None:
+    """Raise ValueError unless all numbers are finite and within range."""
+    if not all(abs(value) <= FARTHEST for value in values):
+        raise ValueError(f'a number is not finite or exceeds {FARTHEST:g}')
 
 
 def _is_bare(tree: Element) -> bool:
@@ -148,3 +168,61 @@ def _is_bare(tree: Element) -> bool:
         f'link/{tag}/geometry/*')]
     return all(shape.tag == 'cylinder' and shape.get('radius') == str(LINK_RADIUS)
                for shape in shapes)
+
+
+def matching_robot(robot: Robot) -> Robot | None:
+    """
+    Return the example robot with the kinematics of a robot; None if there is none.
+
+    It has the name and all joints of the robot, and the frames of both coincide at random
+    configurations. Its base is fixed.
+    """
+    for path in sorted(ROBOTS.glob(f'*/*/{Path(robot.name).name}.urdf')):
+        try:
+            found = Robot.from_urdf(path, joints=robot.joint_names)
+            own = Robot.from_urdf(robot.urdf, joints=robot.joint_names)
+        except RobotError:
+            continue
+        if _is_same(own, found):
+            return found
+    return None
+
+
+def attachments(robot: Robot, other: Robot, tree: Element) -> dict[str, tuple[str, np.ndarray]]:
+    """
+    Return the attachments of the links of another robot, whose description is a tree.
+
+    Returns
+    -------
+    dict
+        {link: (frame of the robot, pose (4, 4) of the link on it)}; joints missing from the
+        robot stay at their neutral position.
+
+    """
+    parents: Mapping[str, str] = {
+        next(joint.iter('child')).attrib['link']: next(joint.iter('parent')).attrib['link']
+        for joint in tree.findall('joint')}
+    state = other.state(other.neutral())
+    found = {}
+    for link in other.frame_names:
+        frame: str | None = link
+        while frame is not None and frame not in robot.frame_names:
+            frame = parents.get(frame)
+        if frame is not None:
+            found[link] = frame, np.linalg.solve(state.pose(frame), state.pose(link))
+    return found
+
+
+def _is_same(one: Robot, other: Robot) -> bool:
+    """Return whether the common frames of two robots coincide."""
+    shared = [frame for frame in one.frame_names if frame in other.frame_names]
+    if one.base_frame != other.base_frame or len(shared) <= len(one.joint_names):
+        return False
+    random = np.random.default_rng(0)
+    for _ in range(MATCH_SAMPLES):
+        q = random.uniform(-1.0, 1.0, one.n)
+        states = one.state(q), other.state(q)
+        if max(np.abs(states[0].pose(frame) - states[1].pose(frame)).max()
+               for frame in shared) > MATCH_TOLERANCE:
+            return False
+    return True

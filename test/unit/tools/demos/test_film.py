@@ -30,10 +30,10 @@ from tp_controller.tools.demos import film
 from tp_controller.tools.demos.motion import FixedObject, Look, Motion, Playback
 from tp_controller.tools.demos.outcome import CHOICE, films, NONE
 from tp_controller.tools.extras import install_command
-from tp_controller.tools.view.sketches import extent
 from viser import ViserServer
 
 TIMES = np.linspace(0.0, 10.0, 300)
+CAMERA = film.Camera(np.zeros(3), np.eye(3), 1.0)
 TOOL = '- tool: {{type: position, frame: {}}}\n'
 AROUND = """\
 - clear: {type: keep_out, frame: tool, shape: {cylinder: [0.2, 1.0]}, at: [1.5, 0.5, 0.5]}
@@ -187,7 +187,7 @@ def test_robot_of_a_film_stands_on_the_ground_at_first_unless_it_is_said_where(
     server = ViserServer('127.0.0.1', 0, verbose=False)
     try:
         film._Stage(server.scene, motion_of(
-            robot, np.array([[-1.0], [-1.5]]), TIMES[:2], ground=ground), 1.0)
+            robot, np.array([[-1.0], [-1.5]]), TIMES[:2], ground=ground), CAMERA, 720)
         shown = server.scene.get_handle_by_name('/ground')
         assert shown.position[2] == pytest.approx(height)
     finally:
@@ -200,7 +200,7 @@ def test_all_that_a_film_shows_is_in_its_picture():
                        objects=(FixedObject('link3', Box(0.1, 0.1, 0.1)),))
     samples = film.shown_samples(TIMES)
     seen, sketches = film._seen(motion, samples)
-    seen = np.concatenate([seen, *(extent(sketch, 1.0) for sketch in sketches)])
+    seen = np.concatenate([seen, *(film.extent(sketch, 1.0) for sketch in sketches)])
     assert seen.max(axis=0) == pytest.approx([2.0, 2.0, 0.1], abs=0.2)
     for view in ((-90.0, 90.0), (-45.0, 25.0), (130.0, -20.0)):
         camera = film.camera_for(seen, view, 4.0 / 3.0)

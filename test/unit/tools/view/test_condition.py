@@ -15,7 +15,7 @@
 """What the page says of a controller that runs, pauses, stops or is gone."""
 
 import pytest
-from tp_controller.tools.view.condition import (
+from tp_controller.tools.view.status import (
     BAD,
     ConditionReader,
     FAINT,

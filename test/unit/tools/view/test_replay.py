@@ -104,10 +104,9 @@ def test_the_robot_of_the_replay_stands_on_the_ground(history):
     assert height == pytest.approx(-drum.mesh.vertices[:, 2].max())
 
 
-def test_types_of_markers_are_those_of_ros():
+def test_kinds_of_primitives_are_those_of_ros():
     messages = pytest.importorskip('visualization_msgs.msg')
-    from tp_controller.tools.view import markers
-    for name in ('ARROW', 'CUBE', 'SPHERE', 'CYLINDER', 'LINE_STRIP', 'LINE_LIST',
-                 'TEXT_VIEW_FACING', 'TRIANGLE_LIST'):
-        assert getattr(markers, name) == getattr(messages.Marker, name)
-    assert markers.ADDED == messages.Marker.ADD
+    from tp_controller.tasks.primitives import Kind
+    assert Kind
+    for kind in Kind:
+        assert kind == getattr(messages.Marker, kind.name)

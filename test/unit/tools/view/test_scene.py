@@ -22,15 +22,13 @@ import pytest
 import robots
 from tp_controller import Robot
 from tp_controller.model.urdf import parse
-from tp_controller.tools.view import borrowed, camera, lathe, meshes, parts, scene
+from tp_controller.tools.view import camera, meshes, parts, scene
 from tp_controller.tools.view import visuals as looks
 from tp_controller.tools.view.server import PANEL_WIDTH
-from tp_controller.tools.view.skeleton import JOINT_COLOUR, skeleton
+from tp_controller.tools.view.skeleton import drum, foot, JOINT_COLOUR, limb, pointer, skeleton
 import trimesh
 import viser
 
-# Size of what a goal is dragged by [m].
-GIZMO = 0.22
 BOX = '<geometry><box size="0.1 0.2 0.3"/></geometry>'
 BALL = '<geometry><sphere radius="0.2"/></geometry>'
 MISSING = '<geometry><mesh filename="package://no_such_package/a.stl"/></geometry>'
@@ -148,6 +146,31 @@ def test_where_nothing_can_be_read_links_are_rods_that_reach_the_next_joint():
     assert points[:, 2].min() == pytest.approx(0.0) and 0.5 < points[:, 2].max() < 0.5 + radius
 
 
+@pytest.mark.parametrize('shape', [
+    '<visual/>', '<visual><geometry><box/></geometry></visual>',
+    '<visual><geometry><box size="1 2"/></geometry></visual>',
+    '<visual><geometry><sphere radius="inf"/></geometry></visual>',
+    '<visual><geometry><capsule radius="1" length="2"/></geometry></visual>',
+    f'<visual><origin xyz="nan 0 0"/>{BOX}</visual>',
+    f'<visual><origin xyz="1e300 0 0"/>{BOX}</visual>',
+    f'<visual>{BOX}<material name="m"><color rgba="nan 0 0 1"/></material></visual>'])
+def test_shape_that_makes_no_sense_is_named_and_the_others_are_shown(stage, shape):
+    shown = scene.RobotScene(stage, two_links(shape, f'<visual>{BALL}</visual>'))
+    assert len(shown.remarks) == 1 and shown.remarks[0].startswith('a, visual: ')
+    assert [part.kind for part in shown.parts['b']] == ['sphere']
+    assert np.isfinite(shown.outer_points()).all() and np.isfinite(shown.ground())
+
+
+def test_long_chain_of_links_at_one_place_is_drawn():
+    links = ''.join(f'<link name="l{number}"/>' for number in range(1000))
+    joints = ''.join(
+        f'<joint name="j{number}" type="{"continuous" if number == 0 else "fixed"}">'
+        f'<parent link="l{number}"/><child link="l{number + 1}"/></joint>'
+        for number in range(999))
+    found = skeleton(parse(f'<robot name="r">{links}{joints}</robot>'))
+    assert len(found) == 1000 and len(found['l1']) == 2
+
+
 def test_a_link_without_shapes_beside_others_stays_invisible():
     found = looks.visuals_of(two_links(f'<visual>{BOX}</visual>'))
     assert 'b' not in found.parts
@@ -161,7 +184,7 @@ def test_joints_of_bare_robots_are_drums_about_their_axes():
 
 def test_robot_of_a_dh_table_is_drawn_solid(monkeypatch, tmp_path):
     # Without example-robot-data, as most users are.
-    monkeypatch.setattr(borrowed, 'ROBOTS', tmp_path)
+    monkeypatch.setattr(looks, 'ROBOTS', tmp_path)
     found = looks.visuals_of(robots.panda())
     kinds = {part.kind for each in found.parts.values() for part in each}
     assert kinds == {'mesh'}
@@ -185,9 +208,9 @@ def test_links_stay_as_they_are_where_the_meshes_of_others_are_not_wanted(monkey
 
 
 @pytest.mark.parametrize('mesh', [
-    lathe.drum(0.05, 0.2, 0.01), lathe.limb(0.05, 0.03, 0.4),
-    lathe.limb(0.05, 0.03, 0.4, flat=True), lathe.foot(0.05, 0.13, 0.02),
-    lathe.pointer(0.04, 0.01, 0.1)])
+    drum(0.05, 0.2, 0.01), limb(0.05, 0.03, 0.4),
+    limb(0.05, 0.03, 0.4, flat=True), foot(0.05, 0.13, 0.02),
+    pointer(0.04, 0.01, 0.1)])
 def test_surfaces_of_links_are_closed_and_face_outwards(mesh):
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -225,7 +248,7 @@ def test_robot_of_a_dh_table_borrows_the_looks_of_the_same_example_robot():
 def test_only_a_robot_with_the_same_kinematics_lends_its_looks(base):
     robots.urdf_path('panda')
     text = robots.PANDA_DH.read_text()
-    match = borrowed.matching_robot
+    match = looks.matching_robot
     assert match(Robot.from_dh(text, base=base)) is not None
     assert match(Robot.from_dh(text.replace('0.316', '0.317'), base=base)) is None
     assert match(Robot.from_dh(text.replace('joint7', 'joint8'), base=base)) is None
@@ -320,8 +343,7 @@ def test_first_view_has_the_robot_beside_the_panel(stage, name, width, height):
     for turn in (0.0, 1.0):
         shown.show(robot.configuration(np.full(len(robot.joint_names), turn), T)
                    if robot.moves else np.clip(np.full(robot.n, turn), robot.lower, robot.upper))
-        # The goal of its tool is there, too, with what it is dragged by.
-        points = shown.points_in_view(GIZMO)
+        points = shown.outer_points()
         view = camera.first_view(points, moves=robot.moves)
         x, y = seen(*view, points)
         # The scene is as wide as the panel leaves.
@@ -357,9 +379,9 @@ def test_a_robot_whose_root_is_its_pelvis_stands_on_the_ground(stage, foot):
 
 def test_a_wheel_that_has_turned_stands_on_the_same_ground_and_a_box_on_its_edge(stage):
     shown = {}
-    for foot in ('wheel', 'box'):
-        shown[foot] = scene.RobotScene(stage, Leg(foot).robot, name=f'/{foot}')
-        shown[foot].show([0.7])
+    for name in ('wheel', 'box'):
+        shown[name] = scene.RobotScene(stage, Leg(name).robot, name=f'/{name}')
+        shown[name].show([0.7])
     assert shown['wheel'].ground() == pytest.approx(-1.15)
     edge = 0.1 * np.sin(0.7) + 0.03 * np.cos(0.7)
     assert shown['box'].ground() == pytest.approx(-1.0 - edge)

@@ -21,7 +21,7 @@ import sys
 
 import pytest
 from tp_controller.errors import TpControllerError
-from tp_controller.tools.view import guard, incoming, trial
+from tp_controller.tools.view import guard, incoming
 from tp_controller.tools.view import server as page
 from tp_controller.tools.view.guard import Guard
 import viser
@@ -189,7 +189,7 @@ def unguarded(monkeypatch, **methods):
     ({'_count_refusal': lambda self: None}, 'messages are not checked')])
 def test_a_server_that_lets_others_in_is_not_started(monkeypatch, methods, fault):
     unguarded(monkeypatch, **methods)
-    monkeypatch.setattr(trial, 'CHECK_SECONDS', 0.5)
+    monkeypatch.setattr(page, 'CHECK_SECONDS', 0.5)
     port = page.unused_port()
     with pytest.raises(TpControllerError, match=f'pages of other sites could .*{fault}'):
         page.open_server(port=port)

@@ -19,7 +19,7 @@ import itertools
 import pytest
 from tp_controller.errors import TpControllerError
 from tp_controller.resources import load_yaml
-from tp_controller.tools.view.stack_text import moved, numbers, stack_text, with_number
+from tp_controller.tools.view.stack_edits import moved, numbers, stack_text, with_number
 import yaml
 
 TEXT = """\

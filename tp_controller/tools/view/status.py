@@ -10,16 +10,28 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
-# limitations under the License.
 
-"""State of a controller as shown on the page: running, paused, stopped, or gone."""
+"""Status of a controller as shown on the page: a row for each task, and its condition."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+import math
 from textwrap import shorten
 import time
 from typing import NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray
+from tp_controller.untrusted import count, errors_of, number
+
+# Displayed units, with their conversion factors.
+SHOWN = {'m': ('mm', 1e3), 'rad': ('°', math.degrees(1.0)), 'm/s': ('mm/s', 1e3),
+         'rad/s': ('°/s', math.degrees(1.0))}
+# Desired speed of a task up to which it is at rest, in its own unit.
+REST_SPEED = 1e-6
+DISABLED = 'disabled'
+# Status of all tasks while zeros are commanded.
+STOPPED = 'stopped'
 RUNNING, GOOD, BAD, FAINT = 'running', '#2e9e5b', '#c62828', '#8a8f98'
 # A shorter stop is shown as a pause, for example when joint states are late [s].
 PAUSE_SECONDS = 1.5
@@ -33,6 +45,86 @@ WAITING = 'waiting for its status'
 GONE = 'no status received: it has ended, or this machine is overloaded'
 SLOW = ('this machine is too slow: the controller paused {} times in {:.0f} s, because joint '
         'states or its own cycles were late')
+
+
+@dataclass(frozen=True)
+class Row:
+    """
+    Displayed state of a task.
+
+    Attributes
+    ----------
+    name, kind, level : str
+        Name and type of the task; level ``1``, ``2`` …, or ``disabled``.
+    status : str
+        ``reached``, ``moving``, ``limited`` …
+    errors : tuple of (str, float)
+        Unit and value of each error.
+    share : float
+        Achieved share of the desired speed; not a number at rest.
+    reason, hint : str
+        Cause of a limit, and possible remedy.
+    accepted, refused : int
+        Number of accepted and refused goals.
+    refusal, warning : str
+        Reason of the last refusal, and probable mistake in the last accepted goal.
+
+    """
+
+    name: str
+    kind: str
+    level: str
+    status: str
+    errors: tuple[tuple[str, float], ...]
+    share: float
+    reason: str
+    hint: str
+    accepted: int
+    refused: int
+    refusal: str
+    warning: str
+
+    @property
+    def enabled(self) -> bool:
+        """Return whether the task is in the stack."""
+        return self.level != DISABLED
+
+    def error_text(self) -> str:
+        """Return the errors as text, in suitable units."""
+        return ', '.join(quantity(unit, value) for unit, value in self.errors)
+
+
+def rows_of(message: DiagnosticArray) -> list[Row]:
+    """Return a row for each task of a status, in order of priority."""
+    return [_row(status.name.partition(': ')[2],
+                 {value.key: value.value for value in status.values})
+            for status in message.status[1:]]
+
+
+def _row(name: str, values: Mapping[str, str]) -> Row:
+    """Return the row of a task."""
+    errors = tuple(errors_of(values).items())
+    wanted, achieved = (number(values.get(key, '')) for key in ('wanted speed', 'achieved speed'))
+    share = min(max(achieved / wanted, 0.0), 1.0) if wanted > REST_SPEED else math.nan
+    return Row(name, values.get('type', ''), values.get('level', ''), values.get('status', ''),
+               errors, share, values.get('reason', ''), values.get('hint', ''),
+               count(values.get('goals accepted', '')), count(values.get('goals refused', '')),
+               values.get('last refusal', ''), '; '.join(_warnings(values)))
+
+
+def _warnings(values: Mapping[str, str]) -> list[str]:
+    """Return the warnings about a task that its reason does not contain."""
+    found = (values.get('goal warning', ''), values.get('gain warning', ''))
+    return [warning for warning in found if warning and warning not in values.get('reason', '')]
+
+
+def quantity(unit: str, value: float) -> str:
+    """Return a value as text with its unit, converted to a suitable one."""
+    if math.isnan(value):
+        return '-'
+    shown, factor = SHOWN.get(unit, (unit, 1.0))
+    text = f'{factor * value:.1f}' if unit in SHOWN else f'{value:.4g}'
+    return text if unit == '1' else f'{text}{"" if shown.startswith("°") else " "}{shown}'
 
 
 class Condition(NamedTuple):
