@@ -15,9 +15,9 @@
 """
 Random stacks of all registered task types, on robots of example-robot-data.
 
-Types are not named here: the constructor of a type names its keys, each key is drawn by its name,
-and the constructor refuses what does not go together. A required key without an entry in `KEYS`
-is an error.
+Types are not named here: a type declares its keys, each key is drawn by its name, and the type
+refuses what does not go together. A required key without an entry in `KEYS` has the value of the
+example of its type.
 """
 
 from functools import lru_cache
@@ -147,7 +147,7 @@ class Drawn:
         for key, default in kind.accepted_keys().items():
             if default is Parameter.empty or key in ALWAYS or (
                     key in KEYS and self.random.random() < GIVEN):
-                keys[key] = KEYS[key](self)
+                keys[key] = KEYS[key](self) if key in KEYS else kind.example[key]
         if 'capsules' in keys:
             keys['links'] = list(keys['capsules'])
         return keys

@@ -39,8 +39,10 @@ import sys
 from tp_controller import Controller, Robot, Settings, Stack
 from tp_controller.tasks import task_types
 from tp_controller.tasks.keys import DEFAULT_TOLERANCE
+from tp_controller.tasks.needs import lacks
 from tp_controller.tools.check.results import schema
 from tp_controller.tools.cli.main import COMMANDS, make_parser
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 # Pages of the families of task types, in the order of the table of all types.
@@ -54,8 +56,6 @@ SECTION = re.compile(r'^## (\w+)$', re.MULTILINE)
 PANDA = ROOT / 'config' / 'robots' / 'panda.yaml'
 # Packages of the types that every node's own topics and services have.
 EVERY_NODE = ('lifecycle_msgs', 'rcl_interfaces', 'type_description_interfaces')
-# Types that the arm of the examples cannot have: its table gives no masses.
-OTHER_ROBOTS = ('center_of_mass',)
 # Tests that declare faults and their outcomes.
 DECLARING = ('test_joint_states', 'test_odometry', 'test_stops', 'test_permits', 'test_faults')
 NAMESPACE, NODE = '/namespace', 'tp_controller'
@@ -256,7 +256,7 @@ def keys(name):
     for row in rows:
         if row in shown:
             known.setdefault(shown[row], []).append(row[0])
-    parts = [table(('key', 'default', 'meaning'), new)] if new else []
+    parts = [table(('key', 'default', 'range', 'meaning'), new)] if new else []
     if known:
         parts.append(' '.join(f'As for [{other}](#{other}): {", ".join(names)}.'
                               for other, names in known.items()) + '\n')
@@ -265,14 +265,19 @@ def keys(name):
 
 def key_rows(kind):
     """Return the rows of a table of the keys of a task type."""
-    described, rows = kind.described_keys(), []
+    described, valid, rows = kind.described_keys(), kind.key_ranges(), []
     for key, default in kind.accepted_keys().items():
         if key == 'tolerance':
-            units = ', '.join(f'{unit}: {value:g}' for unit, value in DEFAULT_TOLERANCE.items())
-            rows.append((f'`{key}`', f'`{{{units}}}`', described[key]))
-        else:
-            rows.append((f'`{key}`', literal(default), described[key]))
+            default = '{' + ', '.join(f'{unit}: {value:g}'
+                                      for unit, value in DEFAULT_TOLERANCE.items()) + '}'
+        rows.append((f'`{key}`', literal(default), valid[key], described[key]))
     return rows
+
+
+def classes():
+    """Return the directives of Sphinx for the classes of this package's task types."""
+    lines = [f'.. autoclass:: {kind.__name__}' for kind in types_in_order().values()]
+    return '\n'.join(['```{eval-rst}', *lines, '```\n'])
 
 
 def settings():
@@ -393,9 +398,10 @@ def interfaces(node):
     robot = {'robot': str(PANDA), 'base': 'planar'}
     if node == 'controller':
         from tp_controller.ros.controller_node import ControllerNode as Node
-        stack = '\n'.join(f'- {name}: {{type: {name}{_example_keys(kind)}}}'
-                          for name, kind in task_types().items() if name not in OTHER_ROBOTS)
-        starts = ({**robot, 'stack': stack + '\n'}, {})
+        arm = Robot.from_file(PANDA, base='planar')
+        stack = [{name: {'type': name, **kind.example}} for name, kind in task_types().items()
+                 if not lacks(name, kind.needs, arm, kind.example)]
+        starts = ({**robot, 'stack': yaml.safe_dump(stack)}, {})
     elif node == 'watchdog':
         from tp_controller.ros.watchdog_node import WatchdogNode as Node
         starts = ({'base': 'planar'},)
@@ -421,15 +427,6 @@ def interfaces(node):
     # Those of a package that may be missing have a section of their own.
     found = [entry for entry in found if not entry[1].startswith('~/interactive_goals/')]
     return sorted(dict.fromkeys(found), key=lambda entry: order.index(entry[0]))
-
-
-def _example_keys(kind):
-    """Return the required keys of a type of tasks (or one of several), with values."""
-    examples = {'frame': 'panda_hand_tcp', 'reference': 'panda_link4', 'joints': 'panda_joint1',
-                'half_angle': 0.5, 'linear': 0.25, 'minimum': 0.05, 'shape': 'half_space',
-                'capsules': 'package://tp_controller/config/panda_capsules.yaml'}
-    return ''.join(f', {key}: {examples[key]}' for key, default in kind.accepted_keys().items()
-                   if default is inspect.Parameter.empty or key in ('capsules', 'linear'))
 
 
 def _opened(node, owner):
@@ -528,6 +525,7 @@ def faults():
 
 REGIONS = {
     'tasks': tasks, 'settings': settings, 'check report': check_report, 'commands': commands,
+    'classes': classes,
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},
     'goal forms': goal_forms,
 }

@@ -31,7 +31,9 @@ DRAWING = ('tools/recording/pictures.py', 'tools/recording/report.py', 'tools/ht
 # Calls and arguments whose texts describe something, and names that do.
 DESCRIBING = {'Spec', '_number', '_choice', 'NewType', 'Demo', 'title', 'help', 'description',
               'epilog', 'keys', 'KEYS', 'EXAMPLES', 'COMMAND', '_spec', 'STYLE', 'DEMOS',
-              'metadata', 'NUMBER', 'CHANGING'}
+              'metadata', 'NUMBER', 'CHANGING', 'needs', 'example'}
+# Functions that declare a key have such a name.
+DECLARING = '_key'
 FILLED = re.compile(r'{[^}]*}')
 WORDS = re.compile(r'[A-Za-z]{2}.* .*\w|\w .*[A-Za-z]{2}')
 XML = re.compile(r'</|/>|<\?|\w="|<\w+ \w+=')
@@ -92,7 +94,8 @@ def _describes(node):
         targets = node.targets if isinstance(node, ast.Assign) else [node.target]
         return any(_name(target) in DESCRIBING for target in targets)
     if isinstance(node, ast.Call):
-        return _name(node.func) in DESCRIBING
+        name = _name(node.func)
+        return name in DESCRIBING or name.endswith(DECLARING)
     return isinstance(node, ast.keyword) and node.arg in DESCRIBING
 
 

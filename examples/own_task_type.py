@@ -16,21 +16,18 @@
 
 import numpy as np
 from tp_controller import Controller, KinematicSimulator, Robot, Stack
-from tp_controller.tasks import BoundedTask, Keys
+from tp_controller.tasks import BoundedTask, frame_key, yaml_key
+from tp_controller.tasks.keys import positive
 
 
 class Cable(BoundedTask):
     """Keep two frames within the length of a cable between them [m]."""
 
     type_name = 'cable'
-    keys = {'frame': 'frame at one end', 'to': 'frame at the other end', 'length': '[m]'}
-
-    def __init__(self, robot, name, *, frame, to, length, **common):
-        keys = Keys()
-        self.frame = keys.check('frame', robot.check_frame, frame)
-        self.to = keys.check('to', robot.check_frame, to)
-        super().__init__(robot, name, ['m'], keys, -np.inf, length, **common)
-        keys.raise_faults(name)
+    units = ('m',)
+    frame = frame_key('frame at one end')
+    to = frame_key('frame at the other end')
+    upper = yaml_key('length of the cable', positive, unit='m', name='length')
 
     def observe(self, state):
         line = state.position(self.frame) - state.position(self.to)

@@ -19,6 +19,7 @@ from importlib.metadata import files
 from pathlib import Path
 
 from tp_controller import Robot
+from tp_controller.tasks.needs import lacks
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 CONFIG = REPOSITORY / 'config'
@@ -78,6 +79,15 @@ def panda():
 def moving_panda(base='planar'):
     """Return the Panda of this repository on a base that moves."""
     return Robot.from_file(PANDA_DH, base=base)
+
+
+def robot_for(*kinds):
+    """Return a Panda that has what classes of tasks need."""
+    arm = tuple(f'panda_joint{number}' for number in range(1, 8))
+    for found in (panda, moving_panda, lambda: urdf_robot('panda', arm)):
+        if not any(lacks(kind.type_name, kind.needs, found(), kind.example) for kind in kinds):
+            return found()
+    raise LookupError(f'no test robot has what {", ".join(map(str, kinds))} need')
 
 
 @lru_cache(maxsize=None)

@@ -75,6 +75,11 @@ def urdf_solids(urdf: str, links: Collection[str]) -> list[Solid]:
     return solids
 
 
+def has_solids(urdf: str) -> bool:
+    """Return whether a URDF, as text, gives any link a collision shape."""
+    return any(link.find('collision') is not None for link in parse(urdf).findall('link'))
+
+
 def _urdf_solid(name: str, frame: str, element: Element) -> Solid:
     """Return the solid of a <collision> element; OSError if its mesh cannot be read."""
     shape = element.find('geometry/*')

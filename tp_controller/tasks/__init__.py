@@ -29,7 +29,7 @@ from tp_controller.tasks.base_pose import BaseOrientation, BasePose
 from tp_controller.tasks.bounded import BoundedTask
 from tp_controller.tasks.center_of_mass import CenterOfMass
 from tp_controller.tasks.field_of_view import FieldOfView
-from tp_controller.tasks.frame import FrameTask
+from tp_controller.tasks.frame import frame_key, FrameTask, reference_key
 from tp_controller.tasks.gradient import GradientTask
 from tp_controller.tasks.joint import Joint, JointTask, JointVelocity, Posture
 from tp_controller.tasks.joint_limit_distance import JointLimitDistance
@@ -47,6 +47,7 @@ from tp_controller.tasks.self_collision import SelfCollision
 from tp_controller.tasks.speed_limit import SpeedLimit
 from tp_controller.tasks.task import Evaluation, Task
 from tp_controller.tasks.twist import Twist
+from tp_controller.tasks.yaml_keys import yaml_key
 
 ENTRY_POINTS = 'tp_controller.tasks'
 
@@ -56,7 +57,7 @@ __all__ = [
     'JointVelocity', 'KeepIn', 'KeepOut', 'Keys', 'LookAt', 'Manipulability',
     'ManipulabilityAbove', 'Obstacles', 'Orientation', 'Pointing', 'Pose', 'Position', 'Posture',
     'RelativePose', 'RelativePosition', 'SelfCollision', 'SpeedLimit', 'Task', 'Twist',
-    'task_types']
+    'frame_key', 'reference_key', 'task_types', 'yaml_key']
 
 
 @lru_cache(maxsize=1)

@@ -21,13 +21,13 @@ from typing import Any, ClassVar, Protocol, TypeAlias, TypeGuard, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
-from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, pose, rotation_from_vector, skew
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.frame import MovingGoalTask, parse_reference
+from tp_controller.tasks.frame import frame_key, MovingGoalTask, parse_reference
 from tp_controller.tasks.keys import finite_vector, Keys
 from tp_controller.tasks.sketch import Arrow, arrow, Cone, RAY_LENGTH, Sketch, Triad
 from tp_controller.tasks.task import norm, Task
+from tp_controller.tasks.yaml_keys import REQUIRED, yaml_key
 
 Axis: TypeAlias = str | Sequence[float] | Array
 SomeTask = TypeVar('SomeTask', bound='AimedTask')
@@ -56,6 +56,11 @@ def parse_axis(value: Axis) -> Array:
     if isinstance(value, (list, tuple, np.ndarray)):
         return parse_direction(value, 'an axis')
     raise ValueError(f'needs x, y, z, -x, -y, -z or three numbers, got {value!r}')
+
+
+def axis_key(text: str, default: Any = REQUIRED) -> Any:
+    """Declare a key that is an axis of a frame; see `yaml_key`."""
+    return yaml_key(text, parse_axis, default)
 
 
 def parse_direction(values: ArrayLike, what: str) -> Array:
@@ -229,48 +234,38 @@ class AimedTask(MovingGoalTask):
 
     The goal belongs to a reference frame, and moves with it.
 
-    Parameters
+    Attributes
     ----------
-    robot, name, keys
-        See `Task`.
-    units : list of str
-        See `Task`.
-    frame : str
-    axis : str or array_like (3,)
-        Axis of the frame: ``x``, ``-x`` …, or a direction in the frame.
+    axis : ndarray (3,)
+        Axis of the frame, a unit vector in the frame.
     towards : str
         ``direction`` or ``point``.
-    target : array_like (3,) or str or None
-        Goal at the start; the name of a frame stands for its origin.
-    reference : str or None
-        Frame that goals are expressed in and move with; the root if None.
+    aim : Aim
+        Kind of the goals.
 
     """
 
-    keys = {
-        'frame': 'frame of the robot that the task is about',
-        'axis': 'axis of the frame: x, -x, y, -y, z, -z or three numbers',
-        'target': 'point at the start, x, y, z, or a frame of the robot whose origin it is [m]',
-        'reference': 'frame that goals are expressed in, and move with (default: the root)',
-    }
+    towards: str
+    frame: str = frame_key('frame of the robot that the task is about')
+    axis: Array = axis_key('axis of the frame: x, -x, y, -y, z, -z or three numbers')
+    target: Any = yaml_key(
+        'point at the start, x, y, z, or a frame of the robot whose origin it is', default=None,
+        unit='m')
+    reference: str = yaml_key(
+        'frame that goals are expressed in, and move with (default: the root)', default=None)
 
-    frame: str
-    reference: str
-
-    def __init__(self, robot: Robot, name: str, units: Sequence[str], keys: Keys, *, frame: str,
-                 axis: Axis, towards: str, target: ArrayLike | None, reference: str | None,
-                 **options: Any) -> None:
-        self.frame = keys.check('frame', robot.check_frame, frame)
-        self.axis = keys.check('axis', parse_axis, axis)
-        if towards == 'point' and isinstance(target, str):
-            keys.check('target', _check_alone, target, reference, frame)
-            reference, target = keys.check('target', robot.check_frame, target), np.zeros(3)
+    def check_keys(self, keys: Keys) -> None:
+        """Set the kind of the goals, their reference and the target."""
+        super().check_keys(keys)
+        reference, target = self.reference, self.target
+        if self.towards == 'point' and isinstance(target, str):
+            keys.check('target', _check_alone, target, reference, self.frame)
+            self.reference = keys.check('target', self.robot.check_frame, target)
+            target = np.zeros(3)
         else:
-            reference = keys.check('reference', parse_reference, robot, reference)
-        self.reference = reference
-        self.aim = AIMS[towards](self.frame, reference)
+            self.reference = keys.check('reference', parse_reference, self.robot, reference)
+        self.aim = AIMS[self.towards or 'direction'](self.frame, self.reference)
         self.goal_type, self.twist_rows = self.aim.goal_type, self.aim.twist_rows
-        super().__init__(robot, name, units, keys, **options)
         if target is not None:
             self.goal = keys.check('target', self.aim.parse, target, 'the target')
 

@@ -14,51 +14,34 @@
 
 """Tasks about the pose of the base, for vehicles with an arm (lecture 3.1)."""
 
-from tp_controller.errors import TaskError
-from tp_controller.model.robot import Robot
-from tp_controller.tasks.frame import Axes, FrameTask
-from tp_controller.tasks.keys import Gain, Tolerance
+from tp_controller.tasks.frame import FrameTask, parse_axes
 from tp_controller.tasks.orientation import Orientation
 from tp_controller.tasks.pose import Pose
-from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
+from tp_controller.tasks.yaml_keys import yaml_key
 
 
 class BaseTask(FrameTask):
     """
     Mixin that turns a task about a frame into one about the base; precedes the type.
 
-    Parameters
-    ----------
-    robot : Robot
-        Robot with a base that moves.
-    name : str
-    axes : str or list of str, optional
-        Selected axes of the world frame; by default those that the base can move along or
-        about.
-    gain, tolerance, timeout, mode
-        See `Task`.
-
-    Raises
-    ------
-    TaskError
-        The base is fixed, or keys are wrong.
-
+    By default the axes are those of the world that the base can move along or about.
     """
 
-    keys = {'axes': 'axes of the world frame that count (default: those that the base can move '
-                    'along or about)'}
+    needs = ('moving_base',)
+    without = ('frame', 'reference')
 
-    def __init__(self, robot: Robot, name: str, *, axes: Axes | None = None,
-                 gain: Gain = DEFAULT_GAIN, tolerance: Tolerance | None = None,
-                 timeout: float = DEFAULT_TIMEOUT, mode: str = DEFAULT_MODE) -> None:
-        if not robot.moves:
-            raise TaskError(name, [('type', f'{self.type_name} needs a robot whose base moves; '
-                                            f'the base of this one is {robot.base}')])
-        if axes is None:
-            axes = [axis for axis, row in zip(self.axis_names(), range(6)[self.twist_rows])
-                    if row in robot.base_reach]
-        super().__init__(robot, name, frame=robot.base_frame, axes=axes, gain=gain,
-                         tolerance=tolerance, timeout=timeout, mode=mode)
+    frame: str = yaml_key('frame of the base', default=None,
+                          parse_for=lambda task, frame: task.robot.base_frame)
+    axes: tuple[str, ...] = yaml_key(
+        'axes of the world frame that count (default: those that the base can move along or '
+        'about)', default=None,
+        parse_for=lambda task, axes: parse_axes(
+            task.base_axes() if axes is None else axes, task.axis_names()))
+
+    def base_axes(self) -> list[str]:
+        """Return the axes that the base can move along or about."""
+        return [axis for axis, row in zip(self.axis_names(), range(6)[self.twist_rows])
+                if row in self.robot.base_reach]
 
 
 class BasePose(BaseTask, Pose):
@@ -70,6 +53,7 @@ class BasePose(BaseTask, Pose):
     """
 
     type_name = 'base_pose'
+    example = {}
 
 
 class BaseOrientation(BaseTask, Orientation):
@@ -80,3 +64,4 @@ class BaseOrientation(BaseTask, Orientation):
     """
 
     type_name = 'base_orientation'
+    example = {}

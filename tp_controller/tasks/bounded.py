@@ -27,8 +27,9 @@ from tp_controller.model.state import RobotState
 from tp_controller.solver.compiled import core
 from tp_controller.solver.level import Level
 from tp_controller.tasks.goal_holder import Goal
-from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
-from tp_controller.tasks.task import DEFAULT_TIMEOUT, Evaluation, Task
+from tp_controller.tasks.keys import Keys, positive, UnitRows
+from tp_controller.tasks.task import Evaluation, Task
+from tp_controller.tasks.yaml_keys import gain_key, tolerance_key, yaml_key
 
 # Defaults of the keys `gain` [1/s] and `return_speed` [unit/s].
 DEFAULT_BOUND_GAIN = 10.0
@@ -105,36 +106,35 @@ class BoundedTask(Task):
     ----------
     robot, name, units, keys
         See `Task`.
-    lower, upper : float or ndarray (rows,)
-        Bounds of the value; infinite for an absent bound.
-    gain, return_speed, tolerance, timeout
-        γ [1/s], speed [unit/s], violation that still counts as satisfied [unit], and validity of
-        a velocity of moving bounds [s].
+    lower, upper : float or ndarray (rows,), optional
+        Bounds of the value; infinite for an absent bound. A type may set them later.
+    **given
+        Values of keys.
 
     """
 
     bounded = True
     # Relative change of a row in one cycle above which it counts as a jump.
     jump: ClassVar[float] = 0.5
-    keys = {
-        'gain': 'γ: largest speed towards a bound, per distance to it; at most 1/period [1/s]',
-        'return_speed': 'largest speed at which a value outside is brought back [m/s, rad/s or '
-                        '1/s]',
-        'tolerance': 'violation that still counts as satisfied: a number, or one for each unit '
-                     'as {m: …, rad: …} [m, rad]',
-    }
+    without = ('timeout', 'mode')
 
-    def __init__(self, robot: Robot, name: str, units: Sequence[str], keys: Keys,
-                 lower: float | Array, upper: float | Array, *, gain: Gain = DEFAULT_BOUND_GAIN,
-                 return_speed: float = DEFAULT_RETURN_SPEED, tolerance: Tolerance | None = None,
-                 timeout: float = DEFAULT_TIMEOUT) -> None:
-        super().__init__(robot, name, units, keys, gain=gain, tolerance=tolerance,
-                         timeout=timeout)
-        self.return_speed = keys.check('return_speed', positive, return_speed)
+    return_speed: float = yaml_key('largest speed at which a value outside is brought back',
+                                   positive, DEFAULT_RETURN_SPEED, unit='m/s, rad/s or 1/s')
+    gain: Array = gain_key(
+        'γ: largest speed towards a bound, per distance to it; at most 1/period',
+        DEFAULT_BOUND_GAIN)
+    groups: tuple[UnitRows, ...] = tolerance_key(
+        'violation that still counts as satisfied: a number, or one for each unit as '
+        '{m: …, rad: …}', 'm, rad')
+
+    def __init__(self, robot: Robot, name: str, units: Sequence[str] = (),
+                 keys: Keys | None = None, lower: float | Array = -np.inf,
+                 upper: float | Array = np.inf, **given: Any) -> None:
         self.lower, self.upper = lower, upper
         # Observations of this cycle, and of the one before.
         self._latest: _Sample | None = None
         self._before: _Sample | None = None
+        super().__init__(robot, name, units, keys, **given)
 
     @abstractmethod
     def observe(self, state: RobotState) -> tuple[Array, Array]:

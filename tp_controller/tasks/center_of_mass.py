@@ -17,16 +17,15 @@
 from collections.abc import Sequence
 
 import numpy as np
-from tp_controller.errors import RobotError
-from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, pose
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
-from tp_controller.tasks.frame import Axes, parse_axes
-from tp_controller.tasks.keys import Gain, Keys, Tolerance
+from tp_controller.tasks.frame import parse_axes
+from tp_controller.tasks.keys import Keys
 from tp_controller.tasks.position import PointTask
 from tp_controller.tasks.sketch import arrow, Dot, Sketch, Triad
-from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Evaluation
+from tp_controller.tasks.task import Evaluation
+from tp_controller.tasks.yaml_keys import yaml_key
 
 AXES = ('x', 'y', 'z')
 # Least norm of the Jacobian that is scaled to 1; a smaller one is a rounding error [m/rad].
@@ -43,21 +42,26 @@ class CenterOfMass(PointTask):
     """
 
     type_name = 'center_of_mass'
-    keys = {'axes': 'axes of the root that count: some of x, y, z (default: all)'}
+    needs = ('masses',)
+    sketch_parts = {'frame': True, 'goal': True, 'error': False}
 
-    def __init__(self, robot: Robot, name: str, *, axes: Axes | None = None,
-                 gain: Gain = DEFAULT_GAIN, tolerance: Tolerance | None = None,
-                 timeout: float = DEFAULT_TIMEOUT, mode: str = DEFAULT_MODE) -> None:
-        keys = Keys()
-        keys.check('type', _check_mass, robot)
-        self.axes = keys.check('axes', parse_axes, axes, AXES) or AXES
-        self._rows = [AXES.index(axis) for axis in self.axes]
-        self.reference = robot.root
-        super().__init__(robot, name, ['m'] * len(self.axes), keys, gain=gain,
-                         tolerance=tolerance, timeout=timeout, mode=mode)
-        keys.raise_faults(name)
+    axes: tuple[str, ...] = yaml_key(
+        'axes of the root that count: some of x, y, z (default: all)',
+        lambda axes: parse_axes(axes, AXES), None)
+
+    def check_keys(self, keys: Keys) -> None:
+        """Set rows and units, of all axes if the key has a fault."""
+        super().check_keys(keys)
+        self._rows = [AXES.index(axis) for axis in self.axes or AXES]
+        self.units = ('m',) * len(self._rows)
+
+    def set_up(self) -> None:
+        """Scale the rows to norm 1 in the neutral posture."""
+        super().set_up()
+        self.reference = self.robot.root
+        neutral = self.robot.state(self.robot.neutral())
         self.row_scale = 1.0 / max(MIN_JACOBIAN_NORM, float(np.linalg.norm(
-            robot.state(robot.neutral()).center_of_mass()[1], 2)))
+            neutral.center_of_mass()[1], 2)))
 
     def value(self, state: RobotState) -> Array:
         """Return the centre of mass (3,) in the root [m]."""
@@ -91,9 +95,3 @@ class CenterOfMass(PointTask):
     def in_rows(self, feed_forward: Array) -> Array:
         """Return the selected rows of a twist (6,)."""
         return feed_forward[self._rows]
-
-
-def _check_mass(robot: Robot) -> None:
-    """Raise `RobotError` if the description gives no link a mass."""
-    if not robot.mass > 0.0:
-        raise RobotError(f'the description of {robot.name} gives no link a mass')

@@ -15,7 +15,6 @@
 """Base class of the tasks of collision avoidance: distances of pairs of solid shapes."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from tp_controller.model.clearance import Clearance, Distances
@@ -24,16 +23,12 @@ from tp_controller.model.solids import Solid
 from tp_controller.model.spatial import Array, cross, skews
 from tp_controller.model.state import RobotState
 from tp_controller.model.urdf_solids import urdf_solids
-from tp_controller.tasks.bounded import (
-    BoundedTask,
-    DEFAULT_BOUND_GAIN,
-    DEFAULT_RETURN_SPEED,
-    Observation,
-)
+from tp_controller.tasks.bounded import BoundedTask, Observation
 from tp_controller.tasks.capsules import parse_capsules
-from tp_controller.tasks.keys import Gain, Keys, non_negative, positive, Tolerance, UnitRows
+from tp_controller.tasks.keys import Keys, non_negative, positive, UnitRows
 from tp_controller.tasks.sketch import Gaps, Sketch
 from tp_controller.tasks.task import Task
+from tp_controller.tasks.yaml_keys import yaml_key
 
 # Defaults of the keys `distance` and `within` [m].
 DEFAULT_DISTANCE = 0.02
@@ -60,43 +55,46 @@ class CollisionTask(BoundedTask):
     # The nearest points of flat sides jump from one end to the other. With 0.5 there are more
     # reversals: 1.42/s instead of 1.25/s in 150 runs of benchmarks/inequalities.py.
     jump = 0.06
-    keys = {
-        'distance': 'least distance allowed [m]',
-        'within': 'distance below which a pair is considered [m]',
-        'links': 'link, or list of links, to consider (default: all that have shapes)',
-        'capsules': 'shapes for links, in place of those of the URDF: {link: {from: [x, y, z], '
-                    'to: [x, y, z], radius: …}}, a list for several, without `to` a sphere, in '
-                    'the frame of the link [m]; or a file with such a mapping',
-    }
+    needs = ('shapes',)
+    sketch_parts = {'distance': False}
+    example = {'capsules': 'package://tp_controller/config/panda_capsules.yaml', 'within': 0.5}
 
-    def __init__(self, robot: Robot, name: str, keys: Keys, *,
-                 distance: float = DEFAULT_DISTANCE, within: float = DEFAULT_WITHIN,
-                 links: str | Sequence[str] | None = None, capsules: Any = None,
-                 gain: Gain = DEFAULT_BOUND_GAIN, return_speed: float = DEFAULT_RETURN_SPEED,
-                 tolerance: Tolerance | None = None) -> None:
-        self.distance = keys.check('distance', non_negative, distance)
-        self.within = keys.check('within', positive, within)
+    distance: float = yaml_key('least distance allowed', non_negative, DEFAULT_DISTANCE, unit='m')
+    within: float = yaml_key('distance below which a pair is considered', positive,
+                             DEFAULT_WITHIN, unit='m')
+    links: list[str] | None = yaml_key(
+        'link, or list of links, to consider (default: all that have shapes)', default=None,
+        parse_for=lambda task, links: _links(task.robot, links))
+    capsules: dict[str, list[Solid]] = yaml_key(
+        'shapes for links, in place of those of the URDF: {link: {from: [x, y, z], to: [x, y, z], '
+        'radius: …}}, a list for several, without `to` a sphere, in the frame of the link [m]; or '
+        'a file with such a mapping', default=None,
+        parse_for=lambda task, capsules: parse_capsules(
+            task.robot, {} if capsules is None else capsules))
+    units = ('m',)
+
+    def check_keys(self, keys: Keys) -> None:
+        """Set the bounds, and the solids of the selected links."""
+        super().check_keys(keys)
+        self.lower = self.distance
         if None not in (self.distance, self.within) and self.within <= self.distance:
             keys.faults.append(('within', f'must be more than distance = {self.distance:g}, got '
                                           f'{self.within:g}'))
-        super().__init__(robot, name, ['m'], keys, self.distance, np.inf, gain=gain,
-                         return_speed=return_speed, tolerance=tolerance)
+        self._solids = self._selected_solids(keys)
+
+    def set_up(self) -> None:
+        """Prepare the distances, of no pairs yet."""
+        super().set_up()
         # The number of rows is the number of near pairs.
-        self.groups = tuple(UnitRows(slice(None), unit, limit)
-                            for _, unit, limit in self.groups or ())
-        self._solids = self._solids_of(keys, links, capsules)
-        self._clearance = Clearance(robot.kinematics, [], [], self.within)
+        self.groups = tuple(UnitRows(slice(None), unit, limit) for _, unit, limit in self.groups)
+        self._clearance = Clearance(self.robot.kinematics, [], [], self.within)
         # Distances of the last cycle, for sketches: only cycles may use the clearance.
         self._near: Distances | None = None
 
-    def _solids_of(self, keys: Keys, links: str | Sequence[str] | None,
-                   capsules: Any) -> list[Solid]:
+    def _selected_solids(self, keys: Keys) -> list[Solid]:
         """Return the solids of the selected links, and record faults of the keys."""
-        faults = len(keys.faults)
-        given = keys.check('capsules', parse_capsules, self.robot,
-                           {} if capsules is None else capsules)
-        named = keys.check('links', _links, self.robot, links)
-        if len(keys.faults) > faults:
+        named, given = self.links, self.capsules
+        if any(key in ('capsules', 'links') for key, _ in keys.faults):
             return []
         wanted = list(named or self.robot.frame_names)
         drawn = keys.check('links', urdf_solids, self.robot.urdf,

@@ -17,15 +17,15 @@
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
-from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.aim import AimedTask, Axis, pose_along, turn_between
-from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
-from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
+from tp_controller.tasks.aim import AimedTask, axis_key, pose_along, turn_between
+from tp_controller.tasks.bounded import BoundedTask
+from tp_controller.tasks.frame import frame_key
+from tp_controller.tasks.keys import Keys, Number, positive
 from tp_controller.tasks.sketch import Cone, Sketch
 from tp_controller.tasks.task import DEFAULT_TIMEOUT
+from tp_controller.tasks.yaml_keys import yaml_key
 
 # Angle below which the direction out of the view is undefined [rad].
 MIN_ANGLE = 1e-9
@@ -42,24 +42,22 @@ class FieldOfView(AimedTask, BoundedTask):
 
     type_name = 'field_of_view'
     goal_type = 'point'
-    keys = {
-        'frame': 'frame of the camera',
-        'axis': 'axis of the camera: x, -x, y, -y, z, -z or three numbers',
-        'half_angle': 'angle between the axis and the edge of the view [rad]',
-        'timeout': 'time that a velocity of the point stays in force [s]',
-    }
+    example = {'frame': 'panda_hand_tcp', 'half_angle': 0.4, 'target': [1.0, 0.2, -0.3]}
+    sketch_parts = {'frame': True, 'goal': True, 'axis': True, 'sight': True, 'cone': True}
+    units = ('rad',)
 
-    def __init__(self, robot: Robot, name: str, *, frame: str, half_angle: float,
-                 axis: Axis = 'z', target: ArrayLike | None = None, reference: str | None = None,
-                 gain: Gain = DEFAULT_BOUND_GAIN, return_speed: float = DEFAULT_RETURN_SPEED,
-                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT) -> None:
-        keys = Keys()
-        half_angle = keys.check('half_angle', _half_angle, half_angle)
-        super().__init__(
-            robot, name, ['rad'], keys, frame=frame, axis=axis, towards='point', target=target,
-            reference=reference, lower=-np.inf, upper=half_angle, gain=gain,
-            return_speed=return_speed, tolerance=tolerance, timeout=timeout)
-        keys.raise_faults(name)
+    towards = 'point'
+    frame: str = frame_key('frame of the camera')
+    half_angle: float = yaml_key('angle between the axis and the edge of the view',
+                                 Number(zero=False, below=math.pi, below_text='π'), unit='rad')
+    axis: Array = axis_key('axis of the camera: x, -x, y, -y, z, -z or three numbers', 'z')
+    timeout: float = yaml_key('time that a velocity of the point stays in force', positive,
+                              DEFAULT_TIMEOUT, unit='s', acts=False)
+
+    def check_keys(self, keys: Keys) -> None:
+        """Bound the angle."""
+        super().check_keys(keys)
+        self.upper = self.half_angle
 
     def start(self, state: RobotState) -> None:
         """Set a point straight ahead as the default goal."""
@@ -96,11 +94,3 @@ class FieldOfView(AimedTask, BoundedTask):
         turn = turn_between(self.axis_in_root(state), direction)
         angle = math.sqrt(turn.dot(turn))
         return angle, turn / angle if angle > MIN_ANGLE else np.zeros(3), J_direction
-
-
-def _half_angle(value: float) -> float:
-    """Return an angle between 0 and π, or raise ValueError."""
-    angle = positive(value)
-    if angle >= math.pi:
-        raise ValueError(f'must be less than π, got {angle:g}')
-    return angle

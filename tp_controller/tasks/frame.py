@@ -24,20 +24,31 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, skew
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
-from tp_controller.tasks.keys import finite_vector, Gain, has_shape, Keys, Tolerance
-from tp_controller.tasks.task import (
-    DEFAULT_GAIN,
-    DEFAULT_MODE,
-    DEFAULT_TIMEOUT,
-    Evaluation,
-    Task,
-)
+from tp_controller.tasks.keys import finite_vector, has_shape, Keys
+from tp_controller.tasks.task import Evaluation, Task
+from tp_controller.tasks.yaml_keys import yaml_key
 
 Axes: TypeAlias = str | Sequence[str]
 SomeTask = TypeVar('SomeTask', bound='FrameTask')
 # Methods that the compiled evaluation replaces.
 EVALUATION_METHODS = {'error', 'jacobian', 'position', 'rotation', 'velocity'}
 TWIST_AXES: tuple[str, ...] = ('x', 'y', 'z', 'rx', 'ry', 'rz')
+
+
+def frame_key(text: str) -> Any:
+    """Declare a required key that names a frame of the robot; see `yaml_key`."""
+    return yaml_key(text, parse_for=lambda task, frame: task.robot.check_frame(frame))
+
+
+def reference_key(text: str) -> Any:
+    """Declare a key that names a frame of the robot, by default the root; see `yaml_key`."""
+    return yaml_key(text, default=None,
+                    parse_for=lambda task, reference: parse_reference(task.robot, reference))
+
+
+def parse_reference(robot: Robot, reference: str | None) -> str:
+    """Return the frame named by a key `reference`, the root for None, or raise `RobotError`."""
+    return robot.check_frame(robot.root if reference is None else reference)
 
 
 class RelativeFrame:
@@ -125,38 +136,25 @@ class FrameTask(MovingGoalTask):
     The reference may also move with the joints: value and Jacobian are then those of the
     relative motion.
 
-    Parameters
-    ----------
-    robot : Robot
-    name : str
-    frame : str
-    reference : str, optional
-        Frame that goals, errors and axes are expressed in; the root by default.
-    axes : str or list of str, optional
-        Selected axes of the reference frame, a subset of `axis_names`.
-    gain, tolerance, timeout
-        See `Task`.
-
     Attributes
     ----------
+    frame, reference : str
+        The frame, and the one that goals, errors and axes are expressed in.
+    axes : tuple of str
+        Selected axes of the reference frame, a subset of `axis_names`.
     counts : ndarray (6,)
         Mask of the selected rows of a twist.
 
-    Raises
-    ------
-    TaskError
-        All invalid keys.
-
     """
 
-    keys = {
-        'frame': 'frame of the robot that the task moves',
-        'reference': 'frame that goals, errors and axes are expressed in (default: the root)',
-        'axes': 'axes of the reference frame that count (default: all)',
-    }
+    sketch_parts = {'frame': True, 'goal': True, 'error': False}
 
-    frame: str
-    reference: str
+    frame: str = frame_key('frame of the robot that the task moves')
+    reference: str = reference_key(
+        'frame that goals, errors and axes are expressed in (default: the root)')
+    axes: tuple[str, ...] = yaml_key(
+        'axes of the reference frame that count (default: all)', default=None,
+        parse_for=lambda task, axes: parse_axes(axes, task.axis_names()))
     in_one_call: ClassVar[bool] = False
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -165,23 +163,20 @@ class FrameTask(MovingGoalTask):
         if EVALUATION_METHODS & vars(cls).keys():
             cls.in_one_call = vars(cls).get('in_one_call', False)
 
-    def __init__(self, robot: Robot, name: str, *, frame: str, reference: str | None = None,
-                 axes: Axes | None = None, gain: Gain = DEFAULT_GAIN,
-                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT,
-                 mode: str = DEFAULT_MODE) -> None:
-        keys = Keys()
-        self.frame = keys.check('frame', robot.check_frame, frame)
-        self.reference = keys.check('reference', parse_reference, robot, reference)
-        self.axes = keys.check('axes', parse_axes, axes, self.axis_names()) or self.axis_names()
+    def check_keys(self, keys: Keys) -> None:
+        """Set rows and units, of all axes if the key has a fault."""
+        super().check_keys(keys)
+        self.axes = self.axes or self.axis_names()
         rows = [TWIST_AXES.index(axis) for axis in _twist_names(self.axes, self.twist_rows)]
-        units = ['m' if row < 3 else 'rad' for row in rows]
+        self.units = tuple('m' if row < 3 else 'rad' for row in rows)
         self.counts = np.isin(np.arange(6), rows)
         self._twist_rows = _selection(rows)
         self._mask = _selection([row - self.twist_rows.start for row in rows])
-        self._motion = RelativeFrame(robot, self.frame, self.reference)
-        super().__init__(robot, name, units, keys, gain=gain, tolerance=tolerance,
-                         timeout=timeout, mode=mode)
-        keys.raise_faults(name)
+
+    def set_up(self) -> None:
+        """Prepare the motion of the frame relative to the reference."""
+        super().set_up()
+        self._motion = RelativeFrame(self.robot, self.frame, self.reference)
 
     @classmethod
     def axis_names(cls) -> tuple[str, ...]:
@@ -254,11 +249,6 @@ def _twist_names(axes: Sequence[str], rows: slice) -> list[str]:
     """Return the names in `TWIST_AXES` of axes of a type, in the order of `TWIST_AXES`."""
     names = TWIST_AXES[rows]
     return [name for name in names if name in axes or (len(names) == 3 and name[-1] in axes)]
-
-
-def parse_reference(robot: Robot, reference: str | None) -> str:
-    """Return the frame named by a key `reference`, the root for None, or raise `RobotError`."""
-    return robot.check_frame(robot.root if reference is None else reference)
 
 
 def parse_axes(axes: Axes | None, valid: Sequence[str]) -> tuple[str, ...]:

@@ -24,8 +24,9 @@ from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import identity, Level
 from tp_controller.tasks.goal_holder import Goal
-from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
-from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, Evaluation, norm, Task
+from tp_controller.tasks.keys import Keys, positive, UnitRows
+from tp_controller.tasks.task import Evaluation, norm, Task
+from tp_controller.tasks.yaml_keys import gain_key, tolerance_key, yaml_key
 
 # Default of the key `max_speed` [rad/s or m/s].
 DEFAULT_SPEED = 0.5
@@ -39,32 +40,34 @@ class GradientTask(Task):
     demand a rate of h: if the levels above leave only a small part of the gradient, the joints
     would race along it.
 
-    A subclass implements `measure`. Its constructor calls this one and then
-    `Keys.raise_faults`, as for every task.
+    A subclass implements `measure`.
 
     Parameters
     ----------
-    robot, name, keys, gain, tolerance, mode
+    robot, name, keys
         See `Task`.
+    **given
+        Values of keys.
+
+    Attributes
+    ----------
     max_speed : float
         Largest norm of the desired velocity [rad/s or m/s].
 
     """
 
-    keys = {
-        'gain': 'gain K: joint velocity per slope of the objective [1/s]',
-        'max_speed': 'largest norm of the desired joint velocities [rad/s or m/s]',
-        'tolerance': 'joint speed along the gradient below which the maximum counts as reached '
-                     '[rad/s or m/s]',
-    }
+    without = ('timeout',)
 
-    def __init__(self, robot: Robot, name: str, keys: Keys, *, gain: Gain = DEFAULT_GAIN,
-                 max_speed: float = DEFAULT_SPEED, tolerance: Tolerance | None = None,
-                 mode: str = DEFAULT_MODE) -> None:
+    max_speed: float = yaml_key('largest norm of the desired joint velocities', positive,
+                                DEFAULT_SPEED, unit='rad/s or m/s')
+    gain: Array = gain_key('gain K: joint velocity per slope of the objective')
+    groups: tuple[UnitRows, ...] = tolerance_key(
+        'joint speed along the gradient below which the maximum counts as reached',
+        'rad/s or m/s')
+
+    def __init__(self, robot: Robot, name: str, keys: Keys | None = None, **given: Any) -> None:
         # One unit for the norm over all joints.
-        super().__init__(robot, name, ['rad'] * robot.n, keys, gain=gain, tolerance=tolerance,
-                         mode=mode)
-        self.max_speed = keys.check('max_speed', positive, max_speed)
+        super().__init__(robot, name, ['rad'] * robot.n, keys, **given)
 
     @abstractmethod
     def measure(self, state: RobotState) -> tuple[float, Array]:

@@ -26,9 +26,10 @@ from tp_controller.model.spatial import Array, wrap_angle
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import identity
 from tp_controller.tasks.goal_remarks import looks_like_degrees
-from tp_controller.tasks.keys import finite_vector, Gain, Keys, Tolerance
-from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Task
+from tp_controller.tasks.keys import finite_vector, Keys
+from tp_controller.tasks.task import Task
 from tp_controller.tasks.velocity import VelocityTask
+from tp_controller.tasks.yaml_keys import REQUIRED, yaml_key
 
 Joints: TypeAlias = str | Sequence[str]
 # A number for each joint, or some by name.
@@ -36,33 +37,65 @@ ByJoint: TypeAlias = ArrayLike | dict[str, float]
 SomeTask = TypeVar('SomeTask', bound='JointTask')
 
 
+def joints_key(default: Any = REQUIRED) -> Any:
+    """Declare the key `joints` of a type, see `yaml_key`; None stands for all driven joints."""
+    return yaml_key('driven joint, or list of them, in the order of the rows', default=default,
+                    parse_for=lambda task, joints: _joints(task.robot, joints))
+
+
+def _joints(robot: Robot, joints: Joints | None) -> tuple[str, ...]:
+    """Return the names of driven joints as a tuple, all for None; raise if invalid."""
+    if joints is None:
+        return tuple(robot.joint_names)
+    names = [joints] if isinstance(joints, str) else joints
+    if not isinstance(names, (list, tuple)) or not names:
+        raise ValueError(f'needs a driven joint or a list of them, got {joints!r}')
+    for name in names:
+        robot.joint_index(name)
+    if len(set(names)) < len(names):
+        raise ValueError(f'names a joint twice: {", ".join(names)}')
+    return tuple(names)
+
+
 class JointTask(Task):
     """
     Base class of tasks about driven joints; J has single-entry rows (lecture 3.5).
 
-    Parameters
+    Attributes
     ----------
-    joints : str or list of str or None
-        Joints in the order of the rows; None for all.
+    joints : tuple of str
+        Joints in the order of the rows.
 
     """
 
-    keys = {'joints': 'driven joint, or list of them, in the order of the rows'}
+    needs = ('driven_joints',)
     feed_forward_type: ClassVar[str | None] = 'joint_velocities'
 
-    def __init__(self, robot: Robot, name: str, keys: Keys, joints: Joints | None,
-                 **options: Any) -> None:
-        self.joints = keys.check('joints', _joints, robot, joints) or robot.joint_names
-        if not robot.joint_names:
-            keys.faults.append(('joints', f'{robot.name} has no driven joints'))
+    joints: tuple[str, ...] = joints_key(None)
+
+    def __init__(self, robot: Robot, name: str, keys: Keys | None = None,
+                 joints: Any = REQUIRED, **given: Any) -> None:
+        # A type of another package may pass the joints by place.
+        if joints is not REQUIRED:
+            given['joints'] = joints
+        super().__init__(robot, name, keys=keys, **given)
+
+    def check_keys(self, keys: Keys) -> None:
+        """Set the units, of all joints if the key has a fault."""
+        super().check_keys(keys)
+        robot = self.robot
+        self.joints = self.joints or robot.joint_names
         self._indices = np.array([robot.joint_index(joint) for joint in self.joints], dtype=int)
+        self.units = tuple(robot.velocity_units[index] for index in self._indices)
+
+    def set_up(self) -> None:
+        """Select the rows of the joints."""
+        super().set_up()
         # False if the base moves as well.
-        self.every_joint = self.joints == robot.velocity_names
+        self.every_joint = self.joints == self.robot.velocity_names
         # Every cycle returns this array, hence read-only.
-        self._jacobian = identity(robot.n)[self._indices]
+        self._jacobian = identity(self.robot.n)[self._indices]
         self._jacobian.setflags(write=False)
-        super().__init__(robot, name, [robot.velocity_units[index] for index in self._indices],
-                         keys, **options)
 
     def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
         """Return whether goals of `other` are valid for this task."""
@@ -100,12 +133,12 @@ class JointTask(Task):
 
         """
         if not isinstance(values, dict):
-            return finite_vector(values, self.rows, f'{what} ({", ".join(self.joints)})')
+            return finite_vector(values, len(self.joints), f'{what} ({", ".join(self.joints)})')
         for joint in values:
             if joint not in self.joints:
                 raise GoalError(f'{what}: {unknown("joint", joint, self.joints)}')
         given = finite_vector(list(values.values()), len(values), what)
-        vector = np.full(self.rows, default)
+        vector = np.full(len(self.joints), default)
         vector[[self.joints.index(joint) for joint in values]] = given
         return vector
 
@@ -120,21 +153,25 @@ class Joint(JointTask):
 
     type_name = 'joint'
     goal_type = 'joints'
-    keys = {'target': 'goal at the start, {joint: position} or a list [rad or m]'}
+    example = {'joints': 'panda_joint1'}
 
-    def __init__(self, robot: Robot, name: str, *, joints: Joints | None,
-                 target: ByJoint | None = None, gain: Gain = DEFAULT_GAIN,
-                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT,
-                 mode: str = DEFAULT_MODE) -> None:
-        keys = Keys()
-        super().__init__(robot, name, keys, joints, gain=gain, tolerance=tolerance,
-                         timeout=timeout, mode=mode)
-        self._wrapped = robot.continuous[self._indices]
+    target: Any = yaml_key('goal at the start, {joint: position} or a list', default=None,
+                           unit='rad or m')
+    joints: tuple[str, ...] = joints_key()
+
+    def check_keys(self, keys: Keys) -> None:
+        """Set the target as the goal."""
+        known = self.joints is not None
+        super().check_keys(keys)
+        if self.target is not None and known:
+            self.goal = keys.check('target', self.parse_goal, self.target)
+
+    def set_up(self) -> None:
+        """Find the joints that turn without end."""
+        super().set_up()
+        self._wrapped = self.robot.continuous[self._indices]
         self._wraps = bool(self._wrapped.any())
         self._default_rows = np.zeros(self.rows, dtype=bool)
-        if target is not None and not any(key == 'joints' for key, _ in keys.faults):
-            self.goal = keys.check('target', self.parse_goal, target)
-        keys.raise_faults(name)
 
     def value(self, state: RobotState) -> Array:
         """Return the positions of the joints (rows,) [rad or m]."""
@@ -220,13 +257,9 @@ class Posture(Joint):
     """
 
     type_name = 'posture'
+    example = {}
 
-    def __init__(self, robot: Robot, name: str, *, joints: Joints | None = None,
-                 target: ByJoint | None = None, gain: Gain = DEFAULT_GAIN,
-                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT,
-                 mode: str = DEFAULT_MODE) -> None:
-        super().__init__(robot, name, joints=joints, target=target, gain=gain,
-                         tolerance=tolerance, timeout=timeout, mode=mode)
+    joints: tuple[str, ...] = joints_key(None)
 
 
 class JointVelocity(VelocityTask, JointTask):
@@ -240,23 +273,4 @@ class JointVelocity(VelocityTask, JointTask):
     type_name = 'joint_velocity'
     goal_type = 'joint_velocities'
     feed_forward_type = None
-
-    def __init__(self, robot: Robot, name: str, *, joints: Joints | None = None,
-                 timeout: float = DEFAULT_TIMEOUT, mode: str = DEFAULT_MODE) -> None:
-        keys = Keys()
-        super().__init__(robot, name, keys, joints, timeout=timeout, mode=mode)
-        keys.raise_faults(name)
-
-
-def _joints(robot: Robot, joints: Joints | None) -> tuple[str, ...]:
-    """Return the names of driven joints as a tuple, all for None; raise if invalid."""
-    if joints is None:
-        return tuple(robot.joint_names)
-    names = [joints] if isinstance(joints, str) else joints
-    if not isinstance(names, (list, tuple)) or not names:
-        raise ValueError(f'needs a driven joint or a list of them, got {joints!r}')
-    for name in names:
-        robot.joint_index(name)
-    if len(set(names)) < len(names):
-        raise ValueError(f'names a joint twice: {", ".join(names)}')
-    return tuple(names)
+    without = ('gain', 'tolerance')

@@ -14,16 +14,10 @@
 
 """Distance from the joint limits, maximized in the null space of the tasks above."""
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
-from tp_controller.errors import RobotError
-from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.gradient import GradientTask
-from tp_controller.tasks.keys import Keys
 
 # Largest |x| of the formula of h. Beyond it h continues linearly; otherwise the gradient would be
 # unbounded, and the joint would oscillate about its optimum.
@@ -47,12 +41,13 @@ class JointLimitDistance(GradientTask):
 
     type_name = 'joint_limit_distance'
 
-    def __init__(self, robot: Robot, name: str, **options: Any) -> None:
-        keys = Keys()
+    needs = ('position_limits',)
+
+    def set_up(self) -> None:
+        """Find the joints with limits, and the middle of their ranges."""
+        super().set_up()
+        robot = self.robot
         self._limited = np.isfinite(robot.upper - robot.lower)
-        keys.check('type', _check_limits, self._limited)
-        super().__init__(robot, name, keys, **options)
-        keys.raise_faults(name)
         lower, upper = robot.lower[self._limited], robot.upper[self._limited]
         self._middle, self._half = 0.5 * (upper + lower), 0.5 * (upper - lower)
 
@@ -76,9 +71,3 @@ class JointLimitDistance(GradientTask):
         x = (state.positions[self._limited] - self._middle) / self._half
         curved = np.clip(x, -MAX_CURVED, MAX_CURVED)
         return x, curved, 1.0 - curved * curved
-
-
-def _check_limits(limited: NDArray[np.bool_]) -> None:
-    """Raise `RobotError` if no joint has limits."""
-    if not limited.any():
-        raise RobotError('no joint of the robot has position limits')

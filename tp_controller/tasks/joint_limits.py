@@ -14,14 +14,13 @@
 
 """Margin to the joint position limits, as a task of the stack."""
 
-import numpy as np
-from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
-from tp_controller.tasks.joint import Joints, JointTask
-from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
+from tp_controller.tasks.bounded import BoundedTask
+from tp_controller.tasks.joint import JointTask
+from tp_controller.tasks.keys import Keys, positive
 from tp_controller.tasks.task import Task
+from tp_controller.tasks.yaml_keys import yaml_key
 
 # Default of the key `margin` [rad or m].
 DEFAULT_MARGIN = 0.05
@@ -37,32 +36,28 @@ class JointLimits(JointTask, BoundedTask):
 
     type_name = 'joint_limits'
     feed_forward_type = None
-    keys = {'margin': 'least distance to the limits [rad or m]'}
     # An inequality task accepts no joint velocities as feed-forward.
     parse_feed_forward = Task.parse_feed_forward
 
-    def __init__(self, robot: Robot, name: str, *, joints: Joints | None = None,
-                 margin: float = DEFAULT_MARGIN, gain: Gain = DEFAULT_BOUND_GAIN,
-                 return_speed: float = DEFAULT_RETURN_SPEED,
-                 tolerance: Tolerance | None = None) -> None:
-        keys = Keys()
-        super().__init__(robot, name, keys, joints, lower=-np.inf, upper=np.inf, gain=gain,
-                         return_speed=return_speed, tolerance=tolerance)
+    margin: float = yaml_key('least distance to the limits', positive, DEFAULT_MARGIN,
+                             unit='rad or m')
+
+    def check_keys(self, keys: Keys) -> None:
+        """Set the bounds, or record a fault if the margin leaves a joint no range."""
+        super().check_keys(keys)
         self.row_names = self.joints
-        lower, upper = robot.lower[self._indices], robot.upper[self._indices]
-        self.margin = keys.check('margin', self._margin, margin, upper - lower)
-        keys.raise_faults(name)
-        self.lower, self.upper = lower + self.margin, upper - self.margin
+        lower, upper = self.robot.lower[self._indices], self.robot.upper[self._indices]
+        if self.margin is not None:
+            keys.check('margin', self._check_margin, upper - lower)
+            self.lower, self.upper = lower + self.margin, upper - self.margin
 
     def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return the positions of the joints (rows,) [rad or m] and their rows (rows, n)."""
         return self.positions(state), self.jacobian(state)
 
-    def _margin(self, value: float, ranges: Array) -> float:
-        """Return the margin, or raise ValueError if it leaves a joint no range."""
-        margin = positive(value)
-        narrow = int(ranges.argmin())
+    def _check_margin(self, ranges: Array) -> None:
+        """Raise ValueError if the margin leaves a joint no range."""
+        margin, narrow = self.margin, int(ranges.argmin())
         if not 2.0 * margin < ranges[narrow]:
             raise ValueError(f'must be less than half the range of {self.joints[narrow]}, '
                              f'{0.5 * ranges[narrow]:g}, got {margin:g}')
-        return margin

@@ -15,7 +15,7 @@
 """Keys of a task: validation, and one report of all faults."""
 
 from collections.abc import Callable, Mapping, Sequence
-import inspect
+import math
 from typing import Any, cast, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
@@ -84,20 +84,44 @@ def number(value: object) -> float:
     return float(value)
 
 
-def positive(value: object) -> float:
-    """Return a positive float, or raise ValueError."""
-    found = number(value)
-    if found <= 0.0:
-        raise ValueError(f'must be positive, got {found:g}')
-    return found
+class Number:
+    """
+    Parser of a number in a range.
+
+    Parameters
+    ----------
+    zero : bool
+        Zero is valid; negative numbers are not.
+    below : float, optional
+        Number above the range.
+    below_text : str, optional
+        Its name in texts.
+
+    Attributes
+    ----------
+    range : str
+        Range as text.
+
+    """
+
+    def __init__(self, zero: bool, below: float = math.inf, below_text: str = '') -> None:
+        self._zero, self._below, self._below_text = zero, below, below_text
+        self.range = ('≥ 0' if zero else '> 0') + (f', < {below_text}' if below_text else '')
+
+    def __call__(self, value: object) -> float:
+        """Return the number as a float, or raise ValueError."""
+        found = number(value)
+        if self._zero and found < 0.0:
+            raise ValueError(f'must not be negative, got {found:g}')
+        if not self._zero and found <= 0.0:
+            raise ValueError(f'must be positive, got {found:g}')
+        if found >= self._below:
+            raise ValueError(f'must be less than {self._below_text}, got {found:g}')
+        return found
 
 
-def non_negative(value: object) -> float:
-    """Return a float that is not negative, or raise ValueError."""
-    found = number(value)
-    if found < 0.0:
-        raise ValueError(f'must not be negative, got {found:g}')
-    return found
+# Parsers of positive numbers, and of numbers that are not negative.
+positive, non_negative = Number(zero=False), Number(zero=True)
 
 
 def named_positive(key: str, value: object) -> float:
@@ -170,6 +194,15 @@ def parse_tolerance(units: Sequence[str],
                           positive(tolerances[unit])) for unit in present)
 
 
+def optional(parse: Callable[[Any], Checked]) -> Callable[[Any], Checked | None]:
+    """Return a parser that leaves None as it is, and parses other values."""
+    def parsed(value: Any) -> Checked | None:
+        return None if value is None else parse(value)
+    # For the texts about a key.
+    parsed.range = getattr(parse, 'range', '')  # type: ignore[attr-defined]
+    return parsed
+
+
 def check_mapping(name: str, keys: Any, valid: Sequence[str], needed: set[str],
                   form: str) -> None:
     """Raise ValueError if a needed key is missing, or a key is invalid."""
@@ -180,24 +213,3 @@ def check_mapping(name: str, keys: Any, valid: Sequence[str], needed: set[str],
             raise ValueError(f'{name}: {unknown("key", key, valid)}')
     if not needed <= set(keys):
         raise ValueError(f'{name} needs {form}, got {keys!r}')
-
-
-def constructor_keys(task_type: type) -> dict[str, Any]:
-    """
-    Return {key: default} of the keyword-only arguments of a constructor and those it calls.
-
-    `inspect.Parameter.empty` marks a required key.
-    """
-    accepted: dict[str, Any] = {}
-    for base in task_type.__mro__:
-        if '__init__' in vars(base):
-            parameters = inspect.signature(vars(base)['__init__']).parameters.values()
-            for parameter in parameters:
-                if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
-                    # A key that is optional for the base may be required by a subclass.
-                    accepted.setdefault(parameter.name, parameter.default)
-            # Only a constructor with ** passes keys on to the next one.
-            if not any(parameter.kind is inspect.Parameter.VAR_KEYWORD
-                       for parameter in parameters):
-                break
-    return accepted

@@ -14,23 +14,19 @@
 
 """Manipulability of a frame, as a measure of distance to singularities, and its tasks."""
 
-from typing import Any
-
 import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
-from tp_controller.tasks.frame import Axes, parse_axes, TWIST_AXES
+from tp_controller.tasks.bounded import BoundedTask
+from tp_controller.tasks.frame import Axes, frame_key, parse_axes, TWIST_AXES
 from tp_controller.tasks.gradient import GradientTask
-from tp_controller.tasks.keys import Gain, Keys, positive, Tolerance
+from tp_controller.tasks.keys import positive
+from tp_controller.tasks.task import Task
+from tp_controller.tasks.yaml_keys import yaml_key
 
 # Least w of the logarithm and its gradient, in metres and radians.
 MIN_MANIPULABILITY = 1e-6
-KEYS = {
-    'frame': 'frame of the robot whose manipulability is measured',
-    'axes': 'axes of the root that count, of x y z rx ry rz (default: all)',
-}
 
 
 class Mobility:
@@ -74,7 +70,23 @@ class Mobility:
         return float(np.prod(s)), state.jacobian_gradient(self._frame, self._weights)
 
 
-class Manipulability(GradientTask):
+class MobilityTask(Task):
+    """Mixin of tasks about the manipulability of a frame; precedes the base class."""
+
+    sketch_parts = {'frame': True}
+
+    frame: str = frame_key('frame of the robot whose manipulability is measured')
+    _axis_rows: list[int] = yaml_key(
+        'axes of the root that count, of x y z rx ry rz (default: all)', default=None,
+        parse_for=lambda task, axes: _rows(task.robot, axes), name='axes')
+
+    def set_up(self) -> None:
+        """Select the rows of the Jacobian."""
+        super().set_up()
+        self._mobility = Mobility(self.robot, self.frame, self._axis_rows)
+
+
+class Manipulability(MobilityTask, GradientTask):
     """
     Maximize the manipulability of a frame: the joints move away from singularities.
 
@@ -82,16 +94,7 @@ class Manipulability(GradientTask):
     """
 
     type_name = 'manipulability'
-    keys = KEYS
-
-    def __init__(self, robot: Robot, name: str, *, frame: str, axes: Axes | None = None,
-                 **options: Any) -> None:
-        keys = Keys()
-        self.frame = keys.check('frame', robot.check_frame, frame)
-        rows = keys.check('axes', _rows, robot, axes)
-        super().__init__(robot, name, keys, **options)
-        keys.raise_faults(name)
-        self._mobility = Mobility(robot, self.frame, rows)
+    example = {'frame': 'panda_hand_tcp'}
 
     def measure(self, state: RobotState) -> tuple[float, Array]:
         """Return ln w and its gradient (n,)."""
@@ -100,7 +103,7 @@ class Manipulability(GradientTask):
         return float(np.log(w)), gradient / w
 
 
-class ManipulabilityAbove(BoundedTask):
+class ManipulabilityAbove(MobilityTask, BoundedTask):
     """
     Keep the manipulability of a frame above a minimum: it does not enter singularities.
 
@@ -108,24 +111,17 @@ class ManipulabilityAbove(BoundedTask):
     """
 
     type_name = 'manipulability_above'
-    keys = {
-        **KEYS,
-        'minimum': 'the least √det(J Jᵀ), J in metres and radians; compare it with the value of '
-                   'a good posture',
-    }
+    example = {'frame': 'panda_hand_tcp', 'minimum': 0.05}
+    units = ('1',)
 
-    def __init__(self, robot: Robot, name: str, *, frame: str, minimum: float,
-                 axes: Axes | None = None, gain: Gain = DEFAULT_BOUND_GAIN,
-                 return_speed: float = DEFAULT_RETURN_SPEED,
-                 tolerance: Tolerance | None = None) -> None:
-        keys = Keys()
-        self.frame = keys.check('frame', robot.check_frame, frame)
-        rows = keys.check('axes', _rows, robot, axes)
-        self.minimum = keys.check('minimum', positive, minimum)
-        super().__init__(robot, name, ['1'], keys, np.ones(1), np.full(1, np.inf), gain=gain,
-                         return_speed=return_speed, tolerance=tolerance)
-        keys.raise_faults(name)
-        self._mobility = Mobility(robot, self.frame, rows)
+    minimum: float = yaml_key(
+        'the least √det(J Jᵀ), J in metres and radians; compare it with the value of a good '
+        'posture', positive)
+
+    def set_up(self) -> None:
+        """Set the bound."""
+        super().set_up()
+        self.lower, self.upper = np.ones(1), np.full(1, np.inf)
 
     def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return w / minimum (1,) and its gradient (1, n)."""

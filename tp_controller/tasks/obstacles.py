@@ -19,22 +19,16 @@ from dataclasses import replace
 from typing import Any
 
 from tp_controller.errors import GoalError
-from tp_controller.model.robot import Robot
 from tp_controller.model.solids import solid
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.bounded import DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
-from tp_controller.tasks.collision import (
-    CollisionTask,
-    DEFAULT_DISTANCE,
-    DEFAULT_WITHIN,
-    MOST_PAIRS,
-)
-from tp_controller.tasks.frame import parse_reference
-from tp_controller.tasks.keys import Gain, Keys, Tolerance
+from tp_controller.tasks.collision import CollisionTask, MOST_PAIRS
+from tp_controller.tasks.frame import reference_key
+from tp_controller.tasks.keys import Keys
 from tp_controller.tasks.obstacle_goals import ALL_OBSTACLES, Obstacle, parse_obstacles
 from tp_controller.tasks.sketch import Body, Sketch
 from tp_controller.tasks.task import Evaluation, Task
+from tp_controller.tasks.yaml_keys import yaml_key
 
 # Largest number of obstacles; each costs time in every cycle.
 MOST_OBSTACLES = 100
@@ -50,29 +44,23 @@ class Obstacles(CollisionTask):
 
     type_name = 'obstacles'
     goal_type = 'obstacles'
-    keys = {
-        'obstacles': '{name: {shape: …, at: …}}, shapes and places as for keep_out, but only a '
-                     'half_space needs no place (default: none, they come as goals)',
-        'reference': 'frame that the obstacles belong to and move with (default: the root)',
-    }
+    sketch_parts = {'obstacle': False, 'distance': False}
+    example = {**CollisionTask.example, 'obstacles': {
+        'pole': {'shape': {'cylinder': [0.05, 1.0]}, 'at': [0.55, 0.1, 0.3]}}}
 
-    reference: str
+    _fixed: dict[str, Obstacle] = yaml_key(
+        '{name: {shape: …, at: …}}, shapes and places as for keep_out, but only a half_space '
+        'needs no place (default: none, they come as goals)',
+        lambda obstacles: parse_obstacles({} if obstacles is None else obstacles), None,
+        name='obstacles')
+    reference: str = reference_key(
+        'frame that the obstacles belong to and move with (default: the root)')
 
-    def __init__(self, robot: Robot, name: str, *, obstacles: Any = None,
-                 reference: str | None = None, distance: float = DEFAULT_DISTANCE,
-                 within: float = DEFAULT_WITHIN, links: str | Sequence[str] | None = None,
-                 capsules: Any = None, gain: Gain = DEFAULT_BOUND_GAIN,
-                 return_speed: float = DEFAULT_RETURN_SPEED,
-                 tolerance: Tolerance | None = None) -> None:
-        keys = Keys()
-        self.reference = keys.check('reference', parse_reference, robot, reference)
-        super().__init__(robot, name, keys, distance=distance, within=within, links=links,
-                         capsules=capsules, gain=gain, return_speed=return_speed,
-                         tolerance=tolerance)
-        self._fixed = keys.check('obstacles', parse_obstacles,
-                                 {} if obstacles is None else obstacles)
+    def check_keys(self, keys: Keys) -> None:
+        """Select the solids that the joints move against the reference."""
+        super().check_keys(keys)
         if self.reference is not None:
-            _, driven = robot.kinematics.joints_between(
+            _, driven = self.robot.kinematics.joints_between(
                 [self.reference, *(each.frame for each in self._solids)])
             self._solids = [each for each, joints in zip(self._solids, driven[0, 1:])
                             if joints > 0.0]
@@ -81,7 +69,10 @@ class Obstacles(CollisionTask):
                                              f'{self.reference}'))
         if not keys.faults and len(self._fixed) > self._largest_number():
             keys.faults.append(('obstacles', self._too_many(len(self._fixed))))
-        keys.raise_faults(name)
+
+    def set_up(self) -> None:
+        """Set the pairs of links and obstacles."""
+        super().set_up()
         # Names of the obstacles in the order of their solids.
         self._order: list[str] = []
         self._update_solids()

@@ -124,6 +124,8 @@ class Orientation(TurningFrameTask):
 
     type_name = 'orientation'
     in_one_call = True
+    example = {'frame': 'panda_hand_tcp'}
+    sketch_parts = {'frame': True, 'goal': True, 'turn': False}
     goal_type = 'quaternion'
     twist_rows = slice(3, 6)
 

@@ -19,17 +19,25 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from tp_controller.errors import unknown
-from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, skew
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
-from tp_controller.tasks.aim import across, AimedTask, AIMS, Axis, parse_axis, turn_between
-from tp_controller.tasks.keys import Gain, Keys, Tolerance
+from tp_controller.tasks.aim import (
+    across,
+    AimedTask,
+    AIMS,
+    Axis,
+    axis_key,
+    parse_axis,
+    turn_between,
+)
+from tp_controller.tasks.frame import frame_key
+from tp_controller.tasks.keys import Keys
 from tp_controller.tasks.orientation import TurningTask
 from tp_controller.tasks.sketch import arc, RAY_LENGTH, Sketch
-from tp_controller.tasks.task import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT, Evaluation
+from tp_controller.tasks.task import Evaluation
+from tp_controller.tasks.yaml_keys import yaml_key
 
 UP = np.array([0.0, 0.0, 1.0])
 # Sine of the angle between an axis and the vertical below which the weight of the upright row
@@ -38,6 +46,13 @@ MIN_VERTICAL_SINE = 0.3
 # Largest cosine of the angle between `axis` and `up`.
 MAX_UP_COSINE = 0.99
 MIN_SQUARED_SINE = 1e-12
+
+
+def _towards(kind: str) -> str:
+    """Return the kind of the goals, or raise ValueError."""
+    if not isinstance(kind, str) or kind not in AIMS:
+        raise ValueError(unknown('kind of goal', kind, AIMS))
+    return kind
 
 
 class AxisTask(TurningTask, AimedTask):
@@ -49,11 +64,15 @@ class AxisTask(TurningTask, AimedTask):
     point at the distance r turns as frame and point move: J = J_ω − [d]× (J_point − J_v) / r.
     """
 
-    def __init__(self, robot: Robot, name: str, units: Sequence[str], keys: Keys,
-                 **options: Any) -> None:
-        super().__init__(robot, name, units, keys, **options)
-        if self.axis is not None:
-            self._across = across(self.axis)
+    sketch_parts = {'frame': True, 'goal': True, 'axis': True, 'sight': True, 'cone': True,
+                    'turn': False}
+    example = {'frame': 'panda_hand_tcp'}
+    units: tuple[str, ...] = ('rad', 'rad')
+
+    def set_up(self) -> None:
+        """Find the axes of the rows."""
+        super().set_up()
+        self._across = across(self.axis)
 
     def error(self, state: RobotState) -> Array:
         """Return the turn to the goal about the axes of the rows (rows,) [rad]."""
@@ -113,23 +132,11 @@ class Pointing(AxisTask):
     type_name = 'pointing'
     goal_type = 'direction'
     goal_types = tuple(AIMS)
-    keys = {
-        'towards': 'kind of the goals: direction or point',
-        'target': 'goal at the start, x, y, z; a point may be a frame of the robot instead',
-    }
 
-    def __init__(self, robot: Robot, name: str, *, frame: str, axis: Axis = 'z',
-                 towards: str = 'direction', target: ArrayLike | None = None,
-                 reference: str | None = None, gain: Gain = DEFAULT_GAIN,
-                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT,
-                 mode: str = DEFAULT_MODE) -> None:
-        keys = Keys()
-        towards = keys.check('towards', _towards, towards) or 'direction'
-        super().__init__(
-            robot, name, ['rad', 'rad'], keys, frame=frame, axis=axis, towards=towards,
-            target=target, reference=reference, gain=gain, tolerance=tolerance, timeout=timeout,
-            mode=mode)
-        keys.raise_faults(name)
+    towards: str = yaml_key('kind of the goals: direction or point', _towards, 'direction')
+    target: Any = yaml_key(
+        'goal at the start, x, y, z; a point may be a frame of the robot instead', default=None)
+    axis: Array = axis_key('axis of the frame: x, -x, y, -y, z, -z or three numbers', 'z')
 
 
 class LookAt(AxisTask):
@@ -145,27 +152,22 @@ class LookAt(AxisTask):
 
     type_name = 'look_at'
     goal_type = 'point'
-    keys = {
-        'frame': 'frame of the camera',
-        'axis': 'axis of the camera: x, -x, y, -y, z, -z or three numbers',
-        'up': 'axis of the frame that is to point upwards, such as -y of an optical frame '
-              '(default: the turn about the axis stays free)',
-    }
 
-    def __init__(self, robot: Robot, name: str, *, frame: str, axis: Axis = 'z',
-                 up: Axis | None = None, target: ArrayLike | None = None,
-                 reference: str | None = None, gain: Gain = DEFAULT_GAIN,
-                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT,
-                 mode: str = DEFAULT_MODE) -> None:
-        keys = Keys()
-        units = ['rad'] * (2 if up is None else 3)
-        super().__init__(
-            robot, name, units, keys, frame=frame, axis=axis, towards='point', target=target,
-            reference=reference, gain=gain, tolerance=tolerance, timeout=timeout, mode=mode)
+    towards = 'point'
+    frame: str = frame_key('frame of the camera')
+    axis: Array = axis_key('axis of the camera: x, -x, y, -y, z, -z or three numbers', 'z')
+    up: Any = yaml_key(
+        'axis of the frame that is to point upwards, such as -y of an optical frame (default: '
+        'the turn about the axis stays free)', default=None)
+
+    def check_keys(self, keys: Keys) -> None:
+        """Add a row for the key `up`."""
+        super().check_keys(keys)
         self._upright: Array | None = None
-        if up is not None and self.axis is not None:
-            self._upright = keys.check('up', _side, up, self.axis)
-        keys.raise_faults(name)
+        if self.up is not None:
+            self.units = ('rad',) * 3
+            if self.axis is not None:
+                self._upright = keys.check('up', _side, self.up, self.axis)
 
     def observe(self, state: RobotState) -> tuple[Array, Array, Array]:
         """Return error, J and axes of the rows, see `AxisTask.observe`; the turn about a last."""
@@ -183,13 +185,6 @@ class LookAt(AxisTask):
         return (np.append(error, weight * math.atan2(sine, cosine)),
                 np.vstack([J, row.dot(state.jacobian(self.frame)[3:])]),
                 np.vstack([about, np.zeros(3)]))
-
-
-def _towards(kind: str) -> str:
-    """Return the kind of the goals, or raise ValueError."""
-    if not isinstance(kind, str) or kind not in AIMS:
-        raise ValueError(unknown('kind of goal', kind, AIMS))
-    return kind
 
 
 def _side(value: Axis, axis: Array) -> Array:

@@ -61,6 +61,8 @@ class Pose(PoseTask, TurningFrameTask):
 
     type_name = 'pose'
     in_one_call = True
+    example = {'frame': 'panda_hand_tcp'}
+    sketch_parts = {'frame': True, 'goal': True, 'error': False, 'turn': False}
 
     def value(self, state: RobotState) -> Array:
         """Return T_reference_frame (4, 4)."""

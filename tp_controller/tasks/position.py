@@ -46,6 +46,7 @@ class Position(PointTask, FrameTask):
 
     type_name = 'position'
     in_one_call = True
+    example = {'frame': 'panda_hand_tcp'}
 
     def value(self, state: RobotState) -> Array:
         """Return the origin of the frame (3,), in the reference frame [m]."""

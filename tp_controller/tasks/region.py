@@ -21,16 +21,16 @@ from typing import Any, ClassVar, TypeGuard, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
-from tp_controller.model.robot import Robot
 from tp_controller.model.shapes import parse_shape, Sphere
 from tp_controller.model.spatial import Array, pose, skew
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.bounded import BoundedTask, DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
-from tp_controller.tasks.frame import MovingGoalTask, parse_reference, RelativeFrame
-from tp_controller.tasks.keys import finite_vector, Gain, has_shape, Keys, non_negative, Tolerance
+from tp_controller.tasks.bounded import BoundedTask
+from tp_controller.tasks.frame import frame_key, MovingGoalTask, reference_key, RelativeFrame
+from tp_controller.tasks.keys import finite_vector, has_shape, Keys, non_negative, positive
 from tp_controller.tasks.pose import parse_pose, PoseTask
 from tp_controller.tasks.sketch import arrow, Body, Sketch
-from tp_controller.tasks.task import DEFAULT_TIMEOUT, Task
+from tp_controller.tasks.task import Task
+from tp_controller.tasks.yaml_keys import DEFAULT_TIMEOUT, yaml_key
 
 SomeTask = TypeVar('SomeTask', bound='RegionTask')
 
@@ -45,41 +45,37 @@ class RegionTask(PoseTask, MovingGoalTask, BoundedTask):
     ``x, y, z`` [m] and a quaternion ``xyzw`` (7,). A twist is its velocity.
     """
 
-    keys = {
-        'frame': 'frame of the robot whose origin the task is about',
-        'shape': '{box: [x, y, z]}, {sphere: radius}, {cylinder: [radius, length]} along z, or '
-                 'half_space, the space below its plane z = 0 [m]',
-        'at': 'place of the shape at the start: x, y, z, or x, y, z, qx, qy, qz, qw, in the '
-              'reference frame (default: at its origin) [m]',
-        'radius': 'radius of a sphere around the frame, all of which counts [m]',
-        'reference': 'frame that the shape belongs to and moves with (default: the root)',
-        'timeout': 'time that a velocity of the shape stays in force [s]',
-    }
-
-    frame: str
-    reference: str
+    sketch_parts = {'frame': True, 'goal': True, 'region': True, 'sphere': False, 'error': False}
     # The frame stays inside the shape.
     inside: ClassVar[bool]
 
-    def __init__(self, robot: Robot, name: str, *, frame: str, shape: Any,
-                 at: ArrayLike | None = None, radius: float = 0.0, reference: str | None = None,
-                 gain: Gain = DEFAULT_BOUND_GAIN, return_speed: float = DEFAULT_RETURN_SPEED,
-                 tolerance: Tolerance | None = None, timeout: float = DEFAULT_TIMEOUT) -> None:
-        keys = Keys()
-        self.frame = keys.check('frame', robot.check_frame, frame)
-        self.reference = keys.check('reference', parse_reference, robot, reference)
-        self.shape = keys.check('shape', parse_shape, shape)
-        self.radius = keys.check('radius', non_negative, radius)
-        bounds = None
+    frame: str = frame_key('frame of the robot whose origin the task is about')
+    shape: Any = yaml_key(
+        '{box: [x, y, z]}, {sphere: radius}, {cylinder: [radius, length]} along z, or '
+        'half_space, the space below its plane z = 0', parse_shape, unit='m')
+    at: ArrayLike | None = yaml_key(
+        'place of the shape at the start: x, y, z, or x, y, z, qx, qy, qz, qw, in the reference '
+        'frame (default: at its origin)', default=None, unit='m')
+    radius: float = yaml_key('radius of a sphere around the frame, all of which counts',
+                             non_negative, 0.0, unit='m')
+    reference: str = reference_key(
+        'frame that the shape belongs to and moves with (default: the root)')
+    timeout: float = yaml_key('time that a velocity of the shape stays in force', positive,
+                              DEFAULT_TIMEOUT, unit='s', acts=False)
+
+    def check_keys(self, keys: Keys) -> None:
+        """Set bounds and units, and the place of the shape as the goal."""
+        super().check_keys(keys)
         if self.shape is not None and self.radius is not None:
-            bounds = keys.check('radius', self.bounds)
-        lower, upper = bounds or np.zeros((2, 1))
-        super().__init__(robot, name, ['m'] * len(lower), keys, lower, upper, gain=gain,
-                         return_speed=return_speed, tolerance=tolerance, timeout=timeout)
-        if at is not None:
-            self.goal = keys.check('at', parse_place, at)
-        keys.raise_faults(name)
-        self._motion = RelativeFrame(robot, self.frame, self.reference)
+            self.lower, self.upper = keys.check('radius', self.bounds) or np.zeros((2, 1))
+            self.units = ('m',) * len(self.lower)
+        if self.at is not None:
+            self.goal = keys.check('at', parse_place, self.at)
+
+    def set_up(self) -> None:
+        """Prepare the motion of the frame relative to the reference."""
+        super().set_up()
+        self._motion = RelativeFrame(self.robot, self.frame, self.reference)
 
     @abstractmethod
     def bounds(self) -> tuple[Array, Array]:
@@ -143,6 +139,8 @@ class KeepIn(RegionTask):
 
     type_name = 'keep_in'
     inside = True
+    example = {'frame': 'panda_hand_tcp', 'shape': {'box': [0.6, 0.8, 0.5]},
+               'at': [0.3, 0.0, 0.4], 'radius': 0.05}
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lower and upper limits (m,) of the values, or raise ValueError."""
@@ -166,6 +164,8 @@ class KeepOut(RegionTask):
 
     type_name = 'keep_out'
     inside = False
+    example = {'frame': 'panda_hand_tcp', 'shape': {'sphere': 0.5}, 'at': [0.3, 0.0, 0.4],
+               'radius': 0.05}
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lower and upper limits (1,) of the distance [m]."""

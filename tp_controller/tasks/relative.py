@@ -14,14 +14,16 @@
 
 """Tasks about the relative pose of two parts of the robot: two arms that carry an object."""
 
-from typing import Any
-
-from tp_controller.model.robot import Robot
+from tp_controller.tasks.frame import frame_key
 from tp_controller.tasks.pose import Pose
 from tp_controller.tasks.position import Position
 
-KEYS = {'reference': 'frame of the robot that goals, errors and axes are expressed in; it may '
-                     'move with the joints as well'}
+
+def moving_reference_key() -> str:
+    """Declare the required key `reference`; see `yaml_key`."""
+    reference: str = frame_key('frame of the robot that goals, errors and axes are expressed in; '
+                               'it may move with the joints as well')
+    return reference
 
 
 class RelativePosition(Position):
@@ -32,11 +34,10 @@ class RelativePosition(Position):
     """
 
     type_name = 'relative_position'
-    keys = KEYS
+    example = {'frame': 'panda_hand_tcp', 'reference': 'panda_link4'}
+    sketch_parts = {**Position.sketch_parts, 'reference': True}
 
-    def __init__(self, robot: Robot, name: str, *, frame: str, reference: str,
-                 **keys: Any) -> None:
-        super().__init__(robot, name, frame=frame, reference=reference, **keys)
+    reference = moving_reference_key()
 
 
 class RelativePose(Pose):
@@ -48,8 +49,7 @@ class RelativePose(Pose):
     """
 
     type_name = 'relative_pose'
-    keys = KEYS
+    example = {'frame': 'panda_hand_tcp', 'reference': 'panda_link4'}
+    sketch_parts = {**Pose.sketch_parts, 'reference': True}
 
-    def __init__(self, robot: Robot, name: str, *, frame: str, reference: str,
-                 **keys: Any) -> None:
-        super().__init__(robot, name, frame=frame, reference=reference, **keys)
+    reference = moving_reference_key()

@@ -16,20 +16,15 @@
 
 from collections.abc import Sequence
 import math
-from typing import Any
 
 import numpy as np
+from tp_controller.errors import TaskError
 from tp_controller.model.clearance import Clearance
 from tp_controller.model.robot import Robot
 from tp_controller.model.srdf import srdf_pairs
-from tp_controller.tasks.bounded import DEFAULT_BOUND_GAIN, DEFAULT_RETURN_SPEED
-from tp_controller.tasks.collision import (
-    CollisionTask,
-    DEFAULT_DISTANCE,
-    DEFAULT_WITHIN,
-    MOST_PAIRS,
-)
-from tp_controller.tasks.keys import Gain, Keys, Tolerance
+from tp_controller.tasks.collision import CollisionTask, MOST_PAIRS
+from tp_controller.tasks.keys import optional
+from tp_controller.tasks.yaml_keys import yaml_key
 
 # Number of random postures used to find pairs whose shapes overlap by design. One pair of Panda is
 # near in 39 % of the postures: 30 misclassify it in 8 of 100 cases, 100 in 1.
@@ -56,41 +51,29 @@ class SelfCollision(CollisionTask):
     """
 
     type_name = 'self_collision'
-    keys = {
-        'srdf': 'SRDF whose disable_collisions name links that may touch: text, a file or '
-                'package://<package>/<path>',
-        'ignore': 'more pairs of links that may touch, [[link, link], …]',
-    }
 
-    def __init__(self, robot: Robot, name: str, *, distance: float = DEFAULT_DISTANCE,
-                 within: float = DEFAULT_WITHIN, links: str | Sequence[str] | None = None,
-                 srdf: str | None = None, ignore: Sequence[Sequence[str]] | None = None,
-                 capsules: Any = None, gain: Gain = DEFAULT_BOUND_GAIN,
-                 return_speed: float = DEFAULT_RETURN_SPEED,
-                 tolerance: Tolerance | None = None) -> None:
-        keys = Keys()
-        super().__init__(robot, name, keys, distance=distance, within=within, links=links,
-                         capsules=capsules, gain=gain, return_speed=return_speed,
-                         tolerance=tolerance)
-        harmless: set[frozenset[str]] = set()
-        if srdf is not None:
-            harmless |= keys.check('srdf', srdf_pairs, srdf) or set()
-        if ignore is not None:
-            harmless |= keys.check('ignore', _pairs, robot, ignore) or set()
-        keys.raise_faults(name)
-        pairs = self._candidates(harmless)
+    harmless: set[frozenset[str]] = yaml_key(
+        'SRDF whose disable_collisions name links that may touch: text, a file or '
+        'package://<package>/<path>', optional(srdf_pairs), None, name='srdf')
+    ignored: set[frozenset[str]] = yaml_key(
+        'more pairs of links that may touch, [[link, link], …]', default=None, name='ignore',
+        parse_for=lambda task, pairs: set() if pairs is None else _pairs(task.robot, pairs))
+
+    def set_up(self) -> None:
+        """Find the pairs, or raise `TaskError` if there are too many or none."""
+        super().set_up()
+        pairs = self._candidates((self.harmless or set()) | self.ignored)
         if len(pairs) > MOST_PAIRS:
-            keys.faults.append(('links', f'at most {MOST_PAIRS} pairs of shapes, got {len(pairs)}'
-                                         ': name fewer links, or pairs that may touch'))
-            keys.raise_faults(name)
+            raise TaskError(self.name, [(
+                'links', f'at most {MOST_PAIRS} pairs of shapes, got {len(pairs)}: name fewer '
+                         'links, or pairs that may touch')])
         near = self._mostly_near(pairs)
         self.left_out = list(near.values())
         self._set_pairs(self._solids, [pair for index, pair in enumerate(pairs)
                                        if index not in near])
         self.pairs = list(self._clearance.names)
         if not self.pairs:
-            keys.faults.append(('links', self._no_pairs()))
-        keys.raise_faults(name)
+            raise TaskError(self.name, [('links', self._no_pairs())])
         if self.left_out:
             self.remarks = (f'not kept apart, as nearer than distance = {self.distance:g} in most '
                             f'postures: {", ".join(self.left_out)}',)

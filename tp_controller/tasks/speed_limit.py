@@ -15,14 +15,14 @@
 """Speed limit of a frame (slides (1)-(5): velocities of a link)."""
 
 import numpy as np
-from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
 from tp_controller.tasks.bounded import BoundedTask
-from tp_controller.tasks.frame import parse_reference, RelativeFrame
-from tp_controller.tasks.keys import Keys, positive, Tolerance
+from tp_controller.tasks.frame import frame_key, reference_key, RelativeFrame
+from tp_controller.tasks.keys import Keys, optional, positive, UnitRows
 from tp_controller.tasks.task import Evaluation
+from tp_controller.tasks.yaml_keys import tolerance_key, yaml_key
 
 GOLDEN = (1.0 + 5.0 ** 0.5) / 2.0
 # Unit vectors to the corners of an icosahedron and of its dual dodecahedron, one of each opposite
@@ -48,35 +48,41 @@ class SpeedLimit(BoundedTask):
     """
 
     type_name = 'speed_limit'
-    keys = {
-        'frame': 'frame of the robot that is limited',
-        'linear': 'largest speed of its origin (at least one of linear and angular) [m/s]',
-        'angular': 'largest angular speed [rad/s]',
-        'reference': 'frame that the speed is relative to; it may move with the joints (default: '
-                     'the root)',
-        'tolerance': 'excess that still counts as satisfied: a number, or one for each unit as '
-                     '{m: …, rad: …} [m/s, rad/s]',
-    }
+    without = ('gain', 'return_speed')
+    example = {'frame': 'panda_hand_tcp', 'linear': 0.25}
+    sketch_parts = {'frame': True}
 
-    def __init__(self, robot: Robot, name: str, *, frame: str, linear: float | None = None,
-                 angular: float | None = None, reference: str | None = None,
-                 tolerance: Tolerance | None = None) -> None:
-        keys = Keys()
-        self.frame = keys.check('frame', robot.check_frame, frame)
-        self.reference = keys.check('reference', parse_reference, robot, reference)
-        keys.check('linear' if angular is None else 'angular', _check_given, linear, angular)
-        limits = {unit: keys.check(key, positive, limit) or 1.0
-                  for key, limit, unit in (('linear', linear, 'm'), ('angular', angular, 'rad'))
+    frame: str = frame_key('frame of the robot that is limited')
+    linear: float | None = yaml_key(
+        'largest speed of its origin (at least one of linear and angular)', optional(positive),
+        None, unit='m/s')
+    angular: float | None = yaml_key('largest angular speed', optional(positive), None,
+                                     unit='rad/s')
+    reference: str = reference_key(
+        'frame that the speed is relative to; it may move with the joints (default: the root)')
+    groups: tuple[UnitRows, ...] = tolerance_key(
+        'excess that still counts as satisfied: a number, or one for each unit as '
+        '{m: …, rad: …}', 'm/s, rad/s')
+
+    def check_keys(self, keys: Keys) -> None:
+        """Set bounds and units."""
+        super().check_keys(keys)
+        limits = {unit: limit for unit, limit in (('m', self.linear), ('rad', self.angular))
                   if limit is not None}
-        units = [unit for unit in limits for _ in DIRECTIONS]
-        bounds = INSCRIBED_RADIUS * np.array([limits[unit] for unit in units])
-        super().__init__(robot, name, units, keys, -bounds, bounds, tolerance=tolerance)
-        keys.raise_faults(name)
-        self._most = bounds
+        if not limits and not {'linear', 'angular'} & {key for key, _ in keys.faults}:
+            keys.faults.append(('linear', 'needs a speed: give linear, angular or both'))
+        self.units = tuple(unit for unit in limits for _ in DIRECTIONS)
+        self.upper = self._most = INSCRIBED_RADIUS * np.array([
+            limits[unit] for unit in self.units])
+        self.lower = -self._most
+        self._parts = [slice(0, 3) if unit == 'm' else slice(3, 6) for unit in limits]
+
+    def set_up(self) -> None:
+        """Prepare the motion of the frame relative to the reference."""
+        super().set_up()
         # The bounds are on the speed itself, so there is no distance to a bound.
         self.gain = np.zeros(())
-        self._parts = [slice(0, 3) if unit == 'm' else slice(3, 6) for unit in limits]
-        self._motion = RelativeFrame(robot, self.frame, self.reference)
+        self._motion = RelativeFrame(self.robot, self.frame, self.reference)
 
     def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return zeros (rows,), since there is no value to control, and J (rows, n)."""
@@ -97,9 +103,3 @@ class SpeedLimit(BoundedTask):
         residual = np.maximum(np.abs(residual) - allowed, 0.0)
         return tuple((value, f'{unit}/s', tolerance)
                      for value, unit, tolerance in super().reported_errors(residual, residual))
-
-
-def _check_given(linear: float | None, angular: float | None) -> None:
-    """Raise ValueError if neither limit is given."""
-    if linear is None and angular is None:
-        raise ValueError('needs a speed: give linear, angular or both')

@@ -31,7 +31,7 @@ import yaml
 # Valid names of tasks; they become parts of topic names.
 NAME_PATTERN = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}\Z')
 # Attributes that the constructor of `Task` sets.
-CONSTRUCTED = ('name', 'units', 'gain', 'groups', 'mode', 'goal')
+CONSTRUCTED = ('name', 'robot', 'rows', 'goal')
 # Largest number of tasks; no robot can execute more in time.
 MOST_TASKS = 100
 # Time limit for reading the tasks [s]: only `self_collision` of robots with hundreds of shapes

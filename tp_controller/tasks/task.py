@@ -22,37 +22,19 @@ import math
 from typing import Any, ClassVar, TypeGuard, TypeVar
 
 import numpy as np
-from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
-from tp_controller.tasks.goal_holder import Goal, GoalHolder
-from tp_controller.tasks.keys import (
-    constructor_keys,
-    DEFAULT_TOLERANCE,
-    finite_vector,
-    Gain,
-    Keys,
-    parse_gain,
-    parse_mode,
-    parse_tolerance,
-    positive,
-    Tolerance,
-    UnitRows,
-)
+from tp_controller.tasks.goal_holder import Goal
+from tp_controller.tasks.key_holder import KeyHolder
+from tp_controller.tasks.keys import DEFAULT_TOLERANCE, finite_vector, Keys, positive
 from tp_controller.tasks.sketch import arrow, frame_and_goal, Sketch
+from tp_controller.tasks.yaml_keys import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
 
 # Types of other packages may import `Keys` and the like from here.
 __all__ = [
     'DEFAULT_GAIN', 'DEFAULT_MODE', 'DEFAULT_TIMEOUT', 'DEFAULT_TOLERANCE', 'Evaluation',
     'finite_vector', 'Goal', 'Keys', 'norm', 'positive', 'Task']
-
-# Defaults of the keys `gain` [1/s], `timeout` [s] and `mode`.
-DEFAULT_GAIN = 1.0
-DEFAULT_TIMEOUT = 0.5
-DEFAULT_MODE = 'least_squares'
-# Keys without effect on the level of a cycle.
-WITHOUT_EFFECT = ('tolerance', 'timeout')
 
 SomeTask = TypeVar('SomeTask', bound='Task')
 
@@ -81,7 +63,7 @@ class Evaluation:
     row_names: Sequence[str] = ()
 
 
-class Task(GoalHolder):
+class Task(KeyHolder):
     """
     Base class of the tasks of a stack: a value σ(q) with a goal, or a desired velocity.
 
@@ -89,28 +71,25 @@ class Task(GoalHolder):
     velocity is ``v = v_feed_forward + K error`` with the gain K in 1/s (lecture 1.1), so that an
     error that the robot can follow decays as exp(−K t).
 
-    A subclass sets `type_name`, which registers it, and implements `value`, `error`, `jacobian`
-    and `parse_goal`. Its constructor's keywords are the keys of the YAML stack; `keys` describes
-    each, and a `Keys` collects their faults until the constructor's last line calls
-    `Keys.raise_faults`. A type whose error and Jacobian share a calculation overrides
-    `make_evaluation`.
+    A subclass sets `type_name`, which registers it, declares its keys with ``yaml_key``, and
+    implements `value`, `error`, `jacobian` and `parse_goal`. A type whose error and Jacobian share
+    a calculation overrides `make_evaluation`.
 
     Attributes
     ----------
     name, goal, has_default_goal, reference, goal_type, goal_types, feed_forward_type :
         See ``GoalHolder``.
-    units : tuple of str
-        Unit of each row of the error: ``'m'``, ``'rad'``, or ``'1'`` for a ratio.
-    rows : int
-        Number of rows.
+    gain, groups, timeout, mode, units, rows, needs, without, example :
+        See ``KeyHolder``.
+    sketch_parts : dict
+        {part: it is always drawn} of the parts that `sketch` returns, without names of objects
+        after a slash.
     bounded : bool
         The task is an inequality task, with bounds instead of a demand; see `BoundedTask`.
     row_names : sequence of str
         Name of each row, for the report; empty if the name of the task is enough.
     remarks : tuple of str
         Warnings for the user.
-    mode : str
-        See `tp_controller.solver.level.Level`.
     every_joint : bool
         The Jacobian is the identity.
     row_scale : float
@@ -125,7 +104,6 @@ class Task(GoalHolder):
     """
 
     types: ClassVar[dict[str, type['Task']]] = {}
-    type_name: ClassVar[str] = ''
     frame: str | None = None
     bounded: ClassVar[bool] = False
     row_names: Sequence[str] = ()
@@ -133,15 +111,7 @@ class Task(GoalHolder):
     row_scale = 1.0
     every_joint = False
     owner: object = None
-    keys: ClassVar[dict[str, str]] = {
-        'gain': 'gain K, one number or one for each row [1/s]',
-        'tolerance': 'error below which the goal counts as reached: a number, or one for each '
-                     'unit as {m: …, rad: …} [m, rad]',
-        'timeout': 'time that a feed-forward velocity stays in force [s]',
-        'mode': 'behaviour at a limit: least_squares comes as near to the desired velocity as '
-                'possible, scale keeps its direction and scales it down',
-    }
-    _given_keys: dict[str, object]
+    sketch_parts: ClassVar[Mapping[str, bool]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Register the type."""
@@ -152,40 +122,6 @@ class Task(GoalHolder):
         if cls.level is not Task.level:
             # Set on the class, not on a task.
             cls.evaluate = Task._evaluate_around_level  # type: ignore[method-assign]
-
-    def __new__(cls: type[SomeTask], *arguments: object, **keys: object) -> SomeTask:
-        """Return a task of any type that stores its keys as they were given."""
-        task = super().__new__(cls)
-        task._given_keys = keys
-        return task
-
-    def __init__(self, robot: Robot, name: str, units: Sequence[str], keys: Keys, *,
-                 gain: Gain = DEFAULT_GAIN, tolerance: Tolerance | None = None,
-                 timeout: float = DEFAULT_TIMEOUT, mode: str = DEFAULT_MODE) -> None:
-        super().__init__(name)
-        self.robot = robot
-        self.units = tuple(units)
-        self.rows = len(self.units)
-        self.gain = keys.check('gain', parse_gain, gain, None if keys.faults else self.rows)
-        self.groups: tuple[UnitRows, ...] = keys.check(
-            'tolerance', parse_tolerance, self.units, tolerance)
-        self.timeout = keys.check('timeout', positive, timeout)
-        self.mode = keys.check('mode', parse_mode, mode)
-
-    # Keys
-
-    @classmethod
-    def accepted_keys(cls) -> dict[str, Any]:
-        """Return {key: default} of the keys; `inspect.Parameter.empty` marks a required one."""
-        return constructor_keys(cls)
-
-    @classmethod
-    def described_keys(cls) -> dict[str, str]:
-        """Return {key: description} of the accepted keys, in the order of `accepted_keys`."""
-        described: dict[str, str] = {}
-        for base in reversed(cls.__mro__):
-            described.update(vars(base).get('keys', {}))
-        return {key: described.get(key, '') for key in cls.accepted_keys()}
 
     # Definition of a type
 
@@ -203,26 +139,6 @@ class Task(GoalHolder):
         return Evaluation(
             self, Level(self.jacobian(state), self.velocity(error, now), self.mode,
                         is_identity=self.every_joint), error, self.row_names)
-
-    def set_gain(self, gain: Gain) -> None:
-        """Set the gain, in the form of the key `gain`, or raise ValueError."""
-        self.gain = parse_gain(gain, self.rows)
-        # In the form of YAML, for `is_equivalent`.
-        self._given_keys = {**self._given_keys, 'gain': np.asarray(self.gain).tolist()}
-
-    def parse_tolerance(self, tolerance: Tolerance) -> tuple[UnitRows, ...]:
-        """Return `groups` with new tolerances of some or all units, or raise ValueError."""
-        given = tolerance if isinstance(tolerance, Mapping) else \
-            dict.fromkeys(self.units, tolerance)
-        before = {unit: value for _, unit, value in self.groups}
-        found = {unit: value for _, unit, value in parse_tolerance(
-            self.units, {**before, **given})}
-        # The rows of groups may differ from the units, as for obstacles.
-        return tuple(group._replace(tolerance=found[group.unit]) for group in self.groups)
-
-    def set_tolerance(self, tolerance: Tolerance) -> None:
-        """Set tolerances, in the form of `parse_tolerance`."""
-        self.groups = self.parse_tolerance(tolerance)
 
     # Sketches
 
@@ -360,9 +276,7 @@ class Task(GoalHolder):
 
     def _demand(self) -> tuple[object, object, object]:
         """Return the inputs of the level besides state and time: keys, goal and feed-forward."""
-        keys = {**self.accepted_keys(), **self._given_keys}
-        return ({key: keys[key] for key in keys if key not in WITHOUT_EFFECT}, self.goal,
-                self._feed_forward)
+        return self._acting_keys(), self.goal, self._feed_forward
 
 
 def norm(vector: Array) -> float:

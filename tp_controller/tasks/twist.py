@@ -14,9 +14,7 @@
 
 """Desired velocity of a frame (slides (1)-(5): linear and angular velocity of a link)."""
 
-from tp_controller.model.robot import Robot
-from tp_controller.tasks.frame import Axes, FrameTask
-from tp_controller.tasks.task import DEFAULT_MODE, DEFAULT_TIMEOUT
+from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.velocity import VelocityTask
 
 
@@ -29,9 +27,6 @@ class Twist(VelocityTask, FrameTask):
     """
 
     type_name = 'twist'
-
-    def __init__(self, robot: Robot, name: str, *, frame: str, reference: str | None = None,
-                 axes: Axes | None = None, timeout: float = DEFAULT_TIMEOUT,
-                 mode: str = DEFAULT_MODE) -> None:
-        super().__init__(robot, name, frame=frame, reference=reference, axes=axes,
-                         timeout=timeout, mode=mode)
+    without = ('gain', 'tolerance')
+    example = {'frame': 'panda_hand_tcp'}
+    sketch_parts = {'frame': True}

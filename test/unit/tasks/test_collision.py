@@ -856,7 +856,9 @@ def test_lifetime_is_for_goals_only_and_positive():
 
 
 def test_robot_without_shapes_needs_capsules():
-    assert 'needed for some links' in faults('self_collision', robots.panda())['capsules']
+    assert faults('self_collision', robots.panda())['type'] == (
+        f'self_collision needs shapes of links; the description of {robots.panda().name} has no '
+        'collision shapes: give capsules')
     message = faults('obstacles', robots.panda(), links=['panda_hand', TOOL],
                      capsules={'panda_hand': CAPSULE})['capsules']
     assert f'needed for {TOOL}:' in message

@@ -31,55 +31,28 @@ from tp_controller.tasks import Posture, sketch, task_types
 SEEDS = st.integers(0, 2 ** 32 - 1)
 TOOL, ELBOW = robots.PANDA_TOOL, 'panda_link4'
 CAPSULES = str(robots.CONFIG / 'panda_capsules.yaml')
-ARM = tuple(f'panda_joint{number}' for number in range(1, 8))
-FRAME = {'frame', 'goal'}
 BOX = {'box': [0.3, 0.2, 0.4]}
-# {type: (keys, parts that are always there, those that may be)}
-CASES = {
-    'position': ({'frame': TOOL}, FRAME, {'error'}),
-    'orientation': ({'frame': TOOL}, FRAME, {'turn'}),
-    'pose': ({'frame': TOOL}, FRAME, {'error', 'turn'}),
-    'relative_position': ({'frame': TOOL, 'reference': ELBOW}, FRAME | {'reference'}, {'error'}),
-    'relative_pose': ({'frame': TOOL, 'reference': ELBOW}, FRAME | {'reference'},
-                      {'error', 'turn'}),
-    'base_pose': ({}, FRAME, {'error', 'turn'}),
-    'base_orientation': ({}, FRAME, {'turn'}),
-    'twist': ({'frame': TOOL}, {'frame'}, set()),
-    'speed_limit': ({'frame': TOOL, 'linear': 0.2}, {'frame'}, set()),
-    'manipulability': ({'frame': TOOL}, {'frame'}, set()),
-    'manipulability_above': ({'frame': TOOL, 'minimum': 0.1}, {'frame'}, set()),
-    'pointing': ({'frame': TOOL}, FRAME | {'axis', 'sight', 'cone'}, {'turn'}),
-    'look_at': ({'frame': TOOL, 'up': '-y'}, FRAME | {'axis', 'sight', 'cone'}, {'turn'}),
-    'field_of_view': ({'frame': TOOL, 'half_angle': 0.4}, FRAME | {'axis', 'sight', 'cone'},
-                      set()),
-    'keep_in': ({'frame': TOOL, 'shape': BOX, 'radius': 0.05}, FRAME | {'region', 'sphere'},
-                {'error'}),
-    'keep_out': ({'frame': TOOL, 'shape': {'sphere': 0.8}}, FRAME | {'region'}, {'error'}),
-    'obstacles': ({'capsules': CAPSULES, 'within': 2.0, 'obstacles': {
-        'box': {'shape': BOX, 'at': [0.5, 0.3, 0.2]}}}, {'obstacle/box', 'distance'}, set()),
-    'self_collision': ({'capsules': CAPSULES, 'within': 2.0}, {'distance'}, set()),
-    'center_of_mass': ({}, FRAME, {'error'}),
-    'joint': ({'joints': 'panda_joint1'}, set(), set()),
-    'posture': ({}, set(), set()),
-    'joint_velocity': ({}, set(), set()),
-    'joint_limits': ({}, set(), set()),
-    'joint_limit_distance': ({}, set(), set()),
+KINDS = {name: kind for name, kind in task_types().items()
+         if kind.__module__.startswith('tp_controller.')}
+# Keys of tests about some types, in place of those of their examples.
+KEYS = {
+    'look_at': {'frame': TOOL, 'up': '-y'},
+    'keep_in': {'frame': TOOL, 'shape': BOX, 'radius': 0.05},
+    'keep_out': {'frame': TOOL, 'shape': {'sphere': 0.8}},
+    'self_collision': {'capsules': CAPSULES, 'within': 2.0},
+    'obstacles': {'capsules': CAPSULES, 'within': 2.0, 'obstacles': {
+        'box': {'shape': BOX, 'at': [0.5, 0.3, 0.2]}}},
 }
-
-
 # {type: the rows of a twist, x to rz, that its axes can be}
-MASKED = {
-    'position': range(3), 'relative_position': range(3), 'center_of_mass': range(3),
-    'orientation': range(3, 6), 'base_orientation': range(3, 6),
-    'pose': range(6), 'relative_pose': range(6), 'base_pose': range(6)}
+MASKED = {name: range(6)[kind.twist_rows] for name, kind in KINDS.items()
+          if 'axes' in kind.accepted_keys() and 'goal' in kind.sketch_parts}
 AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 
 def make(name, **more):
     """Return a task of a type, about a Panda that can have it."""
-    robot = robots.urdf_robot('panda', ARM) if name == 'center_of_mass' else (
-        robots.moving_panda() if name.startswith('base_') else robots.panda())
-    return task_types()[name](robot, 'task', **{**CASES[name][0], **more})
+    kind = KINDS[name]
+    return kind(robots.robot_for(kind), 'task', **{**KEYS.get(name, kind.example), **more})
 
 
 def random_q(robot, rng):
@@ -151,38 +124,35 @@ close = np.testing.assert_allclose
 
 # All types
 
-def test_every_type_has_a_case():
-    assert set(CASES) == {name for name, kind in task_types().items()
-                          if kind.__module__.startswith('tp_controller.')}
-
-
-@pytest.mark.parametrize('name', CASES)
-def test_type_draws_its_parts(name):
-    _, always, sometimes = CASES[name]
-    seen = set()
-    for seed in range(5):
-        task, state, _, _ = started(name, seed)
+@pytest.mark.parametrize('name', KINDS)
+def test_type_draws_the_parts_that_it_declares(name):
+    kind, seen = KINDS[name], set()
+    always = {part for part, drawn_always in kind.sketch_parts.items() if drawn_always}
+    for seed in range(8):
+        task, state, _, _ = started(name, seed, **kind.example)
         task.evaluate(state, 0.0)
-        parts = set(drawn(task, state))
-        assert always <= parts <= always | sometimes
+        parts = {part.partition('/')[0] for part in drawn(task, state)}
+        assert always <= parts <= set(kind.sketch_parts)
         seen |= parts
-    assert seen == always | sometimes
+    assert seen == set(kind.sketch_parts)
 
 
-@pytest.mark.parametrize('name', [name for name in CASES if 'frame' in CASES[name][1]
-                                  and name != 'center_of_mass'])
+@pytest.mark.parametrize('name', [name for name, kind in KINDS.items()
+                                  if 'frame' in kind.sketch_parts
+                                  and 'frame' in kind._fields])
 @given(seed=SEEDS)
 def test_frame_is_where_the_robot_has_it(name, seed):
     task, state, placements, _ = started(name, seed)
     close(drawn(task, state)['frame'].T, placements[task.frame], atol=1e-9)
 
 
-@pytest.mark.parametrize('name', CASES)
+@pytest.mark.parametrize('name', KINDS)
 def test_a_task_without_a_goal_can_be_drawn(name):
     task = make(name)
     task.goal = None
     state = task.robot.state(random_q(task.robot, np.random.default_rng(0)))
-    assert set(drawn(task, state)) <= CASES[name][1] - {'goal'}
+    parts = {part.partition('/')[0] for part in drawn(task, state)}
+    assert parts <= set(KINDS[name].sketch_parts) - {'goal', 'error', 'turn'}
 
 
 # Frames and goals
@@ -192,11 +162,6 @@ def test_a_task_without_a_goal_can_be_drawn(name):
 def test_goal_is_placed_by_its_reference(name, seed):
     task, state, placements, _ = started(name, seed, random_pose)
     close(drawn(task, state)['goal'].T, placements[task.reference] @ task.goal, atol=1e-9)
-
-
-def test_all_types_with_axes_are_masked():
-    assert set(MASKED) == {name for name in CASES if 'goal' in CASES[name][1]
-                           and hasattr(make(name), 'axes')}
 
 
 def goal_of(name, rng):

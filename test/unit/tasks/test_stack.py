@@ -299,8 +299,7 @@ class Hover(Position):
     assert "unknown key 'hight'" in faults('- h: {type: hover, frame: link3, hight: 1}\n')[0][2]
     described = task_types()['hover'].described_keys()
     assert described['height'] == 'height above the goal [m]'
-    assert set(described) == {'height', 'frame', 'reference', 'axes', 'gain', 'tolerance',
-                              'timeout', 'mode'}
+    assert set(described) == {'height', *Position.accepted_keys()}
 
 
 def test_level_that_a_type_makes_itself_is_used(registry):

@@ -15,6 +15,7 @@
 """What every task type promises, checked on all that are registered; then each on its own."""
 
 import inspect
+import json
 import math
 
 from hypothesis import given
@@ -23,20 +24,18 @@ import numpy as np
 import pytest
 import robots
 from scipy.spatial.transform import Rotation
-import test_collision
-import test_functions
-import test_inequalities
-from tp_controller import GoalError, solve, TaskError
+from tp_controller import GoalError, Robot, solve, Stack, StackError, TaskError
 from tp_controller.tasks import BoundedTask, GradientTask, JointTask, task_types
+from tp_controller.tasks.needs import NEEDS
+from tp_controller.tasks.velocity import VelocityTask
 
 SEEDS = st.integers(0, 2 ** 32 - 1)
 TOOL, ELBOW = robots.PANDA_TOOL, 'panda_link3'
 ALL = [0, 1, 2, 3, 4, 5]
-ARM = tuple(f'panda_joint{number}' for number in range(1, 8))
 
-# For every equality task: keys, and which rows of a twist (or which joints) the task is about; a
-# number of rows where it is neither. Inequality tasks, and tasks that maximize a function, have
-# their cases in test_inequalities.py and test_functions.py.
+KINDS = task_types()
+# More cases than the example of a type: keys, and which rows of a twist (or which joints) the task
+# is about; a number of rows where it is neither.
 CASES = {
     'position': [
         ({'frame': TOOL, 'gain': 2.0}, [0, 1, 2]),
@@ -106,20 +105,21 @@ CASES = {
         ({'axes': 'yx'}, 2),
     ],
 }
-VELOCITY_TYPES = ('twist', 'joint_velocity')
-CONTRACT = [pytest.param(name, keys, rows, id=f'{name}-{index}')
-            for name, cases in CASES.items() for index, (keys, rows) in enumerate(cases)]
-WITH_VALUE = [case for case in CONTRACT if case.values[0] not in VELOCITY_TYPES]
+# Inequality tasks, and tasks that maximize a function, have a contract of their own.
+EQUALITIES = [name for name, kind in KINDS.items()
+              if not issubclass(kind, (BoundedTask, GradientTask))]
+CONTRACT = [pytest.param(name, dict(KINDS[name].example), None, id=f'{name}-example')
+            for name in EQUALITIES]
+CONTRACT += [pytest.param(name, keys, rows, id=f'{name}-{index}')
+             for name, cases in CASES.items() for index, (keys, rows) in enumerate(cases)]
+WITH_VALUE = [case for case in CONTRACT if not issubclass(KINDS[case.values[0]], VelocityTask)]
+WITH_ROWS = [case for case in CONTRACT if isinstance(case.values[2], list)]
 NOT_FINITE = (math.nan, math.inf, -math.inf, 1e7)
 
 
 def make(name, keys, robot=None):
     """Return a task of a type, about a robot that can have it."""
-    if robot is None:
-        # The table of the Panda gives no masses, and its base stands still.
-        robot = robots.urdf_robot('panda', ARM) if name == 'center_of_mass' else (
-            robots.moving_panda() if name.startswith('base_') else robots.panda())
-    return task_types()[name](robot, 'task', **keys)
+    return KINDS[name](robot or robots.robot_for(KINDS[name]), 'task', **keys)
 
 
 def ready(task):
@@ -147,11 +147,12 @@ def relative_twist(robot, q, direction, frame, reference, h=1e-6):
 
 def motion(task, rows, q, direction):
     """Return how fast the value of a task moves, by differences of the robot's poses."""
-    if isinstance(rows, int):
+    if not isinstance(rows, list):
         # Near the goal the error falls as the value moves towards it.
         goal, h = task.goal, 1e-6
         task.goal = task.value(task.robot.state(q))
-        before, after = (task.error(task.robot.state(q + step * direction)) for step in (-h, h))
+        before, after = (task.error(task.robot.state(task.robot.integrate(q, direction, step)))
+                         for step in (-h, h))
         task.goal = goal
         return (before - after) / (2 * h)
     if isinstance(task, JointTask):
@@ -161,29 +162,70 @@ def motion(task, rows, q, direction):
 
 # The contract
 
-def test_every_registered_type_has_a_case():
-    others = {*test_inequalities.CASES, *test_functions.CASES, *test_collision.TYPES}
-    assert {*CASES, *others} == set(task_types())
-    assert not others & set(CASES)
-    for name, kind in task_types().items():
-        bounded = name in test_inequalities.CASES or name in test_collision.TYPES
-        assert bounded == issubclass(kind, BoundedTask)
-        assert (name in test_functions.CASES) == issubclass(kind, GradientTask)
+@pytest.mark.parametrize('name', KINDS)
+def test_every_type_has_an_example_on_the_panda(name):
+    kind = KINDS[name]
+    accepted = kind.accepted_keys()
+    needed = {key for key, default in accepted.items() if default is inspect.Parameter.empty}
+    assert needed <= set(kind.example) <= set(accepted)
+    robot = robots.robot_for(kind)
+    task, = Stack.from_yaml(json.dumps([{'task': {'type': name, **kind.example}}]),
+                            robot).tasks.values()
+    task.start(robot.state(robot.configuration(robots.PANDA_READY)))
+    assert task.evaluate(robot.state(robot.neutral()), 0.0).level.J.shape[1] == robot.n
 
 
-@pytest.mark.parametrize('name, keys, rows', CONTRACT)
+# Each lacks masses, shapes and position limits; the first a base that moves, the second joints.
+BARE = (Robot.from_urdf("""<robot name="wheel"><link name="stand"/><link name="wheel"/>
+  <joint name="axle" type="continuous"><parent link="stand"/><child link="wheel"/></joint>
+</robot>"""), Robot.from_urdf('<robot name="stone"><link name="stone"/></robot>', 'floating'))
+
+
+@pytest.mark.parametrize('name', [name for name, kind in KINDS.items() if kind.needs])
+def test_robot_that_lacks_what_a_type_needs_is_refused_in_one_sentence(name):
+    kind = KINDS[name]
+    keys = {key: value for key, value in kind.example.items() if key != 'capsules'}
+    told = set()
+    for robot in BARE:
+        unmet = [need for need in kind.needs if not NEEDS[need].met(robot)]
+        told.update(unmet)
+        if unmet:
+            with pytest.raises(StackError) as error:
+                # JSON is YAML in one line.
+                Stack.from_yaml(json.dumps([{'task': {'type': name, **keys}}]), robot)
+            assert str(error.value) == '; '.join(
+                f'line 1: task, type: {name} needs {NEEDS[need].what}; {NEEDS[need].lack(robot)}'
+                for need in unmet)
+    assert told == set(kind.needs)
+
+
+@pytest.mark.parametrize('name', KINDS)
+def test_every_key_is_described_and_has_a_default_that_is_valid(name):
+    kind = KINDS[name]
+    accepted, described = kind.accepted_keys(), kind.described_keys()
+    assert set(described) == set(accepted) == set(kind.key_ranges())
+    assert all(len(text) > 10 and '\n' not in text for text in described.values())
+    given = {key: default for key, default in accepted.items()
+             if default is not inspect.Parameter.empty}
+    assert kind(robots.robot_for(kind), 'task', **{**given, **kind.example})
+    assert list(inspect.signature(kind).parameters) == ['robot', 'name', *accepted]
+
+
+@pytest.mark.parametrize('name, keys, rows', [
+    case for case in CONTRACT if case in WITH_VALUE or case in WITH_ROWS])
 def test_jacobian_is_the_derivative_of_the_value(name, keys, rows):
     task, rng = make(name, keys), np.random.default_rng(1)
     for _ in range(3):
         q = inside(task.robot, rng)
         state = task.robot.state(q)
-        if isinstance(rows, int):
+        if not isinstance(rows, list):
             # Away from the goal the error does not fall as the value moves towards it.
             task.goal = task.value(state)
         task.start(state)
         numeric = np.array([motion(task, rows, q, axis) for axis in np.eye(task.robot.n)]).T
         np.testing.assert_allclose(task.jacobian(state), numeric, atol=1e-8)
-        assert task.rows == (rows if isinstance(rows, int) else len(rows)) == len(task.units)
+        count = len(rows) if isinstance(rows, list) else rows
+        assert task.rows == len(task.units) == (task.rows if rows is None else count)
         assert task.jacobian(state).shape == (task.rows, task.robot.n)
 
 
@@ -226,7 +268,7 @@ def test_one_step_shrinks_the_error_by_one_minus_gain_times_period(name, keys, r
 
 
 @pytest.mark.parametrize('name, keys, rows', [
-    case for case in CONTRACT if case.values[0] in VELOCITY_TYPES])
+    case for case in WITH_ROWS if case not in WITH_VALUE])
 def test_velocity_task_moves_as_its_goal_says_and_stops_when_it_is_too_old(name, keys, rows):
     task, rng = make(name, keys), np.random.default_rng(5)
     q = inside(task.robot, rng)
@@ -266,7 +308,7 @@ def test_bad_goals_are_refused_and_the_goal_in_force_stays(name, keys, rows):
 @pytest.mark.parametrize('name, keys, rows', CONTRACT)
 def test_bad_feed_forward_is_refused(name, keys, rows):
     task = make(name, keys)
-    size = len(rows) if isinstance(task, JointTask) else 6
+    size = task.rows if isinstance(task, JointTask) else 6
     bad = [None, 'v', [], [[1.0], [1.0, 2.0]], np.zeros(17), {'no_such_name': 0.0},
            *([value] + [0.0] * (size - 1) for value in NOT_FINITE)]
     for velocity in bad:
@@ -274,18 +316,7 @@ def test_bad_feed_forward_is_refused(name, keys, rows):
             task.parse_feed_forward(velocity)
 
 
-@pytest.mark.parametrize('name', CASES)
-def test_keys_describe_exactly_what_is_accepted(name):
-    task_type = task_types()[name]
-    accepted, described = task_type.accepted_keys(), task_type.described_keys()
-    assert set(described) == set(accepted)
-    assert all(len(text) > 10 for text in described.values())
-    needed = {key for key, default in accepted.items() if default is inspect.Parameter.empty}
-    for keys, _ in CASES[name]:
-        assert needed <= set(keys) <= set(accepted)
-
-
-@pytest.mark.parametrize('name', CASES)
+@pytest.mark.parametrize('name', EQUALITIES)
 def test_every_type_says_what_it_takes_and_what_it_is(name):
     task_type = task_types()[name]
     assert task_type.type_name == name
@@ -296,8 +327,7 @@ def test_every_type_says_what_it_takes_and_what_it_is(name):
     assert inspect.getdoc(task_type)
 
 
-@pytest.mark.parametrize('name, keys, rows', [
-    case for case in CONTRACT if isinstance(case.values[2], list)])
+@pytest.mark.parametrize('name, keys, rows', WITH_ROWS)
 def test_units_are_those_of_the_rows(name, keys, rows):
     task = make(name, keys)
     joints = isinstance(task, JointTask)
@@ -327,7 +357,7 @@ def test_goal_set_before_the_start_is_kept_at_the_start(name, keys, rows):
 
 
 @pytest.mark.parametrize('name, keys, rows', [
-    case for case in WITH_VALUE if isinstance(case.values[2], list)])
+    case for case in WITH_ROWS if case in WITH_VALUE])
 def test_feed_forward_adds_to_the_feedback_until_it_times_out(name, keys, rows):
     task, rng = make(name, {**keys, 'timeout': 0.25}), np.random.default_rng(8)
     state = task.robot.state(inside(task.robot, rng))
