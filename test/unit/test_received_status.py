@@ -20,6 +20,7 @@ from types import SimpleNamespace
 import pytest
 from tp_controller.ros.client.status import (
     ControllerStatus,
+    MOST_CAUSES,
     MOST_ERRORS,
     MOST_TASKS,
     MOST_VALUES,
@@ -103,6 +104,7 @@ def test_what_is_kept_is_bounded_and_printable():
     few = task(**{f'error [{unit}]': '1' for unit in range(1000)})
     assert len(few.errors) == MOST_ERRORS
     assert task(**{'error [': '1'}).errors == {'': 1.0}
+    assert len(task(causes='; '.join('abc' * 500)).causes) == MOST_CAUSES
 
 
 def test_a_warning_that_the_reason_contains_is_not_repeated():

@@ -23,8 +23,8 @@ from tp_controller.untrusted import plain
 
 # Message of the head entry while the tasks are executed.
 RUNNING = 'running'
-# Largest numbers of tasks, of values per entry, and of errors and tolerances per task.
-MOST_TASKS, MOST_VALUES, MOST_ERRORS = 200, 64, 8
+# Largest numbers of tasks, of values per entry, and of errors, tolerances and causes per task.
+MOST_TASKS, MOST_VALUES, MOST_ERRORS, MOST_CAUSES = 200, 64, 8, 64
 # Longest name [characters].
 LONGEST_NAME = 256
 # Keys of the head entry that only controllers write.
@@ -169,7 +169,7 @@ def _task(entry: Message) -> TaskStatus:
         plain(entry.name, LONGEST_NAME).partition(': ')[2], text('type'), text('level'),
         text('status'), _by_unit(values, 'error ['), _by_unit(values, 'tolerance ['),
         _number(text('wanted speed')), _number(text('achieved speed')), reason, text('hint'),
-        tuple(filter(None, causes)), _count(text('goals accepted')),
+        tuple(filter(None, causes[:MOST_CAUSES])), _count(text('goals accepted')),
         _count(text('goals refused')), text('last refusal'), text('goal warning'),
         text('gain warning'),
         {key.removesuffix(' listeners'): _count(value) for key, value in values.items()

@@ -50,7 +50,7 @@ VALUE_FIELDS = ('', 'bool_value', 'integer_value', 'double_value', 'string_value
                 'double_array_value', 'string_array_value')
 # Longest interval between two statuses that counts [s]; the state in longer gaps is unknown.
 MOST_STATUS_SECONDS = 1.0
-# Bounds of the memory for any recording: largest number of tasks.
+# Bound of the memory for any recording: largest number of tasks.
 MOST_TASKS = 100
 # Largest numbers of topics of one kind, and of values of all commands.
 MOST_TOPICS, MOST_COMMANDS = 30, 1000
