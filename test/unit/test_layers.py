@@ -261,7 +261,8 @@ def test_tests_here_need_no_ros():
         for module in imported(path):
             top = module.split('.')[0]
             assert top != 'rclpy' and not top.endswith('_msgs'), path
-            assert not module.startswith('tp_controller.ros') or module == f'tp_controller.{READER}'
+            assert not module.startswith('tp_controller.ros') \
+                or module == f'tp_controller.{READER}', path
 
 
 def test_only_solids_and_their_distances_know_the_collision_library():
