@@ -101,8 +101,8 @@ def measure(page, status_rate, seconds):
         passed = time.monotonic() - begin
         shares = [(processor_seconds(pid) - early) / passed for pid, early in zip(pids, before)]
         client.catch_up()
-        told = {value.key: value.value for value in client.status.status[0].values}
-        return (*shares, *[float('nan')] * (2 - len(shares))), [float(told[key]) for key in KEYS]
+        told = [float(client.status.values[key]) for key in KEYS]
+        return (*shares, *[float('nan')] * (2 - len(shares))), told
 
 
 def main():

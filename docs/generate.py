@@ -156,6 +156,8 @@ STATUS = {
                          'is commanded' for which in ('wanted', 'achieved')},
     'hint': 'what would help',
     'reason': 'what limits or blocks the task',
+    'causes': 'the causes in it one by one, without numbers, the largest share first, separated '
+              'by semicolons',
     **{f'goals {outcome}': 'goals and velocities since the task is in the stack'
        for outcome in ('accepted', 'refused')},
     'last refusal': 'reason of the last refusal',

@@ -50,10 +50,12 @@ def status(node, head='running', **tasks):
         *(entry(f'{node}: {name}', '', values.items()) for name, values in tasks.items())])
 
 
-def task(error=0.5, state='moving', unit='m', reason='', accepted=0, refused=0, refusal=''):
-    """Return the values of a task in a status."""
+def task(error=0.5, state='moving', unit='m', reason='', causes=None, accepted=0, refused=0,
+         refusal=''):
+    """Return the values of a task in a status; older ones have no causes."""
     return {'type': 'position', 'level': 1, 'status': state, f'error [{unit}]': error,
-            f'tolerance [{unit}]': 0.001, 'reason': reason, 'goals accepted': accepted,
+            f'tolerance [{unit}]': 0.001, 'reason': reason,
+            **({} if causes is None else {'causes': causes}), 'goals accepted': accepted,
             'goals refused': refused, 'last refusal': refusal}
 
 
@@ -138,4 +140,4 @@ def run(node='tp_controller', seconds=4.0, rate=50):
                           'reached' if arrived else 'moving' if known else 'stopped',
                           accepted=int(now > 0.5), refused=int(refused),
                           refusal='not finite' if refused else ''),
-                posture=task(0.25, 'limited', 'rad', 'blocked by tool' if known else ''))
+                posture=task(0.25, 'limited', 'rad', *2 * ['blocked by tool' if known else '']))

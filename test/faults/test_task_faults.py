@@ -153,6 +153,7 @@ def test_rest_goes_on_without_a_task_that_raises(method):
     report = report_of(command)
     assert (report.status, report.level) == ('failed', None)
     assert report.reason == report.fault == f'{CALLED[method]} ZeroDivisionError: division by zero'
+    assert report.phrases == (report.fault,)
     assert report.hint and report_of(command, 'rest').status == 'reached'
     assert command.report.reached
 

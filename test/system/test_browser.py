@@ -119,7 +119,7 @@ class View:
 
     def status(self, task):
         """Return the status of a task."""
-        return self.client.task_status(task)['status']
+        return self.client.task_status(task).status
 
     def stack(self):
         """Return the tasks that the controller has."""

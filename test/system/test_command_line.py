@@ -30,7 +30,6 @@ import struct
 import subprocess
 import sys
 import termios
-from typing import NamedTuple
 
 from monitor import promise_of
 import numpy as np
@@ -38,6 +37,7 @@ from PIL import Image
 from processes_harness import command_line, DEADLINE, Listener
 import pytest
 from robots import CONFIG, panda, PANDA_TOOL
+from tp_controller.ros.client.status import ControllerStatus, TaskStatus
 from tp_controller.solver.compiled import running
 from tp_controller.tools.cli.goal import _reach
 from tp_controller.tools.cli.main import (
@@ -85,14 +85,6 @@ def goal(robot, domain):
     return lambda *arguments: command_line(domain, 'goal', *arguments)
 
 
-class ControllerStatus(NamedTuple):
-    """Stand-in for `tp_controller.ros.client.status_monitor.ControllerStatus` without ROS."""
-
-    head: str
-    tasks: dict
-    age: float
-
-
 def tool(listener):
     """Return where the tool is by now."""
     listener.catch_up()
@@ -128,7 +120,7 @@ def test_a_velocity_is_repeated_for_as_long_as_asked(robot, goal):
     assert status == 0
     # All that was commanded meanwhile is still on its way to this process.
     robot.wait(lambda: len(robot.commands) > before + 20, 'commands')
-    robot.wait(lambda: int(robot.client.task_status('swing')['goals accepted']) >= 5, 'repetition')
+    robot.wait(lambda: robot.client.task_status('swing').accepted >= 5, 'repetition')
 
 
 def test_a_goal_out_of_reach_returns_1_and_says_why(goal):
@@ -308,13 +300,13 @@ def test_angles_of_more_than_a_turn_are_taken_for_degrees_that_were_not_meant(ca
 
 
 def test_a_table_shows_silence_errors_and_reasons():
-    tasks = {'tool': {'level': '1', 'error [m]': '0.25', 'error [rad]': '0.5',
-                      'status': 'limited', 'reason': 'near a singularity',
-                      'goal warning': 'out of reach'},
-             'mobile': {'level': '2', 'error [1]': '0.01', 'status': 'satisfied'},
-             'elbow': {'level': '3', 'error [m]': 'nan', 'status': 'stopped'}}
-    heard = {'left/arm': ControllerStatus('running', tasks, 0.1),
-             'arm': ControllerStatus('running', {}, 61.4)}
+    tasks = (TaskStatus('tool', level='1', errors={'m': 0.25, 'rad': 0.5}, status='limited',
+                        reason='near a singularity', goal_warning='out of reach'),
+             TaskStatus('mobile', level='2', errors={'1': 0.01}, status='satisfied'),
+             TaskStatus('elbow', level='3', errors={'m': math.nan}, status='stopped'))
+    heard = {'left/arm': (ControllerStatus('left/arm', 'running', {},
+                                           {task.name: task for task in tasks}), 0.1),
+             'arm': (ControllerStatus('arm', 'running'), 61.4)}
     assert table(heard) == """\
 /left/arm: running
   task           level    error                    status     reason
@@ -329,18 +321,19 @@ def test_a_table_shows_silence_errors_and_reasons():
 
 def test_a_table_shows_what_others_wrote_without_acting_on_it():
     """Whatever a node of the domain writes into its status."""
-    tasks = {'tool\x1b[2J': {'level': '1\r', 'error [m]': 'abc', 'status': 'x\ny',
-                             'reason': '\u202eback'}}
-    text = table({'arm\x07': ControllerStatus('\x1b]52;c;aGk=\x07', tasks, 0.1)})
+    task = TaskStatus('tool\x1b[2J', level='1\r', errors={'m': math.nan}, status='x\ny',
+                      reason='\u202eback')
+    status = ControllerStatus('arm', '\x1b]52;c;aGk=\x07', {}, {task.name: task})
+    text = table({'arm\x07': (status, 0.1)})
     assert text.replace('\n', '').isprintable() and len(text.splitlines()) == 3
-    assert 'tool\ufffd[2J' in text and 'abc' not in text
+    assert 'tool\ufffd[2J' in text and 'nan' not in text
 
 
 class Answering:
     """In place of a client: the controller says this status of a task at once."""
 
     def __init__(self, **status):
-        self.status = status
+        self.status = TaskStatus('mobile', **status)
 
     def wait(self, condition, seconds):
         """Return whether the condition holds."""
@@ -350,6 +343,10 @@ class Answering:
         """Return the status."""
         return self.status
 
+    def task_names(self):
+        """Return the one task."""
+        return [self.status.name]
+
     def stop_reason(self):
         """Return that it runs."""
         return ''
@@ -357,7 +354,7 @@ class Answering:
 
 @pytest.mark.parametrize('unit, shown', [('m', '0.088 m'), ('rad', '0.088 rad'), ('1', '0.088')])
 def test_an_error_is_shown_with_its_unit_and_a_ratio_without(capsys, unit, shown):
-    status = {'status': 'limited', f'error [{unit}]': '0.0880', 'reason': 'blocked by tool'}
+    status = {'status': 'limited', 'errors': {unit: 0.088}, 'reason': 'blocked by tool'}
     options = make_parser().parse_args(['goal', 'mobile', '--reach', '1'])
     assert not _reach(Answering(**status), options)
     assert capsys.readouterr().out == f'not reached: error {shown} (blocked by tool)\n'
@@ -365,8 +362,7 @@ def test_an_error_is_shown_with_its_unit_and_a_ratio_without(capsys, unit, shown
 
 def test_a_status_that_makes_no_sense_does_not_end_the_command(capsys):
     options = make_parser().parse_args(['goal', 'mobile', '--reach', '1'])
-    assert not _reach(Answering(**{'status': 'limited', 'error [m]': 'abc', 'reason': ''}),
-                      options)
+    assert not _reach(Answering(status='limited', errors={'m': math.nan}), options)
     assert capsys.readouterr().out == 'not reached: error nan m\n'
 
 

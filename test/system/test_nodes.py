@@ -189,7 +189,7 @@ def test_the_description_can_come_from_the_simulator(start, listener):
     listener.promise = promise_of(panda(), 0.01, 0.1)
     nodes = (start('controller_node', '-p', f'stack:={stack}', robot=None),
              start('simulator_node', robot=PANDA_DH))
-    listener.wait(lambda: listener.client.task_status('rest').get('status') == 'reached',
+    listener.wait(lambda: listener.client.task_status('rest').status == 'reached',
                   'the posture', nodes)
     # Status and commands are topics of their own, and the other one may be found first.
     listener.wait(lambda: listener.commands, 'a command', nodes)

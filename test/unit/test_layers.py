@@ -49,6 +49,8 @@ WINGS = {
                   'tools.demos', 'ros', 'ros.client'),
     'start': ('tools.cli',),
 }
+# Reader of the status, which recordings need without ROS.
+READER = 'ros.client.status'
 SPEAK_ROS = ('ros', 'tools.view', 'tools.recording', 'tools.demos')
 # What the library may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'tp_controller'}
@@ -161,6 +163,13 @@ def test_only_the_nodes_and_tools_beside_them_speak_ros():
             assert top != 'rclpy' and not top.endswith(('_msgs', '_srvs', '_interfaces')), path
 
 
+def test_a_recorded_status_is_read_without_ros():
+    for module in (READER, *own_imports(READER)):
+        for name in imported(MODULES[module]):
+            top = name.split('.')[0]
+            assert top in sys.stdlib_module_names or top == 'tp_controller', (module, name)
+
+
 def test_only_one_module_uses_private_parts_of_rclpy():
     used = set()
     for name, path in MODULES.items():
@@ -254,7 +263,8 @@ def test_tests_here_need_no_ros():
         for module in imported(path):
             top = module.split('.')[0]
             assert top != 'rclpy' and not top.endswith('_msgs'), path
-            assert not module.startswith('tp_controller.ros'), path
+            assert not module.startswith('tp_controller.ros') \
+                or module == f'tp_controller.{READER}', path
 
 
 def test_only_solids_and_their_distances_know_the_collision_library():

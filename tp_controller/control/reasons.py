@@ -14,7 +14,8 @@
 
 """Texts of causes: the sentences of a report about a task."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from tp_controller.control.causes import (
@@ -66,10 +67,19 @@ OVERSHOOT_KINDS = frozenset((RESERVE, *(limit.name for limit in LIMITS if limit.
 UNREACHABLE_KINDS = frozenset((SINGULARITY, IMPOSSIBLE, DAMPING))
 
 
-def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]],
-              found: Sequence[Cause], causes: Causes) -> str:
+class Statement(NamedTuple):
+    """Part of a reason: a sentence, and a phrase without numbers for each cause that it names."""
+
+    sentence: str
+    phrases: tuple[str, ...]
+
+
+def statements(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]],
+               found: Sequence[Cause], causes: Causes) -> Iterator[Statement]:
     """
-    Return the reason why a task is limited, as a sentence; empty if it is not.
+    Yield the parts of the reason why a task is limited; none if it is not.
+
+    Causes beyond the largest `NAMES_PER_REASON` have a phrase, but no sentence.
 
     Parameters
     ----------
@@ -83,26 +93,31 @@ def reason_of(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]]
         The search that found them.
 
     """
-    sentences = [_immovable_rows(evaluation)]
-    if causes.is_limited(evaluation):
-        if is_out_of_reach(evaluation, found, causes):
-            distance = ', '.join(with_unit(f'{value:.2g}', unit)
-                                 for value, unit, tolerance in errors if value > tolerance)
-            sentences.append(f'{OUT_OF_REACH} by {distance}')
-        else:
-            sentences.extend(_sentence(cause, evaluation, causes)
-                             for cause in found[:NAMES_PER_REASON])
-            if not found:
-                names = causes.combined_causes(evaluation)
-                sentences.append(_combined(names) if names or causes.override != TRANSITION
-                                 else SENTENCES[TRANSITION])
-        if causes.override != TRANSITION:
-            sentences.append(causes.override)
-    return '; '.join(filter(None, sentences))
+    immovable = _immovable_rows(evaluation)
+    if immovable:
+        yield Statement(immovable, (immovable,))
+    if not causes.is_limited(evaluation):
+        return
+    if is_out_of_reach(evaluation, found, causes):
+        distance = ', '.join(with_unit(f'{value:.2g}', unit)
+                             for value, unit, tolerance in errors if value > tolerance)
+        yield Statement(f'{OUT_OF_REACH} by {distance}', (OUT_OF_REACH,))
+    elif found:
+        for index, cause in enumerate(found):
+            yield Statement(
+                _sentence(cause, evaluation, causes) if index < NAMES_PER_REASON else '',
+                (phrase(cause.kind, cause.name),))
+    else:
+        names = causes.combined_causes(evaluation)
+        sentence = _combined(names) if names or causes.override != TRANSITION \
+            else SENTENCES[TRANSITION]
+        yield Statement(sentence, tuple(phrase(*each) for each in names) or (sentence,))
+    if causes.override not in ('', TRANSITION):
+        yield Statement(causes.override, (causes.override,))
 
 
 def hint_of(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> str:
-    """Return the suggested change for a limited task; see `reason_of`."""
+    """Return the suggested change for a limited task; see `statements`."""
     if is_out_of_reach(evaluation, found, causes):
         return CHOOSE_ANOTHER
     task = evaluation.task
@@ -119,9 +134,9 @@ def hint_of(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> s
     return HINTS[first.kind].format(name=first.name, own=task.name)
 
 
-def limit_text(kind: str, joint: str) -> str:
-    """Return the sentence for the active limit of a joint."""
-    return SENTENCES[kind].format(joint)
+def phrase(kind: str, name: str) -> str:
+    """Return the phrase for a cause alone, such as the active limit of a joint."""
+    return SENTENCES[kind].format(name)
 
 
 def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> bool:
@@ -138,7 +153,7 @@ def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
     """Return the sentence for a cause, with the blocking rows of a task that has several."""
     rows = causes.blocking_rows(evaluation, cause.name) if cause.kind == BOUNDS else []
     named = f' ({", ".join(rows[:NAMES_PER_REASON])})' if rows else ''
-    return SENTENCES[cause.kind].format(cause.name) + named
+    return phrase(cause.kind, cause.name) + named
 
 
 def _combined(causes: Sequence[tuple[str, str]]) -> str:

@@ -27,9 +27,10 @@ from tp_controller.control.error_minimum import Place
 from tp_controller.control.reasons import (
     CHOOSE_ANOTHER,
     hint_of,
-    limit_text,
     OUT_OF_REACH,
-    reason_of,
+    phrase,
+    Statement,
+    statements,
 )
 from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
@@ -153,15 +154,31 @@ class TaskReport:
         return self._causes.of(self._evaluation)
 
     @cached_property
+    def _statements(self) -> list[Statement]:
+        """Return the parts of the reason."""
+        if self.fault:
+            return [Statement(self.fault, (self.fault,))]
+        if self._causes is None or self._evaluation is None or self.level is None or self.reached:
+            return []
+        found = list(statements(self._evaluation, self.errors, self.causes, self._causes))
+        if any(OUT_OF_REACH in each.sentence for each in found) or not self._unreachable:
+            return found
+        return [Statement(self._unreachable, (OUT_OF_REACH,)), *found]
+
+    @property
     def reason(self) -> str:
         """Return the reason why the task is limited, as a sentence; empty if its demand is met."""
-        if self.fault:
-            return self.fault
-        if self._causes is None or self._evaluation is None or self.level is None or self.reached:
-            return ''
-        reason = reason_of(self._evaluation, self.errors, self.causes, self._causes)
-        return reason if OUT_OF_REACH in reason else \
-            '; '.join(filter(None, (self._unreachable, reason)))
+        return '; '.join(each.sentence for each in self._statements if each.sentence)
+
+    @property
+    def phrases(self) -> tuple[str, ...]:
+        """
+        Return a short phrase without numbers for each cause, the largest share first.
+
+        Causes that limit the task only together, which `causes` lacks, have a phrase each.
+        """
+        return tuple(dict.fromkeys(
+            text for each in self._statements for text in each.phrases))
 
     @cached_property
     def _unreachable(self) -> str:
@@ -304,5 +321,5 @@ class Report:
         if joint is None:
             return ''
         level = next(level for level in self._solution.levels if level.limited_by)
-        return limit_text(self._causes.limits_at(level, joint)[0],
-                          self._robot.velocity_names[joint])
+        return phrase(self._causes.limits_at(level, joint)[0],
+                      self._robot.velocity_names[joint])

@@ -58,12 +58,12 @@ MOST_LIFT = 2.0 * TEXT_SIZE
 # the arrow [1].
 ARROW_SIZE, HEAD_SHARE = (0.006, 0.015, 0.03), 0.4
 # Edge length and thickness of the plate that represents a half-space [m].
-PLATE = (2.0, 0.002)
+HALF_SPACE_PLATE = (2.0, 0.002)
 # Number of corners on the rim of a cone.
 RIM_CORNERS = 24
 GOAL = 'goal'
 # Largest number of points of a primitive.
-MOST_POINTS = 2000
+MOST_DRAWN_POINTS = 2000
 
 
 class Kind(IntEnum):
@@ -150,8 +150,8 @@ def _made(kind: Kind, T: ArrayLike, size: ArrayLike, colour: Rgba,
     """Return a primitive of valid numbers."""
     x, y, z = checked(size, (3,)).tolist()
     given = checked(np.reshape(points, (-1, 3)), (-1, 3))
-    if len(given) > MOST_POINTS:
-        raise ValueError(f'needs at most {MOST_POINTS} points, got {len(given)}')
+    if len(given) > MOST_DRAWN_POINTS:
+        raise ValueError(f'needs at most {MOST_DRAWN_POINTS} points, got {len(given)}')
     return Primitive(kind, checked(T, (4, 4)), (x, y, z), colour, given, colours, text)
 
 
@@ -210,7 +210,7 @@ def _size(shape: Shape) -> tuple[Kind, Sequence[float]]:
         radius, half = shape.half.tolist()
         return Kind.CYLINDER, (2.0 * radius, 2.0 * radius, 2.0 * half)
     if isinstance(shape, HalfSpace):
-        return Kind.CUBE, (PLATE[0], PLATE[0], PLATE[1])
+        return Kind.CUBE, (HALF_SPACE_PLATE[0], HALF_SPACE_PLATE[0], HALF_SPACE_PLATE[1])
     raise ValueError(f'{type(shape).__name__} is not a shape')
 
 

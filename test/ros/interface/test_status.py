@@ -23,6 +23,7 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from tp_controller.ros.client.goal_fields import make_message
+from tp_controller.ros.client.status import received, TaskStatus
 
 STACK = """
 - tip: {type: position, frame: link3, axes: xy, gain: 2.0}
@@ -81,7 +82,7 @@ def test_a_task_reports_its_error_with_unit_and_what_holds_it_back(harness):
     assert task['type'] == 'position' and task['status'] in ('moving', 'limited')
     rest = rig.status.task('rest')
     assert rest['status'] == 'limited'
-    assert rest['reason'] == 'blocked by turn'
+    assert rest['reason'] == rest['causes'] == 'blocked by turn'
     assert rest['hint'] == ('exchange turn and rest in the stack, or choose goals that are '
                             'compatible')
     levels = {status.name: status.level for status in rig.status.messages[-1].status}
@@ -106,6 +107,20 @@ def test_the_limit_that_slows_the_robot_is_named(harness):
     assert rig.status.task('rest')['reason'] == 'joint1 at its velocity limit'
     values = {value.key: value.value for value in rig.status.messages[-1].status[0].values}
     assert (values['scale'], values['limiting']) == ('0.5000', 'joint1 at its velocity limit')
+
+
+def test_the_client_reads_what_the_controller_writes(harness):
+    rig = Rig(harness, '- rest: {type: posture, target: [2.0, 0.6, 0.3]}')
+    rig.spin_until(lambda: rig.status.task('rest')['reason'])
+    found, written = received(rig.status.messages[-1]), rig.status.task('rest')
+    assert found.from_controller and found.head == 'running'
+    rest = found.tasks['rest']
+    assert rest == TaskStatus(
+        'rest', 'posture', '1', 'limited', {'rad': float(written['error [rad]'])},
+        {'rad': float(written['tolerance [rad]'])}, float(written['wanted speed']),
+        float(written['achieved speed']), 'joint1 at its velocity limit', written['hint'],
+        ('joint1 at its velocity limit',), listeners={'goal': 1})
+    assert rest.hint and 0.0 < rest.achieved_speed < rest.wanted_speed
 
 
 def test_diagnostics_say_the_same(harness):

@@ -33,6 +33,7 @@ from robots import PLANAR_START
 from scipy.spatial.transform import Rotation
 from tp_controller.model.spatial import pose, rotation_from_rpy
 from tp_controller.ros.client.client import Client
+from tp_controller.ros.client.status import received
 from tp_controller.ros.interface.markers import Markers
 from tp_controller.ros.interface.status import diagnostics
 from tp_controller.tasks.sketch import Cone, Gaps
@@ -297,7 +298,7 @@ def test_a_short_stop_keeps_the_last_report_in_grey_and_is_no_fault(rig):
     late = diagnostics(Time(), 'tp_controller', 'joint states are late', None,
                        node._robot.controller, node._robot.topics.records, {}, lambda: None)
     rig.client.catch_up = lambda: None
-    rig.client.status = late
+    rig.client.status = received(late)
     rig.page._texts_due = 0.0
     rig.page.update()
     text = rig.page.stack.rows['tip'].text.content

@@ -27,7 +27,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 viser = pytest.importorskip('viser', reason="needs pip install '.[view]'")
 
 from pages import MadeUpController  # noqa: E402, I100
-from tp_controller.ros.client.received_status import MOST_RECEIVED_TASKS  # noqa: E402
+from tp_controller.ros.client.status import MOST_RECEIVED_TASKS  # noqa: E402
 from tp_controller.tools.view.markers import MOST_MARKERS, MOST_POINTS  # noqa: E402
 from tp_controller.tools.view.page import MOST_WAITING  # noqa: E402
 from tp_controller.tools.view.server import LOCAL, open_server, unused_port  # noqa: E402

@@ -15,6 +15,7 @@
 """Causes: at random states beside solving again without them, and cases worked out by hand."""
 
 import importlib
+import re
 
 import numpy as np
 import pytest
@@ -147,6 +148,8 @@ def test_task_and_limit_that_each_suffice_are_named_together():
 """, [2.0, 0.0, 0.0], goals={'c': [2.5, 0.0, 0.0]})['c']
     assert task.causes == ()
     assert task.reason == 'blocked by a and the upper position limit of slide_x together'
+    # Each is told of as it is where it blocks a task alone.
+    assert task.phrases == ('blocked by a', 'slide_x at its upper position limit')
 
 
 def test_limit_acts_through_the_task_above_that_it_limits():
@@ -219,7 +222,9 @@ def test_bounds_of_a_task_are_named():
 """, [0.5, 0.0, 0.0], goals={'tool': [0.9, 0.0, 0.0]})
     assert kinds(tasks['tool']) == [('bounds', 'cell', 1.0)]
     assert tasks['tool'].reason == 'blocked by the bounds of cell'
+    assert tasks['tool'].phrases == ('blocked by the bounds of cell',)
     assert tasks['cell'].causes == () and tasks['cell'].reason == ''
+    assert tasks['cell'].phrases == ()
 
 
 def test_direction_that_the_robot_has_not_is_impossible_and_the_goal_out_of_reach():
@@ -228,7 +233,7 @@ def test_direction_that_the_robot_has_not_is_impossible_and_the_goal_out_of_reac
     task = first_report(robot, '- tool: {type: position, frame: link3}', robots.PLANAR_START,
                         goals={'tool': [x, y, 0.31]})['tool']
     assert kinds(task) == [('impossible', '', 1.0)]
-    assert task.reason == 'out of reach by 0.31 m'
+    assert task.reason == 'out of reach by 0.31 m' and task.phrases == ('out of reach',)
     assert task.hint == 'the goal is out of reach: choose another one'
 
 
@@ -266,6 +271,7 @@ def test_tool_is_out_of_reach_while_the_other_arm_moves():
         if cycle % 100 == 99:
             left, right = command.report.tasks
             said.append(left.reason)
+            assert left.phrases[0] == 'out of reach' and not re.search(r'\d m', str(left.phrases))
     assert np.abs(command.velocity).max() > 0.02
     assert said[-1] == f'out of reach by {left.errors[0][0]:.2g} m'
     assert 'out of reach by' not in said[0]
@@ -371,6 +377,17 @@ def test_damping_is_a_cause_and_so_is_the_singularity_that_it_is_for():
                         [0.0, 0.02, 0.0], goals={'tool': [1.3, 0.05, 0.0]})['tool']
     assert {cause.kind for cause in task.causes} >= {'singularity'}
     assert 'near a singularity' in task.reason
+
+
+def test_reason_names_the_largest_causes_and_the_phrases_all():
+    robot = robots.panda()
+    q = np.array(robots.PANDA_READY)
+    target = (q + [0.9, 0.8, 0.7, 0.6, -0.9, 0.8, 0.7]).round(3).tolist()
+    task = first_report(robot, f'- rest: {{type: posture, gain: 10.0, target: {target}}}', q)[
+        'rest']
+    assert len(task.causes) > 3
+    named = tuple(f'{cause.name} at its velocity limit' for cause in task.causes)
+    assert task.phrases == named and task.reason == '; '.join(named[:3])
 
 
 def test_disabled_task_has_neither_cause_nor_reason():

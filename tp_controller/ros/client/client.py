@@ -18,7 +18,6 @@ from collections.abc import Callable, Mapping
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy import try_shutdown
 from rclpy.client import Client as RosClient
 from rclpy.context import Context
@@ -34,8 +33,8 @@ from tp_controller.ros.client.context import new_context
 from tp_controller.ros.client.goal_fields import Fields, listed, make_message
 from tp_controller.ros.client.graph import absence, goal_topics
 from tp_controller.ros.client.received_status import subscribe_status
+from tp_controller.ros.client.status import ControllerStatus, TaskStatus
 from tp_controller.ros.signals import uninterrupted
-from tp_controller.untrusted import count
 
 # Timeouts on closing for the acknowledgement of goals: by the controller, and, once it has
 # answered, by all other subscribers [s].
@@ -46,8 +45,6 @@ DISCOVERY_POLL_SECONDS = 0.02
 MOST_CALLBACKS = 100
 # Timeout for other subscribers of a goal [s]: one that was just killed is counted for a while.
 SUBSCRIBER_SECONDS = 2.0
-# Answers to goals while the status has no such task.
-NO_ANSWERS = '', ''
 
 
 class Client:
@@ -86,7 +83,7 @@ class Client:
         self._last: tuple[Publisher, Message] | None = None
         # {publisher: timeout on closing until its messages are acknowledged [s]}
         self._pending: dict[Publisher, float] = {}
-        self.status: DiagnosticArray | None = None
+        self.status: ControllerStatus | None = None
         try:
             subscribe_status(self.node, self.controller, self._on_status)
         except TpControllerError:
@@ -158,8 +155,7 @@ class Client:
 
     def task_names(self) -> list[str]:
         """Return the names of all tasks in the status, by priority."""
-        return [status.name.partition(': ')[2] for status in self.status.status[1:]] \
-            if self.status else []
+        return list(self.status.tasks) if self.status else []
 
     def send(self, task: str, frame: str = '', wait: float = 10.0, **fields: Any) -> None:
         """
@@ -205,26 +201,29 @@ class Client:
         """Wait for the controller, and for all other subscribers of a goal."""
         if not self.wait(lambda: publisher.get_subscription_count() > 0, wait):
             raise GoalError(f'the controller does not answer on {publisher.topic_name}')
-        if not self.wait(lambda: self.task_status(task), wait):
+        if not self.wait(lambda: task in self.task_names(), wait):
             raise GoalError(f'the controller sends no status of task {task!r}')
         # Recorders are to receive it, too. The controller, which has been running for longer, may
         # know of subscribers that this node has not discovered yet.
         self.wait(lambda: publisher.get_subscription_count() >= max(
-            self.node.count_subscribers(publisher.topic_name), self._count_listeners(task, topic)),
+            self.node.count_subscribers(publisher.topic_name),
+            self.task_status(task).listeners.get(topic, 0)),
             SUBSCRIBER_SECONDS)
 
     def _publish_goal(self, task: str, publisher: Publisher, message: Message,
                       wait: float) -> None:
         """Publish a goal, and wait for the answer of the controller."""
-        before = self._answers(task)
+        before = self.task_status(task).answers
         self._last = publisher, message
         self._pending[publisher] = LEAVE_SECONDS
         publisher.publish(message)
-        if not self.wait(lambda: self._answers(task) not in (NO_ANSWERS, before), wait):
+        if not self.wait(lambda: task in self.task_names()
+                         and self.task_status(task).answers != before, wait):
             raise GoalError(f'the controller did not answer the goal for task {task!r}')
         self._pending[publisher] = OTHERS_SECONDS
-        if self._answers(task)[1] != before[1]:
-            raise GoalError(f'refused: {self.task_status(task).get("last refusal", "")}')
+        status = self.task_status(task)
+        if status.refused != before[1]:
+            raise GoalError(f'refused: {status.refusal}')
 
     def publish(self, task: str, topic: str, message: Message) -> None:
         """Publish on a topic of a task, without waiting."""
@@ -265,26 +264,14 @@ class Client:
             self._pending[publisher] = LEAVE_SECONDS
             publisher.publish(message)
 
-    def task_status(self, task: str) -> dict[str, str]:
-        """Return {key: value} of the latest status of a task; empty before the first."""
-        for status in self.status.status if self.status else ():
-            if status.name == f'{self.controller}: {task}':
-                return {value.key: value.value for value in status.values}
-        return {}
-
-    def _answers(self, task: str) -> tuple[str, str]:
-        """Return the numbers of accepted and refused goals of a task, or `NO_ANSWERS`."""
-        status = self.task_status(task)
-        return (status.get('goals accepted', ''), status.get('goals refused', ''))
-
-    def _count_listeners(self, task: str, topic: str) -> int:
-        """Return the number of subscribers of a task topic that the controller has counted."""
-        return count(self.task_status(task).get(f'{topic} listeners', ''))
+    def task_status(self, task: str) -> TaskStatus:
+        """Return the latest status of a task; empty while there is none."""
+        tasks = self.status.tasks if self.status else {}
+        return tasks.get(task) or TaskStatus(task)
 
     def stop_reason(self) -> str:
         """Return the reason for which the controller commands zeros; empty while it runs."""
-        head = self.status.status[0].message if self.status else 'no status yet'
-        return '' if head == 'running' else head
+        return self.status.stop_reason if self.status else 'no status yet'
 
     def _publisher(self, task: str, topic: str, kind: type) -> Publisher:
         """Return the publisher of a topic, created on first use."""
@@ -304,6 +291,6 @@ class Client:
         return (f'task {task!r} takes no {listed(fields, self._names)}; its topics: '
                 f'{", ".join(sorted(tasks.get(task, []))) or "none"}')
 
-    def _on_status(self, message: DiagnosticArray) -> None:
+    def _on_status(self, status: ControllerStatus) -> None:
         """Store the latest status."""
-        self.status = message
+        self.status = status

@@ -12,25 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Sanitization of a received status: bounded size and printable text."""
+"""Subscription to the status of a controller."""
 
 from collections.abc import Callable
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from tp_controller.errors import TpControllerError
 from tp_controller.ros.bounded_subscription import subscribe
-from tp_controller.untrusted import plain
-
-# Largest number of tasks, and of entries per task.
-MOST_RECEIVED_TASKS, MOST_VALUES = 200, 64
-# Longest name [characters].
-LONGEST_KEY = 256
+from tp_controller.ros.client.status import ControllerStatus, received
 
 
 def subscribe_status(node: Node, controller: str,
-                     callback: Callable[[DiagnosticArray], None], depth: int = 10) -> None:
+                     callback: Callable[[ControllerStatus], None], depth: int = 10) -> None:
     """Subscribe to the status of a controller; raise `TpControllerError` for an invalid name."""
     def take(message: DiagnosticArray) -> None:
         # Other nodes may have topics of this name and type, too.
@@ -41,18 +36,3 @@ def subscribe_status(node: Node, controller: str,
         subscribe(node, DiagnosticArray, f'/{controller}/status', take, depth)
     except NameValidationException as error:
         raise TpControllerError(f'{controller!r} cannot be the name of a node') from error
-
-
-def received(message: DiagnosticArray) -> DiagnosticArray:
-    """Return a status with printable text, cut to the bounds of its size."""
-    message.status = [_shown(status) for status in message.status[:MOST_RECEIVED_TASKS + 1]]
-    return message
-
-
-def _shown(status: DiagnosticStatus) -> DiagnosticStatus:
-    """Return the entry of the controller, or of a task, with printable text."""
-    status.name, status.message = plain(status.name, LONGEST_KEY), plain(status.message)
-    status.values = status.values[:MOST_VALUES]
-    for value in status.values:
-        value.key, value.value = plain(value.key, LONGEST_KEY), plain(value.value)
-    return status

@@ -14,37 +14,16 @@
 
 """Monitor of the status of several controllers, or of all in the graph."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from functools import partial
 import time
-from typing import NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray
 from tp_controller.ros.client.client import Client
 from tp_controller.ros.client.received_status import subscribe_status
+from tp_controller.ros.client.status import ControllerStatus
 
 STATUS = '/status'
 STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
-
-
-class ControllerStatus(NamedTuple):
-    """
-    Latest status of a controller.
-
-    Attributes
-    ----------
-    head : str
-        ``running``, or the reason for zero commands.
-    tasks : dict
-        {task: {key: value}}, by priority.
-    age : float
-        Time since the last message [s].
-
-    """
-
-    head: str
-    tasks: Mapping[str, Mapping[str, str]]
-    age: float
 
 
 class Watch:
@@ -65,7 +44,7 @@ class Watch:
         self._names = [name.strip('/') for name in names]
         self._clock = clock
         self._client = Client(self._names[0]) if self._names else Client()
-        self._received: dict[str, tuple[DiagnosticArray, float]] = {}
+        self._received: dict[str, tuple[ControllerStatus, float]] = {}
         self._followed: set[str] = set()
         for name in self._names:
             self._follow(name)
@@ -90,17 +69,11 @@ class Watch:
         """Return the named controllers without a received status."""
         return [name for name in self._names if name not in self._received]
 
-    def statuses(self) -> dict[str, ControllerStatus]:
-        """Return {controller: ControllerStatus}."""
+    def statuses(self) -> dict[str, tuple[ControllerStatus, float]]:
+        """Return {controller: (latest status, time since then [s])}."""
         now = self._clock()
-        found = {}
-        for name, (message, arrived) in sorted(self._received.items()):
-            head, *tasks = message.status
-            found[name] = ControllerStatus(head.message, {
-                status.name.partition(': ')[2]: {value.key: value.value
-                                                 for value in status.values}
-                for status in tasks}, now - arrived)
-        return found
+        return {name: (status, now - arrived)
+                for name, (status, arrived) in sorted(self._received.items())}
 
     def _complete(self) -> bool:
         """Find controllers if none are named; return whether all expected ones have sent."""
@@ -116,6 +89,6 @@ class Watch:
             self._followed.add(name)
             subscribe_status(self._client.node, name, partial(self._on_status, name))
 
-    def _on_status(self, name: str, message: DiagnosticArray) -> None:
+    def _on_status(self, name: str, status: ControllerStatus) -> None:
         """Store the latest status."""
-        self._received[name] = message, self._clock()
+        self._received[name] = status, self._clock()

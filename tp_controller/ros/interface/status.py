@@ -114,6 +114,7 @@ def _task_status(node_name: str, task: TaskReport, record: GoalRecord,
     values.append(_value('wanted speed', f'{task.demanded_speed:.6g}'))
     values.append(_value('achieved speed', f'{task.achieved_speed:.6g}'))
     values.append(_value('reason', task.reason))
+    values.append(_value('causes', '; '.join(task.phrases)))
     values.append(_value('hint', task.hint))
     values.extend(_goal_values(record))
     message = status if not task.reason else f'{status}: {task.reason}'

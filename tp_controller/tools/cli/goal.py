@@ -25,7 +25,6 @@ from tp_controller.model.rpy import quaternion_from_rpy
 from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
 from tp_controller.tools.cli.values import finite_number, positive_number
-from tp_controller.untrusted import errors_of
 
 if TYPE_CHECKING:  # Imported when a goal is sent: the help needs no ROS.
     from tp_controller.ros.client.client import Client
@@ -118,7 +117,7 @@ def send_goal(options: argparse.Namespace) -> int:
         if options.duration:
             _repeat(client, options.duration)
         print(f'goal sent to task {options.task}')
-        warning = client.task_status(options.task).get('goal warning')
+        warning = client.task_status(options.task).goal_warning
         if warning:
             print(f'warning: {warning}', file=sys.stderr)
         if options.reach:
@@ -166,20 +165,19 @@ def _repeat(client: 'Client', duration: float) -> None:
 
 def _reach(client: 'Client', options: argparse.Namespace) -> bool:
     """Wait for the goal, and print its outcome."""
-    reached = client.wait(
-        lambda: client.task_status(options.task).get('status') in ('reached', 'satisfied'),
-        options.reach)
+    reached = client.wait(lambda: client.task_status(options.task).done, options.reach)
     status = client.task_status(options.task)
     if client.stop_reason():
         print(f'not reached: {client.stop_reason()}')
         return False
     errors = ', '.join(with_unit(f'{error:.3g}', unit)
-                       for unit, error in errors_of(status).items())
-    reason = status.get('reason', f'the stack has no task {options.task} any more')
+                       for unit, error in status.errors.items())
+    reason = status.reason if options.task in client.task_names() \
+        else f'the stack has no task {options.task} any more'
     print(f'{"reached" if reached else "not reached"}: error {errors}'
           + (f' ({reason})' if reason and not reached else ''))
-    if not reached and status.get('hint'):
-        print(f'what would help: {status["hint"]}')
+    if not reached and status.hint:
+        print(f'what would help: {status.hint}')
     return reached
 
 

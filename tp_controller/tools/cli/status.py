@@ -22,13 +22,14 @@ import sys
 from typing import TYPE_CHECKING
 
 from tp_controller.errors import TpControllerError
+from tp_controller.ros.client.status import ControllerStatus, TaskStatus
 from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
 from tp_controller.tools.cli.values import positive_number
-from tp_controller.untrusted import errors_of, plain
+from tp_controller.untrusted import plain
 
 if TYPE_CHECKING:  # Imported with the first status: the help needs no ROS.
-    from tp_controller.ros.client.status_monitor import ControllerStatus, Watch
+    from tp_controller.ros.client.status_monitor import Watch
 
 # Cursor to the first line, and erase below it; erase the screen.
 HOME = '\x1b[H\x1b[J'
@@ -94,14 +95,14 @@ def show_status(options: argparse.Namespace) -> int:
     return 0
 
 
-def table(heard: Mapping[str, 'ControllerStatus'], width: int | None = None) -> str:
+def table(heard: Mapping[str, tuple[ControllerStatus, float]], width: int | None = None) -> str:
     """
     Return the status of controllers as text.
 
     Parameters
     ----------
     heard : dict
-        {name of a controller: ControllerStatus}
+        {name of a controller: (latest status, time since then [s])}
     width : int, optional
         Width of a terminal, to which lines are truncated.
 
@@ -111,22 +112,19 @@ def table(heard: Mapping[str, 'ControllerStatus'], width: int | None = None) -> 
 
     """
     lines = []
-    for name, controller in heard.items():
-        silent = f'no status for {controller.age:.0f} s' if controller.age > SILENT_SECONDS else ''
+    for name, (controller, age) in heard.items():
+        silent = f'no status for {age:.0f} s' if age > SILENT_SECONDS else ''
         lines += ['', f'/{name}: {silent or controller.head}',
                   '  ' + ' '.join(f'{title:<{columns}}' for title, columns in COLUMNS) + ' reason']
-        lines += [_row(task, values) for task, values in controller.tasks.items()]
+        lines += map(_row, controller.tasks.values())
     return '\n'.join(plain(line.rstrip())[:width] for line in lines[1:])
 
 
-def _row(task: str, values: Mapping[str, str]) -> str:
+def _row(task: TaskStatus) -> str:
     """Return the line of a task."""
-    errors = ', '.join(_error(unit, error) for unit, error in errors_of(values).items())
-    cells = (task, values.get('level', ''), errors, values.get('status', ''))
-    reason = values.get('reason', '')
-    for warning in (values.get('goal warning', ''), values.get('gain warning', '')):
-        if warning not in reason:
-            reason = f'{reason}; {warning}' if reason else warning
+    errors = ', '.join(_error(unit, error) for unit, error in task.errors.items())
+    cells = (task.name, task.level, errors, task.status)
+    reason = '; '.join(filter(None, (task.reason, *task.warnings)))
     return '  ' + ' '.join(f'{cell:<{columns}}'
                            for cell, (_, columns) in zip(cells, COLUMNS)) + f' {reason}'
 

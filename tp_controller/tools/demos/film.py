@@ -32,7 +32,8 @@ from tp_controller.model.shapes import HalfSpace
 from tp_controller.model.spatial import Array, pose
 from tp_controller.tasks.aim import pose_along
 from tp_controller.tasks.primitives import COLOURS, Primitive, primitives
-from tp_controller.tasks.sketch import Arrow, Body, Cone, Path as Polyline, Sketch
+from tp_controller.tasks.sketch import Arrow, Body, Cone, Sketch
+from tp_controller.tasks.sketch import Path as Polyline
 from tp_controller.tools.demos.chromium import find_chromium, HeadlessPage, open_page
 from tp_controller.tools.demos.motion import FixedObject, Motion, Playback
 from tp_controller.tools.demos.processes import ended_by_sigterm

@@ -16,7 +16,6 @@
 
 import time
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -27,8 +26,8 @@ from tp_controller.model.spatial import Array
 from tp_controller.ros.client.client import Client
 from tp_controller.ros.client.configuration import base_velocities, ConfigurationBuffer
 from tp_controller.ros.client.received_status import subscribe_status
+from tp_controller.ros.client.status import ControllerStatus
 from tp_controller.tools.recording.task_curves import TaskCurves
-from tp_controller.untrusted import errors_of
 
 # Units of the recorded errors.
 UNITS = ('m', 'rad')
@@ -111,12 +110,8 @@ class Recorder:
         if not np.isnan(self._velocity).any():
             self.commands.append((self.now(), self._velocity.copy()))
 
-    def _on_status(self, message: DiagnosticArray) -> None:
+    def _on_status(self, status: ControllerStatus) -> None:
         """Record the errors and the limiting causes of every task."""
-        samples = {}
-        for status in message.status[1:]:
-            values = {value.key: value.value for value in status.values}
-            samples[status.name.partition(': ')[2]] = (
-                {unit: error for unit, error in errors_of(values).items() if unit in UNITS},
-                values.get('reason', ''))
-        self.curves.add(self.now(), samples)
+        self.curves.add(self.now(), {name: (
+            {unit: error for unit, error in task.errors.items() if unit in UNITS}, task.causes)
+            for name, task in status.tasks.items()})

@@ -175,8 +175,8 @@ def _figures(folder: Path, demo: Demo, recorder: 'Recorder',
     changes = np.array(goal_times)
     times, q = (np.array(column) for column in zip(*recorder.states))
     command_times, velocities = (np.array(column) for column in zip(*recorder.commands))
-    error_times, errors, reasons = recorder.curves.plotted()
-    yield plot_errors(folder / 'errors.png', error_times, errors, reasons=reasons,
+    error_times, errors, causes = recorder.curves.plotted()
+    yield plot_errors(folder / 'errors.png', error_times, errors, causes=causes,
                       changes=changes, log=True)
     yield plot_velocities(folder / 'velocities.png', command_times, velocities, robot.velocity,
                           robot.velocity_names, units=robot.velocity_units, changes=changes,

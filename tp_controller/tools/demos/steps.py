@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from tp_controller.control.reason_text import brief_reason
+from tp_controller.ros.client.status import TaskStatus
 from tp_controller.tools.demos.scenarios import Goal, goal_fields
-from tp_controller.untrusted import errors_of
 
 if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
     from tp_controller.ros.client.client import Client
@@ -162,7 +162,7 @@ class Steps:
         def ended() -> bool:
             return deadline.expired(self._computed()) or (
                 time.monotonic() - began >= seconds and all(
-                    self._client.task_status(task)['status'] == 'reached' for task in titles))
+                    self._client.task_status(task).status == 'reached' for task in titles))
 
         while not ended():
             turn()
@@ -197,8 +197,8 @@ class Steps:
     def _outcome(self, title: str, task: str, say: str) -> TaskOutcome:
         """Return the outcome of a task."""
         status = self._client.task_status(task)
-        return TaskOutcome(title, task, self._errors.get(task, ''), status['status'], say,
-                           status['reason'] or self._client.stop_reason())
+        return TaskOutcome(title, task, self._errors.get(task, ''), status.status, say,
+                           status.reason or self._client.stop_reason())
 
 
 class _Ticker:
@@ -231,8 +231,8 @@ class _Deadline:
         return computed > self._until or now - self._moved > IDLE_SECONDS
 
 
-def error_text(status: Mapping[str, str]) -> str:
+def error_text(task: TaskStatus) -> str:
     """Return the errors of a task in suitable units; empty if they are unknown."""
     return ', '.join(SHOWN[unit].format(FACTORS[unit] * error)
-                     for unit, error in errors_of(status).items()
+                     for unit, error in task.errors.items()
                      if unit in SHOWN and math.isfinite(error))

@@ -22,9 +22,8 @@ and figures can be made in any thread.
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-import re
 from textwrap import wrap
-from typing import Any
+from typing import Any, TypeAlias
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -48,20 +47,20 @@ from tp_controller.tools.plots.drawing import (
     tidy,
 )
 
+# Causes that limit a task at one time.
+Causes: TypeAlias = tuple[str, ...]
 # Line styles: with the colours enough for 56 joints, as many as a humanoid with fingers has.
 STYLES = ('-', '--', ':', '-.', (0, (8, 3)), (0, (1, 4)), (0, (6, 2, 1, 2, 1, 2)), (0, (3, 4)))
 # Height of a legend entry, and of each further line of it [in].
 LEGEND_LINE, NEXT_LINE = 0.24, 0.17
 # Longest line of a cause [characters], and its largest number of lines.
 LEGEND_WIDTH, LEGEND_LINES = 34, 3
-# Sentence for causes that block a task together, and a joint limit among them.
-COMBINED = re.compile(r'blocked by (.+) together')
-JOINT_LIMIT = re.compile(r'the (.+ limit) of (.+)')
 
 
 def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str, Array]], *,
-                reasons: Mapping[str, Sequence[str]] | None = None, title: str = 'Task errors',
-                changes: Iterable[float] = (), log: bool = False) -> Path:
+                causes: Mapping[str, Sequence[Causes]] | None = None,
+                title: str = 'Task errors', changes: Iterable[float] = (),
+                log: bool = False) -> Path:
     """
     Plot errors over time, one axis for each unit, and below them the causes that limit tasks.
 
@@ -73,8 +72,8 @@ def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str,
         [s]
     errors : sequence of (str, str, ndarray (T,))
         Name, unit and values; NaN without an error. A name has the same colour on every axis.
-    reasons : {str: sequence of str (T,)}, optional
-        Causes that limit each task, separated by semicolons; empty if there are none.
+    causes : {str: sequence of tuple of str (T,)}, optional
+        Causes that limit each task at each time.
     title : str
         Title of the whole figure.
     changes : sequence of float
@@ -90,7 +89,7 @@ def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str,
     names = list(dict.fromkeys(name for name, _, _ in errors))
     units = list(dict.fromkeys(unit for _, unit, _ in errors))
     changes = list(changes)
-    limited = {name: texts for name, texts in (reasons or {}).items() if any(texts)}
+    limited = {name: sets for name, sets in (causes or {}).items() if any(sets)}
     legend = _legend_of(times, limited)
     further = sum(label.count('\n') for label in legend.values())
     heights = [1.9] * len(units) + [NEXT_LINE * further + LEGEND_LINE * max(
@@ -107,7 +106,7 @@ def plot_errors(path: str | Path, times: Array, errors: Sequence[tuple[str, str,
         _set_error_range(axis, [values for _, values in curves], log)
         _legend(axis)
     if limited:
-        _add_reasons(axes[-1], times, limited, legend)
+        _add_causes(axes[-1], times, limited, legend)
         _mark_changes(axes[-1], changes)
         _legend(axes[-1])
     _finish_time_axes(figure, axes, times)
@@ -291,45 +290,30 @@ def _add_coloured_path(scene: Scene, points: Array, values: Array) -> LineCollec
     return collection
 
 
-def _legend_of(times: Array, reasons: Mapping[str, Sequence[str]]) -> dict[str, str]:
+def _legend_of(times: Array, limited: Mapping[str, Sequence[Causes]]) -> dict[str, str]:
     """Return {cause: label} of the causes with the longest durations, one for each colour."""
     drawn = Counter[str]()
-    for texts in reasons.values():
-        for text, duration in zip(texts, np.diff(times, append=times[-1])):
-            causes = _causes(text)
+    for sets in limited.values():
+        for causes, duration in zip(sets, np.diff(times, append=times[-1])):
             for cause in causes:
                 drawn[cause] += duration / len(causes)
     return {cause: '\n'.join(wrap(cause, LEGEND_WIDTH, max_lines=LEGEND_LINES, placeholder=' …'))
             for cause, _ in drawn.most_common(len(COLOURS))}
 
 
-def _causes(reason: str) -> list[str]:
-    """Return the causes in a reason."""
-    causes: list[str] = []
-    for part in filter(None, reason.split('; ')):
-        several = COMBINED.fullmatch(part)
-        causes += map(_cause, re.split(', | and ', several[1])) if several else [part]
-    return causes
-
-
-def _cause(name: str) -> str:
-    """Return the sentence for one of several causes, as for a single cause."""
-    limit = JOINT_LIMIT.fullmatch(name)
-    return f'{limit[2]} at its {limit[1]}' if limit else f'blocked by {name}'
-
-
-def _add_reasons(axis: Axes, times: Array, reasons: Mapping[str, Sequence[str]],
-                 legend: Mapping[str, str]) -> None:
+def _add_causes(axis: Axes, times: Array, limited: Mapping[str, Sequence[Causes]],
+                legend: Mapping[str, str]) -> None:
     """Draw the causes that limit each task (T,) as bands: a row per task, a colour per cause."""
     lasts = np.diff(times, append=times[-1])
     colours, others = dict(zip(legend, COLOURS)), False
-    for row, texts in enumerate(reasons.values()):
-        for text in filter(None, dict.fromkeys(texts)):
-            where = np.flatnonzero(np.array(texts, dtype=object) == text)
-            causes = _causes(text)
+    for row, sets in enumerate(limited.values()):
+        samples: dict[Causes, list[int]] = {}
+        for sample, found in enumerate(sets):
+            samples.setdefault(found, []).append(sample)
+        for found, where in samples.items():
             # Simultaneous causes of a task share its row, always in the same order.
-            causes.sort(key=lambda cause: list(legend).index(cause) if cause in legend
-                        else len(legend))
+            causes = sorted(found, key=lambda cause: list(legend).index(cause) if cause in legend
+                            else len(legend))
             for index, cause in enumerate(causes):
                 others = others or cause not in legend
                 axis.broken_barh(
@@ -340,8 +324,8 @@ def _add_reasons(axis: Axes, times: Array, reasons: Mapping[str, Sequence[str]],
         axis.plot([], [], color=colours[cause], linewidth=6.0, label=label)
     if others:
         axis.plot([], [], color=FAINT, linewidth=6.0, label='other')
-    axis.set_yticks(range(len(reasons)), list(reasons))
-    axis.set_ylim(len(reasons) - 0.4, -0.6)
+    axis.set_yticks(range(len(limited)), list(limited))
+    axis.set_ylim(len(limited) - 0.4, -0.6)
     axis.set_ylabel('limited')
 
 

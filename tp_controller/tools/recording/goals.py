@@ -14,14 +14,15 @@
 
 """Outcomes of the goals of tasks: accepted, refused, reached, replaced."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
 from typing import Any
 
 import numpy as np
 from tp_controller.model.spatial import rotation_from_quaternion
-from tp_controller.untrusted import count, plain
+from tp_controller.ros.client.status import TaskStatus
+from tp_controller.untrusted import plain
 
 # Goals at shorter intervals belong to one stream [s].
 STREAM_INTERVAL = 0.2
@@ -104,9 +105,9 @@ class Goals:
         self._add(Goal(time, time, task, plain(TEXTS[kind](message)), plain(_frame(message)),
                        point=_point(message)))
 
-    def add_status(self, time: float, task: str, values: Mapping[str, str]) -> None:
+    def add_status(self, time: float, status: TaskStatus) -> None:
         """Update the outcomes from the status of a task."""
-        counts = count(values.get('goals accepted', '')), count(values.get('goals refused', ''))
+        task, counts = status.name, status.answers
         before = self._counts.get(task)
         self._counts[task] = counts
         waiting = self._open.get(task, [])
@@ -119,14 +120,13 @@ class Goals:
             self._add(Goal(time, time, task, '(the message was not recorded)'))
             waiting = self._open[task]
         if accepted + refused:
-            reason = values.get('last refusal', '')
-            answer = 'accepted' if not refused else f'refused: {reason}' if not accepted else \
-                f'{refused} of {accepted + refused} refused: {reason}'
+            answer = 'accepted' if not refused else f'refused: {status.refusal}' \
+                if not accepted else f'{refused} of {accepted + refused} refused: {status.refusal}'
             for goal in waiting:
                 goal.answer = answer
             self._open[task] = []
         latest = self._latest.get(task)
-        if values.get('status') == 'reached' and latest is not None and latest.accepted \
+        if status.status == 'reached' and latest is not None and latest.accepted \
                 and not self._open.get(task):
             latest.reached = min(latest.reached, time)
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from tp_controller.errors import TpControllerError, unknown
 from tp_controller.resources import MOST_XML_CHARACTERS
+from tp_controller.ros.client.status import LONGEST_KEY, received
 from tp_controller.tools.recording.goals import Goals
 from tp_controller.tools.recording.mcap import Raw
 from tp_controller.tools.recording.motion import Moment, Motion
@@ -30,7 +31,7 @@ from tp_controller.tools.recording.series import Series
 from tp_controller.tools.recording.stops import Stops
 from tp_controller.tools.recording.task_curves import TaskCurves
 from tp_controller.tools.recording.task_history import TaskHistory
-from tp_controller.untrusted import number, plain
+from tp_controller.untrusted import plain
 
 STATUS = 'diagnostic_msgs/msg/DiagnosticArray'
 JOINTS = 'sensor_msgs/msg/JointState'
@@ -49,8 +50,8 @@ VALUE_FIELDS = ('', 'bool_value', 'integer_value', 'double_value', 'string_value
                 'double_array_value', 'string_array_value')
 # Longest interval between two statuses that counts [s]; the state in longer gaps is unknown.
 MOST_STATUS_SECONDS = 1.0
-# Bounds of the memory for any recording: largest number of tasks; longest name [characters].
-MOST_TASKS, LONGEST_NAME = 100, 256
+# Bound of the memory for any recording: largest number of tasks.
+MOST_TASKS = 100
 # Largest numbers of topics of one kind, and of values of all commands.
 MOST_TOPICS, MOST_COMMANDS = 30, 1000
 # Largest number of parameters, and length of all [characters].
@@ -163,24 +164,24 @@ class History:
 
     def _take_status(self, time: float, topic: str, message: Any) -> None:
         """Process the status of the controller and its tasks."""
-        if topic == DIAGNOSTICS or not message.status or message.status[0].name != self.node:
+        if topic == DIAGNOSTICS or not self.node:
+            return
+        status = received(message)
+        if status.name != self.node:
             return
         lasted = time - self._status_time
         lasted = lasted if 0.0 < lasted < MOST_STATUS_SECONDS else 0.0
         self._status_time = time
-        self.stops.add_status(time, message.status[0].message)
-        samples: dict[str, tuple[dict[str, float], str]] = {}
-        for status in message.status[1:MOST_TASKS + 1]:
-            name = plain(status.name, LONGEST_NAME).partition(': ')[2]
+        self.stops.add_status(time, status.head)
+        samples = {}
+        for name, task in status.tasks.items():
             if name not in self.tasks and len(self.tasks) >= MOST_TASKS:
                 continue
-            values = {plain(value.key, LONGEST_NAME): plain(value.value)
-                      for value in status.values}
-            self.goals.add_status(time, name, values)
-            task = self.tasks.setdefault(name, TaskHistory(name))
-            task.update(values, lasted)
-            errors = {unit: number(values.get(f'error [{unit}]', '')) for unit in task.errors}
-            samples[name] = errors, values.get('reason', '')
+            self.goals.add_status(time, task)
+            history = self.tasks.setdefault(name, TaskHistory(name))
+            history.update(task, lasted)
+            samples[name] = ({unit: task.errors.get(unit, math.nan) for unit in history.errors},
+                             task.causes)
         self.curves.add(time, samples)
 
     def _take_joints(self, time: float, topic: str, message: Any) -> None:
@@ -220,7 +221,7 @@ class History:
         if message.node.strip('/') == self.node:
             for parameter in (*message.new_parameters, *message.changed_parameters):
                 value = parameter.value
-                self._set_parameter(plain(parameter.name, LONGEST_NAME), getattr(
+                self._set_parameter(plain(parameter.name, LONGEST_KEY), getattr(
                     value, VALUE_FIELDS[value.type]) if value.type else None)
 
     def _set_parameter(self, name: str, value: Any) -> None:
@@ -267,12 +268,10 @@ def _find_node(bag: Bag, node: str) -> str:
 def _controller_in(bag: Bag, raw: Raw) -> str:
     """Return the name of the controller that published a status; '' for other nodes."""
     try:
-        statuses = bag.decode(raw).status
+        status = received(bag.decode(raw))
     except Unreadable:
         return ''
-    name = statuses[0].name if statuses else ''
-    keys = {value.key for value in statuses[0].values} if statuses else set()
-    return name if {'scale', 'limiting'} <= keys else ''
+    return status.name if status.from_controller else ''
 
 
 def _length(value: Any) -> int:

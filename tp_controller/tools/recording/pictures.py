@@ -76,9 +76,9 @@ def draw(history: History, robot: Robot | None, folder: Path,
 def _draw_errors(history: History, folder: Path,
                  changes: list[float]) -> Iterator[tuple[str, Path]]:
     """Draw the errors of the tasks."""
-    times, errors, reasons = history.curves.plotted()
+    times, errors, causes = history.curves.plotted()
     if errors:
-        yield 'Task errors', plot_errors(folder / 'errors.png', times, errors, reasons=reasons,
+        yield 'Task errors', plot_errors(folder / 'errors.png', times, errors, causes=causes,
                                          changes=changes, log=True)
 
 

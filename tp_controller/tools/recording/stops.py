@@ -17,7 +17,7 @@
 from dataclasses import dataclass
 import re
 
-from tp_controller.untrusted import plain
+from tp_controller.ros.client.status import RUNNING
 
 # Largest number of listed stops; more are counted.
 MOST_STOPS = 500
@@ -54,13 +54,13 @@ class Stops:
 
     def add_status(self, time: float, head: str) -> None:
         """Process the reason of zero commands, or the end of a stop."""
-        stop, head = self._current, plain(head)
+        stop = self._current
         if stop is not None:
             stop.end = time
             if _constant_part(head) == _constant_part(stop.reason):
                 return
         self._current = None
-        if head != 'running':
+        if head != RUNNING:
             self._current = Stop(time, time, head)
             if len(self.stops) < MOST_STOPS:
                 self.stops.append(self._current)

@@ -14,19 +14,15 @@
 
 """History of a task: its last status, errors, causes and durations."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 import math
-import re
 
-from tp_controller.untrusted import errors_of, number
+from tp_controller.ros.client.status import TaskStatus
 
 # Status of all tasks while the robot is stopped.
 STOPPED = 'stopped'
 # Bounds of the memory for any recording: largest numbers of errors and of causes of a task.
 MOST_ERRORS, MOST_CAUSES = 4, 100
-# Numbers in a reason, which change continuously.
-NUMBER = re.compile(r' by [-+.\de]+ (m|rad)\b')
 
 
 @dataclass
@@ -64,32 +60,23 @@ class TaskHistory:
     reached: float = 0.0
     known: float = 0.0
 
-    def update(self, values: Mapping[str, str], lasted: float) -> None:
-        """Update by the values of a status, the previous one having lasted a time [s]."""
+    def update(self, status: TaskStatus, lasted: float) -> None:
+        """Update by a status, the previous one having lasted a time [s]."""
         # The previous status applies to the time since then.
         self.known += lasted
         if self.status in ('reached', 'satisfied') and not self.stopped:
             self.reached += lasted
-        self.kind, self.level = values.get('type', ''), values.get('level', '')
-        status = values.get('status', '')
-        self.stopped = status == STOPPED
+        self.kind, self.level = status.kind, status.level
+        self.stopped = status.status == STOPPED
         # A stop, as at the end of most recordings, must not hide the outcome.
-        self.status = self.status or status if self.stopped else status
-        for unit, error in errors_of(values).items():
+        self.status = self.status or status.status if self.stopped else status.status
+        for unit, error in status.errors.items():
             if math.isnan(error) and unit in self.errors:
                 continue
             if unit in self.errors or len(self.errors) < MOST_ERRORS:
-                self.errors[unit] = error, number(values.get(f'tolerance [{unit}]', ''))
+                self.errors[unit] = error, status.tolerances.get(unit, math.nan)
                 if error > self.largest.get(unit, -math.inf):
                     self.largest[unit] = error
-        for cause in filter(None, values.get('reason', '').split('; ')):
-            brief = brief_cause(cause)
-            if brief in self.causes or len(self.causes) < MOST_CAUSES:
-                self.causes[brief] = self.causes.get(brief, 0.0) + lasted
-
-
-def brief_cause(cause: str) -> str:
-    """Return a cause without numbers, with a list of combined causes reduced to its first."""
-    cause = NUMBER.sub('', cause)
-    first, comma, _ = cause.partition(', ')
-    return f'{first} and others together' if comma and cause.endswith(' together') else cause
+        for cause in status.causes:
+            if cause in self.causes or len(self.causes) < MOST_CAUSES:
+                self.causes[cause] = self.causes.get(cause, 0.0) + lasted

@@ -10,6 +10,7 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
+# limitations under the License.
 
 """Connection of the page to a running controller: topics, parameters and services."""
 
@@ -18,7 +19,6 @@ import math
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 import numpy as np
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -39,6 +39,7 @@ from tp_controller.ros.bounded_subscription import LARGEST_MESSAGE, subscribe
 from tp_controller.ros.client.client import Client
 from tp_controller.ros.client.configuration import ConfigurationBuffer
 from tp_controller.ros.client.goal_fields import type_name
+from tp_controller.ros.client.status import ControllerStatus
 from tp_controller.ros.parameters import LIMITS, names_in, ROBOT, TASKS
 from tp_controller.tools.view.markers import drawable
 from tp_controller.tools.view.status import Row, rows_of, RUNNING
@@ -102,7 +103,7 @@ class Link:
         self.velocity: Array = np.empty(0)
         self.markers: list[Marker] = []
         self.values: dict[str, Any] = {}
-        self._status: DiagnosticArray | None = None
+        self._status: ControllerStatus | None = None
         self._status_time = self._request_time = -math.inf
         self._description = ''
         self._robot_source: object = None

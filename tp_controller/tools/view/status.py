@@ -10,19 +10,19 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
+# limitations under the License.
 
 """Status of a controller as shown on the page: a row for each task, and its condition."""
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
 from textwrap import shorten
 import time
 from typing import NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray
-from tp_controller.untrusted import count, errors_of, number
+from tp_controller.ros.client.status import ControllerStatus, TaskStatus
 
 # Displayed units, with their conversion factors.
 SHOWN = {'m': ('mm', 1e3), 'rad': ('°', math.degrees(1.0)), 'm/s': ('mm/s', 1e3),
@@ -94,28 +94,18 @@ class Row:
         return ', '.join(quantity(unit, value) for unit, value in self.errors)
 
 
-def rows_of(message: DiagnosticArray) -> list[Row]:
+def rows_of(status: ControllerStatus) -> list[Row]:
     """Return a row for each task of a status, in order of priority."""
-    return [_row(status.name.partition(': ')[2],
-                 {value.key: value.value for value in status.values})
-            for status in message.status[1:]]
+    return [_row(task) for task in status.tasks.values()]
 
 
-def _row(name: str, values: Mapping[str, str]) -> Row:
+def _row(task: TaskStatus) -> Row:
     """Return the row of a task."""
-    errors = tuple(errors_of(values).items())
-    wanted, achieved = (number(values.get(key, '')) for key in ('wanted speed', 'achieved speed'))
-    share = min(max(achieved / wanted, 0.0), 1.0) if wanted > REST_SPEED else math.nan
-    return Row(name, values.get('type', ''), values.get('level', ''), values.get('status', ''),
-               errors, share, values.get('reason', ''), values.get('hint', ''),
-               count(values.get('goals accepted', '')), count(values.get('goals refused', '')),
-               values.get('last refusal', ''), '; '.join(_warnings(values)))
-
-
-def _warnings(values: Mapping[str, str]) -> list[str]:
-    """Return the warnings about a task that its reason does not contain."""
-    found = (values.get('goal warning', ''), values.get('gain warning', ''))
-    return [warning for warning in found if warning and warning not in values.get('reason', '')]
+    wanted = task.wanted_speed
+    share = min(max(task.achieved_speed / wanted, 0.0), 1.0) if wanted > REST_SPEED else math.nan
+    return Row(task.name, task.kind, task.level, task.status, tuple(task.errors.items()), share,
+               task.reason, task.hint, task.accepted, task.refused, task.refusal,
+               '; '.join(task.warnings))
 
 
 def quantity(unit: str, value: float) -> str:

@@ -40,13 +40,17 @@ from tp_controller.tools.cli import goal
 from tp_controller.tools.cli import status
 from tp_controller.ros.client import client
 from tp_controller.ros.client import status_monitor as watch
+from tp_controller.ros.client.status import TaskStatus
 
 class Client:
     def wait(self, done, seconds):
         return done()
 
     def task_status(self, task):
-        return {'status': 'moving', 'error [m]': '0.25', 'reason': 'far', 'hint': 'wait'}
+        return TaskStatus(task, status='moving', errors={'m': 0.25}, reason='far', hint='wait')
+
+    def task_names(self):
+        return ['tool']
 
     def stop_reason(self):
         return ''

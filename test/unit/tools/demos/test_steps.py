@@ -17,6 +17,7 @@
 import numpy as np
 import pytest
 from tp_controller.errors import TpControllerError
+from tp_controller.ros.client.status import TaskStatus
 from tp_controller.tools.demos import steps as module
 from tp_controller.tools.demos.steps import error_text, GOAL_SECONDS, IDLE_SECONDS, Steps
 
@@ -61,9 +62,9 @@ class Played:
 
     def task_status(self, task):
         stopped = self.stop_reason()
-        return {'error [m]': 'nan' if stopped else '0.001', 'reason': '',
-                'status': 'reached' if self.computed() > self._reached and not stopped
-                else 'moving'}
+        return TaskStatus(
+            task, errors={'m': np.nan if stopped else 0.001},
+            status='reached' if self.computed() > self._reached and not stopped else 'moving')
 
     def stop_reason(self):
         start, end = self._stopped
@@ -128,5 +129,5 @@ def test_velocities_are_repeated_as_long_as_they_are_to_last(monkeypatch):
 
 
 def test_errors_that_are_unknown_are_left_out():
-    assert error_text({'error [m]': 'nan', 'error [rad]': 'nan'}) == ''
-    assert error_text({'error [m]': '0.0123', 'error [1]': '4'}).strip() == '12.30 mm'
+    assert error_text(TaskStatus('tool', errors={'m': np.nan, 'rad': np.nan})) == ''
+    assert error_text(TaskStatus('tool', errors={'m': 0.0123, '1': 4.0})).strip() == '12.30 mm'

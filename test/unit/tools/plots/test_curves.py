@@ -69,12 +69,12 @@ def test_errors_are_drawn_in_the_colour_of_their_task(tmp_path, log):
 
 
 def test_what_limits_a_task_is_a_band_as_long_as_it_lasts(tmp_path):
-    def drawn(**reasons):
+    def drawn(**causes):
         return pixels(plots.plot_errors(
             tmp_path / 'errors.png', TIMES, [('tool', 'm', np.zeros(len(TIMES)))],
-            reasons=reasons))
+            causes=causes))
 
-    none, half, whole = ([('joint 4 at its limit' if time < share * TIMES[-1] else '')
+    none, half, whole = ([('joint 4 at its limit',) if time < share * TIMES[-1] else ()
                           for time in TIMES] for share in (0.0, 0.5, 1.0))
     picture = drawn(tool=half, elbow=none)
     # The line of the error and the legend are as they are without a band.
@@ -86,27 +86,20 @@ def test_what_limits_a_task_is_a_band_as_long_as_it_lasts(tmp_path):
     assert len(picture) == len(drawn(tool=half)) > len(drawn(tool=none))
 
 
-@pytest.mark.parametrize('text, colours', [
-    ('blocked by tool', 1), ('blocked by tool; slowed by damping', 2),
-    ('blocked by tool, the velocity limit of joint 4 and elbow together', 3)])
-def test_causes_at_once_share_the_row_of_their_task(tmp_path, text, colours):
-    def drawn(reason):
+@pytest.mark.parametrize('colours', [1, 2, 3])
+def test_causes_at_once_share_the_row_of_their_task(tmp_path, colours):
+    def drawn(causes):
         picture = pixels(plots.plot_errors(
             tmp_path / 'errors.png', TIMES, [('tool', 'm', np.zeros(len(TIMES)))],
-            reasons={'elbow': [reason] * len(TIMES)}))
+            causes={'elbow': [causes] * len(TIMES)}))
         # The last colour is that of text, too.
         return np.array([count(picture, colour) for colour in drawing.COLOURS[:-1]])
 
-    bands = drawn(text)
+    bands = drawn(('blocked by tool', 'slowed by damping', 'joint 4 at its limit')[:colours])
     # The line of the error has the first colour.
-    bands[0] -= drawn('')[0]
+    bands[0] -= drawn(())[0]
     assert (bands[:colours] > 1000).all() and not (bands[colours:] > 200).any()
     assert bands[:colours].max() < 1.2 * bands[:colours].min()
-
-
-def test_a_limit_among_several_causes_has_the_colour_that_it_has_alone():
-    assert plots._causes('blocked by tool, the velocity limit of joint 4 and elbow together') == [
-        'blocked by tool', 'joint 4 at its velocity limit', 'blocked by elbow']
 
 
 @pytest.fixture
@@ -141,10 +134,11 @@ def legend_of(axis):
 
 def test_a_cause_has_one_colour_in_all_rows_and_in_the_legend(figures, tmp_path):
     one, two, three = drawing.COLOURS[:3]
-    reasons = {'tool': ['a', 'a', '', ''], 'elbow': ['b; a', 'a; b', 'b', 'b'],
-               'rest': ['', 'c', '', ''], 'free': [''] * 4}
+    causes = {'tool': [('a',), ('a',), (), ()],
+              'elbow': [('b', 'a'), ('a', 'b'), ('b',), ('b',)],
+              'rest': [(), ('c',), (), ()], 'free': [()] * 4}
     plots.plot_errors(tmp_path / 'errors.png', [0.0, 1.0, 2.0, 5.0], [('tool', 'm', np.ones(4))],
-                      reasons=reasons, changes=[1.0, 4.0])
+                      causes=causes, changes=[1.0, 4.0])
     axis = figures[0].axes[-1]
     # b is seen longer than a, and is above it wherever both are.
     assert bands(axis) - {(one, 1, -0.4, 5.0, 5.0)} == {
@@ -164,9 +158,9 @@ def test_causes_that_are_seen_longest_have_a_colour_and_the_rest_shares_one(figu
     names = ['often'] * 20 + [f'cause {number}' for number in range(8)]
     times = np.concatenate((np.linspace(0.8, 0.9, 20), 1.0 + np.arange(9.0)))
     for known in (8, 7):
-        texts = names[20 - 20 * (known == 8):20 + known] + ['']
-        plots.plot_errors(tmp_path / 'errors.png', times[-len(texts):],
-                          [('tool', 'm', np.ones(len(texts)))], reasons={'tool': texts})
+        sets = [(name,) for name in names[20 - 20 * (known == 8):20 + known]] + [()]
+        plots.plot_errors(tmp_path / 'errors.png', times[-len(sets):],
+                          [('tool', 'm', np.ones(len(sets)))], causes={'tool': sets})
     many, few = (legend_of(figure.axes[-1]) for figure in figures)
     assert len(many) == 8 and many.pop('other') == drawing.FAINT.upper()
     assert set(many) < {f'cause {number}' for number in range(8)}
@@ -186,7 +180,7 @@ def test_a_name_has_one_colour_on_the_axes_of_all_units(figures, tmp_path):
 
 def test_time_axis_ends_where_the_recording_does(figures, tmp_path):
     plots.plot_errors(tmp_path / 'errors.png', [2.0, 3.0], [('tool', 'm', np.ones(2))],
-                      reasons={'tool': ['a', 'a']}, changes=[2.5, 9.0])
+                      causes={'tool': [('a',), ('a',)]}, changes=[2.5, 9.0])
     for axis in figures[0].axes:
         assert axis.get_xlim() == (2.0, 3.0)
 
@@ -211,8 +205,8 @@ def test_velocity_limits_are_marked_on_both_sides(figures, tmp_path):
 
 def test_figure_is_as_high_as_the_legend_of_long_causes_needs(tmp_path):
     def drawn(name):
-        texts = [f'{name} {int(time)}' for time in TIMES]
-        path = plots.plot_errors(tmp_path / 'errors.png', TIMES, ERRORS, reasons={'tool': texts})
+        sets = [(f'{name} {int(time)}',) for time in TIMES]
+        path = plots.plot_errors(tmp_path / 'errors.png', TIMES, ERRORS, causes={'tool': sets})
         assert_shows_something(path)
         return pixels(path)
 
@@ -224,10 +218,10 @@ def test_figure_is_as_high_as_the_legend_of_long_causes_needs(tmp_path):
         assert len(picture) - axis[-1] < 70
 
 
-def test_more_reasons_than_colours_share_one(tmp_path):
-    texts = [f'reason {int(time)}' for time in TIMES]
+def test_more_causes_than_colours_share_one(tmp_path):
+    sets = [(f'cause {int(time)}',) for time in TIMES]
     picture = pixels(plots.plot_errors(tmp_path / 'errors.png', TIMES, ERRORS,
-                                       reasons={'tool': texts}))
+                                       causes={'tool': sets}))
     assert all(count(picture, colour) > 100 for colour in (*drawing.COLOURS, drawing.FAINT))
 
 

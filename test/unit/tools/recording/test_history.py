@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 import recordings
 from tp_controller import TpControllerError
+from tp_controller.ros.client.status import TaskStatus
 from tp_controller.tools.recording.goals import Goal, Goals, outcome
 from tp_controller.tools.recording.history import History, nearest
 from tp_controller.tools.recording.motion import MOST_FRAMES
@@ -77,13 +78,13 @@ def test_durations_are_those_between_messages(run):
 
 def test_lines_of_errors_are_interrupted_where_the_controller_was_stopped():
     curves = TaskCurves()
-    curves.add(0.0, {'tool': ({'m': 0.5, 'rad': 0.0}, 'b by 0.2 m; a, c together')})
+    curves.add(0.0, {'tool': ({'m': 0.5, 'rad': 0.0}, ('b', 'a'))})
     curves.add(1.0, {})
-    curves.add(2.0, {'tool': ({'m': 0.25}, '')})
-    times, ((name, unit, errors),), reasons = curves.plotted()
+    curves.add(2.0, {'tool': ({'m': 0.25}, ())})
+    times, ((name, unit, errors),), causes = curves.plotted()
     assert (name, unit, list(times)) == ('tool', 'm', [0.0, 1.0, 2.0])
     np.testing.assert_array_equal(errors, [0.5, np.nan, 0.25])
-    assert reasons == {'tool': ['a, c together; b', '', '']}
+    assert causes == {'tool': [('a', 'b'), (), ()]}
 
 
 def test_goals_are_told_with_what_became_of_them(run):
@@ -185,8 +186,8 @@ def test_a_long_recording_has_no_more_moments_than_a_short_one(tmp_path):
 
 def answer(goals, time, accepted=0, refused=0, state='moving', refusal=''):
     """Tell what the status of the task says."""
-    goals.add_status(time, 'tool', {'goals accepted': str(accepted), 'status': state,
-                                    'goals refused': str(refused), 'last refusal': refusal})
+    goals.add_status(time, TaskStatus('tool', status=state, accepted=accepted, refused=refused,
+                                      refusal=refusal))
 
 
 def came(goals, time):

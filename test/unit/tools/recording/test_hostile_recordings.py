@@ -322,7 +322,7 @@ def test_what_is_kept_of_a_recording_is_bounded(tmp_path, monkeypatch):
     assert len(found.descriptions) <= history.MOST_TOPICS
     assert sum(map(len, found.parameters.values())) <= history.LONGEST_PARAMETERS
     assert all(len(goal.text) < 2100 for goal in found.goals.goals)
-    assert all(len(text) < 2100 for text in found.curves.texts)
+    assert all(len('; '.join(causes)) < 2100 for causes in found.curves.sets)
     assert memory < LITTLE
 
 
