@@ -15,6 +15,7 @@
 """The nodes as processes: how they start, how they end, and what happens when one is gone."""
 
 from pathlib import Path
+import shutil
 import signal
 import subprocess
 import sys
@@ -207,6 +208,32 @@ def test_a_node_that_outlives_its_owner_keeps_its_domain(environment, tmp_path):
     finally:
         node.process.kill()
         node.process.wait()
+
+
+OWNER = """
+import os, sys
+from tp_controller.tools.demos.processes import NodeProcess
+node = NodeProcess('simulator_node', ['-p', 'robot:=' + sys.argv[1]], os.environ, sys.argv[2])
+print(node.process.pid, flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.skipif(shutil.which('setpriv') is None, reason='needs setpriv (util-linux)')
+def test_nodes_end_with_their_owner_even_if_it_is_killed(domain, tmp_path):
+    log = tmp_path / 'simulator.log'
+    with subprocess.Popen([sys.executable, '-c', OWNER, str(PLANAR_DH), str(log)], env=domain,
+                          stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as owner:
+        node = Path('/proc', owner.stdout.readline().strip(), 'stat')
+        end = time.monotonic() + DEADLINE
+        while 'simulating' not in log.read_text():
+            assert owner.poll() is None and time.monotonic() < end, log.read_text()
+            time.sleep(0.02)
+        owner.kill()
+    # What has ended may wait for its new parent to notice.
+    while node.exists() and node.read_text().rpartition(')')[2].split()[0] != 'Z':
+        assert time.monotonic() < end, log.read_text()
+        time.sleep(0.02)
 
 
 def test_two_domains_of_their_own_are_never_the_same(domain):

@@ -19,6 +19,7 @@ from contextlib import contextmanager, ExitStack
 import fcntl
 import os
 from pathlib import Path
+import shutil
 import signal
 import subprocess
 import sys
@@ -139,7 +140,8 @@ class NodeProcess:
         lock = _LOCKS.get(environment.get('ROS_DOMAIN_ID', ''))
         with new_file(self.log) as output:
             self.process = subprocess.Popen(
-                [sys.executable, '-m', f'tp_controller.{NODES[executable]}.{executable}',
+                [*_end_with_this_process(), sys.executable, '-m',
+                 f'tp_controller.{NODES[executable]}.{executable}',
                  '--ros-args',
                  *arguments], env=environment, stdin=subprocess.DEVNULL, stdout=output,
                 stderr=subprocess.STDOUT, pass_fds=() if lock is None else (lock,))
@@ -177,6 +179,12 @@ class NodeProcess:
         except subprocess.TimeoutExpired:
             self.process.kill()
             return self.process.wait()
+
+
+def _end_with_this_process() -> list[str]:
+    """Return a prefix of a command that is sent SIGTERM when this process ends in any way."""
+    program = shutil.which('setpriv')
+    return [program, '--pdeathsig', 'TERM', '--'] if program else []
 
 
 def start_nodes(stack: ExitStack, parameters: Path, environment: Mapping[str, str],
