@@ -44,7 +44,7 @@ ifneq ($(file < $(STAMP)),$(MADE_FOR))
 .PHONY: $(STAMP)
 endif
 
-.PHONY: help demo test bench docs lint clean
+.PHONY: help demo test quick bench docs lint clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -59,6 +59,9 @@ test: $(STAMP) $(TEST_NEEDS)  ## run all tests (PYTEST_FLAGS='-k solver' for som
 	    $(PYTEST) $(FOUR) $(WITHOUT_NODES) && \
 	    $(PYTEST) $(IN_BROWSER) && \
 	    $(PYTEST) $(TWO) $(addprefix --ignore=,$(WITHOUT_NODES) $(IN_BROWSER)))
+
+quick: $(STAMP) $(TEST_NEEDS)  ## run the unit tests that are not slow
+	@$(PYTEST) $(FOUR) -m 'not slow' test/unit
 
 bench: $(STAMP) $(TEST_NEEDS)  ## measure times on this machine (benchmarks/)
 	@set -e; for file in benchmarks/[a-z]*.py; do $(BIN)/python "$$file"; done
