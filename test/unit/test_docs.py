@@ -217,10 +217,12 @@ def test_every_table_is_shown(generate):
     '{text} is not of the form NAME=VALUE',
     'blocked by the bounds of {}',
     'choose a goal that the bounds of {name} allow'])
+@pytest.mark.slow
 def test_list_of_messages_has_messages_of_every_kind(message, generate):
     assert f'- `{message}`\n' in generate.messages()
 
 
+@pytest.mark.slow
 def test_pages_of_the_site_only_have_all_messages_and_the_help_of_all_commands(generate, tmp_path):
     generate.write_site_pages(tmp_path / 'pages')
     texts = {path.stem: path.read_text(encoding='utf-8')
@@ -235,6 +237,7 @@ def test_pages_of_the_site_only_have_all_messages_and_the_help_of_all_commands(g
         assert f'\n## {name}.launch.py\n\n{arguments}' in texts['command_line']
 
 
+@pytest.mark.slow
 def test_pages_of_the_site_are_written_only_if_they_have_changed(generate, tmp_path):
     generate.write_site_pages(tmp_path)
     unchanged, changed = tmp_path / 'command_line.md', tmp_path / 'messages.md'
@@ -255,6 +258,7 @@ def test_pages_of_the_site_only_are_not_committed(generate):
     assert not {page for page in PAGES if GENERATED in page.parents}
 
 
+@pytest.mark.slow
 def test_list_of_messages_has_nothing_else(generate):
     # A docstring, the description of a key and of a parameter.
     for text in ('Collects what is wrong', 'gain K, one', 'cycles per second', '<robot name'):
@@ -305,6 +309,7 @@ def test_reference_has_every_public_name():
 
 @pytest.mark.parametrize('page', [page for page in PAGES if any(
     block.language == 'python' and not block.file for block, _ in blocks_of(page))], ids=identity)
+@pytest.mark.slow
 def test_python_blocks_run_and_print_what_is_shown(page, monkeypatch, own_task_types, tmp_path):
     files = {block.file: block.text for block, _ in blocks_of(page)
              if block.file and block.language == 'xml'}

@@ -57,6 +57,7 @@ def test_an_example_is_short_and_needs_no_ros(path):
     assert 'rclpy' not in text and '_msgs' not in text and 'tp_controller.ros' not in text
 
 
+@pytest.mark.slow
 def test_page_about_the_library_lists_them_all_and_shows_what_they_print():
     page = (ROOT / 'docs' / 'library.md').read_text(encoding='utf-8')
     listed = re.findall(r'\(\.\./examples/(\w+)\.py\)', page)

@@ -216,6 +216,7 @@ def test_public_names_come_from_where_type_checkers_look_for_them():
         assert getattr(tp_controller, name) is getattr(importlib.import_module(module), name)
 
 
+@pytest.mark.slow
 def test_the_package_loads_what_is_used_and_names_what_there_is():
     done = subprocess.run(
         [sys.executable, '-c', 'import sys, tp_controller; print(*dir(tp_controller)); '
@@ -249,6 +250,7 @@ def test_all_errors_share_one_base():
             assert issubclass(member, tp_controller.TpControllerError)
 
 
+@pytest.mark.slow
 def test_page_about_tests_names_tests_that_exist():
     page = (robots.REPOSITORY / 'docs' / 'testing.md').read_text(encoding='utf-8')
     named = set(re.findall(r'`(test_\w+)`', page))
@@ -258,6 +260,7 @@ def test_page_about_tests_names_tests_that_exist():
                      if isinstance(node, ast.FunctionDef)}
 
 
+@pytest.mark.slow
 def test_tests_here_need_no_ros():
     for path in sorted(Path(__file__).parent.rglob('*.py')):
         for module in imported(path):

@@ -70,6 +70,7 @@ def test_every_scene_is_about_its_task_type(pictures, kind):
     assert {name for _, name, _ in scene.goals} <= set(stack.tasks)
 
 
+@pytest.mark.slow
 def test_a_picture_drawn_again_is_the_same_and_its_bounds_are_kept(pictures, tmp_path):
     paths = [pictures.draw('keep_out', tmp_path / folder)[0] for folder in ('first', 'second')]
     assert paths[0] == tmp_path / 'first' / 'keep_out.png'

@@ -34,6 +34,7 @@ def sweep(monkeypatch):
 
 
 @pytest.mark.parametrize('case', ['Panda', 'Panda in a cell', 'UR5', 'Baxter', 'TIAGo on wheels'])
+@pytest.mark.slow
 def test_causes_are_what_brings_back_what_is_missing(sweep, case):
     findings = sweep.Findings()
     for number in range(4):

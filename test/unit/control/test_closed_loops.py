@@ -89,6 +89,7 @@ def jumps(monkeypatch):
     return importlib.import_module('jumps')
 
 
+@pytest.mark.slow
 def test_only_acceleration_limits_bound_the_change_of_a_command_in_a_cycle(jumps):
     # With these the command jumps, each for another kind of reason.
     runs = [('HyQ', 34), ('UR5', 15), ('Panda', 22), ('Panda', 89)]
@@ -159,6 +160,7 @@ def test_manipulability_that_no_posture_has_lets_the_tasks_below_come_to_rest(ca
     assert calm.reversals(np.array(commands[-100:]), 0.02) <= calm.CALM
 
 
+@pytest.mark.slow
 def test_random_stacks_have_all_types_of_tasks(monkeypatch):
     monkeypatch.syspath_prepend(robots.REPOSITORY / 'benchmarks')
     drawn = importlib.import_module('_random_stacks')
@@ -184,6 +186,7 @@ def test_robot_that_follows_late_comes_to_rest_too(calm, plant):
     ['weights.py', '--states', '2', '--goals', '1'],
     ['jumps.py', '--runs', '1'],
     ['causes.py', '--states', '1'], ['published.py', '--problems', '50']])
+@pytest.mark.slow
 def test_benchmark_runs_and_prints_a_table(command):
     name, *options = command
     done = subprocess.run([sys.executable, str(robots.REPOSITORY / 'benchmarks' / name), *options],

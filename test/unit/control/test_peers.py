@@ -67,12 +67,14 @@ class Slider:
         return None if found is None else np.array([found])
 
 
+@pytest.mark.slow
 def test_comparison_explains_its_options():
     done = subprocess.run([sys.executable, str(SCRIPT), '--help'], check=True, timeout=60,
                           capture_output=True, text=True)
     assert '--states' in done.stdout and '--python' in done.stdout
 
 
+@pytest.mark.slow
 def test_comparison_without_other_packages_shows_this_one_and_what_it_skipped(alone):
     done = subprocess.run(
         [sys.executable, str(SCRIPT), '--states', '2', '--seconds', '0.1', '--rounds', '1',

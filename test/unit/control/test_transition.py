@@ -225,6 +225,7 @@ def test_stack_in_its_own_place_changes_nothing(replacement):
     assert 'blended' not in replaced.command.report.tasks[-1].reason
 
 
+@pytest.mark.slow
 def test_stack_that_is_replaced_in_every_cycle_changes_nothing_either():
     still, run = (Run() for _ in range(2))
     still.until(CHANGE)
@@ -503,6 +504,7 @@ def reaching(change, rate, settings=None, gain=2.0, seconds=6.0):
 
 @pytest.mark.parametrize('rate', [5.0, 20.0, 50.0, 100.0])
 @pytest.mark.parametrize('change', [set_damping, set_weights, toggle, alternate])
+@pytest.mark.slow
 def test_changes_that_repeat_do_not_keep_the_robot_from_its_goal(change, rate):
     run = reaching(change, rate)
     missed = run.goal - run.robot.state(run.q).position('panda_hand_tcp')

@@ -121,6 +121,7 @@ def test_weights_decide_what_is_left_within_the_bounds(problem, seed):
 
 @settings(max_examples=40)
 @given(hierarchies(max_joints=40, max_levels=6))
+@pytest.mark.slow
 def test_large_hierarchies_are_solved_as_well(problem):
     n, hierarchy, lower, upper = problem
     assume(n > 12 and well_conditioned(n, hierarchy, 1e-3))

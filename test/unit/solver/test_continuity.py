@@ -75,6 +75,7 @@ def along_a_line(seed, n=6, rows=(2, 1), mode='least_squares'):
 @settings(max_examples=25)
 @given(SEEDS, st.sampled_from([(2,), (2, 1), (2, 1, 6), (3, 2)]),
        st.sampled_from(['least_squares', 'scale']), st.sampled_from([0.0, 30.0]))
+@pytest.mark.slow
 def test_velocity_never_jumps_while_bounds_become_active(seed, rows, mode, h):
     levels, box = along_a_line(seed, rows=rows, mode=mode)
     options = {**DEFAULTS, 'period': 0.01, 'memory': (h,) * len(rows)}
@@ -84,6 +85,7 @@ def test_velocity_never_jumps_while_bounds_become_active(seed, rows, mode, h):
 
 @settings(max_examples=15)
 @given(SEEDS)
+@pytest.mark.slow
 def test_velocity_never_jumps_with_a_speed_cap_or_with_rows(seed):
     levels, box = along_a_line(seed, rows=(2, 1, 6))
     rng = np.random.default_rng(seed)
@@ -97,6 +99,7 @@ def test_velocity_never_jumps_with_a_speed_cap_or_with_rows(seed):
 
 @settings(max_examples=15)
 @given(SEEDS)
+@pytest.mark.slow
 def test_velocity_never_jumps_where_bounds_exclude_zero(seed):
     levels, box = along_a_line(seed)
     middle = np.random.default_rng(seed).uniform(-0.5, 0.5, 6)

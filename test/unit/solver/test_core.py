@@ -49,6 +49,7 @@ def by_core(levels, lower, upper, options, period=0.0, cap=None, memory=()):
 
 
 @pytest.mark.parametrize('settings', OPTIONS)
+@pytest.mark.slow
 def test_core_gives_the_velocities_of_the_solver_in_python(settings):
     counted = Counter()
     for seed in range(PROBLEMS):
@@ -365,6 +366,7 @@ def strange_cycle(seed):
 
 
 @pytest.mark.parametrize('scaling', ['redistribute', 'uniform'])
+@pytest.mark.slow
 def test_core_survives_all_shapes_and_numbers(scaling):
     cores, answered = {}, 0
     for seed in range(4 * PROBLEMS):

@@ -322,6 +322,7 @@ def test_bend_is_forgotten_without_damping_where_it_is_less_than_the_regularisat
 
 
 @given(SEEDS)
+@pytest.mark.slow
 def test_where_demands_are_met_bends_come_to_nothing_and_the_answer_is_exact(seed):
     rng = np.random.default_rng(seed)
     levels = random_levels(rng, 6, [2, 2])

@@ -38,6 +38,7 @@ def solve_whole(cycle):
 
 
 @pytest.mark.parametrize('setting', SETTINGS)
+@pytest.mark.slow
 def test_hard_problem_has_an_answer_within_its_bounds_that_keeps_priorities(setting):
     for seed in range(PROBLEMS):
         found = audit(hard_cycle(seed, setting), solve_whole)

@@ -1154,6 +1154,7 @@ def test_obstacle_that_jumps_into_the_arm_makes_no_jump_of_the_command():
     assert flips(commands) < 10
 
 
+@pytest.mark.slow
 def test_random_goals_among_obstacles_never_lead_too_near():
     stack = f"""
 - clear:

@@ -39,6 +39,7 @@ def filled(arguments):
 @settings(max_examples=500)
 @given(seed=seeds, m=st.integers(0, 5), each=st.booleans(), short=st.booleans(),
        jumps=st.booleans(), turned=st.booleans(), ends=st.sampled_from(['both', 'lower', 'upper']))
+@pytest.mark.slow
 def test_bounds_are_those_of_the_reference(seed, m, each, short, jumps, turned, ends):
     rng = np.random.default_rng(seed)
     # Nearly out of reach are bounds that are a few times as far away as their rows are long.

@@ -601,6 +601,7 @@ def set_orientation(task, R):
 
 
 @given(SEEDS, st.sampled_from(['orientation', 'pose']))
+@pytest.mark.slow
 def test_orientation_converges_from_anywhere_to_anywhere_by_the_shorter_way(seed, name):
     start, goal = random_orientations(np.random.default_rng(seed), 2)
     task = orientation_task(name)

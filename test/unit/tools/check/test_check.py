@@ -278,6 +278,7 @@ def test_compatible_goals_are_reached():
     assert report.passes() and not report.of(WRONG)
 
 
+@pytest.mark.slow
 def test_goals_are_compatible_with_those_of_the_stack():
     # All goals come from the one configuration that the posture allows.
     lines = ['posture: {type: posture, gain: 5, '

@@ -155,6 +155,7 @@ def test_values_that_a_node_accepts_are_no_faults(file):
     assert given.period == 1.0 / 200.0 and not given.ignored
 
 
+@pytest.mark.slow
 def test_a_check_needs_no_ros():
     code = ('import sys; sys.modules["rclpy"] = None\n'
             'from tp_controller.tools.check import parameter_file\n'

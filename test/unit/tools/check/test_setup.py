@@ -71,6 +71,7 @@ def setup_of(robot, stack):
     return Setup(robot, stack, Settings(), 0.01, 1.0, start_configuration(robot))
 
 
+@pytest.mark.slow
 def test_two_processes_find_what_one_does():
     one, two = (check(*checked(), jobs=jobs, **OPTIONS) for jobs in (1, 2))
     assert without_times(one) == without_times(two)
@@ -80,6 +81,7 @@ def test_two_processes_find_what_one_does():
 
 @pytest.mark.filterwarnings('ignore::DeprecationWarning', 'ignore::ResourceWarning',
                             'ignore::pytest.PytestUnraisableExceptionWarning')
+@pytest.mark.slow
 def test_a_cluster_finds_what_one_process_does():
     distributed = pytest.importorskip('distributed')
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None
@@ -88,6 +90,7 @@ def test_a_cluster_finds_what_one_process_does():
     assert without_times(found) == without_times(check(*checked(), **OPTIONS))
 
 
+@pytest.mark.slow
 def test_a_process_builds_a_robot_once():
     with checker._workers(setup_of(*checked()), 2, None) as spread:
         found = list(spread(process_of, list(range(40))))
@@ -98,6 +101,7 @@ def test_a_process_builds_a_robot_once():
     assert all(len(each) == 1 for each in setups.values())
 
 
+@pytest.mark.slow
 def test_a_process_that_ends_is_noticed():
     with checker._workers(setup_of(*checked()), 2, None) as spread:
         with pytest.raises(BrokenProcessPool):

@@ -82,6 +82,7 @@ sys.exit(eval(sys.argv[1]))
     "main.main(['--version'])", "main.main(['demo', 'lab1', '--out', '/nowhere'])",
     "main.main(['check', '- tip: {type: posture}', '--robot', 'config/robots/planar_3r.yaml'])",
     'main.controller_node()', 'main.simulator_node()'])
+@pytest.mark.slow
 def test_core_that_is_wanted_and_missing_ends_a_command_in_one_line(call):
     if 'node' in call:
         pytest.importorskip('rclpy')

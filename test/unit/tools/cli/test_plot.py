@@ -88,6 +88,7 @@ def plot(tmp_path, capsys, monkeypatch):
     return plot
 
 
+@pytest.mark.slow
 def test_the_report_has_the_numbers_that_were_recorded(plot, tmp_path):
     code, out, _, page = plot(recordings.write(tmp_path / 'run', recordings.run()))
     assert code == 0
@@ -126,6 +127,7 @@ def test_names_that_look_like_html_are_shown_as_they_are(plot, tmp_path):
 @pytest.mark.parametrize('name', [
     r'$\frac{', '$x$', r'\$', '$$', 'a$', '\x1b]0;title\x07', '\u202eback', '_hidden', '%s{}',
     '\t', 'x' * 5000])
+@pytest.mark.slow
 def test_names_are_drawn_and_printed_as_they_are(plot, tmp_path, name):
     def named():
         for time, topic, message in recordings.run():
@@ -179,6 +181,7 @@ def test_what_a_link_leads_to_is_not_written(plot, tmp_path, name):
     assert (tmp_path / 'mine').read_text() == 'mine'
 
 
+@pytest.mark.slow
 def test_a_recording_that_was_cut_off_is_drawn_as_far_as_it_goes(plot, tmp_path):
     path = recordings.write(tmp_path / 'run', recordings.run(seconds=400.0))
     file = path / 'run.mcap'
@@ -216,6 +219,7 @@ def test_a_recording_of_something_else_is_refused(plot, tmp_path, messages, faul
     assert code == 1 and page is None and re.search(fault, err)
 
 
+@pytest.mark.slow
 def test_a_robot_that_cannot_be_read_leaves_the_rest(plot, tmp_path):
     rows = [row for row in recordings.run() if not row[1].endswith('robot_description')]
     rows.append((0.0, '/robot_description', recordings.text('<robot/>')))
@@ -234,6 +238,7 @@ def test_plots_go_to_a_folder_named_after_the_recording(tmp_path, capsys, monkey
     assert '--output' in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_no_ros_is_needed(tmp_path):
     path = recordings.write(tmp_path / 'run', recordings.run())
     program = ('import sys\n'

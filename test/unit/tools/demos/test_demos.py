@@ -206,6 +206,7 @@ def test_every_task_type_is_in_a_stack_that_a_demo_uses_or_has_a_picture():
 # Closed loops ---------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('name', [name for name in DEMOS if name != 'panda'])
+@pytest.mark.slow
 def test_goals_are_reached_within_the_limits(run, name):
     motion = run(name)
     for step, outcome in zip(DEMOS[name].steps, motion.outcomes):
@@ -260,6 +261,7 @@ def test_hands_keep_their_distance_while_they_carry(run):
         assert motion.errors(name, unit).max() < most, name
 
 
+@pytest.mark.slow
 def test_a_demo_needs_no_library_for_recordings():
     code = ('import sys\nsys.modules["rosbags"] = None\n'
             'from tp_controller.tools.demos import drill, lab, ros_demos\n'

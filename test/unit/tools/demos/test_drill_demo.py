@@ -29,6 +29,7 @@ def motion():
     return drill.record()
 
 
+@pytest.mark.slow
 def test_first_level_is_within_half_a_millimetre_and_half_a_degree_throughout(motion):
     settled = motion.times >= drill.SETTLED
     tips, axes = zip(*(drill.target(now) for now in motion.times))

@@ -84,6 +84,7 @@ def test_a_film_shows_its_progress_and_can_be_left_out(tmp_path, monkeypatch, bl
 
 
 @pytest.mark.parametrize('samples', [1, 2, 300])
+@pytest.mark.slow
 def test_a_film_lasts_as_long_as_its_motion_with_at_most_a_hundred_pictures(
         tmp_path, blank, samples):
     path = film.write_film(tmp_path / 'new' / 'arm.webp', motion_of(

@@ -173,6 +173,7 @@ def test_the_best_in_conflict_is_that_of_the_cosine_law():
 
 
 @pytest.mark.parametrize('name', ['lab1', 'lab2'])
+@pytest.mark.slow
 def test_both_experiments_come_out(outcomes, name):
     assert outcomes[name].passed, str(outcomes[name])
     assert 'WRONG' not in str(outcomes[name])
@@ -251,6 +252,7 @@ def test_the_documented_table_of_random_goals_is_the_one_printed(outcomes):
     assert found == len(printed) == 6
 
 
+@pytest.mark.slow
 def test_the_documented_comparison_of_forms_is_the_one_measured():
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
     printed = subprocess.run(

@@ -68,6 +68,7 @@ def test_errors_are_drawn_in_the_colour_of_their_task(tmp_path, log):
     assert count(picture, drawing.COLOURS[1]) > 300
 
 
+@pytest.mark.slow
 def test_what_limits_a_task_is_a_band_as_long_as_it_lasts(tmp_path):
     def drawn(**causes):
         return pixels(plots.plot_errors(
@@ -203,6 +204,7 @@ def test_velocity_limits_are_marked_on_both_sides(figures, tmp_path):
     assert marked == [2.0, -2.0] and list(legend_of(axis)).count('limit') == 1
 
 
+@pytest.mark.slow
 def test_figure_is_as_high_as_the_legend_of_long_causes_needs(tmp_path):
     def drawn(name):
         sets = [(f'{name} {int(time)}',) for time in TIMES]

@@ -262,6 +262,7 @@ def test_colours_come_from_the_description():
 
 
 @pytest.mark.parametrize('name', ['panda', 'ur5', 'xarm7', 'tiago', 'baxter', 'talos_arm'])
+@pytest.mark.slow
 def test_meshes_of_example_robots_are_all_found(name):
     pytest.importorskip('collada', reason='needs pip install pycollada')
     found = looks.visuals_of(robots.urdf_robot(name))
