@@ -64,9 +64,8 @@ class Robot:
 
     Attributes
     ----------
-    name : str
-    urdf : str
-        Description as URDF text.
+    name, base_frame, urdf : str
+        Name and root link of the description, and the description as URDF text.
     base : str
         ``fixed``, ``planar``, ``differential``, ``floating`` or ``underwater``.
     moves : bool
@@ -75,12 +74,10 @@ class Robot:
         Number of velocities and of coordinates.
     velocity_names, coordinate_names : tuple of str
         Names of their entries: the base, as ``base_x``, then the driven joints.
-    velocity_units : tuple of str
-        ``'rad'`` or ``'m'``, the unit of the integral of each velocity.
+    velocity_units, joint_units : tuple of str
+        ``'rad'`` or ``'m'``: the unit of the integral of each velocity; of each driven joint.
     joint_names, passive_names : tuple of str
         Driven joints, in their order in every array; passive ones.
-    joint_units : tuple of str
-        ``'rad'`` or ``'m'`` for each driven joint.
     joint_columns, joint_rows : slice
         Entries of the driven joints in an array (n,), and in an array (nq,).
     lower, upper : ndarray (n,)
@@ -102,8 +99,6 @@ class Robot:
         and Jacobian is expressed in it by default.
     kinematics : Kinematics
         Model of the robot in Pinocchio.
-    base_frame : str
-        Root link of the description.
     base_reach : tuple of int
         Rows of a twist in the root (linear, then angular) along which the pose of the base can
         be changed, if not at once.
