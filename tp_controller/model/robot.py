@@ -332,7 +332,7 @@ class Robot:
 
     @property
     def limits(self) -> dict[str, Array]:
-        """Return all limits, {limit: ndarray (n,)}."""
+        """Return the arrays (n,) of all limits by their keys."""
         return {key: getattr(self, key) for key in LIMIT_KEYS}
 
     def _set_limits(self, limits: LimitArrays) -> None:
