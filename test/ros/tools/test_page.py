@@ -80,7 +80,7 @@ def server():
 class Rig:
     """A simulated planar arm, its controller, and the page; a browser is looking."""
 
-    def __init__(self, harness, server, stack=STACK):
+    def __init__(self, harness, server, stack=STACK, **parameters):
         server.scene.reset()
         server.gui.reset()
         self.harness, self.looking = harness, True
@@ -88,7 +88,8 @@ class Rig:
         self.simulator = harness.simulator(initial_positions=START, rate=50.0,
                                            command_timeout=5.0)
         self.controller = harness.controller(
-            stack=stack, limits__joint1__velocity=0.5, state_timeout=5.0, check_stamps=False)
+            stack=stack, limits__joint1__velocity=0.5, state_timeout=5.0, check_stamps=False,
+            **parameters)
         self._due = 0.0
         self.client = Client(context=harness.context)
         self.link = Link(self.client)
@@ -257,6 +258,20 @@ def test_slider_of_a_joint_is_a_goal_of_the_chosen_task(rig):
     # The others show where the joints are.
     rig.spin_until(lambda: abs(rig.page.joints.sliders['joint2'].value - rig.q[1]) < 0.02)
     assert rig.page.joints.sliders['joint3'].value == 0.9
+
+
+@pytest.fixture
+def limited(harness, server):
+    """Return the rig with position limits of one joint, once it runs."""
+    found = Rig(harness, server, limits__joint2__lower=-2.5, limits__joint2__upper=1.25)
+    yield found.ready()
+    found.client.close()
+
+
+def test_slider_has_the_range_of_the_limits_of_the_controller(limited):
+    sliders = limited.page.joints.sliders
+    assert (sliders['joint2'].min, sliders['joint2'].max) == (-2.5, 1.25)
+    assert (sliders['joint3'].min, sliders['joint3'].max) == (-3.141, 3.141)
 
 
 @pytest.mark.parametrize('lower, upper, low, high, decimals', [

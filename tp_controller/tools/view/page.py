@@ -33,7 +33,7 @@ from tp_controller.tools.view.gizmos import Gizmos
 from tp_controller.tools.view.joint_sliders import JointSliders
 from tp_controller.tools.view.link import Link
 from tp_controller.tools.view.markers import MarkerScene
-from tp_controller.tools.view.plots import Plots
+from tp_controller.tools.view.plots import Plots, Sample
 from tp_controller.tools.view.scene import add_ground, add_sky, RobotScene, tip, Trail
 from tp_controller.tools.view.stack_edits import StackChanges
 from tp_controller.tools.view.stack_panel import assign, StackPanel
@@ -314,8 +314,8 @@ class Page:
         self._show_refusals()
         if link.robot is not None and self._robot is not None:
             self.joints.show(link.robot, link.q, self._joint_tasks())
-            self.plots.add(now, link.rows, link.robot, self._robot.state, link.velocity,
-                           self.frame.value)
+            self.plots.add(now, Sample(link.rows, link.robot, self._robot.state, link.velocity,
+                                       self.frame.value))
 
     def _show_state(self, now: float) -> None:
         """Update the state of the controller, the buttons and the notice."""

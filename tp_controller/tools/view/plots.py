@@ -15,7 +15,8 @@
 """Running plots on the page: errors, joint velocities relative to their limits, manipulability."""
 
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -143,6 +144,33 @@ class RunningPlot:
                 *(np.full(len(times), limit) for limit in self._limits))
 
 
+@dataclass(frozen=True)
+class Sample:
+    """
+    State of a controller from which the plots take their values.
+
+    Attributes
+    ----------
+    rows : list of Row
+        Tasks.
+    robot : Robot
+        Robot whose limits and Jacobian are used.
+    state : RobotState
+        State of the robot.
+    velocity : ndarray (n,)
+        Joint velocities; not a number if unknown [rad/s or m/s].
+    frame : str
+        Frame whose manipulability is shown.
+
+    """
+
+    rows: Sequence[Row]
+    robot: Robot
+    state: RobotState
+    velocity: Array
+    frame: str
+
+
 class Plots:
     """
     Plots of the page.
@@ -160,58 +188,56 @@ class Plots:
     """
 
     def __init__(self, gui: viser.GuiApi, tab: viser.GuiTabHandle) -> None:
-        self._tab = tab
+        self._gui, self._tab = gui, tab
         with tab:
             gui.add_html(HIDE_NARROW)
-        self.errors = RunningPlot(gui, 'error')
-        self.velocities = RunningPlot(gui, 'velocity, % of limit', {
+        self._curves: dict[RunningPlot, Callable[[Sample], dict[str, float]]] = {}
+        self.errors = self._plot('error', error_curves)
+        self.velocities = self._plot('velocity, % of limit', velocity_shares, {
             'auto': False, 'range': (-110.0, 110.0)}, (-100.0, 100.0))
-        self.manipulability = RunningPlot(gui, 'manipulability', {'auto': True})
+        self.manipulability = self._plot('manipulability', self._manipulability, {'auto': True})
         self._due = -math.inf
         self._rows: tuple[str, list[int]] = ('', [])
 
-    def add(self, now: float, rows: Sequence[Row], robot: Robot, state: RobotState,
-            velocity: Array, frame: str) -> None:
-        """
-        Add a sample if it is due, and show it.
-
-        Parameters
-        ----------
-        now : float
-            [s]
-        rows : list of Row
-            Tasks.
-        robot : Robot
-            Robot whose limits and Jacobian are used.
-        state : RobotState
-            State of the robot.
-        velocity : ndarray (n,)
-            Joint velocities; not a number if unknown [rad/s or m/s].
-        frame : str
-            Frame whose manipulability is shown.
-
-        """
+    def add(self, now: float, sample: Sample) -> None:
+        """Add a sample if it is due at a time [s], and show it."""
         if now < self._due:
             return
         self._due = now + SAMPLE_SECONDS
-        self.errors.add(now, error_curves(rows))
-        limited = np.isfinite(robot.velocity) & (robot.velocity > 0.0)
-        shares = 100.0 * velocity[limited] / robot.velocity[limited]
-        names = [name for name, given in zip(robot.velocity_names, limited) if given]
-        self.velocities.add(now, dict(zip(names, np.nan_to_num(shares).tolist())))
-        if self._rows[0] != frame:
-            self._rows = frame, moving_rows(robot, frame)
-        self.manipulability.add(now, {frame: manipulability(state, frame, self._rows[1])})
-        for plot in (self.errors, self.velocities, self.manipulability):
+        for plot, curves in self._curves.items():
+            plot.add(now, curves(sample))
             with self._tab:
                 plot.show()
 
+    def _plot(self, title: str, curves: Callable[[Sample], dict[str, float]],
+              scale: viser.uplot.Scale | None = None,
+              limits: Sequence[float] = ()) -> RunningPlot:
+        """Return a `RunningPlot` of the curves that a function computes from each sample."""
+        plot = RunningPlot(self._gui, title, scale, limits)
+        self._curves[plot] = curves
+        return plot
 
-def error_curves(rows: Sequence[Row]) -> dict[str, float]:
+    def _manipulability(self, sample: Sample) -> dict[str, float]:
+        """Return {frame: manipulability}."""
+        if self._rows[0] != sample.frame:
+            self._rows = sample.frame, moving_rows(sample.robot, sample.frame)
+        return {sample.frame: manipulability(sample.state, sample.frame, self._rows[1])}
+
+
+def error_curves(sample: Sample) -> dict[str, float]:
     """Return {task and unit: error}, clamped to positive values; not a number if unknown."""
     return {f'{row.name} [{unit}]': error if math.isnan(error)
             else min(max(error, LEAST_ERROR), MOST_ERROR)
-            for row in rows for unit, error in row.errors}
+            for row in sample.rows for unit, error in row.errors}
+
+
+def velocity_shares(sample: Sample) -> dict[str, float]:
+    """Return {name: velocity} of limited velocities [% of the limit]; 0 if unknown."""
+    robot, velocity = sample.robot, sample.velocity
+    limited = np.isfinite(robot.velocity) & (robot.velocity > 0.0)
+    shares = 100.0 * velocity[limited] / robot.velocity[limited]
+    names = [name for name, given in zip(robot.velocity_names, limited) if given]
+    return dict(zip(names, np.nan_to_num(shares).tolist()))
 
 
 def powers_of_ten(values: Sequence[Sequence[float]]) -> tuple[float, ...]:
