@@ -73,6 +73,7 @@ def test_circle_is_followed_without_lag_if_its_velocity_is_sent():
     assert numbers(with_velocity)[0] < 0.5
 
 
+@pytest.mark.slow
 def test_two_arms_reach_all_goals_and_the_grip_does_not_slip():
     *goals, slip = run('two_arms_carry').splitlines()
     assert len(goals) == 3 and all(line.endswith(' reached') for line in goals)

@@ -379,6 +379,7 @@ def test_a_stop_keeps_to_the_acceleration_limit_whatever_is_reserved(reserve):
 @pytest.mark.parametrize('links', [3, 4, 6])
 @pytest.mark.parametrize('direction', [-2.6, -1.0, 0.4, 1.9, 3.0])
 @pytest.mark.parametrize('period', [0.01, 0.001])
+@pytest.mark.slow
 def test_a_tool_that_pushes_against_a_wall_comes_to_rest_at_it(links, direction, period):
     options, memory = Settings(period=period).solver(links), ()
     bound, length = np.full(links, 2.0), 2.0 / links

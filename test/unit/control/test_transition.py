@@ -208,6 +208,7 @@ def follow(change, moment='after', settings=CALM, speed=0.1, twist=False):
 @pytest.mark.parametrize('scaling', ['redistribute', 'uniform'])
 @pytest.mark.parametrize('moment', ['before', 'after'])
 @pytest.mark.parametrize('change', REPLACEMENTS)
+@pytest.mark.slow
 def test_first_task_does_not_feel_that_the_stack_is_replaced_while_its_goal_moves(
         change, moment, scaling):
     run = follow(change, moment, replace(CALM, scaling=scaling))

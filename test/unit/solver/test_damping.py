@@ -413,6 +413,7 @@ def reversals(goal, period, closing, remembering):
 @pytest.mark.parametrize('goal', [(3.0, 0.0), (1.6, 0.9), (-2.0, -2.0)])
 @pytest.mark.parametrize('period', [0.02, 0.1])
 @pytest.mark.parametrize('closing', [True, False])
+@pytest.mark.slow
 def test_arm_that_reaches_for_what_it_cannot_reach_comes_to_rest(goal, period, closing):
     assert reversals(goal, period, closing, remembering=True) == 0.0
     # Without a memory it turns back for ever.

@@ -51,6 +51,7 @@ def test_hard_problem_has_an_answer_within_its_bounds_that_keeps_priorities(sett
 
 @pytest.mark.solvers('compiled')
 @pytest.mark.parametrize('setting', SETTINGS)
+@pytest.mark.slow
 def test_core_and_solver_in_python_agree_on_hard_problems(setting):
     before, far_off = compiled.left_to_the_reference(), []
     for seed in range(PROBLEMS):

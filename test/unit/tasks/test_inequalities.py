@@ -187,6 +187,7 @@ def slips(commands):
 
 @pytest.mark.parametrize('minimum', [0.12, 0.14, 0.5])
 @pytest.mark.parametrize('scaling', ['redistribute', 'uniform'])
+@pytest.mark.slow
 def test_minimum_that_no_posture_has_is_missed_without_rattling(minimum, scaling):
     """At the ridge of the measure its gradient turns round with every step that crosses it."""
     robot, q = robots.panda(), np.array(robots.PANDA_READY)
@@ -210,6 +211,7 @@ def test_minimum_that_no_posture_has_is_missed_without_rattling(minimum, scaling
     'type: keep_out, shape: {sphere: 2}, at: [0.1, 0.1, 0.1]',
     'type: keep_out, shape: half_space, at: [0, 0, 3]'])
 @pytest.mark.parametrize('scaling', ['redistribute', 'uniform'])
+@pytest.mark.slow
 def test_region_that_is_out_of_reach_does_not_make_the_robot_rattle(region, scaling):
     robot, q = robots.panda(), np.array(robots.PANDA_READY)
     text = f"""
@@ -562,6 +564,7 @@ def excess(task, state, velocity):
 
 @pytest.mark.parametrize('scaling', ['redistribute', 'uniform'])
 @pytest.mark.parametrize('name', LOOPS)
+@pytest.mark.slow
 def test_bounds_are_kept_against_goals_beyond_them_and_only_then_give_a_reason(name, scaling):
     robot, q = robots.panda(), np.array(robots.PANDA_READY)
     text = f"""
@@ -650,6 +653,7 @@ def test_beginning_anew_forgets_how_the_value_curved_before():
 
 
 @pytest.mark.parametrize('name', [name for name in LOOPS if name != 'speed_limit'])
+@pytest.mark.slow
 def test_start_outside_of_bounds_comes_back_and_never_gets_deeper(name):
     robot = robots.panda()
     text = f'- guard: {LOOPS[name]}\n- posture: {{type: posture, gain: 0.5}}\n'

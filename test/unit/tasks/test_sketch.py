@@ -173,6 +173,7 @@ def goal_of(name, rng):
 
 @pytest.mark.parametrize('name', MASKED)
 @given(data=st.data(), seed=SEEDS)
+@pytest.mark.slow
 def test_goal_is_where_the_frame_is_along_and_about_axes_that_do_not_count(name, data, seed):
     rows = data.draw(st.sets(st.sampled_from(MASKED[name]), min_size=1))
     axes = [AXES[row] if len(MASKED[name]) == 6 else AXES[row][-1] for row in sorted(rows)]

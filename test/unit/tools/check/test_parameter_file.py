@@ -106,6 +106,7 @@ def test_without_a_file_the_defaults_of_a_node_are_in_force():
 
 @pytest.mark.parametrize('name', ['tp_controller', '/tp_controller', '/a/b/tp_controller', '/**',
                                   '/**/tp_controller', '/*/tp_controller'])
+@pytest.mark.slow
 def test_names_of_nodes_are_found_in_any_namespace(file, name):
     path = file(f'{name}: {{ros__parameters: {{rate: 50.0}}}}\n'
                 'other: {ros__parameters: {rate: 20.0}}\n')
@@ -141,6 +142,7 @@ def test_all_that_a_node_would_refuse_is_listed(file):
     ('{limits: {joint9: {velocity: 1.0}}}', 'joint9'), ('{joints: [joint1, joint8]}', 'joint8'),
     ('{base: boat}', 'boat'), ('{tasks: {tip: {gain: [1.0, 2.0, 3.0]}}}', 'tasks.tip.gain'),
     ('{rate: 0.0, state_timeout: 0.0}', 'state_timeout must be from 0.001')])
+@pytest.mark.slow
 def test_parameters_that_are_wrong_are_faults(file, parameters, said):
     with pytest.raises(Refused, match=said):
         read([file(f'tp_controller: {{ros__parameters: {parameters}}}')], STACK, str(PLANAR_DH),
@@ -166,6 +168,7 @@ def test_a_check_needs_no_ros():
 
 @pytest.mark.parametrize('text', ['- a list', 'tp_controller: {rate: 3.0}', '{', 'a: {b: 3}',
                                   'tp_controller: {ros__parameters: 3}'])
+@pytest.mark.slow
 def test_other_files_are_refused(file, text):
     with pytest.raises(SettingsError, match='parameter file'):
         node_parameters(file(text), 'tp_controller')

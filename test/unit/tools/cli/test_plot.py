@@ -146,6 +146,7 @@ def test_names_are_drawn_and_printed_as_they_are(plot, tmp_path, name):
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, 1e308, -1e308, 1e-320])
+@pytest.mark.slow
 def test_numbers_that_make_no_sense_end_no_plot(plot, tmp_path, value):
     rows = [*recordings.run(),
             (3.95, '/tp_controller/status', recordings.status(
@@ -198,6 +199,7 @@ def test_a_recording_that_was_cut_off_is_drawn_as_far_as_it_goes(plot, tmp_path)
     ('robot_description', 'position limits', 'errors.png'),
     ('parameter_events', 'Path of', 'velocities.png'),
     ('joint_states', 'Path of', 'errors.png')])
+@pytest.mark.slow
 def test_what_can_be_drawn_without_a_topic_is_drawn(plot, tmp_path, left_out, missing, there):
     path = recordings.write(tmp_path / 'run', [
         row for row in recordings.run() if not row[1].endswith(left_out)])

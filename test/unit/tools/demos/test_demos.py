@@ -220,6 +220,7 @@ def test_goals_are_reached_within_the_limits(run, name):
     assert (positions >= robot.lower).all() and (positions <= robot.upper).all()
 
 
+@pytest.mark.slow
 def test_tray_stays_level_and_the_base_follows_only_to_what_is_far(run):
     motion = run('mobile')
     assert motion.errors('level', 'rad').max() < 1e-3
@@ -238,6 +239,7 @@ def test_tray_stays_level_and_the_base_follows_only_to_what_is_far(run):
     assert 0.05 - 2e-3 < min(distances) < 0.09
 
 
+@pytest.mark.slow
 def test_vehicle_goes_around_the_riser_and_gives_way_to_tool_and_view(run):
     motion = run('underwater')
     vehicle = motion.places('vehicle')
@@ -251,6 +253,7 @@ def test_vehicle_goes_around_the_riser_and_gives_way_to_tool_and_view(run):
     assert motion.errors('tool')[turning:].max() < 2e-3 < motion.errors('station')[-1]
 
 
+@pytest.mark.slow
 def test_hands_keep_their_distance_while_they_carry(run):
     motion = run('two_arms')
     between = np.linalg.norm(motion.places('left_hand') - motion.places('right_hand'), axis=1)

@@ -46,6 +46,7 @@ def test_first_level_is_within_half_a_millimetre_and_half_a_degree_throughout(mo
     assert np.ptp(tips, axis=0).min() > 0.2
 
 
+@pytest.mark.slow
 def test_tasks_below_are_relaxed_where_they_must_be_and_satisfied_where_they_can_be(motion):
     settled = motion.times >= drill.SETTLED
     for name in drill.LOWER:

@@ -179,6 +179,7 @@ def test_both_experiments_come_out(outcomes, name):
     assert 'WRONG' not in str(outcomes[name])
 
 
+@pytest.mark.slow
 def test_random_goals_are_met_by_the_task_that_is_first(outcomes):
     table = str(outcomes['lab2']).split('Random goals')[-1].splitlines()
     rows = [[float(cell) for cell in line.split(')')[1].split()]

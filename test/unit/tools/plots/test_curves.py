@@ -88,6 +88,7 @@ def test_what_limits_a_task_is_a_band_as_long_as_it_lasts(tmp_path):
 
 
 @pytest.mark.parametrize('colours', [1, 2, 3])
+@pytest.mark.slow
 def test_causes_at_once_share_the_row_of_their_task(tmp_path, colours):
     def drawn(causes):
         picture = pixels(plots.plot_errors(

@@ -123,6 +123,7 @@ def test_a_chunk_is_read_as_it_says(write, compression):
 
 @pytest.mark.parametrize('compression', ['zstd', 'lz4'])
 @pytest.mark.parametrize('claimed', [0, 1000, HUGE, 1 << 63])
+@pytest.mark.slow
 def test_a_chunk_that_becomes_more_than_is_read_is_refused(write, compression, claimed):
     data = message(bytes(HUGE))
     path = write(channel(), message(), chunk(compression, packed(compression, data), claimed))

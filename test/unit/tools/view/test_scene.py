@@ -271,6 +271,7 @@ def test_meshes_of_example_robots_are_all_found(name):
 
 
 @pytest.mark.parametrize('name', ['panda', 'ur5'])
+@pytest.mark.slow
 def test_meshes_are_as_large_as_the_collision_library_reads_them(name):
     pytest.importorskip('collada', reason='needs pip install pycollada')
     tree = parse(robots.urdf_path(name).read_text())
