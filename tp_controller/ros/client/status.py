@@ -23,6 +23,9 @@ from tp_controller.untrusted import plain
 
 # Message of the head entry while the tasks are executed.
 RUNNING = 'running'
+# Statuses of a task whose goal is reached or whose bounds are satisfied, and while zeros are
+# commanded.
+DONE, STOPPED = ('reached', 'satisfied'), 'stopped'
 # Largest numbers of tasks, of values per entry, and of errors, tolerances and causes per task.
 MOST_RECEIVED_TASKS, MOST_VALUES, MOST_TASK_ERRORS, MOST_TASK_CAUSES = 200, 64, 8, 64
 # Longest name [characters].
@@ -84,7 +87,7 @@ class TaskStatus:
     @property
     def done(self) -> bool:
         """Return whether the goal is reached, or the bounds are satisfied."""
-        return self.status in ('reached', 'satisfied')
+        return self.status in DONE
 
     @property
     def answers(self) -> tuple[int, int]:

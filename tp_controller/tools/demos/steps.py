@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from tp_controller.control.reason_text import brief_reason
-from tp_controller.ros.client.status import TaskStatus
+from tp_controller.ros.client.status import DONE, TaskStatus
 from tp_controller.tools.demos.scenarios import Goal, goal_fields
 
 if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
@@ -49,7 +49,6 @@ SHOWN = {'m': '{:8.2f} mm', 'rad': '{:6.2f}°', 'm/s': '{:8.2f} mm/s'}
 FACTORS = {'m': 1e3, 'rad': np.degrees(1.0), 'm/s': 1e3}
 # Longest reason of a pause [characters].
 LONGEST_REASON = 48
-DONE = ('reached', 'satisfied')
 
 
 @dataclass(frozen=True)

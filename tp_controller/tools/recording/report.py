@@ -23,13 +23,14 @@ import time
 
 import numpy as np
 from tp_controller.model.robot import Robot
+from tp_controller.ros.client.status import DONE, STOPPED
 from tp_controller.tools.files import new_file
 from tp_controller.tools.html_page import Cell, page, Row, shown, table
 from tp_controller.tools.recording.goals import Goal, outcome
 from tp_controller.tools.recording.history import History
 from tp_controller.tools.recording.pictures import command_topic
 from tp_controller.tools.recording.robots import command_names
-from tp_controller.tools.recording.task_history import STOPPED, TaskHistory
+from tp_controller.tools.recording.task_history import TaskHistory
 from tp_controller.untrusted import plain
 
 # Largest number of listed causes of a task.
@@ -114,7 +115,7 @@ def _body(history: History, robot: Robot | None, plots: Iterable[tuple[str, Path
 
 def _task_row(task: TaskHistory, all_errors: bool = True) -> Row:
     """Return the cells of a task."""
-    done = task.status in ('reached', 'satisfied')
+    done = task.status in DONE
     share = f'{100.0 * task.reached / task.known:.0f} % of {task.known:.1f} s' \
         if task.known else ''
     causes = ', '.join(

@@ -17,10 +17,8 @@
 from dataclasses import dataclass, field
 import math
 
-from tp_controller.ros.client.status import TaskStatus
+from tp_controller.ros.client.status import DONE, STOPPED, TaskStatus
 
-# Status of all tasks while the robot is stopped.
-STOPPED = 'stopped'
 # Bounds of the memory for any recording: largest numbers of errors and of causes of a task.
 MOST_ERRORS, MOST_CAUSES = 4, 100
 
@@ -64,7 +62,7 @@ class TaskHistory:
         """Update by a status, the previous one having lasted a time [s]."""
         # The previous status applies to the time since then.
         self.known += lasted
-        if self.status in ('reached', 'satisfied') and not self.stopped:
+        if self.status in DONE and not self.stopped:
             self.reached += lasted
         self.kind, self.level = status.kind, status.level
         self.stopped = status.status == STOPPED

@@ -39,10 +39,10 @@ from tp_controller.ros.bounded_subscription import LARGEST_MESSAGE, subscribe
 from tp_controller.ros.client.client import Client
 from tp_controller.ros.client.configuration import ConfigurationBuffer
 from tp_controller.ros.client.goal_fields import type_name
-from tp_controller.ros.client.status import ControllerStatus
+from tp_controller.ros.client.status import ControllerStatus, RUNNING
 from tp_controller.ros.parameters import LIMITS, names_in, ROBOT, TASKS
 from tp_controller.tools.view.markers import drawable
-from tp_controller.tools.view.status import Row, rows_of, RUNNING
+from tp_controller.tools.view.status import Row, rows_of
 from tp_controller.untrusted import plain
 from visualization_msgs.msg import Marker, MarkerArray
 

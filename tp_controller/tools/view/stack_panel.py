@@ -21,14 +21,14 @@ import time
 from typing import TypeVar
 
 from tp_controller.control.reason_text import causes_in
-from tp_controller.tools.view.status import FAINT, Row, STOPPED
+from tp_controller.ros.client.status import DONE, STOPPED
+from tp_controller.tools.view.status import FAINT, Row
 import viser
 
 # Colour of the dot before the name of a task, by status.
 COLOURS = {'reached': '#2e9e5b', 'satisfied': '#2e9e5b', 'moving': '#2f7fd1',
            'limited': '#e08a00', 'failed': '#c62828', STOPPED: FAINT,
            'disabled': '#b8bec6'}
-DONE = ('reached', 'satisfied')
 UP, DOWN = '▲ up', '▼ down'
 GAIN = 'gain'
 # Digits of a gain.

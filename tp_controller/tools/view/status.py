@@ -22,7 +22,7 @@ from textwrap import shorten
 import time
 from typing import NamedTuple
 
-from tp_controller.ros.client.status import ControllerStatus, TaskStatus
+from tp_controller.ros.client.status import ControllerStatus, RUNNING, TaskStatus
 
 # Displayed units, with their conversion factors.
 SHOWN = {'m': ('mm', 1e3), 'rad': ('°', math.degrees(1.0)), 'm/s': ('mm/s', 1e3),
@@ -30,9 +30,7 @@ SHOWN = {'m': ('mm', 1e3), 'rad': ('°', math.degrees(1.0)), 'm/s': ('mm/s', 1e3
 # Desired speed of a task up to which it is at rest, in its own unit.
 REST_SPEED = 1e-6
 DISABLED = 'disabled'
-# Status of all tasks while zeros are commanded.
-STOPPED = 'stopped'
-RUNNING, GOOD, BAD, FAINT = 'running', '#2e9e5b', '#c62828', '#8a8f98'
+GOOD, BAD, FAINT = '#2e9e5b', '#c62828', '#8a8f98'
 # A shorter stop is shown as a pause, for example when joint states are late [s].
 PAUSE_SECONDS = 1.5
 # Number of pauses within a time [s] from which the machine counts as too slow.
