@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # Recordings are shown without ROS; their markers have the sa
     from std_msgs.msg import ColorRGBA
     from visualization_msgs.msg import Marker
 
-TASKS = '/tasks'
+TASK_MARKERS = '/tasks'
 Real = TypeVar('Real', bound=np.floating[Any])
 # Identifier of a primitive: namespace and number.
 Key = tuple[str, int]
@@ -81,7 +81,7 @@ class MarkerScene:
 
     """
 
-    def __init__(self, scene: viser.SceneApi, name: str = TASKS,
+    def __init__(self, scene: viser.SceneApi, name: str = TASK_MARKERS,
                  pixels: float | None = None) -> None:
         self._scene, self._name, self._pixels = scene, name, pixels
         self._drawn: dict[Key, _Drawn] = {}
