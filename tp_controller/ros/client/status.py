@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import math
 
 from tp_controller.ros import Message
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 # Message of the head entry while the tasks are executed.

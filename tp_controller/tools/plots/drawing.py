@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.model.spatial import Array
 from tp_controller.tools.files import new_file
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 if TYPE_CHECKING:  # Not importable with mixed versions of matplotlib; plane plots do not need it.
     from mpl_toolkits.mplot3d import Axes3D

@@ -31,7 +31,7 @@ from tp_controller.tools.recording.series import Series
 from tp_controller.tools.recording.stops import Stops
 from tp_controller.tools.recording.task_curves import TaskCurves
 from tp_controller.tools.recording.task_history import TaskHistory
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 JOINTS_TYPE = 'sensor_msgs/msg/JointState'
 NUMBERS_TYPE = 'std_msgs/msg/Float64MultiArray'

@@ -31,7 +31,7 @@ from tp_controller.tools.recording.history import History
 from tp_controller.tools.recording.pictures import command_topic
 from tp_controller.tools.recording.robots import command_names
 from tp_controller.tools.recording.task_history import TaskHistory
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 # Largest number of listed causes of a task.
 MOST_LISTED_CAUSES = 3

@@ -43,7 +43,7 @@ from tp_controller.ros.client.status import ControllerStatus, RUNNING
 from tp_controller.ros.parameters import LIMITS, names_in, ROBOT, TASKS
 from tp_controller.tools.view.markers import drawable
 from tp_controller.tools.view.status import Row, rows_of
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 from visualization_msgs.msg import Marker, MarkerArray
 
 # Only the newest message matters, and a lost one is not resent.

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from tp_controller.model.spatial import Array, pose, rotation_from_quaternion
 from tp_controller.tasks.primitives import Kind, Primitive, Rgba
 from tp_controller.tools.view.parts import add_part, Colour, FARTHEST, is_pose, Part, place
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 import viser
 
 if TYPE_CHECKING:  # Recordings are shown without ROS; their markers have the same fields.

@@ -38,7 +38,7 @@ from tp_controller.tools.view.scene import add_ground, add_sky, RobotScene, tip,
 from tp_controller.tools.view.stack_edits import StackChanges
 from tp_controller.tools.view.stack_panel import assign, StackPanel
 from tp_controller.tools.view.status import BAD, Condition, ConditionReader
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 import viser
 from visualization_msgs.msg import Marker
 
