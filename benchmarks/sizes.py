@@ -112,7 +112,7 @@ def draw(times, sweeps, path):
     for axis, (title, place, sizes) in zip(axes, sweeps):
         for number, column in enumerate(COLUMNS):
             axis.plot([size[place] for size in sizes], [times[size][column] for size in sizes],
-                      color=drawing.COLOURS[number // 2], marker='o', markersize=3.5,
+                      color=drawing.LINE_COLOURS[number // 2], marker='o', markersize=3.5,
                       linestyle=('--', '-')[number % 2], label=column)
         axis.set(title=title, xlabel=('joints', 'levels')[place], ylabel='µs per cycle')
         axis.set_ylim(bottom=0.0)

@@ -28,7 +28,7 @@ from tempfile import TemporaryDirectory
 
 from tp_controller.tools.cli.main import main as command
 from tp_controller.tools.demos.chromium import find_chromium
-from tp_controller.tools.view.visuals import CHOICE, OWN
+from tp_controller.tools.view.visuals import MESHES_VARIABLE, OWN
 
 FOLDER = Path(__file__).resolve().parent / 'images'
 # {demo: films of it that the pages show}
@@ -51,7 +51,7 @@ def main():
     if find_chromium() is None:
         sys.exit('films of solid robots need a Chromium')
     # What readers see who have not installed the meshes of other robots.
-    os.environ[CHOICE] = OWN
+    os.environ[MESHES_VARIABLE] = OWN
     with TemporaryDirectory() as folder:
         for demo in demos:
             if command(['demo', demo, '--output', folder]):

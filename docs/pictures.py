@@ -47,7 +47,7 @@ FOLDER = ROOT / 'docs' / 'images' / 'tasks'
 PERIOD = 0.01
 
 START_COLOUR = '#A9B1BA'
-END_COLOUR = drawing.COLOURS[0]
+END_COLOUR = drawing.LINE_COLOURS[0]
 WITHOUT_COLOUR = '#5F6B78'
 WITHOUT_STYLE = {'linewidth': 1.3, 'linestyle': (0, (4, 2))}
 TARGET_COLOUR = drawing.GOAL_COLOUR
@@ -363,7 +363,7 @@ class Plot:
             values = self.values(other)
             if not isinstance(values, dict):
                 values = {None: values}
-            for colour, (name, curve) in zip(drawing.COLOURS, values.items()):
+            for colour, (name, curve) in zip(drawing.LINE_COLOURS, values.items()):
                 axis.plot(run.times, curve, label=name, **{'color': colour, **style})
             if None not in values:
                 axis.legend(frameon=False, fontsize=9, labelspacing=0.2, handlelength=1.2,
@@ -835,7 +835,7 @@ def method_damping():
     laws = {'undamped': Damping(), 'everywhere, λ = 0.1': Damping(0.1),
             'below ε, λ = ε = 0.1': Damping(0.1, 0.1),
             'first level, λ = ε = 0.02': Damping(0.1, 0.1).first}
-    for (name, law), colour in zip(laws.items(), (WITHOUT_COLOUR, *drawing.COLOURS)):
+    for (name, law), colour in zip(laws.items(), (WITHOUT_COLOUR, *drawing.LINE_COLOURS)):
         gains = law.gains(s, 0.0)
         style = WITHOUT_STYLE if law.off else {'linewidth': 2.0}
         speed.plot(s, gains, label=name, color=colour, **style)
@@ -858,7 +858,7 @@ def method_levels():
     levels, box = [UPPER_LEVEL, LOWER_LEVEL], LIMIT * np.ones(2)
     first, both = (solve(levels[:count]).velocity for count in (1, 2))
     for axis in (free, limited):
-        for (J, v), name, colour in zip(levels, ('level 1', 'level 2'), drawing.COLOURS):
+        for (J, v), name, colour in zip(levels, ('level 1', 'level 2'), drawing.LINE_COLOURS):
             # Where a level is met is a line.
             along = np.outer([-3.0, 3.0], [-J[0, 1], J[0, 0]])
             axis.plot(*(np.linalg.pinv(J) @ v + along).T, color=colour, linewidth=2.0,

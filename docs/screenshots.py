@@ -27,7 +27,7 @@ import sys
 from tempfile import TemporaryDirectory
 
 from PIL import Image
-from tp_controller.tools.view.visuals import CHOICE, OWN
+from tp_controller.tools.view.visuals import MESHES_VARIABLE, OWN
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / 'docs' / 'images'
@@ -50,7 +50,7 @@ def main():
                        cwd=ROOT, check=True,
                        env={**os.environ, 'TP_CONTROLLER_SCREENSHOTS': folder,
                             # What readers see who have not installed the meshes of other robots.
-                            CHOICE: OWN})
+                            MESHES_VARIABLE: OWN})
         seen = {path.stem: Image.open(path).convert('RGB') for path in Path(folder).iterdir()}
         if not seen:
             sys.exit('the tests were skipped: run them to see why')

@@ -33,8 +33,8 @@ Every message names the fault and the valid values.
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tp_controller.foreign import foreign, Leaving
 from tp_controller.solver.errors import SolverError, suggestion, TpControllerError, unknown
+from tp_controller.untrusted.calls import foreign, Leaving
 
 __all__ = [
     'EvaluationError', 'Fault', 'GoalError', 'RobotError', 'SettingsError', 'SolverError',

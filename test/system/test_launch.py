@@ -159,8 +159,8 @@ def test_rviz_shows_what_the_nodes_publish():
     assert all(f"('{topic}', '{topic[1:]}')" in source for topic in topics)
     dragged = displays['InteractiveMarkers']['Interactive Markers Namespace']
     interactive = pytest.importorskip('tp_controller.ros.interface.interactive_goals')
-    assert dragged == f'/tp_controller{interactive.TOPIC[1:]}'
-    assert all(f"'{interactive.TOPIC[2:]}/{name}'" in source
+    assert dragged == f'/tp_controller{interactive.INTERACTIVE_GOALS_TOPIC[1:]}'
+    assert all(f"'{interactive.INTERACTIVE_GOALS_TOPIC[2:]}/{name}'" in source
                for name in ('update', 'feedback', 'get_interactive_markers'))
     # A latched topic is received late only by those who are latched, too.
     assert displays['RobotModel']['Description Topic']['Durability Policy'] == 'Transient Local'

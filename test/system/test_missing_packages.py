@@ -45,7 +45,7 @@ class Hiding(PathFinder):
 sys.meta_path[:] = [Hiding if each is PathFinder else each for each in sys.meta_path]
 """
 # A few quick modules, some of which need one of the packages.
-QUICK = 'test_series or test_history or test_plot_axes or test_center_of_mass'
+QUICK = 'test_series or test_history or test_plots.py or test_center_of_mass'
 
 
 @pytest.mark.parametrize(('module', 'skipped'), [

@@ -20,7 +20,12 @@ import pytest
 from robots import CONFIG, panda
 from tp_controller import Robot, Stack, TpControllerError
 from tp_controller.model.shapes import Box
-from tp_controller.tools.demos.chromium import chromium_flags, find_chromium, open_page, UNLIMITED
+from tp_controller.tools.demos.chromium import (
+    chromium_flags,
+    find_chromium,
+    NO_FRAME_LIMIT,
+    open_page,
+)
 from tp_controller.tools.demos.motion import FixedObject, Look, Motion
 
 STACK = """\
@@ -149,7 +154,7 @@ def test_nothing_is_drawn_but_the_pictures():
     camera = film.Camera(np.array([0.0, 0.0, 3.0]), np.diag([1.0, -1.0, -1.0]), 3.0)
     with film._server() as server, playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=find_chromium(),
-                                         args=[*chromium_flags(), UNLIMITED])
+                                         args=[*chromium_flags(), NO_FRAME_LIMIT])
         page = browser.new_page(viewport={'width': 160, 'height': 120})
         page.goto(address(server))
         client = film._client(server, HeadlessPage())

@@ -27,9 +27,13 @@ import robots
 import tp_controller
 
 PACKAGE = robots.REPOSITORY / 'tp_controller'
+TESTS = robots.REPOSITORY / 'test'
+# Files of tests in folders that mirror those of the package.
+MIRRORS = [path.relative_to(TESTS).as_posix() for wing in ('unit', 'ros')
+           for path in sorted((TESTS / wing).glob('*/**/test_*.py'))]
 # Parts of the library, lowest first: each imports only itself and those before it. `root` are the
 # modules beside the parts, `package` is what `import tp_controller` gives.
-LIBRARY = ('core', 'solver', 'root', 'model', 'tasks', 'control', 'package')
+LIBRARY = ('core', 'solver', 'untrusted', 'root', 'model', 'tasks', 'control', 'package')
 # Parts of the wings, and what each imports besides itself and the library.
 WINGS = {
     'ros.declarations': (),
@@ -136,6 +140,28 @@ def test_a_module_in_no_part_is_noticed(name):
                          ids=lambda folder: folder.name)
 def test_every_folder_says_what_is_in_it(folder):
     assert ast.get_docstring(ast.parse((folder / '__init__.py').read_text(encoding='utf-8')))
+
+
+def modules_of(file):
+    """Return the modules that a file of tests may be about, by its name below the tests."""
+    wing, *folders, name = Path(file).with_suffix('').parts
+    if wing == 'ros' and folders[0] != 'tools':
+        folders = ['ros', *folders]
+    return [path.stem for path in PACKAGE.joinpath(*folders).glob('*.py')
+            if f'{name}_'.startswith(f'test_{path.stem}_')]
+
+
+@pytest.mark.parametrize('file', MIRRORS)
+def test_file_of_tests_in_a_folder_has_the_name_of_a_module_there(file):
+    assert modules_of(file)
+
+
+@pytest.mark.parametrize(('file', 'modules'), [
+    ('unit/solver/test_solve.py', ['solve']), ('unit/solver/test_solve_rows.py', ['solve']),
+    ('ros/loop/test_clocks.py', ['clocks']), ('ros/tools/view/test_page.py', ['page']),
+    ('unit/solver/test_solver.py', []), ('unit/physics/test_solve.py', [])])
+def test_file_of_tests_without_a_module_is_noticed(file, modules):
+    assert modules_of(file) == modules
 
 
 def test_no_module_needs_itself_to_be_imported():

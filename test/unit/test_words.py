@@ -48,8 +48,8 @@ FOUND = re.compile('|'.join(rf'\b({word})\b' for word in WORDS), re.IGNORECASE)
 # Names that users have written into their files, and those of ROS tools and of a page.
 NAMES = re.compile('release_region|catkin_prepare_release|bloom-release|RELEASING')
 SUFFIXES = {'.md', '.py', '.yaml', '.xml', '.toml', '.cfg'}
-# Their modules may share names among themselves; nobody imports them.
-PICTURES = ('tools/demos', 'tools/recording', 'tools/view')
+# Texts that each node, or each command, has of its own: {name: pattern of their modules}.
+OWN = {'NAME': r'.*_node\.py', 'EXAMPLES': r'tools/cli/.*'}
 FOLDERS = ('tp_controller', 'config', 'docs', 'launch', 'benchmarks', 'test', 'scripts',
            'examples')
 
@@ -92,43 +92,55 @@ def test_other_words_are_left_alone(text):
     assert not faults(text)
 
 
-def numbers(text):
-    """Return {name: value} of the constants of a module that are numbers, or tuples of them."""
+def is_literal(value):
+    """Return whether a value is a number, a text, or a tuple of them."""
+    return all(map(is_literal, value)) if isinstance(value, tuple) \
+        else isinstance(value, (int, float, str, bytes))
+
+
+def constants(text):
+    """Return {name: value} of the constants of a module that are literals, such as 2 ** 3."""
     found = {}
     for node in ast.parse(text).body:
         if not isinstance(node, (ast.Assign, ast.AnnAssign)) or node.value is None:
             continue
-        name = node.targets[0] if isinstance(node, ast.Assign) else node.target
-        pairs = zip(name.elts, node.value.elts) if isinstance(name, ast.Tuple) \
-            and isinstance(node.value, ast.Tuple) else [(name, node.value)]
-        for target, value in pairs:
-            kinds = {type(each) for each in ast.walk(value)}
-            if isinstance(target, ast.Name) and target.id.isupper() and kinds & {ast.Constant} \
-                    and not kinds & {ast.Name, ast.Call, ast.Attribute, ast.Dict, ast.JoinedStr}:
+        for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+            pairs = zip(target.elts, node.value.elts) if isinstance(target, ast.Tuple) \
+                and isinstance(node.value, ast.Tuple) else [(target, node.value)]
+            for name, value in pairs:
+                if not isinstance(name, ast.Name) or not name.id.isupper() or any(
+                        isinstance(each, (ast.Name, ast.Call)) for each in ast.walk(value)):
+                    continue
                 given = eval(ast.unparse(value), {'__builtins__': {}})
-                if all(isinstance(each, (int, float)) for each in
-                       (given if isinstance(given, tuple) else [given])):
-                    found[target.id] = given
+                if is_literal(given):
+                    found[name.id] = given
     return found
 
 
 def shared(modules):
-    """Return {name: {module: number}} where numbers of one name differ, from {module: text}."""
+    """Return {name: {module: value}} where constants of one name differ, from {module: text}."""
     found = defaultdict(dict)
     for module, text in modules.items():
-        for name, value in numbers(text).items():
-            found[name][module] = value
+        for name, value in constants(text).items():
+            if name not in OWN or not re.fullmatch(OWN[name], module):
+                found[name][module] = value
     return {name: values for name, values in found.items()
-            if len({*map(repr, values.values())}) > 1
-            and not all(module.startswith(PICTURES) for module in values)}
+            if len({*map(repr, values.values())}) > 1}
 
 
-def test_constants_of_one_name_are_the_same_number():
+def test_constants_of_one_name_have_one_value():
     package = ROOT / 'tp_controller'
     assert not shared({path.relative_to(package).as_posix(): path.read_text(encoding='utf-8')
                        for path in package.rglob('*.py')})
 
 
-def test_a_name_of_two_numbers_is_found():
-    assert shared({'a': 'SAME = 1e-9\nN, M = 2 ** 3, 5\n', 'b': 'SAME: float = -1\nN = 8\n',
-                   'c': "SAME = 'text'\nM = len('M')\n"}) == {'SAME': {'a': 1e-9, 'b': -1}}
+def test_a_name_of_two_values_is_found():
+    assert shared({'a': 'SAME = 1e-9\nN, M = 2 ** 3, 5\n', 'b': 'SAME: float = -1\nL = N = 8\n',
+                   'c': "TEXT, OTHER = 'text', ('text', 1)\nM = len('M')\n",
+                   'd': "L, TEXT = 8, 'texts'\nOTHER = 'text', 1\n"}) == {
+        'SAME': {'a': 1e-9, 'b': -1}, 'TEXT': {'c': 'text', 'd': 'texts'}}
+
+
+def test_each_node_has_a_name_of_its_own():
+    assert not shared({'a_node.py': "NAME = 'a'\n", 'b_node.py': "NAME = 'b'\n"})
+    assert shared({'a.py': "NAME = 'a'\n", 'b.py': "NAME = 'b'\n"})

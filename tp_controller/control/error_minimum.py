@@ -17,11 +17,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.task import Evaluation, norm
+from tp_controller.untrusted.calls import foreign
 
 # Share of the demand of a task, or of its residual, above which a part of it is significant.
 SIGNIFICANT_SHARE = 0.01

@@ -21,10 +21,10 @@ from typing import NamedTuple
 
 import numpy as np
 from tp_controller.errors import SettingsError
-from tp_controller.foreign import foreign
 from tp_controller.tasks.gradient import GradientTask
 from tp_controller.tasks.keys import Gain, MAX_NUMBER, parse_gain, Tolerance
 from tp_controller.tasks.task import Task
+from tp_controller.untrusted.calls import foreign
 
 # Relative rounding error of a gain at its limit [1].
 RELATIVE_ROUNDING = 1e-12

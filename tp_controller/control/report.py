@@ -32,7 +32,6 @@ from tp_controller.control.reasons import (
     Statement,
     statements,
 )
-from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
@@ -40,6 +39,7 @@ from tp_controller.solver.solution import Solution
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Evaluation, norm, Task
 from tp_controller.tasks.task_errors import raised
+from tp_controller.untrusted.calls import foreign
 
 
 class Measures(NamedTuple):

@@ -22,11 +22,11 @@ from typing import TypeAlias
 
 from numpy.typing import ArrayLike
 from tp_controller.control.controller import Controller
-from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.tasks.sketch import Sketch
 from tp_controller.tasks.task import Task
 from tp_controller.tasks.task_errors import MAX_SLOW_CYCLES, raised
+from tp_controller.untrusted.calls import foreign
 
 # Configuration and positions of the passive joints.
 Configuration: TypeAlias = tuple[ArrayLike, ArrayLike | None]

@@ -57,7 +57,7 @@ NAME = 'tp_controller'
 # Polling period of the node graph for other publishers of commands [s].
 GRAPH_SECONDS = 0.1
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-STOPPED = 'stopped; call ~/start to go on'
+STOPPED_TEXT = 'stopped; call ~/start to go on'
 IGNORED_DESCRIPTION = ('another description has arrived; deactivate, clean up and configure the '
                        'node to take it')
 NO_ROBOT = 'no robot description yet'
@@ -243,7 +243,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         robot = self._robot
         if robot is not None:
             robot.loop.hold = self._ending or (
-                INACTIVE if not self._active else STOPPED if self._stopped else robot.stack_fault)
+                INACTIVE if not self._active else STOPPED_TEXT if self._stopped
+                else robot.stack_fault)
 
     # Robot --------------------------------------------------------------------------------
 

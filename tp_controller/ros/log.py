@@ -21,7 +21,7 @@ import math
 import time
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 # Shortest time between two messages of one cause [s].
 MESSAGE_REPEAT_SECONDS = 1.0

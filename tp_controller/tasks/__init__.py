@@ -24,7 +24,6 @@ from functools import lru_cache
 from importlib.metadata import entry_points
 
 from tp_controller.errors import in_words, TpControllerError
-from tp_controller.foreign import foreign
 from tp_controller.tasks.base_pose import BaseOrientation, BasePose
 from tp_controller.tasks.bounded import BoundedTask
 from tp_controller.tasks.center_of_mass import CenterOfMass
@@ -48,6 +47,7 @@ from tp_controller.tasks.speed_limit import SpeedLimit
 from tp_controller.tasks.task import Evaluation, Task
 from tp_controller.tasks.twist import Twist
 from tp_controller.tasks.yaml_keys import yaml_key
+from tp_controller.untrusted.calls import foreign
 
 ENTRY_POINTS = 'tp_controller.tasks'
 

@@ -20,7 +20,6 @@ from typing import TypeAlias
 
 import numpy as np
 from tp_controller.errors import EvaluationError, Fault, StackError
-from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.model.state import RobotState
 from tp_controller.resources import read_source
@@ -28,6 +27,7 @@ from tp_controller.solver.level import Level
 from tp_controller.tasks.stack_reader import is_stack, names_of, StackReader
 from tp_controller.tasks.task import Evaluation, Task
 from tp_controller.tasks.task_errors import attempt, check, CheckedEvaluator, is_foreign
+from tp_controller.untrusted.calls import foreign
 
 # The tasks of each level.
 Groups: TypeAlias = tuple[tuple[Task, ...], ...]

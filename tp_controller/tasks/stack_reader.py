@@ -21,11 +21,11 @@ import time
 from typing import Any
 
 from tp_controller.errors import Fault, in_words, StackError, suggestion, TaskError, unknown
-from tp_controller.foreign import foreign
 from tp_controller.model.robot import Robot
 from tp_controller.resources import YamlLoader
 from tp_controller.tasks import task_types
 from tp_controller.tasks.task import Task
+from tp_controller.untrusted.calls import foreign
 import yaml
 
 # Valid names of tasks; they become parts of topic names.

@@ -33,11 +33,11 @@ from tp_controller.errors import (
     SolverError,
     TpControllerError,
 )
-from tp_controller.foreign import foreign
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import check_level
 from tp_controller.tasks.task import Evaluation, Task
+from tp_controller.untrusted.calls import foreign
 
 PACKAGE = __name__.partition('.')[0]
 # Number of consecutive cycles over the time budget that make a task fail. In a single one the

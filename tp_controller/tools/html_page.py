@@ -19,7 +19,7 @@ from html import escape
 from string import Template
 from typing import NamedTuple
 
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 # Largest number of rows of a table; more are counted.
 MOST_ROWS = 1000

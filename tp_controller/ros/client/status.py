@@ -19,8 +19,9 @@ from dataclasses import dataclass, field
 import math
 
 from tp_controller.ros import Message
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
+STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 # Message of the head entry while the tasks are executed.
 RUNNING = 'running'
 # Statuses of a task whose goal is reached or whose bounds are satisfied, and while zeros are

@@ -20,10 +20,9 @@ import time
 
 from tp_controller.ros.client.client import Client
 from tp_controller.ros.client.received_status import subscribe_status
-from tp_controller.ros.client.status import ControllerStatus
+from tp_controller.ros.client.status import ControllerStatus, STATUS_TYPE
 
-STATUS = '/status'
-STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
+STATUS_SUFFIX = '/status'
 
 
 class Watch:
@@ -79,8 +78,8 @@ class Watch:
         """Find controllers if none are named; return whether all expected ones have sent."""
         if not self._names:
             for topic, types in self._client.node.get_topic_names_and_types():
-                if topic.endswith(STATUS) and types == [STATUS_TYPE]:
-                    self._follow(topic.removesuffix(STATUS).strip('/'))
+                if topic.endswith(STATUS_SUFFIX) and types == [STATUS_TYPE]:
+                    self._follow(topic.removesuffix(STATUS_SUFFIX).strip('/'))
         return bool(self._received) and not self.missing()
 
     def _follow(self, name: str) -> None:

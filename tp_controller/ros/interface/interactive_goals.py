@@ -33,7 +33,7 @@ from visualization_msgs.msg import (
     InteractiveMarkerFeedback,
 )
 
-TOPIC, GOAL = '~/interactive_goals', 'goal'
+INTERACTIVE_GOALS_TOPIC, GOAL = '~/interactive_goals', 'goal'
 # Length of the arrows [m].
 ARROW_LENGTH = 0.15
 # Smallest change of a goal pose that moves its marker [m, or 1 in rotation matrices].
@@ -68,7 +68,7 @@ class InteractiveGoals:
         self._shown: dict[str, tuple[str, type, Array]] = {}
         try:
             from interactive_markers import InteractiveMarkerServer
-            self._server = InteractiveMarkerServer(node, TOPIC)
+            self._server = InteractiveMarkerServer(node, INTERACTIVE_GOALS_TOPIC)
         except ImportError:
             return
         except Exception as error:

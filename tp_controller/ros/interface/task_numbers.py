@@ -22,7 +22,7 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from tp_controller.control.report import TaskReport
 
-TOPIC = 'numbers'
+NUMBERS_TOPIC = 'numbers'
 # Separator of the names of the numbers.
 SEPARATOR = ', '
 
@@ -49,7 +49,7 @@ class TaskNumbers:
         for name in names:
             if name not in self._publishers:
                 self._publishers[name] = self._node.create_publisher(
-                    Float64MultiArray, f'~/{name}/{TOPIC}', 10)
+                    Float64MultiArray, f'~/{name}/{NUMBERS_TOPIC}', 10)
 
     def publish(self, reports: Callable[[], Iterable[TaskReport]]) -> None:
         """Publish the reports of the tasks whose topics have subscribers."""

@@ -31,7 +31,6 @@ from tp_controller.control.gains import (
     set_tolerance,
 )
 from tp_controller.errors import SettingsError
-from tp_controller.foreign import foreign
 from tp_controller.ros.declarations.spec import Spec, TASKS, wrong_type
 from tp_controller.ros.log import Log
 from tp_controller.ros.parameters import as_type, declare, plain
@@ -39,6 +38,7 @@ from tp_controller.ros.rclpy_internals import initial_parameters
 from tp_controller.tasks.keys import MAX_NUMBER
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Task
+from tp_controller.untrusted.calls import foreign
 
 
 @dataclass(frozen=True)

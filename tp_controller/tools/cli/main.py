@@ -28,7 +28,7 @@ from tp_controller.errors import SolverError, TpControllerError
 from tp_controller.ros.signals import END_SIGNALS, SignalWatch
 from tp_controller.tools.cli import check, demo, goal, plot, record, status, view
 from tp_controller.tools.extras import install_command
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 EXAMPLES = """\
 examples:

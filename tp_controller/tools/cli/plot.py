@@ -24,7 +24,7 @@ from tp_controller.errors import in_words, TpControllerError
 from tp_controller.tools.cli.command import Command
 from tp_controller.tools.extras import install_command
 from tp_controller.tools.progress import progress
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 if TYPE_CHECKING:  # Imported with the first recording: the help does not need it.
     from tp_controller.model.robot import Robot

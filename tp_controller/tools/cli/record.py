@@ -28,7 +28,8 @@ from tp_controller.errors import TpControllerError
 from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
 from tp_controller.tools.cli.values import positive_number
-from tp_controller.untrusted import plain
+from tp_controller.tools.progress import CLEAR_LINE
+from tp_controller.untrusted.texts import plain
 
 if TYPE_CHECKING:  # Imported when a recording starts: the help needs no ROS.
     from tp_controller.tools.recording.bag_recorder import BagRecorder
@@ -37,9 +38,7 @@ if TYPE_CHECKING:  # Imported when a recording starts: the help needs no ROS.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # Periods of polling the messages, of writing to the disk, and of the status line [s].
 RECEIVE_SECONDS, WRITE_SECONDS, STATUS_SECONDS = 0.005, 1.0, 0.2
-# Carriage return, and erase to the end of the line.
-CLEAR_LINE = '\r\x1b[K'
-UNITS = ((1e9, 'GB'), (1e6, 'MB'), (1e3, 'kB'))
+SIZE_UNITS = ((1e9, 'GB'), (1e6, 'MB'), (1e3, 'kB'))
 EXAMPLES = """\
 examples:
   tp_controller record                       until Ctrl-C, to a folder named after the time
@@ -175,7 +174,7 @@ def _amount(bag: 'BagWriter', seconds: float) -> str:
 
 def _size(size: float) -> str:
     """Return a size [bytes] as text in a suitable unit."""
-    return next((f'{size / unit:.1f} {name}' for unit, name in UNITS if size >= unit),
+    return next((f'{size / unit:.1f} {name}' for unit, name in SIZE_UNITS if size >= unit),
                 f'{size:.0f} bytes')
 
 

@@ -26,7 +26,7 @@ from tp_controller.ros.client.status import ControllerStatus, TaskStatus
 from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
 from tp_controller.tools.cli.values import positive_number
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 if TYPE_CHECKING:  # Imported with the first status: the help needs no ROS.
     from tp_controller.ros.client.status_monitor import Watch

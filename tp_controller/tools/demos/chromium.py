@@ -33,7 +33,7 @@ AWAKE = ('--disable-background-timer-throttling', '--disable-renderer-background
          '--disable-backgrounding-occluded-windows')
 # Removes the limit of one frame per second for hidden pages: a picture takes 0.4 s instead of
 # 3 s. Without the limit the page uses all processors that it gets.
-UNLIMITED = '--disable-frame-rate-limit'
+NO_FRAME_LIMIT = '--disable-frame-rate-limit'
 QUIET = ('--no-first-run', '--no-default-browser-check', '--disable-extensions',
          '--disable-background-networking', '--disable-component-update', '--disable-sync',
          '--hide-scrollbars', '--mute-audio')
@@ -108,7 +108,7 @@ def open_page(program: str, address: str, width: int, height: int) -> Iterator[H
         log = Path(folder) / 'log'
         with log.open('wb') as output:
             process = subprocess.Popen(
-                [program, '--headless=new', *chromium_flags(), UNLIMITED,
+                [program, '--headless=new', *chromium_flags(), NO_FRAME_LIMIT,
                  f'--window-size={width},{height}',
                  f'--user-data-dir={folder}/profile', address],
                 # A process group: Chromium consists of several processes.

@@ -49,7 +49,7 @@ TARGET_PERIOD = 20.0
 # Time after which the drill follows the target [s].
 SETTLED = 3.0
 # Largest errors of the first level [mm, °].
-TIP, AXIS = 0.5, 0.5
+MOST_TIP_ERROR, MOST_AXIS_ERROR = 0.5, 0.5
 # A drill with its bit, with the tip at the origin of the tool frame.
 DRILL = (FixedObject(TOOL, Cylinder(0.03, 0.07), (0.0, 0.0, -0.085)),
          FixedObject(TOOL, Cylinder(0.006, 0.05), (0.0, 0.0, -0.025)))
@@ -132,9 +132,9 @@ def drill(folder: str | Path) -> Outcome:
     beyond = np.maximum(motion.robot.lower - motion.q, motion.q - motion.robot.upper).max()
     measurements = (
         Measurement(f'tip, largest error from {SETTLED:.0f} s on', 'mm',
-                    motion.tip[settled].max(), TIP, 0.0, bound=True),
+                    motion.tip[settled].max(), MOST_TIP_ERROR, 0.0, bound=True),
         Measurement(f'drill, largest error from {SETTLED:.0f} s on', '°',
-                    motion.axis[settled].max(), AXIS, 0.0, bound=True),
+                    motion.axis[settled].max(), MOST_AXIS_ERROR, 0.0, bound=True),
         Measurement('joint speed, share of the limit', '%', share, 100.0, 0.0, bound=True),
         Measurement('beyond a position limit', 'rad', beyond, 0.0, 0.0, bound=True))
     return Outcome('Drilling along a moving target, with lower tasks', measurements,
@@ -179,8 +179,8 @@ def _figures(folder: Path, motion: _Recording) -> Iterator[Path]:
     yield plot_bounds(
         folder / 'drill.png', motion.times[settled],
         [(label, values[settled], lower, upper) for label, values, lower, upper in (
-            ('tip off by [mm]', motion.tip, nothing, TIP),
-            ('drill off by [°]', motion.axis, nothing, AXIS),
+            ('tip off by [mm]', motion.tip, nothing, MOST_TIP_ERROR),
+            ('drill off by [°]', motion.axis, nothing, MOST_AXIS_ERROR),
             (LOWER['markers'], motion.values['markers'], nothing, float(markers.upper)),
             (LOWER['mobile'], motion.values['mobile'], 1.0, np.inf),
             (LOWER['joints'], motion.values['joints'], joints.margin, np.inf))],

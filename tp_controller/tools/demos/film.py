@@ -66,9 +66,9 @@ LARGE, SMALL, MARGIN = 26, 20, 14
 FONT = Path(matplotlib.get_data_path()) / 'fonts' / 'ttf' / 'DejaVuSans.ttf'
 # Timeouts of the start (usually 2 s) and of a picture (0.2 s; more than 60 s where 30 processes
 # share two processors), and polling period [s].
-START_SECONDS, PICTURE_SECONDS, POLL_SECONDS = 180.0, 180.0, 0.1
+START_SECONDS, PICTURE_SECONDS, CLIENT_POLL_SECONDS = 180.0, 180.0, 0.1
 # Size of the window, independent of that of the pictures [pixels].
-WINDOW = 160, 120
+WINDOW_SIZE = 160, 120
 # Hides the window: viser would draw its content repeatedly for 0.25 s.
 OUT_OF_VIEW = '<style>#root { position: fixed; top: 300vh; }</style>'
 # Largest number of pictures until the scene is complete.
@@ -86,7 +86,7 @@ GOAL_SCALE, LONGEST_CONE = 0.9, 0.14
 # Corners of a cube of side 1.
 CORNERS = 0.5 * np.array(list(product((-1.0, 1.0), repeat=3)))
 # Ambient and directional intensity; position of the lamp relative to the camera, in distances.
-AMBIENT, BRIGHTNESS, LAMP = 1.25, 2.4, np.array([0.0, 0.0, 1.2])
+AMBIENT, LAMP_BRIGHTNESS, LAMP = 1.25, 2.4, np.array([0.0, 0.0, 1.2])
 NO_CHROMIUM = ('there is no Chromium on the PATH (Debian: sudo apt install chromium; Ubuntu: '
                'sudo snap install chromium)')
 
@@ -197,7 +197,7 @@ def pictures(motion: Motion, samples: Sequence[int]) -> Iterator[Image.Image]:
         camera = _camera(motion, samples, SIZE[0] / SIZE[1])
         stage = _Stage(server.scene, motion, camera, SIZE[1])
         _add_lights(server.scene, camera)
-        with open_page(program, address(server), *WINDOW) as page:
+        with open_page(program, address(server), *WINDOW_SIZE) as page:
             all_started()
             client = _client(server, page)
             for sample in samples:
@@ -306,7 +306,7 @@ def _add_lights(scene: viser.SceneApi, camera: Camera) -> None:
     scene.configure_default_lights(False)
     scene.add_light_ambient('/lights/all', intensity=AMBIENT)
     lamp_position = camera.position + camera.distance * (LAMP - 0.4 * camera.R[:, 0])
-    scene.add_light_directional('/lights/lamp', intensity=BRIGHTNESS, cast_shadow=True,
+    scene.add_light_directional('/lights/lamp', intensity=LAMP_BRIGHTNESS, cast_shadow=True,
                                 position=tuple(lamp_position.tolist()))
 
 
@@ -360,12 +360,12 @@ def _server() -> Iterator[viser.ViserServer]:
 
 def _client(server: viser.ViserServer, page: HeadlessPage) -> viser.ClientHandle:
     """Return the client of the page once it is connected."""
-    for _ in range(round(START_SECONDS / POLL_SECONDS)):
+    for _ in range(round(START_SECONDS / CLIENT_POLL_SECONDS)):
         clients = server.get_clients()
         if clients:
             return next(iter(clients.values()))
         page.check()
-        time.sleep(POLL_SECONDS)
+        time.sleep(CLIENT_POLL_SECONDS)
     raise TpControllerError(f'Chromium did not open the page within {START_SECONDS:.0f} s')
 
 

@@ -36,19 +36,20 @@ from tp_controller.tools.plots.curves import plot_errors, plot_positions, plot_v
 
 Point = Sequence[float] | Array
 
-PERIOD = 1.0 / 60.0
-START = (0.0, 0.6, 0.3)
-TOOL = 'link3'
+EXERCISE_PERIOD = 1.0 / 60.0
+EXERCISE_START = (0.0, 0.6, 0.3)
+END_EFFECTOR = 'link3'
 # Parameters of the film: view from nearly above [deg], ground below the round links [m], and size
 # factor of the goals, which must exceed the links.
-VIEW, GROUND, ENLARGED = (-90.0, 55.0), -0.12, 2.3
+TOP_VIEW, GROUND_HEIGHT, ENLARGED = (-90.0, 55.0), -0.12, 2.3
 GOAL_TIME = 10.0
-GOALS = 6
+GOAL_COUNT = 6
 # End-effector goals [m]: the first cannot be reached with joint 1 at zero, the second can.
 CONFLICT, COMPATIBLE = (0.5, 1.2), (0.75, 0.9)
 ORDERS = {'end-effector first': 'lab2_end_effector_first', 'joint 1 first': 'lab2_joint_first'}
 # As in lecture 2.2 and 4: uniform scaling, no relaxed directions, no transition.
-UNDAMPED = Settings(period=PERIOD, damping=0.0, scaling='uniform', release_region=0.0, blend=0.0)
+UNDAMPED = Settings(period=EXERCISE_PERIOD, damping=0.0, scaling='uniform', release_region=0.0,
+                    blend=0.0)
 LECTURE_DAMPING = replace(UNDAMPED, damping=0.1, singular_region=math.inf)
 # Results of exercise 1 after 10 s at 60 Hz, from an independent program. They depend on the step
 # size: at 1 kHz the end-effector error is 0.1 mm.
@@ -112,7 +113,7 @@ def lab2(folder: str | Path, seed: int = 1) -> Outcome:
 
     """
     measurements = [each for goal in (CONFLICT, COMPATIBLE) for each in _measure_two_tasks(goal)]
-    goals = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(GOALS, 2))
+    goals = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(GOAL_COUNT, 2))
     motions = {order: two_tasks(order, goals) for order in ORDERS}
     for order, motion in motions.items():
         measurements.append(Measurement(
@@ -153,11 +154,11 @@ def two_tasks(order: str, goals: ArrayLike, goal_time: float = GOAL_TIME) -> _Re
     Recording
 
     """
-    steps = round(goal_time / PERIOD)
+    steps = round(goal_time / EXERCISE_PERIOD)
     points = np.asarray(goals, dtype=float)
 
     def set_goals(controller: Controller, now: float) -> None:
-        step = round(now / PERIOD)
+        step = round(now / EXERCISE_PERIOD)
         if step % steps == 0 and step < steps * len(points):
             controller.set_goal('end_effector', [*points[step // steps], 0.0], now)
 
@@ -190,19 +191,19 @@ def _record(stack: str, settings: Settings, duration: float,
     config = package_share() / 'config'
     robot = Robot.from_file(config / 'robots' / 'planar_3r.yaml')
     controller = Controller(robot, Stack.from_yaml(config / f'{stack}.yaml', robot), settings)
-    simulator = KinematicSimulator(robot, START)
-    state = robot.state(START)
+    simulator = KinematicSimulator(robot, EXERCISE_START)
+    state = robot.state(EXERCISE_START)
     rows = []
-    for step in range(round(duration / PERIOD) + 1):
-        now = step * PERIOD
+    for step in range(round(duration / EXERCISE_PERIOD) + 1):
+        now = step * EXERCISE_PERIOD
         set_goals(controller, now)
         command = controller.update(simulator.q, now)
         state.update(simulator.q)
         goal = controller.stack.tasks['end_effector'].goal
-        rows.append((now, simulator.q, command.velocity, state.position(TOOL), goal,
+        rows.append((now, simulator.q, command.velocity, state.position(END_EFFECTOR), goal,
                      [task.errors[0][0] for task in command.report.tasks]))
         simulator.command(command.velocity)
-        simulator.step(PERIOD)
+        simulator.step(EXERCISE_PERIOD)
     times, q, velocities, tool, goals, errors = (np.array(column) for column in zip(*rows))
     names = [task.name for task in command.report.tasks]
     return _Recording(robot, controller.stack, times, q, velocities, tool, goals,
@@ -231,7 +232,7 @@ def _goal_lines(goals: Array, motions: Mapping[str, _Recording]) -> Iterator[str
     yield (f'{"goal [m]":<18} {"end-effector first":^24}   {"joint 1 first":^24}   '
            f'{"possible":>8}')
     yield f'{"":<18} {"mm":>11} {"joint 1 rad":>12}   {"mm":>11} {"joint 1 rad":>12}   {"mm":>8}'
-    steps = round(GOAL_TIME / PERIOD)
+    steps = round(GOAL_TIME / EXERCISE_PERIOD)
     for index, goal in enumerate(goals):
         # The sample at the change already has the new goal.
         last = (index + 1) * steps - 1
@@ -244,7 +245,7 @@ def _goal_lines(goals: Array, motions: Mapping[str, _Recording]) -> Iterator[str
 
 def _two_task_figures(folder: Path, motions: Mapping[str, _Recording]) -> Iterator[Path]:
     """Write the figures of exercise 2 and yield their paths."""
-    changes = GOAL_TIME * np.arange(1, GOALS)
+    changes = GOAL_TIME * np.arange(1, GOAL_COUNT)
     for order, motion in motions.items():
         name = ORDERS[order]
         caption = order[0].upper() + order[1:]
@@ -272,4 +273,5 @@ def _film(path: Path, motion: _Recording, title: str) -> tuple[Path, ...]:
                 for number, (now, *_) in enumerate(goals, 1)]
     return films(path, Motion(
         title, motion.robot, motion.times, motion.q, motion.stack,
-        Look((TOOL,), view=VIEW, ground=GROUND, enlarged=ENLARGED), goals, captions))
+        Look((END_EFFECTOR,), view=TOP_VIEW, ground=GROUND_HEIGHT, enlarged=ENLARGED), goals,
+        captions))

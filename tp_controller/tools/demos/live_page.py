@@ -32,7 +32,7 @@ if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
 
 NODE = 'tp_viewer'
 # Timeout of a response of the page [s].
-ANSWER_SECONDS = 30.0
+VIEWER_ANSWER_SECONDS = 30.0
 WITHOUT_PAGE = 'no page in the browser, the demo continues without it: '
 
 
@@ -55,7 +55,7 @@ class LivePage:
         """Show the results of the demo on the page; return the success."""
         from tp_controller.ros.client.remote_parameters import set_parameter
         return self._process.running() and set_parameter(
-            client, NODE, 'conclusion', text, ANSWER_SECONDS)
+            client, NODE, 'conclusion', text, VIEWER_ANSWER_SECONDS)
 
 
 def start_page(stack: ExitStack, environment: Mapping[str, str], folder: Path) -> LivePage:

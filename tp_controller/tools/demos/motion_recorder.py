@@ -30,7 +30,7 @@ from tp_controller.ros.client.status import ControllerStatus
 from tp_controller.tools.recording.task_curves import TaskCurves
 
 # Units of the recorded errors.
-UNITS = ('m', 'rad')
+ERROR_UNITS = ('m', 'rad')
 
 
 class Recorder:
@@ -51,7 +51,7 @@ class Recorder:
     commands : list of (float, ndarray (n,))
         Time [s] and commanded velocities, including those of the base.
     curves : TaskCurves
-        Errors of the tasks in `UNITS`, and their limiting causes.
+        Errors of the tasks in `ERROR_UNITS`, and their limiting causes.
 
     """
 
@@ -113,5 +113,6 @@ class Recorder:
     def _on_status(self, status: ControllerStatus) -> None:
         """Record the errors and the limiting causes of every task."""
         self.curves.add(self.now(), {name: (
-            {unit: error for unit, error in task.errors.items() if unit in UNITS}, task.causes)
+            {unit: error for unit, error in task.errors.items() if unit in ERROR_UNITS},
+            task.causes)
             for name, task in status.tasks.items()})

@@ -24,7 +24,7 @@ from tp_controller.tools.demos.motion import Motion
 from tp_controller.tools.extras import install_command
 
 # Environment variable of the films, and its value for none.
-CHOICE, NONE = 'TP_CONTROLLER_FILM', 'none'
+FILM_VARIABLE, NONE = 'TP_CONTROLLER_FILM', 'none'
 DECIMALS = {'mm': 3, '°': 3, '%': 1, 'rad': 5, 'rad/s': 3}
 
 
@@ -84,7 +84,7 @@ def films(path: Path, motion: Motion) -> tuple[Path, ...]:
         Path of the film; empty without one, as with ``TP_CONTROLLER_FILM=none``.
 
     """
-    if os.environ.get(CHOICE) == NONE:
+    if os.environ.get(FILM_VARIABLE) == NONE:
         return ()
     try:
         from tp_controller.tools.demos.film import write_film

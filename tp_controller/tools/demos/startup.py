@@ -33,7 +33,7 @@ STEP_SECONDS, IDLE_SECONDS = 30.0, 60.0
 # Time until the first report of a wait, and between two reports [s].
 FIRST_REPORT_SECONDS, REPORT_SECONDS = 5.0, 15.0
 # Polling period [s].
-POLL_SECONDS = 0.05
+STARTUP_POLL_SECONDS = 0.05
 # Number of displayed lines of a log.
 LOG_LINES = 12
 
@@ -114,7 +114,7 @@ class Startup:
         """
         while text := missing():
             self.check(text)
-            turn(POLL_SECONDS)
+            turn(STARTUP_POLL_SECONDS)
 
 
 @contextmanager

@@ -36,14 +36,14 @@ GOAL_SECONDS = 20.0
 # Timeout of a goal without new commands [s].
 IDLE_SECONDS = 60.0
 # Timeout of the response of the controller to a goal [s].
-ANSWER_SECONDS = 120.0
+GOAL_ANSWER_SECONDS = 120.0
 # Time for which a goal is observed after it is reached [s].
 LINGER_SECONDS = 0.5
 PROGRESS_SECONDS = 1.0
 # Period of repeated velocities, which time out otherwise [s].
 REPEAT_SECONDS = 0.1
 # Polling period [s].
-POLL_SECONDS = 0.02
+GOAL_POLL_SECONDS = 0.02
 # Formats of errors in suitable units.
 SHOWN = {'m': '{:8.2f} mm', 'rad': '{:6.2f}°', 'm/s': '{:8.2f} mm/s'}
 FACTORS = {'m': 1e3, 'rad': np.degrees(1.0), 'm/s': 1e3}
@@ -143,14 +143,14 @@ class Steps:
         titles = {goal['task']: f'{number} {goal["say"]}' for goal in step}
         self._errors.clear()
         for goal in step:
-            self._client.send(goal['task'], wait=ANSWER_SECONDS, **goal_fields(goal))
+            self._client.send(goal['task'], wait=GOAL_ANSWER_SECONDS, **goal_fields(goal))
         seconds, began = max(goal.get('for', 0.0) for goal in step), time.monotonic()
         deadline = _Deadline(self._computed())
         show, repeat = _Ticker(PROGRESS_SECONDS), _Ticker(REPEAT_SECONDS, began)
 
         def turn() -> None:
             # Process all messages: dropped ones would be missing in the figures.
-            self._client.spin(POLL_SECONDS)
+            self._client.spin(GOAL_POLL_SECONDS)
             self._client.catch_up()
             self._poll()
             if seconds and repeat.due():

@@ -34,10 +34,10 @@ from numpy.typing import ArrayLike, NDArray
 from tp_controller.tools.plots.drawing import (
     ARM_COLOUR,
     Array,
-    COLOURS,
-    FAINT,
     GOAL_COLOUR,
+    GUIDE_COLOUR,
     LIMIT_COLOUR,
+    LINE_COLOURS,
     make_scene,
     mark_bound,
     PLOT_DPI,
@@ -156,7 +156,7 @@ def plot_velocities(path: str | Path, times: Array, velocities: ArrayLike, limit
                 else names[joint]
             scale = 100.0 / limits[joint] if share else 1.0
             axis.plot(times, scale * velocities[:, joint], label=label, **_line(joint))
-        axis.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+        axis.axhline(0.0, color=GUIDE_COLOUR, linewidth=0.8, zorder=0)
         if group is limited:
             _mark_limits(axis, 100.0 if share else limits[group[0]])
         axis.set_ylabel('share of limit [%]' if share else f'velocity [{unit}/s]')
@@ -298,14 +298,14 @@ def _legend_of(times: Array, limited: Mapping[str, Sequence[Causes]]) -> dict[st
             for cause in causes:
                 drawn[cause] += duration / len(causes)
     return {cause: '\n'.join(wrap(cause, LEGEND_WIDTH, max_lines=LEGEND_LINES, placeholder=' …'))
-            for cause, _ in drawn.most_common(len(COLOURS))}
+            for cause, _ in drawn.most_common(len(LINE_COLOURS))}
 
 
 def _add_causes(axis: Axes, times: Array, limited: Mapping[str, Sequence[Causes]],
                 legend: Mapping[str, str]) -> None:
     """Draw the causes that limit each task (T,) as bands: a row per task, a colour per cause."""
     lasts = np.diff(times, append=times[-1])
-    colours, others = dict(zip(legend, COLOURS)), False
+    colours, others = dict(zip(legend, LINE_COLOURS)), False
     for row, sets in enumerate(limited.values()):
         samples: dict[Causes, list[int]] = {}
         for sample, found in enumerate(sets):
@@ -319,11 +319,11 @@ def _add_causes(axis: Axes, times: Array, limited: Mapping[str, Sequence[Causes]
                 axis.broken_barh(
                     np.column_stack([np.asarray(times)[where], lasts[where]]).tolist(),
                     (row - 0.4 + 0.8 * index / len(causes), 0.8 / len(causes)), linewidth=0.0,
-                    color=colours.get(cause, FAINT))
+                    color=colours.get(cause, GUIDE_COLOUR))
     for cause, label in legend.items():
         axis.plot([], [], color=colours[cause], linewidth=6.0, label=label)
     if others:
-        axis.plot([], [], color=FAINT, linewidth=6.0, label='other')
+        axis.plot([], [], color=GUIDE_COLOUR, linewidth=6.0, label='other')
     axis.set_yticks(range(len(limited)), list(limited))
     axis.set_ylim(len(limited) - 0.4, -0.6)
     axis.set_ylabel('limited')
@@ -344,8 +344,8 @@ def _figure(title: str, rows: int, height: float,
 
 def _line(index: int) -> dict[str, Any]:
     """Return the colour and style of the line with an index."""
-    return {'color': COLOURS[index % len(COLOURS)], 'linewidth': 1.8,
-            'linestyle': STYLES[index // len(COLOURS) % len(STYLES)]}
+    return {'color': LINE_COLOURS[index % len(LINE_COLOURS)], 'linewidth': 1.8,
+            'linestyle': STYLES[index // len(LINE_COLOURS) % len(STYLES)]}
 
 
 def _legend(axis: Axes) -> None:
@@ -356,7 +356,7 @@ def _legend(axis: Axes) -> None:
 def _mark_changes(axis: Axes, changes: Iterable[float]) -> None:
     """Mark the times of new goals; only the first mark has a legend entry."""
     for index, time in enumerate(changes):
-        axis.axvline(time, color=FAINT, linewidth=1.0, linestyle=(0, (2, 2)), zorder=0,
+        axis.axvline(time, color=GUIDE_COLOUR, linewidth=1.0, linestyle=(0, (2, 2)), zorder=0,
                      label=None if index else 'new goal')
 
 

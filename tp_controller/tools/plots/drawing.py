@@ -26,19 +26,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.model.spatial import Array
 from tp_controller.tools.files import new_file
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 if TYPE_CHECKING:  # Not importable with mixed versions of matplotlib; plane plots do not need it.
     from mpl_toolkits.mplot3d import Axes3D
 
 
 # Colours of Okabe and Ito for colour-blind readers, without their yellow, too light for lines.
-COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
+LINE_COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
 GOAL_COLOUR = '#D55E00'
 ARM_COLOUR = '#2F3B4A'
 LIMIT_COLOUR = '#B00020'
 SHADOW_COLOUR = '#DDE1E6'
-FAINT = '#B8BEC6'
+GUIDE_COLOUR = '#B8BEC6'
 PLOT_DPI = 110
 # Spread of the heights [m] below which a motion counts as planar.
 PLANAR_SPREAD = 1e-6

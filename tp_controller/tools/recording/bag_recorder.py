@@ -43,10 +43,10 @@ from tp_controller.errors import TpControllerError
 from tp_controller.model.robot import Robot
 from tp_controller.ros import Message
 from tp_controller.ros.client.context import new_context
+from tp_controller.ros.client.status import STATUS_TYPE
 from tp_controller.ros.rclpy_internals import NodeNameNonExistentError, RCLError
 from tp_controller.tools.recording.writer import BagWriter
 
-STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 EVENTS = '/parameter_events'
 EVENT_TYPE = 'rcl_interfaces/msg/ParameterEvent'
 TEXT_TYPE = 'std_msgs/msg/String'
@@ -55,7 +55,7 @@ SHARED = {'/tf', '/tf_static', '/clock'}
 # Queue depth of a topic, for a busy file system: some seconds at 1 kHz.
 DEPTH = 5000
 # Period of the search for new topics, and timeout of parameter requests [s].
-LOOK_SECONDS, ANSWER_SECONDS = 0.1, 5.0
+LOOK_SECONDS, PARAMETERS_ANSWER_SECONDS = 0.1, 5.0
 # Fields of a ParameterValue: scalars, and arrays with their types.
 SINGLE = ('type', 'bool_value', 'integer_value', 'double_value', 'string_value')
 ARRAYS = {'bool_array_value': np.bool_, 'integer_array_value': np.int64,
@@ -267,14 +267,14 @@ class _ParameterRequest:
         self._get = node.create_client(GetParameters, f'/{name}/get_parameters')
         self._future: Any = None
         self._names: list[str] = []
-        self._since = -ANSWER_SECONDS
+        self._since = -PARAMETERS_ANSWER_SECONDS
         self.done = False
 
     def proceed(self, bag: BagWriter) -> None:
         """Process a response or send a request, without blocking; retry after a timeout."""
         if self.done or not self._get.service_is_ready():
             return
-        if self._future is None or time.monotonic() - self._since > ANSWER_SECONDS:
+        if self._future is None or time.monotonic() - self._since > PARAMETERS_ANSWER_SECONDS:
             self._since = time.monotonic()
             self._names = []
             self._future = self._list.call_async(ListParameters.Request())

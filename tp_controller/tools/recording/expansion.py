@@ -21,7 +21,7 @@ from typing import Any
 # Largest chunk of a recording, compressed or not [bytes].
 CHUNK_BYTES = 1 << 26
 # Largest logarithm of the window size of Zstandard.
-WINDOW = 26
+ZSTD_WINDOW = 26
 # Limit of the decompressed size of a file: factor on its size on the disk, and constant [bytes].
 MOST_RATIO, EXTRA_BYTES = 200, 1 << 28
 # Unit of `st_blocks` [bytes].
@@ -103,7 +103,7 @@ def _zstd() -> Any:
         from compression import zstd
     else:
         from backports import zstd
-    return zstd.ZstdDecompressor(options={zstd.DecompressionParameter.window_log_max: WINDOW})
+    return zstd.ZstdDecompressor(options={zstd.DecompressionParameter.window_log_max: ZSTD_WINDOW})
 
 
 def _lz4() -> Any:

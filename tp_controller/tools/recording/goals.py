@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from tp_controller.model.spatial import rotation_from_quaternion
 from tp_controller.ros.client.status import TaskStatus
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 # Goals at shorter intervals belong to one stream [s].
 STREAM_INTERVAL = 0.2

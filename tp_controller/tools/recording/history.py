@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from tp_controller.errors import TpControllerError, unknown
 from tp_controller.resources import MOST_XML_CHARACTERS
-from tp_controller.ros.client.status import LONGEST_KEY, received
+from tp_controller.ros.client.status import LONGEST_KEY, received, STATUS_TYPE
 from tp_controller.tools.recording.goals import Goals
 from tp_controller.tools.recording.mcap import Raw
 from tp_controller.tools.recording.motion import Moment, Motion
@@ -31,16 +31,15 @@ from tp_controller.tools.recording.series import Series
 from tp_controller.tools.recording.stops import Stops
 from tp_controller.tools.recording.task_curves import TaskCurves
 from tp_controller.tools.recording.task_history import TaskHistory
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
-STATUS = 'diagnostic_msgs/msg/DiagnosticArray'
-JOINTS = 'sensor_msgs/msg/JointState'
-NUMBERS = 'std_msgs/msg/Float64MultiArray'
-TWIST = 'geometry_msgs/msg/Twist'
-ODOMETRY = 'nav_msgs/msg/Odometry'
-MARKERS = 'visualization_msgs/msg/MarkerArray'
-TEXT = 'std_msgs/msg/String'
-EVENT = 'rcl_interfaces/msg/ParameterEvent'
+JOINTS_TYPE = 'sensor_msgs/msg/JointState'
+NUMBERS_TYPE = 'std_msgs/msg/Float64MultiArray'
+TWIST_TYPE = 'geometry_msgs/msg/Twist'
+ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
+MARKERS_TYPE = 'visualization_msgs/msg/MarkerArray'
+TEXT_TYPE = 'std_msgs/msg/String'
+EVENT_TYPE = 'rcl_interfaces/msg/ParameterEvent'
 # Topic of all nodes, for general diagnostic tools.
 DIAGNOSTICS = '/diagnostics'
 GOAL_TOPICS = ('goal', 'twist', 'obstacles')
@@ -53,7 +52,7 @@ MOST_STATUS_SECONDS = 1.0
 # Bound of the memory for any recording: largest number of tasks.
 MOST_TASKS = 100
 # Largest numbers of topics of one kind, and of values of all commands.
-MOST_TOPICS, MOST_COMMANDS = 30, 1000
+MOST_TOPICS_OF_A_KIND, MOST_COMMANDS = 30, 1000
 # Largest number of parameters, and length of all [characters].
 MOST_PARAMETERS, LONGEST_PARAMETERS = 5000, 1 << 23
 
@@ -153,9 +152,9 @@ class History:
         try:
             if own and last in GOAL_TOPICS:
                 self.goals.add_message(time, task, raw.kind, self._bag.decode(raw))
-            elif own and raw.kind == MARKERS:
+            elif own and raw.kind == MARKERS_TYPE:
                 self.motion.set_markers(raw)
-            elif raw.kind in TAKERS and not (own and raw.kind in (JOINTS, NUMBERS)):
+            elif raw.kind in TAKERS and not (own and raw.kind in (JOINTS_TYPE, NUMBERS_TYPE)):
                 TAKERS[raw.kind](self, time, raw.topic, self._bag.decode(raw))
         except Exception as error:
             # Decoded messages may still be invalid in any way.
@@ -201,7 +200,7 @@ class History:
     def _take_twist(self, time: float, topic: str, message: Any) -> None:
         """Process the velocity of a base."""
         linear, angular = message.linear, message.angular
-        if topic not in self.twists and len(self.twists) >= MOST_TOPICS:
+        if topic not in self.twists and len(self.twists) >= MOST_TOPICS_OF_A_KIND:
             return
         self.twists.setdefault(topic, Series(6)).add(
             time, (linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
@@ -213,7 +212,7 @@ class History:
     def _take_text(self, time: float, topic: str, message: Any) -> None:
         """Store a description of a robot."""
         if topic.endswith('robot_description') and len(message.data) <= MOST_XML_CHARACTERS and (
-                topic in self.descriptions or len(self.descriptions) < MOST_TOPICS):
+                topic in self.descriptions or len(self.descriptions) < MOST_TOPICS_OF_A_KIND):
             self.descriptions[topic] = message.data
 
     def _take_event(self, time: float, topic: str, message: Any) -> None:
@@ -234,9 +233,10 @@ class History:
 
 
 TAKERS: dict[str, Callable[[History, float, str, Any], None]] = {
-    STATUS: History._take_status, JOINTS: History._take_joints, NUMBERS: History._take_command,
-    TWIST: History._take_twist, ODOMETRY: History._take_odometry, TEXT: History._take_text,
-    EVENT: History._take_event}
+    STATUS_TYPE: History._take_status, JOINTS_TYPE: History._take_joints,
+    NUMBERS_TYPE: History._take_command, TWIST_TYPE: History._take_twist,
+    ODOMETRY_TYPE: History._take_odometry, TEXT_TYPE: History._take_text,
+    EVENT_TYPE: History._take_event}
 
 
 def _find_node(bag: Bag, node: str) -> str:
@@ -246,7 +246,7 @@ def _find_node(bag: Bag, node: str) -> str:
     first, remarks = None, len(bag.remarks)
     for raw in bag.messages(lambda size: None):
         first = raw.stamp if first is None else first
-        if raw.kind == STATUS and raw.topic != DIAGNOSTICS and raw.topic not in looked:
+        if raw.kind == STATUS_TYPE and raw.topic != DIAGNOSTICS and raw.topic not in looked:
             looked.add(raw.topic)
             name = _controller_in(bag, raw)
             if name:

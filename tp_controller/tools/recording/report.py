@@ -31,10 +31,10 @@ from tp_controller.tools.recording.history import History
 from tp_controller.tools.recording.pictures import command_topic
 from tp_controller.tools.recording.robots import command_names
 from tp_controller.tools.recording.task_history import TaskHistory
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 # Largest number of listed causes of a task.
-MOST_CAUSES = 3
+MOST_LISTED_CAUSES = 3
 # Longest cell of the summary, and longest parameter [characters].
 LONGEST_CELL, LONGEST_VALUE = 200, 500
 
@@ -120,8 +120,8 @@ def _task_row(task: TaskHistory, all_errors: bool = True) -> Row:
         if task.known else ''
     causes = ', '.join(
         f'{cause} ({task.causes[cause]:.1f} s)' for cause in sorted(
-            task.causes, key=lambda cause: -task.causes[cause])[:MOST_CAUSES])
-    causes += ' …' if len(task.causes) > MOST_CAUSES else ''
+            task.causes, key=lambda cause: -task.causes[cause])[:MOST_LISTED_CAUSES])
+    causes += ' …' if len(task.causes) > MOST_LISTED_CAUSES else ''
     last = ', '.join(_error(error, unit) for unit, (error, _) in task.errors.items())
     largest = ', '.join(_error(error, unit) for unit, error in task.largest.items())
     text = f'{task.status}, then {STOPPED}' if task.stopped and task.status != STOPPED \

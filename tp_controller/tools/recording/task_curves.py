@@ -22,7 +22,7 @@ import numpy as np
 from tp_controller.model.spatial import Array
 from tp_controller.tools.plots.drawing import label
 from tp_controller.tools.recording.series import Series
-from tp_controller.untrusted import LONGEST_TEXT
+from tp_controller.untrusted.texts import LONGEST_TEXT
 
 # Largest number of distinct sets of causes, which bounds the memory for any recording.
 MOST_SETS = 5000

@@ -30,7 +30,7 @@ from tp_controller.tools.view.incoming import (
     MESSAGES,
     PICTURES,
 )
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 import viser
 import websockets.asyncio.server
 from websockets.asyncio.server import ServerConnection

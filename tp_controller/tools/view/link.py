@@ -43,14 +43,14 @@ from tp_controller.ros.client.status import ControllerStatus, RUNNING
 from tp_controller.ros.parameters import LIMITS, names_in, ROBOT, TASKS
 from tp_controller.tools.view.markers import drawable
 from tp_controller.tools.view.status import Row, rows_of
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 from visualization_msgs.msg import Marker, MarkerArray
 
 # Only the newest message matters, and a lost one is not resent.
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Polling period of the parameters, and timeout of service calls [s].
-PARAMETER_PERIOD, ANSWER_SECONDS = 1.0, 3.0
+PARAMETER_PERIOD, SERVICE_ANSWER_SECONDS = 1.0, 3.0
 # Age of the last status from which the controller counts as gone [s].
 STATUS_TIMEOUT = 2.0
 # Larger joint velocities are ignored [rad/s or m/s].
@@ -209,7 +209,7 @@ class Link:
         if future is None:
             told(False, f'/{self.client.controller}/{name} does not answer')
         else:
-            self._pending.append((future, self._clock() + ANSWER_SECONDS, finish, told))
+            self._pending.append((future, self._clock() + SERVICE_ANSWER_SECONDS, finish, told))
 
     def _take_answers(self, now: float) -> None:
         """Process the received responses, and drop calls after their timeout."""

@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 from tp_controller.model.spatial import Array, pose, rotation_from_quaternion
 from tp_controller.tasks.primitives import Kind, Primitive, Rgba
 from tp_controller.tools.view.parts import add_part, Colour, FARTHEST, is_pose, Part, place
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 import viser
 
 if TYPE_CHECKING:  # Recordings are shown without ROS; their markers have the same fields.
     from std_msgs.msg import ColorRGBA
     from visualization_msgs.msg import Marker
 
-TASKS = '/tasks'
+TASK_MARKERS = '/tasks'
 Real = TypeVar('Real', bound=np.floating[Any])
 # Identifier of a primitive: namespace and number.
 Key = tuple[str, int]
@@ -81,7 +81,7 @@ class MarkerScene:
 
     """
 
-    def __init__(self, scene: viser.SceneApi, name: str = TASKS,
+    def __init__(self, scene: viser.SceneApi, name: str = TASK_MARKERS,
                  pixels: float | None = None) -> None:
         self._scene, self._name, self._pixels = scene, name, pixels
         self._drawn: dict[Key, _Drawn] = {}

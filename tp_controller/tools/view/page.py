@@ -38,7 +38,7 @@ from tp_controller.tools.view.scene import add_ground, add_sky, RobotScene, tip,
 from tp_controller.tools.view.stack_edits import StackChanges
 from tp_controller.tools.view.stack_panel import assign, StackPanel
 from tp_controller.tools.view.status import BAD, Condition, ConditionReader
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 import viser
 from visualization_msgs.msg import Marker
 
@@ -52,7 +52,7 @@ RESTARTED = ('the controller has been restarted and has no goals; drag them, or 
 # Largest number of pending actions of browsers; others are dropped.
 MOST_WAITING = 100
 # Largest number of internal errors that are reported; longest report [characters].
-MOST_ERRORS, LONGEST_ERROR = 10, 5000
+MOST_INTERNAL_ERRORS, LONGEST_INTERNAL_ERROR = 10, 5000
 # Display time of a notice [s].
 NOTICE_SECONDS = 12.0
 # Colours of refusals and of remarks.
@@ -215,12 +215,12 @@ class Page:
     def _report(self, what: str, error: Exception) -> None:
         """Report an internal error, once."""
         kind = what, type(error)
-        if kind in self._errors or len(self._errors) >= MOST_ERRORS:
+        if kind in self._errors or len(self._errors) >= MOST_INTERNAL_ERRORS:
             return
         self._errors.add(kind)
         # A closed terminal, or a full disk, must not end the page.
         with suppress(OSError, ValueError):
-            print(plain(''.join(format_exception(error)), LONGEST_ERROR, lines=True),
+            print(plain(''.join(format_exception(error)), LONGEST_INTERNAL_ERROR, lines=True),
                   file=sys.stderr, flush=True)
         self._show_answer(False, f'internal error: cannot {what}: {in_words(error)}')
 

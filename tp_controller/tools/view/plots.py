@@ -29,8 +29,8 @@ import viser
 
 # Time span of a plot, and sampling period [s].
 SECONDS, SAMPLE_SECONDS = 20.0, 0.1
-COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000',
-           '#7F3C8D', '#80BA5A')
+CURVE_COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000',
+                 '#7F3C8D', '#80BA5A')
 LIMIT_COLOUR = '#B00020'
 HEIGHT = 190
 # Top, right, bottom and left: half of the uppermost label is above its line.
@@ -131,7 +131,8 @@ class RunningPlot:
     def _series(self) -> tuple[viser.uplot.Series, ...]:
         """Return labels and styles of the curves."""
         series: list[viser.uplot.Series] = [{'label': 's'}]
-        series += [{'label': name, 'stroke': COLOURS[number % len(COLOURS)], 'width': 1.5}
+        series += [{'label': name, 'width': 1.5,
+                    'stroke': CURVE_COLOURS[number % len(CURVE_COLOURS)]}
                    for number, name in enumerate(self.names)]
         series += [{'label': 'limit', 'stroke': LIMIT_COLOUR, 'width': 1, 'dash': (6, 4)}
                    for _ in self._limits]

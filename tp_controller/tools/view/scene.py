@@ -31,7 +31,7 @@ GROUND_COLOUR, CELL_COLOUR, SECTION_COLOUR = (228, 232, 238), (206, 212, 221), (
 SHADOW = 0.3
 # Colours of the sky at the zenith and at the horizon; number of shades.
 SKY_COLOURS, SHADES = ((186, 203, 224), (240, 243, 247)), 64
-BRIGHTNESS = 0.25
+ENVIRONMENT_BRIGHTNESS = 0.25
 TRAIL_COLOUR: Colour = (0, 114, 178)
 # Number of points of a trail, and smallest distance between two of them [m].
 MOST_TRAIL_POINTS, TRAIL_STEP = 400, 0.004
@@ -186,7 +186,7 @@ class Trail:
 
 def add_ground(scene: viser.SceneApi, height: float = 0.0) -> viser.GridHandle:
     """Add light and the ground at a height [m]; return the ground."""
-    scene.configure_environment_map('studio', environment_intensity=BRIGHTNESS)
+    scene.configure_environment_map('studio', environment_intensity=ENVIRONMENT_BRIGHTNESS)
     return scene.add_grid(
         GROUND, GROUND_SIZE, GROUND_SIZE, cell_size=CELL, section_size=SECTION,
         cell_color=CELL_COLOUR, section_color=SECTION_COLOUR, shadow_opacity=SHADOW,

@@ -40,8 +40,8 @@ FOREIGN = 'http://other.example'
 # Message of a browser that sets a property of a widget other than its value.
 FORGED = (b'\x83\xa4type\xb0GuiUpdateMessage\xa4uuid\xa1x\xa7updates\x81\xa8disabled\xc3')
 # Timeouts of a response and of the check of a message on a busy machine [s].
-ANSWER_SECONDS = CHECK_SECONDS = 30.0
-POLL_SECONDS = 0.01
+SERVER_ANSWER_SECONDS = CHECK_SECONDS = 30.0
+REFUSAL_POLL_SECONDS = 0.01
 UPGRADE = ('\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n'
            'Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==')
 
@@ -240,11 +240,11 @@ def _faults(host: str, port: int, guard: Guard) -> Iterator[str]:
             yield f'{name} is not sent'
     before = guard.refused
     with connect(f'ws://{own}', subprotocols=[Subprotocol(SUBPROTOCOL)],
-                 open_timeout=ANSWER_SECONDS) as browser:
+                 open_timeout=SERVER_ANSWER_SECONDS) as browser:
         browser.send(FORGED)
         end = time.monotonic() + CHECK_SECONDS
         while guard.refused == before and time.monotonic() < end:
-            time.sleep(POLL_SECONDS)
+            time.sleep(REFUSAL_POLL_SECONDS)
     if guard.refused == before:
         yield 'messages are not checked'
 
@@ -258,7 +258,7 @@ def _near(host: str) -> str:
 
 def _head(host: str, port: int, lines: str, target: str) -> tuple[int, dict[str, str]]:
     """Return status and headers (names in lower case) of the response to a request."""
-    with socket.create_connection((host, port), ANSWER_SECONDS) as found:
+    with socket.create_connection((host, port), SERVER_ANSWER_SECONDS) as found:
         found.sendall(f'GET {target} HTTP/1.1\r\nHost: {lines}\r\n\r\n'.encode())
         received = b''
         while b'\r\n\r\n' not in received:

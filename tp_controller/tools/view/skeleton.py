@@ -35,7 +35,7 @@ DRUM, CAP, COLLAR, COLLAR_AT = (1.2, 2.5), (0.92, 2.8), (1.1, 0.45), 1.9
 # Radius of the rounded edges, in radii.
 EDGE = 0.3
 # Radius of the tip of a tool, in radii.
-TIP = 0.16
+TIP_RADIUS = 0.16
 # Length of a pointer at the end of a link, and smallest length of a long link, in radii.
 POINTER, LONG = 2.2, 5.0
 FOOT_HEIGHT, PLATE = 2.6, 0.5  # in radii
@@ -143,7 +143,7 @@ class _Skeleton:
             # A long link has a pointer only at its end.
             bare = length - POINTER * radius if length > LONG * radius else 0.0
             return [*_limb((bare / length) * offset, radius, 0.85 * radius), _solid(
-                pointer(0.85 * radius, TIP * radius, length - bare),
+                pointer(0.85 * radius, TIP_RADIUS * radius, length - bare),
                 pose_along(offset / length, (bare / length) * offset), JOINT_COLOUR)]
         shaft = max(length - 0.5 * radius, MIN_LIMB_LENGTH)
         return [_solid(limb(radius, 0.85 * radius, shaft, 1.0), T)]

@@ -26,9 +26,9 @@ from tp_controller.tools.view.status import FAINT, Row
 import viser
 
 # Colour of the dot before the name of a task, by status.
-COLOURS = {'reached': '#2e9e5b', 'satisfied': '#2e9e5b', 'moving': '#2f7fd1',
-           'limited': '#e08a00', 'failed': '#c62828', STOPPED: FAINT,
-           'disabled': '#b8bec6'}
+STATUS_COLOURS = {'reached': '#2e9e5b', 'satisfied': '#2e9e5b', 'moving': '#2f7fd1',
+                  'limited': '#e08a00', 'failed': '#c62828', STOPPED: FAINT,
+                  'disabled': '#b8bec6'}
 UP, DOWN = '▲ up', '▼ down'
 GAIN = 'gain'
 # Digits of a gain.
@@ -230,7 +230,7 @@ def assign(handle: viser.GuiInputHandle[Value], value: Value) -> None:
 
 def row_html(row: Row, stopped: bool = False) -> str:
     """Return the status, error, achieved share and cause of a task as HTML, grey while stopped."""
-    colour = COLOURS.get(row.status, FAINT)
+    colour = STATUS_COLOURS.get(row.status, FAINT)
     before = ' before' if stopped and row.status != STOPPED else ''
     lines = [f'<div style="display:flex;justify-content:space-between">'
              f'<span><span style="color:{colour}">●</span> {escape(row.status)}{before}</span>'

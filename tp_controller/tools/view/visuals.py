@@ -31,7 +31,7 @@ from tp_controller.tools.view.parts import Colour, FARTHEST, LINK_COLOUR, Part
 from tp_controller.tools.view.skeleton import numbers, skeleton, vector
 
 # Environment variable that disables the meshes of example robots, and its value.
-CHOICE, OWN = 'TP_CONTROLLER_MESHES', 'own'
+MESHES_VARIABLE, OWN = 'TP_CONTROLLER_MESHES', 'own'
 # Attributes of primitives, in the order of `Part.size`.
 SIZES = {'box': ('size',), 'sphere': ('radius',), 'cylinder': ('radius', 'length')}
 # Number of their sizes.
@@ -74,7 +74,7 @@ def visuals_of(robot: Robot) -> Visuals:
     tree = parse(robot.urdf)
     if not _is_bare(tree):
         return _described(tree)
-    other = None if os.environ.get(CHOICE) == OWN else matching_robot(robot)
+    other = None if os.environ.get(MESHES_VARIABLE) == OWN else matching_robot(robot)
     if other is None:
         return Visuals(skeleton(tree))
     lent = _described(parse(other.urdf))

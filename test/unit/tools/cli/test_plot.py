@@ -27,7 +27,7 @@ import recordings
 from robots import REPOSITORY
 from tp_controller.tools.cli.main import main
 from tp_controller.tools.extras import install_command
-from tp_controller.untrusted import plain
+from tp_controller.untrusted.texts import plain
 
 pytest.importorskip('matplotlib')
 

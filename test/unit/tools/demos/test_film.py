@@ -28,7 +28,7 @@ from tp_controller.tasks.sketch import Arrow, Body, Dot, Triad
 from tp_controller.tools.cli.demo import FILM, NO_FILM
 from tp_controller.tools.demos import film
 from tp_controller.tools.demos.motion import FixedObject, Look, Motion, Playback
-from tp_controller.tools.demos.outcome import CHOICE, films, NONE
+from tp_controller.tools.demos.outcome import FILM_VARIABLE, films, NONE
 from tp_controller.tools.extras import install_command
 from viser import ViserServer
 
@@ -74,10 +74,10 @@ def test_a_film_shows_its_progress_and_can_be_left_out(tmp_path, monkeypatch, bl
     monkeypatch.setattr(film, 'progress', lambda total, what: contextlib.nullcontext(
         SimpleNamespace(advance=lambda: drawn.append(total))))
     motion = motion_of(robot, swing(robot)[:20], TIMES[:20])
-    monkeypatch.delenv(CHOICE)
+    monkeypatch.delenv(FILM_VARIABLE)
     assert films(tmp_path / 'arm.webp', motion) == (tmp_path / 'arm.webp',)
     assert drawn == [20] * 20
-    assert (FILM, NO_FILM) == (CHOICE, NONE)
+    assert (FILM, NO_FILM) == (FILM_VARIABLE, NONE)
     monkeypatch.setenv(FILM, NO_FILM)
     assert films(tmp_path / 'none.webp', motion) == ()
     assert [path.name for path in tmp_path.iterdir()] == ['arm.webp']
@@ -163,7 +163,7 @@ def test_playback_shows_goals_from_when_they_are_given_and_regions_throughout():
 
 @pytest.mark.parametrize('fault', ['no Chromium', 'no viser'])
 def test_without_a_film_the_demo_says_what_to_install(tmp_path, monkeypatch, capsys, fault):
-    monkeypatch.delenv(CHOICE)
+    monkeypatch.delenv(FILM_VARIABLE)
     if fault == 'no viser':
         monkeypatch.setitem(sys.modules, 'viser', None)
         monkeypatch.delitem(sys.modules, film.__name__)

@@ -64,8 +64,8 @@ def test_errors_are_drawn_in_the_colour_of_their_task(tmp_path, log):
     assert path == tmp_path / 'new' / 'errors.png'
     assert_shows_something(path)
     picture = pixels(path)
-    assert count(picture, drawing.COLOURS[0]) > 500
-    assert count(picture, drawing.COLOURS[1]) > 300
+    assert count(picture, drawing.LINE_COLOURS[0]) > 500
+    assert count(picture, drawing.LINE_COLOURS[1]) > 300
 
 
 @pytest.mark.slow
@@ -79,10 +79,10 @@ def test_what_limits_a_task_is_a_band_as_long_as_it_lasts(tmp_path):
                           for time in TIMES] for share in (0.0, 0.5, 1.0))
     picture = drawn(tool=half, elbow=none)
     # The line of the error and the legend are as they are without a band.
-    bare = count(drawn(tool=none, elbow=none), drawing.COLOURS[0])
-    legend = count(drawn(tool=half[:1] + none[1:]), drawing.COLOURS[0]) - bare
-    short = count(drawn(tool=half), drawing.COLOURS[0]) - bare - legend
-    long = count(drawn(tool=whole), drawing.COLOURS[0]) - bare - legend
+    bare = count(drawn(tool=none, elbow=none), drawing.LINE_COLOURS[0])
+    legend = count(drawn(tool=half[:1] + none[1:]), drawing.LINE_COLOURS[0]) - bare
+    short = count(drawn(tool=half), drawing.LINE_COLOURS[0]) - bare - legend
+    long = count(drawn(tool=whole), drawing.LINE_COLOURS[0]) - bare - legend
     assert long == pytest.approx(2.0 * short, rel=0.1)
     assert len(picture) == len(drawn(tool=half)) > len(drawn(tool=none))
 
@@ -95,7 +95,7 @@ def test_causes_at_once_share_the_row_of_their_task(tmp_path, colours):
             tmp_path / 'errors.png', TIMES, [('tool', 'm', np.zeros(len(TIMES)))],
             causes={'elbow': [causes] * len(TIMES)}))
         # The last colour is that of text, too.
-        return np.array([count(picture, colour) for colour in drawing.COLOURS[:-1]])
+        return np.array([count(picture, colour) for colour in drawing.LINE_COLOURS[:-1]])
 
     bands = drawn(('blocked by tool', 'slowed by damping', 'joint 4 at its limit')[:colours])
     # The line of the error has the first colour.
@@ -135,7 +135,7 @@ def legend_of(axis):
 
 
 def test_a_cause_has_one_colour_in_all_rows_and_in_the_legend(figures, tmp_path):
-    one, two, three = drawing.COLOURS[:3]
+    one, two, three = drawing.LINE_COLOURS[:3]
     causes = {'tool': [('a',), ('a',), (), ()],
               'elbow': [('b', 'a'), ('a', 'b'), ('b',), ('b',)],
               'rest': [(), ('c',), (), ()], 'free': [()] * 4}
@@ -164,10 +164,10 @@ def test_causes_that_are_seen_longest_have_a_colour_and_the_rest_shares_one(figu
         plots.plot_errors(tmp_path / 'errors.png', times[-len(sets):],
                           [('tool', 'm', np.ones(len(sets)))], causes={'tool': sets})
     many, few = (legend_of(figure.axes[-1]) for figure in figures)
-    assert len(many) == 8 and many.pop('other') == drawing.FAINT.upper()
+    assert len(many) == 8 and many.pop('other') == drawing.GUIDE_COLOUR.upper()
     assert set(many) < {f'cause {number}' for number in range(8)}
     assert list(few) == [f'cause {number}' for number in range(7)]
-    assert list(few.values()) == list(map(str.upper, drawing.COLOURS))
+    assert list(few.values()) == list(map(str.upper, drawing.LINE_COLOURS))
 
 
 def test_a_name_has_one_colour_on_the_axes_of_all_units(figures, tmp_path):
@@ -176,7 +176,7 @@ def test_a_name_has_one_colour_on_the_axes_of_all_units(figures, tmp_path):
         ('tool', 'rad', np.ones(300))], changes=[2.0, 3.0])
     upper, lower = (legend_of(axis) for axis in figures[0].axes)
     assert list(upper) == ['tool', 'new goal'] and list(lower) == ['elbow', 'tool', 'new goal']
-    assert upper['tool'] == lower['tool'] == drawing.COLOURS[0]
+    assert upper['tool'] == lower['tool'] == drawing.LINE_COLOURS[0]
     assert figures[0].axes[0].lines[0].get_ydata().min() == 1.0
 
 
@@ -225,7 +225,8 @@ def test_more_causes_than_colours_share_one(tmp_path):
     sets = [(f'cause {int(time)}',) for time in TIMES]
     picture = pixels(plots.plot_errors(tmp_path / 'errors.png', TIMES, ERRORS,
                                        causes={'tool': sets}))
-    assert all(count(picture, colour) > 100 for colour in (*drawing.COLOURS, drawing.FAINT))
+    assert all(count(picture, colour) > 100
+               for colour in (*drawing.LINE_COLOURS, drawing.GUIDE_COLOUR))
 
 
 @pytest.mark.parametrize('values', [np.zeros(300), np.full(300, np.nan),
@@ -253,7 +254,7 @@ def test_every_joint_has_its_line(tmp_path):
     path = plots.plot_velocities(tmp_path / 'velocities.png', TIMES, velocities, robot.velocity,
                                  robot.joint_names)
     for joint in range(robot.n):
-        assert count(pixels(path), drawing.COLOURS[joint]) > 200
+        assert count(pixels(path), drawing.LINE_COLOURS[joint]) > 200
 
 
 def test_no_two_joints_of_a_humanoid_have_the_same_line():
@@ -267,7 +268,7 @@ def test_positions_are_drawn_in_the_colour_of_their_joint(tmp_path):
                                 changes=[1.0])
     assert_shows_something(path)
     for joint in range(robot.n):
-        assert count(pixels(path), drawing.COLOURS[joint]) > 200
+        assert count(pixels(path), drawing.LINE_COLOURS[joint]) > 200
 
 
 @pytest.mark.parametrize('height', [0.0, 0.3])

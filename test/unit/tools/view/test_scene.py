@@ -202,7 +202,7 @@ def test_robot_of_a_dh_table_is_drawn_solid(monkeypatch, tmp_path):
 
 def test_links_stay_as_they_are_where_the_meshes_of_others_are_not_wanted(monkeypatch):
     robots.urdf_path('panda')
-    monkeypatch.setenv(looks.CHOICE, looks.OWN)
+    monkeypatch.setenv(looks.MESHES_VARIABLE, looks.OWN)
     assert {part.mesh.glb for each in looks.visuals_of(robots.panda()).parts.values()
             for part in each} == {b''}
 

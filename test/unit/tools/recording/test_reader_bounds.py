@@ -294,7 +294,7 @@ def histories(tmp_path, rows):
 
 
 def test_what_is_kept_of_a_recording_is_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr(history, 'MOST_TOPICS', 5)
+    monkeypatch.setattr(history, 'MOST_TOPICS_OF_A_KIND', 5)
     monkeypatch.setattr(motion, 'MOST_NAME_LISTS', 5)
     node = 'tp_controller'
 
@@ -320,7 +320,7 @@ def test_what_is_kept_of_a_recording_is_bounded(tmp_path, monkeypatch):
     assert len(found.curves.columns) <= history.MOST_TASKS * task_history.MOST_ERRORS
     assert all(len(moment.joints) <= motion.MOST_JOINTS for moment in found.motion.moments)
     assert sum(map(len, found.commands.values())) <= history.MOST_COMMANDS
-    assert len(found.descriptions) <= history.MOST_TOPICS
+    assert len(found.descriptions) <= history.MOST_TOPICS_OF_A_KIND
     assert sum(map(len, found.parameters.values())) <= history.LONGEST_PARAMETERS
     assert all(len(goal.text) < 2100 for goal in found.goals.goals)
     assert all(len('; '.join(causes)) < 2100 for causes in found.curves.sets)

@@ -205,7 +205,8 @@ def test_figures_are_written_and_show_something(outcomes, name, count):
 
 
 @pytest.mark.parametrize('name, goals', [
-    ('lab1', 1), ('lab2_end_effector_first', lab.GOALS), ('lab2_joint_first', lab.GOALS)])
+    ('lab1', 1), ('lab2_end_effector_first', lab.GOAL_COUNT),
+    ('lab2_joint_first', lab.GOAL_COUNT)])
 def test_films_show_every_goal_with_its_caption(outcomes, name, goals):
     motion = outcomes['films'][f'{name}.webp']
     assert len(motion.goals) == goals

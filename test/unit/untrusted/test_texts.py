@@ -15,7 +15,7 @@
 """Texts of others only show what they say, and never raise."""
 
 import pytest
-from tp_controller.untrusted import LONGEST_TEXT, plain
+from tp_controller.untrusted.texts import LONGEST_TEXT, plain
 
 
 @pytest.mark.parametrize('text, shown', [

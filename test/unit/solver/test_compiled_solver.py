@@ -37,7 +37,7 @@ from tp_controller.solver.damping import Damping
 from tp_controller.solver.level import check_levels
 from tp_controller.solver.solve import PrioritySolver, solve_by_reference, solve_cycle
 
-# A long run: TP_CONTROLLER_PROBLEMS=10000 make test PYTEST_FLAGS=test/unit/solver/test_core.py
+# A long run: TP_CONTROLLER_PROBLEMS=10000 make test PYTEST_FLAGS="test/unit/solver -k compiled"
 PROBLEMS = int(os.environ.get('TP_CONTROLLER_PROBLEMS', '1500'))
 pytestmark = pytest.mark.solvers('compiled')
 

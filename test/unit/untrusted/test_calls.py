@@ -22,7 +22,7 @@ import threading
 
 import pytest
 from tp_controller.errors import in_words
-from tp_controller.foreign import foreign, Leaving
+from tp_controller.untrusted.calls import foreign, Leaving
 
 
 class Fatal(BaseException):
