@@ -109,7 +109,8 @@ class Rig:
     def ready(self):
         """Spin until the page shows all there is."""
         self.spin_until(lambda: self.page.stack.rows and self.link.running
-                        and len(self.link.gains()) > 1 and self.page.gizmos.gizmos, 'the page')
+                        and len(self.link.gains()) > 1 and self.page.gizmos.gizmos
+                        and any(row.gains for row in self.page.stack.rows.values()), 'the page')
         return self
 
     @property
@@ -306,6 +307,8 @@ def test_controller_that_is_gone_is_said_to_be_gone(rig):
 
 
 def test_a_short_stop_keeps_the_last_report_in_grey_and_is_no_fault(rig):
+    rig.spin_until(lambda: rig.link.running and 'opacity' not in
+                   rig.page.stack.rows['tip'].text.content, 'a report of a running robot')
     before = rig.link.rows
     status = rig.client.status
     # What the node sends where a joint state is late for a moment.
