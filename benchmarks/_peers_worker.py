@@ -91,7 +91,7 @@ class Peer:
 
 
 class TpController(Peer):
-    """`Controller.update` of this package, or only its parts that others have, too."""
+    """`Controller.update` of this package."""
 
     def load(self):
         from tp_controller import Robot
@@ -99,7 +99,6 @@ class TpController(Peer):
 
     def start(self, goals):
         from tp_controller import Controller, Settings, Stack
-        from tp_controller.control.velocity_limits import VelocityLimits
         stack = Stack.from_yaml(self.given['stack'], self.robot)
         settings = Settings(period=self.period)
         self.controller = Controller(self.robot, stack, settings)
@@ -112,27 +111,10 @@ class TpController(Peer):
             elif task['type'] == 'orientation':
                 goal = goal[:3, :3]
             self.controller.set_goal(task['name'], goal, 0.0)
-        self.limits = VelocityLimits(self.robot, self.period, settings.braking_gain)
-        self.options, self.memory = settings.solver(self.robot.n), ()
-        self.state = self.robot.state(np.zeros(self.robot.n))
-        self.rest = np.zeros(self.robot.n)
 
     def velocity(self, q):
-        if self.given['variant'] == 'solver only':
-            return self._solve(q)
         self.now += self.period
         return self.controller.update(q, self.now, elapsed=self.period).velocity
-
-    def _solve(self, q):
-        """Return the velocities without reports, transitions and checks of the input."""
-        from tp_controller.control.joint_limits import JointMotion
-        from tp_controller.solver.solve import solve_cycle
-        self.state.update(q)
-        bounds = self.limits.at(JointMotion(self.state.q, self.rest, self.period))
-        found = solve_cycle(self.stack.levels(self.state, 0.0), bounds.lower, bounds.upper,
-                            self.options, self.period, memory=self.memory)
-        self.memory = found.memory
-        return found.velocity
 
 
 class Pink(Peer):

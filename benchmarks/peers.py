@@ -85,7 +85,7 @@ CASES = {
 }
 # {package: its variants}
 VARIANTS = {
-    'tp_controller': ('', 'solver only'), 'pink': ('', 'first task hard'),
+    'tp_controller': ('',), 'pink': ('', 'first task hard'),
     'mink': ('', 'first task hard'), 'placo': ('', 'first task hard'),
     'embodik': ('', 'MIN_ERROR'), 'tsid': ('',), 'recursion': ('', 'damped')}
 # As the packages call them.
@@ -95,10 +95,7 @@ SHOWN = {('pink', 'first task hard'): 'pink, first task as `constraints`',
          ('placo', 'first task hard'): 'placo, first task `scaled`',
          ('embodik', ''): 'embodik', ('embodik', 'MIN_ERROR'): 'embodik, `MIN_ERROR`',
          ('recursion', ''): 'plain recursion, `pinv`',
-         ('recursion', 'damped'): 'plain recursion, damped',
-         ('tp_controller', 'solver only'): 'tp_controller, without reports and checks'}
-# Only a part of the package, so only timed.
-TIMED = ('tp_controller', 'solver only')
+         ('recursion', 'damped'): 'plain recursion, damped'}
 # Times are those of a node at 1 kHz, motions those of one at 100 Hz.
 TIMED_PERIOD, PERIOD = 1e-3, 0.01
 CYCLES = 200
@@ -383,8 +380,6 @@ def print_steps(scene, packages, steps):
     goals = [scene.goals(scene.draw(random, FAR), scene.ready) for _ in range(most)]
     for package in packages:
         for variant in VARIANTS[package.name]:
-            if (package.name, variant) == TIMED:
-                continue
             cells = []
             for count, period in STEPS.values():
                 runs = simulate(scene, package, variant, goals[:-(-steps // count)], count,
@@ -449,8 +444,6 @@ def compare(scenes, packages, count, seconds):
         first, drawn = drawn_goals(scene, -(-count * FEWEST // max(scene.robot.n, FEWEST)))
         for package in packages:
             for variant in VARIANTS[package.name]:
-                if (package.name, variant) == TIMED:
-                    continue
                 key = (package.name, variant, json.dumps(first))
                 if key not in alone:
                     alone[key] = simulate(scene, package, variant, first, cycles)

@@ -28,14 +28,20 @@ HEADERS = {path.name: path.read_text(encoding='utf-8') for path in sorted(FOLDER
 REFERENCES = {
     'active_set.h': 'solver/active_set.py', 'arena.h': '',
     'bounded_hierarchy.h': 'solver/bounded_hierarchy.py', 'bounded_rows.h': 'tasks/bounded.py',
-    'damping.h': 'solver/damping.py', 'frame_task.h': 'tasks/frame.py',
-    'joint_limits.h': 'control/joint_limits.py', 'kinematics.h': 'model/state.py',
+    'cycle_time.h': 'control/cycle_time.py',
+    'damping.h': 'solver/damping.py', 'escape.h': 'control/escape.py',
+    'frame_task.h': 'tasks/frame.py',
+    'joint_limits.h': 'control/joint_limits.py',
+    'joint_limits_task.h': 'tasks/joint_limits.py', 'joint_task.h': 'tasks/joint.py',
+    'kinematics.h': 'model/state.py',
     'level.h': 'solver/level.py',
     'min_norm.h': 'solver/min_norm.py',
     'motion_object.h': 'model/compiled.py', 'null_space.h': 'solver/null_space.py',
     'polytope.h': 'solver/polytope.py', 'python_buffers.h': '', 'qp.h': 'solver/qp.py',
     'scaling.h': 'solver/scaling.py', 'solve.h': 'solver/solve.py',
     'solver_object.h': 'solver/compiled.py', 'spatial.h': 'model/spatial.py',
+    'step.h': 'control/step.py', 'step_object.h': 'control/compiled_step.py',
+    'task.h': 'tasks/task.py', 'task_object.h': 'tasks/twin.py',
     'velocity_limits.h': 'control/velocity_limits.py',
 }
 # Of a reference, the lowest first: a header includes none whose reference is above its own.

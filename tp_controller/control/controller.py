@@ -19,13 +19,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from tp_controller.control.compiled_step import CoreCycles
 from tp_controller.control.cycle_options import CycleOptions, SolverFactory
 from tp_controller.control.cycle_time import check_time
+from tp_controller.control.error_minimum import Place
 from tp_controller.control.gains import gain_faults, gain_remark
 from tp_controller.control.ramp import ramp_down
-from tp_controller.control.report import Report
+from tp_controller.control.report import Report, Solved, SolvedCycle
 from tp_controller.control.settings import Settings, STOP
-from tp_controller.control.step import CycleMemory, Problem, Snapshot, step
+from tp_controller.control.step import Commanded, CycleMemory, Problem, Snapshot, step
 from tp_controller.control.task_inputs import TaskInputs
 from tp_controller.control.velocity_limits import lowered
 from tp_controller.errors import RobotError, SettingsError, TimeError
@@ -90,7 +92,9 @@ class Controller(TaskInputs):
         super().__init__(robot, stack, settings or Settings())
         self._velocity_limits, self._make_solver = robot.velocity, solver
         self.check_settings(self._settings)
-        self._memory = CycleMemory.at_rest(robot.n)
+        # The last cycle, or the memory of a command without tasks.
+        self._last: SolvedCycle | Commanded = Commanded(CycleMemory.at_rest(robot.n))
+        self._core = CoreCycles(robot, self._states)
         self._apply(self._settings)
         self._tasks.own()
 
@@ -141,7 +145,7 @@ class Controller(TaskInputs):
     @property
     def velocity(self) -> Array:
         """Return the last command (n,) [rad/s or m/s]; zeros before the first one."""
-        return self._memory.velocity
+        return self._last.velocity
 
     def slow_down(self, q: ArrayLike, now: float, deceleration: float,
                   elapsed: float | None = None) -> Array:
@@ -171,7 +175,7 @@ class Controller(TaskInputs):
         positions = self.robot.positions(np.asarray(q, dtype=float))
         self._command(now, ramp_down(self._options, self._memory, positions, elapsed,
                                      deceleration))
-        return self._memory.velocity
+        return self.velocity
 
     @property
     def settings(self) -> Settings:
@@ -308,10 +312,21 @@ class Controller(TaskInputs):
         now = check_time(now, 'now', TimeError)
         if elapsed is not None:
             elapsed = check_time(elapsed, 'elapsed', TimeError)
+        tasks, solved = self._tasks, None
+        if self._changes.shared is None and tasks.started:
+            solved = self._core.solve(self._options, tasks.stack, self._last, q, now, passive,
+                                      elapsed)
+        self._last = solved or self._step(q, now, passive, elapsed)
+        return Command(self._last.velocity, Report(self.robot, tasks.stack.inactive,
+                                                   tasks.stack.faults, self._last))
+
+    def _step(self, q: ArrayLike, now: float, passive: ArrayLike | None,
+              elapsed: float | None) -> Solved:
+        """Return the cycle that `step` computes."""
         tasks, changes = self._tasks, self._changes
         before = self._moving_state() if changes.shared is not None else None
         state = self._states.update(q, passive)
-        state.velocity = self._memory.velocity
+        state.velocity = self.velocity
         if not tasks.started:
             tasks.start(state)
         # Evaluate the states in the order of time.
@@ -323,16 +338,24 @@ class Controller(TaskInputs):
         problem = Problem(self._options, levels_of(evaluations), state.positions, now, elapsed,
                           changes.shared, snapshot)
         try:
-            cycle, outcome, self._memory = step(problem, memory)
+            cycle, outcome, memory = step(problem, memory)
         except Exception:
             # Name the task with faulty levels, if it is a single one.
             stack.check(evaluations, self.robot.n)
             raise
         if changes.shared is not None:
             changes.clear()
-        return Command(self._memory.velocity, Report(
-            self.robot, evaluations, stack.inactive, cycle, outcome, stack.faults,
-            (state.q, self._states.passive, now, self._states.spare)))
+        return Solved(evaluations, cycle, outcome, memory,
+                      Place(state.q, self._states.passive, now, self._states.spare))
+
+    @property
+    def _memory(self) -> CycleMemory:
+        """Return the memory for the next cycle."""
+        return self._last.memory
+
+    @_memory.setter
+    def _memory(self, memory: CycleMemory) -> None:
+        self._last = Commanded(memory)
 
     def _command(self, now: float | None, velocity: Array) -> None:
         """Command a velocity (n,) without tasks; motion that follows is blended in."""
@@ -342,7 +365,7 @@ class Controller(TaskInputs):
 
     def _moving_state(self) -> RobotState | None:
         """Return the state of the last command; None if no change is blended in, or at rest."""
-        blended = self._settings.blend > 0.0 and self._memory.velocity.any()
+        blended = self._settings.blend > 0.0 and self.velocity.any()
         return self._states.present if blended else None
 
     def _snapshot(self, state: RobotState, now: float) -> Snapshot:

@@ -23,8 +23,6 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.solver.solution import Solver
 
-# Longest time that a command is in force, relative to the mean time between two; at most a period.
-HOLD_RATIO = 2.0
 # Makes the solver for settings and a number of joints.
 SolverFactory: TypeAlias = Callable[[Settings, int], Solver]
 
@@ -64,8 +62,3 @@ class CycleOptions:
         self.solver = make_solver(settings, robot.n)
         self.limits = VelocityLimits(robot, settings.period, settings.braking_gain, velocity,
                                      settings.speed_cap(robot, velocity))
-
-    def longest_hold(self, mean: float) -> float:
-        """Return the longest time that a command is in force [s], of the mean time between two."""
-        duration = HOLD_RATIO * mean
-        return duration if duration < self.period else self.period

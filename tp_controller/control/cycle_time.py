@@ -21,6 +21,8 @@ from tp_controller.errors import TpControllerError
 
 # Share of each new measurement in the mean time between commands.
 SMOOTHING = 0.05
+# Longest time that a command is in force, relative to the mean time between two; at most a period.
+HOLD_RATIO = 2.0
 
 
 class CycleTime(NamedTuple):
@@ -54,6 +56,11 @@ class CycleTime(NamedTuple):
     def expect(self, period: float) -> 'CycleTime':
         """Return the same time with the estimates reset to a period [s]."""
         return CycleTime(self.now, period, period)
+
+    def longest_hold(self, period: float) -> float:
+        """Return the longest time that a command is in force [s]."""
+        duration = HOLD_RATIO * self.mean
+        return duration if duration < period else period
 
     def advance(self, measured: float, period: float) -> tuple[float, 'CycleTime']:
         """

@@ -45,7 +45,7 @@ def ramp_down(options: CycleOptions, memory: CycleMemory, positions: Array, elap
     left = fastest - deceleration * passed
     factor = 0.0
     if left > 0.0:
-        motion = memory.motion(positions, passed, options.longest_hold(memory.time.mean))
+        motion = memory.motion(positions, passed, memory.time.longest_hold(options.period))
         upper, lower = options.limits.at(motion).stopping
         moving = before != 0.0
         shares = np.where(before > 0.0, upper, lower)[moving] / np.abs(before[moving])

@@ -17,7 +17,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 from warnings import warn
 
 import numpy as np
@@ -32,9 +32,9 @@ from tp_controller.control.reasons import (
     Statement,
     statements,
 )
+from tp_controller.control.step import CycleMemory
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
-from tp_controller.model.state import RobotState
 from tp_controller.solver.solution import Solution
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Evaluation, norm, Task
@@ -253,6 +253,49 @@ def _as_numbers(errors: Iterable[tuple[float, str, float]]
     return tuple([(float(value), unit, float(tolerance)) for value, unit, tolerance in errors])
 
 
+class SolvedCycle(Protocol):
+    """Problem and outcome of a cycle, its memory, and the configuration of the robot in it."""
+
+    @property
+    def velocity(self) -> Array:
+        """Return the command (n,) [rad/s or m/s]."""
+
+    @property
+    def memory(self) -> CycleMemory:
+        """Return the memory for the next cycle."""
+
+    @property
+    def evaluations(self) -> Sequence[Sequence[Evaluation]]:
+        """Return the evaluations of the enabled tasks, level by level."""
+
+    @property
+    def cycle(self) -> Cycle:
+        """Return the problem."""
+
+    @property
+    def outcome(self) -> Outcome:
+        """Return the outcome."""
+
+    @property
+    def place(self) -> Place:
+        """Return the configuration."""
+
+
+class Solved(NamedTuple):
+    """Cycle that `step` computed; see `SolvedCycle`."""
+
+    evaluations: Sequence[Sequence[Evaluation]]
+    cycle: Cycle
+    outcome: Outcome
+    memory: CycleMemory
+    place: Place
+
+    @property
+    def velocity(self) -> Array:
+        """Return the command (n,) [rad/s or m/s]."""
+        return self.memory.velocity
+
+
 class Report:
     """
     Report of one cycle: tasks, scale and limits; computed on access.
@@ -260,43 +303,37 @@ class Report:
     Parameters
     ----------
     robot : Robot
-    evaluations : sequence of sequence of Evaluation
-        Evaluations of the enabled tasks, level by level.
     disabled : sequence of Task
-    cycle, outcome : Cycle, Outcome
-        Problem and outcome of the cycle.
     faults : mapping
         {name: reason} of the disabled tasks that failed.
-    place : tuple
-        Configuration of the robot in the cycle, as the attributes of ``Place``.
+    solved : SolvedCycle
 
     """
 
-    def __init__(self, robot: Robot, evaluations: Sequence[Sequence[Evaluation]],
-                 disabled: Sequence[Task], cycle: Cycle, outcome: Outcome,
-                 faults: Mapping[str, str],
-                 place: tuple[Array, Array | None, float, RobotState]) -> None:
-        self._robot, self._evaluations, self._disabled = robot, evaluations, disabled
-        self._faults = faults
-        self._cycle, self._outcome, self._place = cycle, outcome, place
+    def __init__(self, robot: Robot, disabled: Sequence[Task], faults: Mapping[str, str],
+                 solved: SolvedCycle) -> None:
+        self._robot, self._disabled, self._faults = robot, disabled, faults
+        self._solved = solved
 
     @cached_property
     def _solution(self) -> Solution:
         """Return the solution of the stack at the commanded velocity."""
-        return self._outcome.solution.moved_to(self._outcome.velocity)
+        outcome = self._solved.outcome
+        return outcome.solution.moved_to(outcome.velocity)
 
     @cached_property
     def _causes(self) -> Causes:
         """Return the search for causes that limit tasks."""
-        return Causes(self._robot, self._evaluations, self._cycle, self._outcome,
-                      Place(*self._place))
+        solved = self._solved
+        return Causes(self._robot, solved.evaluations, solved.cycle, solved.outcome, solved.place)
 
     @cached_property
     def tasks(self) -> tuple[TaskReport, ...]:
         """Return a `TaskReport` for every task, in order of priority, the disabled ones last."""
-        reports = [TaskReport(evaluation.task, evaluation, number, self._outcome.velocity,
-                              self._causes)
-                   for number, group in enumerate(self._evaluations, 1) for evaluation in group]
+        velocity, causes = self._solved.outcome.velocity, self._causes
+        reports = [TaskReport(evaluation.task, evaluation, number, velocity, causes)
+                   for number, group in enumerate(self._solved.evaluations, 1)
+                   for evaluation in group]
         return (*reports, *_disabled_reports(self._disabled, self._faults))
 
     @property
@@ -307,7 +344,7 @@ class Report:
     @property
     def active_bounds(self) -> frozenset[str]:
         """Return the names of the inequality tasks whose bounds limit a level, or themselves."""
-        return active_bounds(self._evaluations, self._solution)
+        return active_bounds(self._solved.evaluations, self._solution)
 
     @property
     def reached(self) -> bool:

@@ -14,14 +14,25 @@
 
 """States of the robot in the present and the previous cycle, and frames at the present one."""
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import ArrayLike
+from tp_controller.control.error_minimum import Place
 from tp_controller.errors import GoalError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.pose import parse_pose
 from tp_controller.tasks.task import Task
+
+
+class Placed(Protocol):
+    """Cycle with the configuration of the robot."""
+
+    @property
+    def place(self) -> Place:
+        """Return the configuration."""
 
 
 class StateBuffer:
@@ -36,8 +47,6 @@ class StateBuffer:
 
     Attributes
     ----------
-    present : RobotState or None
-        State of the last cycle; None before the first one.
     spare : RobotState
         Scratch state for reports.
     passive : ndarray (p,) or None
@@ -47,7 +56,9 @@ class StateBuffer:
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
-        self.present: RobotState | None = None
+        self._present: RobotState | None = None
+        # A cycle that needed no state, and the velocity before it.
+        self._pending: tuple[Placed, Array] | None = None
         self._next, self._other, self.spare = [robot.state(robot.neutral()) for _ in range(3)]
         self.passive: Array | None = None
 
@@ -61,8 +72,28 @@ class StateBuffer:
             # Copy: the caller may modify the array.
             self.passive = np.array(passive)
         self._next, self._other = self._other, state
-        self.present = state
+        self._present, self._pending = state, None
         return state
+
+    @property
+    def present(self) -> RobotState | None:
+        """Return the state of the last cycle; None before the first one."""
+        if self._pending is not None:
+            cycle, velocity = self._pending
+            self.update(cycle.place.q, None).velocity = velocity
+        return self._present
+
+    @property
+    def configuration(self) -> tuple[Array, Array | None] | None:
+        """Return the configuration of the last cycle; see `Controller.configuration`."""
+        pending, present = self._pending, self._present
+        if pending is not None:
+            return pending[0].place.q, self.passive
+        return None if present is None else (present.q, self.passive)
+
+    def pass_by(self, cycle: Placed, velocity: Array) -> None:
+        """Note a cycle, after a velocity (n,), that needed no state."""
+        self._pending = cycle, velocity
 
     def pose_in_reference(self, task: Task, frame: str | Array) -> Array:
         """

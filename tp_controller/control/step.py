@@ -153,6 +153,17 @@ class CycleMemory(NamedTuple):
         return JointMotion(positions, self.velocity, elapsed, self.pending, hold)
 
 
+class Commanded(NamedTuple):
+    """Memory of a velocity that was commanded without tasks, in place of a `Solved` cycle."""
+
+    memory: CycleMemory
+
+    @property
+    def velocity(self) -> Array:
+        """Return the command (n,) [rad/s or m/s]."""
+        return self.memory.velocity
+
+
 def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMemory]:
     """
     Compute one cycle.
@@ -183,7 +194,7 @@ def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMe
     elif elapsed is None:
         elapsed = now - commanded
     elapsed, time = time.advance(elapsed, options.period)
-    motion = memory.motion(positions, elapsed, options.longest_hold(time.mean))
+    motion = memory.motion(positions, elapsed, time.longest_hold(options.period))
     cycle = Cycle(levels, options.limits.at(motion, time.mean), options.solver, damping)
     outcome = None
     if shared is not None:
@@ -212,7 +223,7 @@ def _blend(problem: Problem, memory: CycleMemory, cycle: Cycle, elapsed: float, 
     if shared is not None:
         transition, changed = memory.transition, cycle
         if before is not None:
-            motion = memory.motion(before.positions, elapsed, options.longest_hold(time.mean))
+            motion = memory.motion(before.positions, elapsed, time.longest_hold(options.period))
             changed = cycle._replace(levels=before.levels, memory=before.damping,
                                      bounds=options.limits.at(motion, time.mean))
         began = time.now - min(elapsed, options.period)

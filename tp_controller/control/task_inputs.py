@@ -228,5 +228,4 @@ class TaskInputs:
             Positions of the passive joints [rad or m]; None if not given.
 
         """
-        state = self._states.present
-        return None if state is None else (state.q, self._states.passive)
+        return self._states.configuration

@@ -218,6 +218,10 @@ class VelocityLimits:
     ----------
     all : list of JointLimit
         Limits in force, the transient ones last.
+    cap : ndarray (n,) or None
+        See `Bounds`.
+    compiled : CompiledLimits or None
+        The limits in the compiled core; None if it does not support them.
 
     """
 
@@ -228,11 +232,11 @@ class VelocityLimits:
             values['velocity'] = velocity
         self.all = [limit(values, period, braking_gain) for limit in LIMITS
                     if not limit.transient or np.isfinite(values[limit.key]).any()]
-        self._cap, self._size = cap, len(values['velocity'])
-        self._compiled: CompiledLimits | None = None
+        self.cap, self._size = cap, len(values['velocity'])
+        self.compiled: CompiledLimits | None = None
         if core is not None and self._size <= MOST and all(limit.compiled for limit in self.all):
-            self._compiled = core.Limits(period, braking_gain,
-                                         {limit.key: values[limit.key] for limit in self.all})
+            self.compiled = core.Limits(period, braking_gain,
+                                        {limit.key: values[limit.key] for limit in self.all})
 
     def at(self, motion: JointMotion, hold: float = 0.0) -> VelocityBounds:
         """
@@ -250,14 +254,18 @@ class VelocityLimits:
             See `Bounds`.
 
         """
-        return VelocityBounds(self, motion, self.box(motion), self._cap, hold)
+        return self.bounds(motion, self.box(motion), hold)
+
+    def bounds(self, motion: JointMotion, box: Interval, hold: float) -> VelocityBounds:
+        """Return the result of `at` with the result of `box`."""
+        return VelocityBounds(self, motion, box, self.cap, hold)
 
     def box(self, motion: JointMotion, settled: bool = False) -> Interval:
         """Return the least and largest velocities (n,), without transient limits if `settled`."""
-        if self._compiled is None:
+        if self.compiled is None:
             return self.box_by_reference(motion, settled)
         lower, upper = np.empty(self._size), np.empty(self._size)
-        self._compiled.box(motion, settled, lower, upper)
+        self.compiled.box(motion, settled, lower, upper)
         return lower, upper
 
     def box_by_reference(self, motion: JointMotion, settled: bool = False) -> Interval:

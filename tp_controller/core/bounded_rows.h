@@ -70,6 +70,23 @@ double drift(double back, double moved) {
   return std::min(std::max(travel / FAR - 1.0, 0.0), 1.0) * (reduced + loose);
 }
 
+struct RowBounds {
+  double error, least, most;
+};
+
+// The bounds of a row of length `moved`; `added`: what the change of the row adds to its speed,
+// `motion`: that of the value for a robot at rest.
+RowBounds row_bounds(double value, double lower, double upper, double gain, double speed,
+                     double motion, double moved, double added) {
+  const double back = std::min(speed, RETURN_JOINT_SPEED * moved);
+  const double error = std::min(std::max(value, lower), upper) - value;
+  const double lost = error == 0.0 ? 0.0 : drift(error, moved);
+  const double from = std::min(gain * (lower - value), back) - motion - lost;
+  const double to = std::max(gain * (upper - value), -back) - motion + lost;
+  // Only what leads outwards needs a margin, as far as there is any.
+  return {error, std::min(from - std::min(added, 0.0), to), std::max(to - std::max(added, 0.0), from)};
+}
+
 // bound(value, J, before, velocity, lower, upper, gain, return_speed, motion, jump, error, least,
 // most): fill in `error`, `least` and `most` (m,); False where something does not fit.
 PyObject *bound(PyObject *, PyObject *const *given, Py_ssize_t count) {
@@ -89,17 +106,12 @@ PyObject *bound(PyObject *, PyObject *const *given, Py_ssize_t count) {
   for (Py_ssize_t i = 0; i < m; ++i) {
     double square = 0.0;
     for (Py_ssize_t j = 0; j < n; ++j) square += J.at(i, j) * J.at(i, j);
-    const double moved = std::sqrt(square), back = std::min(speed.at(i), RETURN_JOINT_SPEED * moved);
-    const double down = lower.at(i) - value.at(i), up = upper.at(i) - value.at(i);
-    const double outside = std::min(std::max(value.at(i), lower.at(i)), upper.at(i)) - value.at(i);
-    const double lost = outside == 0.0 ? 0.0 : drift(outside, moved);
-    const double from = std::min(gain.at(i) * down, back) - motion.at(i) - lost;
-    const double to = std::max(gain.at(i) * up, -back) - motion.at(i) + lost;
-    const double added = curved(J, before, velocity, i, square, jump.at(i));
-    error.p()[i] = outside;
-    // Only what leads outwards needs a margin, as far as there is any.
-    least.p()[i] = std::min(from - std::min(added, 0.0), to);
-    most.p()[i] = std::max(to - std::max(added, 0.0), from);
+    const RowBounds found = row_bounds(
+        value.at(i), lower.at(i), upper.at(i), gain.at(i), speed.at(i), motion.at(i),
+        std::sqrt(square), curved(J, before, velocity, i, square, jump.at(i)));
+    error.p()[i] = found.error;
+    least.p()[i] = found.least;
+    most.p()[i] = found.most;
   }
   return Py_NewRef(Py_True);
 }

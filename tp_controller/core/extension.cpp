@@ -15,12 +15,7 @@
 // The compiled core, one extension module. Each header names the Python file that is its reference:
 // read that first. Checks, and the objects that users see, stay in Python.
 
-#include "bounded_rows.h"
-#include "frame_task.h"
-#include "motion_object.h"
-#include "python_buffers.h"
-#include "solver_object.h"
-#include "velocity_limits.h"
+#include "step_object.h"
 
 namespace {
 
@@ -29,7 +24,7 @@ PyObject *constants() {
   return Py_BuildValue(
       "{s:{s:n}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d}, s:{s:(dddd),s:(dd)},"
       " s:{s:d,s:d}, s:{s:d,s:d}, s:{s:d}, s:{s:d}, s:{s:d,s:d,s:d,s:d},"
-      " s:{s:d,s:d,s:d,s:d,s:d,s:d}}",
+      " s:{s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:i}, s:{s:d,s:d,s:d,s:d,s:d,s:d}}",
       "solver.compiled", "MOST", MOST,
       "solver.level", "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
       "solver.damping", "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING,
@@ -44,6 +39,9 @@ PyObject *constants() {
       "control.joint_limits", "RETURN_SHARE", RETURN_SHARE, "RETURN_SPEED", RETURN_SPEED,
       "LARGEST_DISTANCE", LARGEST_DISTANCE,
       "UNLIMITED_ACCELERATION", UNLIMITED_ACCELERATION,
+      "control.cycle_time", "SMOOTHING", SMOOTHING, "HOLD_RATIO", HOLD_RATIO,
+      "control.escape", "STUCK_SPEED", STUCK_SPEED, "LEAST_DEMAND", LEAST_DEMAND,
+      "SINGULAR_RATIO", SINGULAR_RATIO, "STUCK_SECONDS", STUCK_SECONDS, "MOST_NUDGES", MOST_NUDGES,
       "tasks.bounded", "RETURN_JOINT_SPEED", bounded::RETURN_JOINT_SPEED, "FAR", bounded::FAR,
       "STILL", bounded::STILL, "LOOSE", bounded::LOOSE, "DRIFT", bounded::DRIFT,
       "TINY", bounded::TINY);
@@ -66,5 +64,8 @@ PyMODINIT_FUNC PyInit_extension(void) {
                                    MOTION_METHODS)},
       {"Limits", make_type<Limits>("tp_controller.core.extension.Limits", make_limits,
                                    LIMITS_METHODS)},
+      {"Task", make_type<TaskTwin>("tp_controller.core.extension.Task", make_task, TASK_METHODS)},
+      {"Step", make_type<StackCycle>("tp_controller.core.extension.Step", make_step,
+                                     STEP_METHODS)},
       {"CONSTANTS", constants()}});
 }

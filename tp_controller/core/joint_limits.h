@@ -32,16 +32,6 @@ constexpr double UNLIMITED_ACCELERATION = 1e12;
 
 using Numbers = std::vector<double>;
 
-// Names of the attributes of a `JointMotion`.
-PyObject *POSITIONS_NAME, *VELOCITY_NAME, *ELAPSED_NAME, *PENDING_NAME, *DURATION_NAME;
-
-// Names are interned once; false where there is no memory.
-bool intern_motion_names() {
-  return intern(POSITIONS_NAME, "positions") && intern(VELOCITY_NAME, "velocity")
-      && intern(ELAPSED_NAME, "elapsed") && intern(PENDING_NAME, "pending")
-      && intern(DURATION_NAME, "duration");
-}
-
 // Numbers of a limit of n joints in a dictionary; none where it is not in force.
 bool read_limit(PyObject *limits, const char *key, bool required, size_t n, Numbers &found) {
   PyObject *values = PyDict_GetItemString(limits, key);
@@ -49,49 +39,22 @@ bool read_limit(PyObject *limits, const char *key, bool required, size_t n, Numb
   return read_all(values, found) && found.size() == n;
 }
 
-// The motion of the joints, as their limits see it; `fits` where it is one of n joints.
-class JointMotion {
- public:
-  JointMotion(PyObject *motion, Py_ssize_t n)
-      : positions_(PyObject_GetAttr(motion, POSITIONS_NAME)),
-        velocity_(PyObject_GetAttr(motion, VELOCITY_NAME)),
-        positions(positions_), velocity(velocity_) {
-    const Held pending(PyObject_GetAttr(motion, PENDING_NAME));
-    fits = read(motion, ELAPSED_NAME, elapsed) && read(motion, DURATION_NAME, duration)
-        && positions.is(n) && velocity.is(n) && pending && PyTuple_Check(pending);
-    count = fits ? PyTuple_Size(pending) : 0;
-    if (count > 0) {
-      upwards.assign(size_t(n), 0.0);
-      downwards = upwards;
-    }
-    for (Py_ssize_t i = 0; fits && i < count; ++i) {
-      const Buffer command(PyTuple_GetItem(pending, i));
-      fits = command.is(n);
-      for (Py_ssize_t j = 0; fits && j < n; ++j) {
-        upwards[size_t(j)] += std::max(command.at(j), 0.0);
-        downwards[size_t(j)] += std::max(-command.at(j), 0.0);
-      }
-    }
-    PyErr_Clear();
-  }
-
- private:
-  static bool read(PyObject *motion, PyObject *name, double &found) {
-    const Held number(PyObject_GetAttr(motion, name));
-    if (number) found = PyFloat_AsDouble(number);
-    return number && !(found == -1.0 && PyErr_Occurred());
-  }
-
-  Held positions_, velocity_;
-
- public:
-  Buffer positions, velocity;
-  double elapsed = 0.0, duration = 0.0;
-  Py_ssize_t count = 0;
-  // Sums of the pending commands in each direction, where there are any.
-  Numbers upwards, downwards;
-  bool fits = false;
+// The motion of the joints, as their limits see it.
+struct JointMotion {
+  const double *positions, *velocity;
+  double elapsed, duration;
+  // Number of pending commands, and their sums in each direction, where there are any.
+  int count;
+  const double *upwards, *downwards;
 };
+
+// Add a pending command to the sums in each direction.
+inline void add_pending(const double *command, int n, double *upwards, double *downwards) {
+  for (int j = 0; j < n; ++j) {
+    upwards[j] += std::max(command[j], 0.0);
+    downwards[j] += std::max(-command[j], 0.0);
+  }
+}
 
 struct Interval {
   double least, most;
@@ -119,7 +82,7 @@ struct PositionLimits {
   }
 
   Interval at(const JointMotion &motion, double g, size_t j) const {
-    const double q = motion.positions.at(Py_ssize_t(j));
+    const double q = motion.positions[j];
     double upwards = 0.0, downwards = 0.0;
     if (motion.count) {
       upwards = motion.duration * motion.upwards[j];
@@ -162,7 +125,7 @@ struct AccelerationLimit {
   Interval at(const JointMotion &motion, size_t j) const {
     const double change = std::min(values[j], UNLIMITED_ACCELERATION)
         * std::min(motion.elapsed, period);
-    const double velocity = motion.velocity.at(Py_ssize_t(j));
+    const double velocity = motion.velocity[j];
     return {velocity - change, velocity + change};
   }
 };

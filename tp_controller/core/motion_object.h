@@ -179,4 +179,10 @@ PyObject *jacobian(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   return Py_NewRef(Py_None);
 }
 
+PyMethodDef MOTION_METHODS[] = {
+    method("move", move, "Move to other positions."),
+    method("place", place, "Place a frame."),
+    method("jacobian", jacobian, "Return the Jacobian of a frame."),
+    {nullptr, nullptr, 0, nullptr}};
+
 }  // namespace

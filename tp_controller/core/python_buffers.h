@@ -136,6 +136,16 @@ Value &of(PyObject *self) {
   return *reinterpret_cast<Object<Value> *>(self)->value;
 }
 
+// The type of objects that hold such values; `make_type` sets it.
+template <typename Value>
+PyTypeObject *TYPE_OF = nullptr;
+
+// What an object of Python holds; none where it is of another type.
+template <typename Value>
+Value *find(PyObject *object) {
+  return object && PyObject_TypeCheck(object, TYPE_OF<Value>) ? &of<Value>(object) : nullptr;
+}
+
 // A new object of a type, its value made of some arguments.
 template <typename Value, typename... Arguments>
 PyObject *keep(PyTypeObject *type, Arguments &&...arguments) {
@@ -165,8 +175,21 @@ PyObject *make_type(const char *name, newfunc make, PyMethodDef *methods) {
       {Py_tp_methods, methods},
       {0, nullptr}};
   PyType_Spec spec = {name, sizeof(Object<Value>), 0, Py_TPFLAGS_DEFAULT, slots};
-  return PyType_FromSpec(&spec);
+  PyObject *type = PyType_FromSpec(&spec);
+  TYPE_OF<Value> = reinterpret_cast<PyTypeObject *>(type);
+  return type;
 }
+
+// Lets other threads of Python run meanwhile.
+class WithoutPython {
+ public:
+  WithoutPython() : state_(PyEval_SaveThread()) {}
+  WithoutPython(const WithoutPython &) = delete;
+  ~WithoutPython() { PyEval_RestoreThread(state_); }
+
+ private:
+  PyThreadState *state_;
+};
 
 // A method that gets its arguments as an array.
 PyMethodDef method(const char *name, PyObject *(*function)(PyObject *, PyObject *const *, Py_ssize_t),

@@ -41,6 +41,7 @@ class Solver {
   double *x = nullptr, *whole = nullptr, slowed = 1.0;
   bool looped = false, busy = false;     // not looped: the fast path did it
 
+  const Options &options() const { return options_; }
   int n() const { return options_.n; }
 
   void begin() {

@@ -109,24 +109,30 @@ Level read_level(Arena &arena, PyObject *object, int n) {
 // All steps as one row of doubles; `Record` in compiled.py reads it.
 class Record {
  public:
-  explicit Record(const Solver &solver) : n_(solver.n()) {
-    const size_t head = n_ + 2 * solver.steps.size();
-    size_t size = head;
-    for (const Step &step : solver.steps) size += count(step);
-    bytes_ = PyBytes_FromStringAndSize(nullptr, Py_ssize_t(size * sizeof(double)));
-    if (!bytes_) return;
-    at_ = PyBytes_AsString(bytes_);
-    put(solver.whole, n_);
-    for (const Step &step : solver.steps) put(&step.bend, 1);
-    double begin = double(head);
-    for (const Step &step : solver.steps) {
+  explicit Record(const Solver &solver) : solver_(solver), n_(solver.n()) {
+    size_ = n_ + 2 * solver.steps.size();
+    for (const Step &step : solver.steps) size_ += count(step);
+  }
+
+  size_t size() const { return size_; }
+
+  void write(char *to) {
+    at_ = to;
+    put(solver_.whole, n_);
+    for (const Step &step : solver_.steps) put(&step.bend, 1);
+    double begin = double(n_ + 2 * solver_.steps.size());
+    for (const Step &step : solver_.steps) {
       put(&begin, 1);
       begin += double(count(step));
     }
-    for (const Step &step : solver.steps) put(step);
+    for (const Step &step : solver_.steps) put(step);
   }
 
-  PyObject *bytes() const { return bytes_; }
+  PyObject *bytes() {
+    PyObject *found = PyBytes_FromStringAndSize(nullptr, Py_ssize_t(size_ * sizeof(double)));
+    if (found) write(PyBytes_AsString(found));
+    return found;
+  }
 
  private:
   static constexpr int HEAD = 8;
@@ -162,21 +168,31 @@ class Record {
     at_ += count * sizeof(double);
   }
 
+  const Solver &solver_;
   int n_;
-  PyObject *bytes_;
+  size_t size_;
   char *at_ = nullptr;
 };
 
-// Solves one cycle; a nested call, from an attribute that is computed, goes to the reference.
-class Cycle {
+// A solver in use; a nested call, from an attribute that is computed, goes to the reference.
+class Running {
  public:
-  explicit Cycle(Solver &solver) : solver_(solver) {
+  explicit Running(Solver &solver) : solver_(solver) {
     need(!solver.busy);
     solver.busy = true;
     solver.begin();
   }
-  Cycle(const Cycle &) = delete;
-  ~Cycle() { solver_.busy = false; }
+  Running(const Running &) = delete;
+  ~Running() { solver_.busy = false; }
+
+ private:
+  Solver &solver_;
+};
+
+// Solves one cycle.
+class Call {
+ public:
+  explicit Call(Solver &solver) : running_(solver), solver_(solver) {}
 
   PyObject *solve(PyObject *const *given) {
     PyObject *levels = given[0], *memory = given[5];
@@ -216,6 +232,7 @@ class Cycle {
                         static_cast<PyObject *>(slowed));
   }
 
+  const Running running_;
   Solver &solver_;
 };
 
@@ -227,7 +244,7 @@ PyObject *solve(PyObject *self, PyObject *const *given, Py_ssize_t count) {
     return nullptr;
   }
   try {
-    return Cycle(of<Solver>(self)).solve(given);
+    return Call(of<Solver>(self)).solve(given);
   } catch (const Unsolved &) {
   } catch (const std::bad_alloc &) {
   }

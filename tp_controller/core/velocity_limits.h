@@ -65,6 +65,62 @@ PyObject *make_limits(PyTypeObject *type, PyObject *given, PyObject *) {
   }
 }
 
+// Names of the attributes of a `JointMotion`.
+PyObject *POSITIONS_NAME, *VELOCITY_NAME, *ELAPSED_NAME, *PENDING_NAME, *DURATION_NAME;
+
+// Names are interned once; false where there is no memory.
+bool intern_motion_names() {
+  return intern(POSITIONS_NAME, "positions") && intern(VELOCITY_NAME, "velocity")
+      && intern(ELAPSED_NAME, "elapsed") && intern(PENDING_NAME, "pending")
+      && intern(DURATION_NAME, "duration");
+}
+
+// A `JointMotion` of n joints that Python has; `fits` where it is one.
+class GivenMotion {
+ public:
+  GivenMotion(PyObject *given, size_t n)
+      : positions_(n), velocity_(n), upwards_(n), downwards_(n), command_(n) {
+    const Held pending(PyObject_GetAttr(given, PENDING_NAME));
+    fits = read(given, ELAPSED_NAME, motion.elapsed) && read(given, DURATION_NAME, motion.duration)
+        && read(given, POSITIONS_NAME, positions_) && read(given, VELOCITY_NAME, velocity_)
+        && pending && PyTuple_Check(pending);
+    motion.count = fits ? int(PyTuple_Size(pending)) : 0;
+    for (int i = 0; fits && i < motion.count; ++i) {
+      fits = copy(PyTuple_GetItem(pending, i), command_);
+      if (fits) add_pending(command_.data(), int(n), upwards_.data(), downwards_.data());
+    }
+    motion.positions = positions_.data();
+    motion.velocity = velocity_.data();
+    motion.upwards = upwards_.data();
+    motion.downwards = downwards_.data();
+    PyErr_Clear();
+  }
+
+  JointMotion motion = {};
+  bool fits = false;
+
+ private:
+  static bool read(PyObject *motion, PyObject *name, double &found) {
+    const Held number(PyObject_GetAttr(motion, name));
+    if (number) found = PyFloat_AsDouble(number);
+    return number && !(found == -1.0 && PyErr_Occurred());
+  }
+
+  static bool copy(PyObject *object, Numbers &found) {
+    const Buffer buffer(object);
+    if (!buffer.is(Py_ssize_t(found.size()))) return false;
+    buffer.copy(found.data());
+    return true;
+  }
+
+  static bool read(PyObject *motion, PyObject *name, Numbers &found) {
+    const Held array(PyObject_GetAttr(motion, name));
+    return array && copy(array, found);
+  }
+
+  Numbers positions_, velocity_, upwards_, downwards_, command_;
+};
+
 // box(motion, settled, lower, upper): fill in lower and upper (n,); see `Limits::box`.
 PyObject *limits_box(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   const Limits &limits = of<Limits>(self);
@@ -72,11 +128,11 @@ PyObject *limits_box(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   if (!lower.is(limits.size()) || !upper.is(limits.size()))
     return refuse("box(motion, settled, lower, upper)");
   try {
-    const JointMotion motion(given[0], limits.size());
+    const GivenMotion its(given[0], size_t(limits.size()));
     const int settled = PyObject_IsTrue(given[1]);
     if (settled < 0) return nullptr;
-    if (!motion.fits) return refuse("the motion is not one of these joints");
-    limits.box(motion, settled == 1, lower.p(), upper.p());
+    if (!its.fits) return refuse("the motion is not one of these joints");
+    limits.box(its.motion, settled == 1, lower.p(), upper.p());
   } catch (const std::bad_alloc &) {
     return PyErr_NoMemory();
   }

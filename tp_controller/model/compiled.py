@@ -44,32 +44,6 @@ class Motion(Protocol):
     def jacobian(self, frame: int, J: Array) -> None:
         """Fill in J (6, n) of a frame, as `RobotState.jacobian`."""
 
-    def observe(self, frame: int, reference: int, rows: bytes, goal: Array,
-                previous: Array | None, turn: Array | None, gain: Array, error: Array, J: Array,
-                v: Array) -> bool:
-        """
-        Fill in error, J and v of a task about a frame, in the axes of the reference.
-
-        Return False if arguments do not fit: the reference then raises the error.
-
-        Parameters
-        ----------
-        frame, reference : int
-            Indices of frames of the model; −1: the root.
-        rows : bytes
-            Rows of a twist that count.
-        goal : ndarray (3,), (3, 3) or (4, 4)
-            Position [m], rotation or pose.
-        previous, turn : ndarray (3,) or None
-            Previous rotation vector, and the current one, which is filled in if the goal has a
-            rotation [rad].
-        gain : ndarray () or (m,)
-            [1/s]
-        error, J, v : ndarray (m,), (m, n), (m,)
-            Filled in; v = gain ∘ error.
-
-        """
-
 
 # Number of velocities, row where the driven joints begin in a configuration, rows of the twist of
 # the base that are velocities, bodies (b, 19) and frames (f, 13).

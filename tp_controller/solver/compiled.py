@@ -139,7 +139,7 @@ class Record:
 
     Parameters
     ----------
-    record : bytes
+    record : bytes or memoryview
         Doubles: the velocities before uniform scaling, h of each level, the index at which the
         step of each level begins, then the steps.
     n, count : int
@@ -147,7 +147,7 @@ class Record:
 
     """
 
-    def __init__(self, record: bytes, n: int, count: int) -> None:
+    def __init__(self, record: bytes | memoryview, n: int, count: int) -> None:
         self._record, self._n, self._count = record, n, count
         self._found: dict[int, LevelStep] = {}
 

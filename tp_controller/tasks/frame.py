@@ -16,22 +16,20 @@
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, ClassVar, TypeAlias, TypeGuard, TypeVar
+from typing import Any, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
-from tp_controller.model.compiled import Motion
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, skew
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
 from tp_controller.tasks.keys import finite_vector, has_shape, Keys
 from tp_controller.tasks.task import Evaluation, Task
+from tp_controller.tasks.twin import FRAME, frozen, make_twin, Twin
 from tp_controller.tasks.yaml_keys import yaml_key
 
 Axes: TypeAlias = str | Sequence[str]
 SomeTask = TypeVar('SomeTask', bound='FrameTask')
-# Methods that the compiled evaluation replaces.
-EVALUATION_METHODS = {'error', 'jacobian', 'position', 'rotation', 'velocity'}
 TWIST_AXES: tuple[str, ...] = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 
@@ -155,13 +153,6 @@ class FrameTask(MovingGoalTask):
     axes: tuple[str, ...] = yaml_key(
         'axes of the reference frame that count (default: all)', default=None,
         parse_for=lambda task, axes: parse_axes(axes, task.axis_names()))
-    in_one_call: ClassVar[bool] = False
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        """Register the type; overriding an evaluation method disables the compiled one."""
-        super().__init_subclass__(**options)
-        if EVALUATION_METHODS & vars(cls).keys():
-            cls.in_one_call = vars(cls).get('in_one_call', False)
 
     def check_keys(self, keys: Keys) -> None:
         """Set rows and units, of all axes if the key has a fault."""
@@ -189,8 +180,8 @@ class FrameTask(MovingGoalTask):
         return super().is_compatible(other) and self.frame == other.frame
 
     @cached_property
-    def _observed(self) -> tuple[int, int, bytes]:
-        """Return frame, reference and rows as arguments of `Motion.observe`."""
+    def _place(self) -> tuple[int, int, bytes]:
+        """Return frame, reference and rows as inputs of a twin."""
         index = self.robot.kinematics.frame_index
         return (index(self.frame), -1 if self.reference == self.robot.root
                 else index(self.reference), bytes(np.flatnonzero(self.counts).tolist()))
@@ -218,21 +209,31 @@ class FrameTask(MovingGoalTask):
 
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state, by one compiled call if type and robot allow it."""
-        if self.in_one_call and state.motion is not None:
+        if self._feed_forward is not None:
+            # Drop a velocity that has timed out.
+            self.feed_forward(now)
+        twin = self.twin
+        if twin is not None and state.motion is not None:
             error, v = np.empty(self.rows), np.empty(self.rows)
             J = np.empty((self.rows, self.robot.n))
-            if self._observe(state.motion, error, J, v):
-                if self._feed_forward is not None:
-                    v = self.velocity(error, now)
+            if twin.task.evaluate(state.motion, state.positions, now, error, J, v):
                 return Evaluation(self, Level(J, v, self.mode), error, self.row_names)
         return super().make_evaluation(state, now)
 
-    def _observe(self, motion: Motion, error: Array, J: Array, v: Array) -> bool:
-        """Compute error, J and v = gain ∘ error in place; return whether that was possible."""
-        # Unpacking with a star takes twice as long.
-        frame, reference, rows = self._observed
-        return motion.observe(frame, reference, rows, self.goal, None, None, self.gain, error, J,
-                              v)
+    def twin_with_goal(self) -> Twin | None:
+        """Return the twin of a type whose error is the way from the frame to its goal."""
+        if not isinstance(self.goal, np.ndarray):
+            return None
+        return make_twin(FRAME, self._law(), (*self._place, frozen(self.goal), self._turned()),
+                         self.mode)
+
+    def twin_of_velocity(self) -> Twin | None:
+        """Return the twin of a type that demands a velocity alone."""
+        return make_twin(FRAME, self._law(), (*self._place, None, None), self.mode)
+
+    def _turned(self) -> Array | None:
+        """Return the memory of the rotation error (4,); None for a type without one."""
+        return None
 
     def in_rows(self, feed_forward: Array) -> Array:
         """Return the selected rows of a twist (6,)."""

@@ -28,6 +28,7 @@ from tp_controller.solver.level import identity
 from tp_controller.tasks.goal_remarks import looks_like_degrees
 from tp_controller.tasks.keys import finite_vector, Keys
 from tp_controller.tasks.task import Task
+from tp_controller.tasks.twin import frozen, JOINTS, make_twin, Twin
 from tp_controller.tasks.velocity import VelocityTask
 from tp_controller.tasks.yaml_keys import REQUIRED, yaml_key
 
@@ -108,6 +109,12 @@ class JointTask(Task):
     def jacobian(self, state: RobotState) -> Array:
         """Return the rows of the identity (rows, n) that select the joints."""
         return self._jacobian
+
+    def joints_twin(self, goal: Array | None, wraps: Array) -> Twin | None:
+        """Return the twin with a goal (rows,), or a velocity alone, and joints that wrap."""
+        return make_twin(JOINTS, self._law(), (
+            self._indices.astype(float), self.every_joint, goal, wraps.astype(float)), self.mode,
+            self._jacobian)
 
     def parse_feed_forward(self, velocity: ByJoint) -> Array:
         """Return joint velocities (rows,), or raise `GoalError`."""
@@ -226,6 +233,12 @@ class Joint(JointTask):
             error[self._wrapped] = wrap_angle(error[self._wrapped])
         return error
 
+    def make_twin(self) -> Twin | None:
+        """Return the inputs in the compiled core; see `Task`."""
+        if not isinstance(self.goal, np.ndarray):
+            return None
+        return self.joints_twin(frozen(self.goal), self._wrapped)
+
     def parse_goal(self, goal: ByJoint) -> Array:
         """
         Return one position for each joint; NaN for a joint without a goal.
@@ -274,3 +287,7 @@ class JointVelocity(VelocityTask, JointTask):
     goal_type = 'joint_velocities'
     feed_forward_type = None
     without = ('gain', 'tolerance')
+
+    def make_twin(self) -> Twin | None:
+        """Return the inputs in the compiled core; see `Task`."""
+        return self.joints_twin(None, np.zeros(self.rows))

@@ -20,6 +20,7 @@ from tp_controller.tasks.bounded import BoundedTask
 from tp_controller.tasks.joint import JointTask
 from tp_controller.tasks.keys import Keys, positive
 from tp_controller.tasks.task import Task
+from tp_controller.tasks.twin import JOINT_LIMITS, make_twin, Twin
 from tp_controller.tasks.yaml_keys import yaml_key
 
 # Default of the key `margin` [rad or m].
@@ -54,6 +55,12 @@ class JointLimits(JointTask, BoundedTask):
     def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return the positions of the joints (rows,) [rad or m] and their rows (rows, n)."""
         return self.positions(state), self.jacobian(state)
+
+    def make_twin(self) -> Twin | None:
+        """Return the inputs in the compiled core; see `Task`."""
+        return make_twin(JOINT_LIMITS, self._law(), (
+            self._indices.astype(float), self.lower, self.upper, self.return_speed), self.mode,
+            self._jacobian)
 
     def _check_margin(self, ranges: Array) -> None:
         """Raise ValueError if the margin leaves a joint no range."""

@@ -15,13 +15,11 @@
 """End-effector orientation task (lecture 3.3, slip corrected)."""
 
 from collections.abc import Sequence
-from copy import copy
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
-from tp_controller.model.compiled import Motion
 from tp_controller.model.spatial import (
     Array,
     check_rotation,
@@ -45,12 +43,17 @@ class ContinuousRotation:
     """Orientation error whose direction stays continuous near half a turn."""
 
     def __init__(self) -> None:
-        # Last rotation vector (3,) [rad].
-        self.previous: Array | None = None
+        # Last rotation vector (3,) [rad], then 1; zeros without one. Twins of the task write here.
+        self.memory = np.zeros(4)
+
+    @property
+    def previous(self) -> Array | None:
+        """Return the last rotation vector (3,) [rad]; None without one."""
+        return self.memory[:3].copy() if self.memory[3] else None
 
     def forget(self) -> None:
         """Drop the last direction."""
-        self.previous = None
+        self.memory[:] = 0.0
 
     def error(self, R_desired: Array, R_actual: Array) -> Array:
         """Return the rotation vector (3,) from actual to desired [rad]."""
@@ -58,12 +61,13 @@ class ContinuousRotation:
 
     def follow(self, vector: Array) -> Array:
         """Return a rotation vector (3,), or its complement in the other direction [rad]."""
-        self.previous = shorter_rotation(vector, self.previous)
-        return self.previous
+        vector = shorter_rotation(vector, self.previous)
+        self.memory[:3], self.memory[3] = vector, 1.0
+        return vector
 
     def inherit(self, other: 'ContinuousRotation') -> None:
         """Copy the direction of another error."""
-        self.previous = other.previous
+        self.memory[:] = other.memory
 
 
 class TurningTask(Task):
@@ -93,22 +97,17 @@ class TurningTask(Task):
     def probe(self) -> 'TurningTask':
         """Return an independent copy for evaluation elsewhere, with its own direction."""
         other = super().probe()
-        other._rotation_error = copy(self._rotation_error)
+        other._rotation_error = ContinuousRotation()
+        other._rotation_error.inherit(self._rotation_error)
         return other
 
 
 class TurningFrameTask(TurningTask, FrameTask):
     """Base class of tasks about a frame that control its orientation."""
 
-    def _observe(self, motion: Motion, error: Array, J: Array, v: Array) -> bool:
-        """Compute error, J and v = gain ∘ error in place; return whether that was possible."""
-        turn = np.empty(3)
-        frame, reference, rows = self._observed
-        observed = motion.observe(frame, reference, rows, self.goal, self._rotation_error.previous,
-                                  turn, self.gain, error, J, v)
-        if observed:
-            self._rotation_error.previous = turn
-        return observed
+    def _turned(self) -> Array:
+        """Return the memory of the rotation error (4,)."""
+        return self._rotation_error.memory
 
 
 class Orientation(TurningFrameTask):
@@ -123,8 +122,8 @@ class Orientation(TurningFrameTask):
     """
 
     type_name = 'orientation'
-    in_one_call = True
     example = {'frame': 'panda_hand_tcp'}
+    make_twin = TurningFrameTask.twin_with_goal
     sketch_parts = {'frame': True, 'goal': True, 'turn': False}
     goal_type = 'quaternion'
     twist_rows = slice(3, 6)

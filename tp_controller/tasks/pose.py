@@ -60,8 +60,8 @@ class Pose(PoseTask, TurningFrameTask):
     """
 
     type_name = 'pose'
-    in_one_call = True
     example = {'frame': 'panda_hand_tcp'}
+    make_twin = TurningFrameTask.twin_with_goal
     sketch_parts = {'frame': True, 'goal': True, 'error': False, 'turn': False}
 
     def value(self, state: RobotState) -> Array:

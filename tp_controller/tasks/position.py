@@ -45,8 +45,8 @@ class Position(PointTask, FrameTask):
     """
 
     type_name = 'position'
-    in_one_call = True
     example = {'frame': 'panda_hand_tcp'}
+    make_twin = FrameTask.twin_with_goal
 
     def value(self, state: RobotState) -> Array:
         """Return the origin of the frame (3,), in the reference frame [m]."""

@@ -207,16 +207,19 @@ class Stack:
             A task fails.
 
         """
+        return [self.evaluate_tasks(group, state, now) for group in self.active]
+
+    def evaluate_tasks(self, tasks: Sequence[Task], state: RobotState, now: float
+                       ) -> list[Evaluation]:
+        """Return new evaluations of some tasks; see `evaluate`."""
         if not self._foreign:
             try:
                 with foreign:
-                    return [[task.evaluate(state, now) for task in group]
-                            for group in self.active]
+                    return [task.evaluate(state, now) for task in tasks]
             except Exception:
                 # The evaluation below identifies the task.
                 pass
-        return [[self._evaluator.evaluate(task, state, now) for task in group]
-                for group in self.active]
+        return [self._evaluator.evaluate(task, state, now) for task in tasks]
 
     def check(self, evaluations: Sequence[Sequence[Evaluation]], n: int) -> None:
         """Raise `EvaluationError` if a task of any package returned an invalid evaluation."""

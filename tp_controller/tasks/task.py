@@ -29,6 +29,7 @@ from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.key_holder import KeyHolder
 from tp_controller.tasks.keys import DEFAULT_TOLERANCE, finite_vector, Keys, positive
 from tp_controller.tasks.sketch import arrow, frame_and_goal, Sketch
+from tp_controller.tasks.twin import frozen, Law, Twin, Watch
 from tp_controller.tasks.yaml_keys import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
 
 # Types of other packages may import `Keys` and the like from here.
@@ -37,6 +38,10 @@ __all__ = [
     'finite_vector', 'Goal', 'Keys', 'norm', 'positive', 'Task']
 
 SomeTask = TypeVar('SomeTask', bound='Task')
+# Methods that a twin replaces; a type that overrides one of them has no twin of its base class.
+EVALUATION_METHODS = {
+    'error', 'evaluate', 'feed_forward', 'in_rows', 'jacobian', 'level', 'make_evaluation',
+    'observe', 'position', 'positions', 'rotation', 'velocity'}
 
 
 @dataclass(slots=True, eq=False)
@@ -119,6 +124,8 @@ class Task(KeyHolder):
         # A subclass that only inherits the name does not replace that type.
         if vars(cls).get('type_name'):
             Task.types[cls.type_name] = cls
+        if EVALUATION_METHODS & vars(cls).keys() and 'make_twin' not in vars(cls):
+            cls.make_twin = Task.make_twin  # type: ignore[method-assign]
         if cls.level is not Task.level:
             # Set on the class, not on a task.
             cls.evaluate = Task._evaluate_around_level  # type: ignore[method-assign]
@@ -133,12 +140,54 @@ class Task(KeyHolder):
     def jacobian(self, state: RobotState) -> Array:
         """Return J (rows, n), with the velocity J q_dot of the value."""
 
+    def make_twin(self) -> Twin | None:
+        """Return the present inputs in the compiled core; None if Python evaluates the type."""
+        return None
+
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
         error = self.error(state)
         return Evaluation(
             self, Level(self.jacobian(state), self.velocity(error, now), self.mode,
                         is_identity=self.every_joint), error, self.row_names)
+
+    # Inputs in the compiled core
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Set an attribute; the twin, which has copies of the inputs, is made anew."""
+        own = self.__dict__
+        object.__setattr__(self, name, value)
+        own.pop('_twin', None)
+        if '_watch' in own:
+            own['_watch'].changed = True
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the attributes for a copy; it has a twin of its own, which nobody watches."""
+        # A copy in one step: the cycle of another thread may make a twin meanwhile.
+        state = dict(self.__dict__)
+        for name in ('_twin', '_watch'):
+            state.pop(name, None)
+        return state
+
+    @property
+    def twin(self) -> Twin | None:
+        """Return the inputs in the compiled core; None if Python evaluates the task."""
+        own = self.__dict__
+        if '_twin' not in own:
+            own['_twin'] = None if EVALUATION_METHODS & own.keys() else self.make_twin()
+        found: Twin | None = own['_twin']
+        return found
+
+    def watch(self, watch: Watch) -> None:
+        """Report changes of the inputs to one watcher, in place of the one before."""
+        self.__dict__['_watch'] = watch
+
+    def _law(self) -> Law:
+        """Return the part of the twin's inputs that all types share."""
+        added = self._feed_forward
+        return (self.rows, self.mode == 'scale', frozen(self.gain),
+                None if added is None else frozen(self.in_rows(added)),
+                self._feed_forward_time, self.timeout)
 
     # Sketches
 

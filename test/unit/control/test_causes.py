@@ -316,9 +316,9 @@ def test_looking_whether_a_goal_is_out_of_reach_leaves_no_trace_in_the_task():
     controller.set_goal('turn', rolled.as_quat(), 0.0)
     report = controller.update(robots.PLANAR_START, 0.01).report
     direction = controller.stack.tasks['turn']._rotation_error
-    before = direction.previous
+    before = direction.memory.copy()
     assert report.tasks[0].reason == 'out of reach by 1 rad'
-    assert direction.previous is before
+    assert before[3] and np.array_equal(direction.memory, before)
 
 
 def test_goal_behind_two_limits_that_each_suffice_is_not_out_of_reach():

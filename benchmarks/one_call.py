@@ -1,0 +1,106 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Compare cycles in one call of the compiled core with those of `step`, over random stacks.
+
+Run as ``python benchmarks/one_call.py --stacks 10000``. Stacks of all task types, on robots of
+example-robot-data with fixed and moving bases, as in calm.py. In every cycle both controllers
+begin with the same positions and the same memory; the reference evaluates all tasks in Python.
+Counted are stacks whose commands differ by more than a share of the fastest joint, and of 1.
+"""
+
+import argparse
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+
+from _random_stacks import Drawn
+import numpy as np
+from tp_controller import Controller, Settings, TpControllerError
+
+# Differences that are counted.
+LEVELS = 1e-12, 1e-9, 1e-6
+# The cycle in which goals are set.
+CHANGE = 2
+# Stacks of one job of a process.
+TOGETHER = 20
+
+
+def controllers(drawn):
+    """Return a controller that uses the core, and one that does not."""
+    found = []
+    for by_step in (False, True):
+        stack = drawn.stack()
+        controller = Controller(drawn.robot, stack, Settings(period=1.0 / drawn.rate, blend=0.0))
+        if by_step:
+            controller._core.solve = lambda *given: None
+            for task in stack.tasks.values():
+                task.make_twin = lambda: None
+        found.append(controller)
+    return found
+
+
+def compare(number, cycles):
+    """Return the largest difference, the number of cycles, and that of cycles in one call."""
+    drawn = Drawn(number)
+    one, other = controllers(drawn)
+    q, period, worst, together = drawn.start, 1.0 / drawn.rate, 0.0, 0
+    for cycle in range(cycles):
+        now = cycle * period
+        if cycle == CHANGE:
+            for controller in (one, other):
+                for name, goal in drawn.goals.items():
+                    controller.set_goal(name, goal, now)
+                for name, velocity in drawn.leading.items():
+                    controller.set_feed_forward(name, velocity, now)
+        other._memory = one._memory
+        try:
+            found, expected = (each.update(q, now).velocity for each in (one, other))
+        except TpControllerError as error:
+            return float('nan'), cycle, together, f'{drawn.name}: {error}'
+        together += hasattr(one._last, 'numbers')
+        scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
+        worst = max(worst, float(np.abs(found - expected).max(initial=0.0)) / scale)
+        q = drawn.robot.integrate(q, found, period)
+    return worst, cycles, together, drawn.name
+
+
+def compare_some(numbers, cycles):
+    """Return the results of `compare` for some stacks."""
+    return [(number, *compare(number, cycles)) for number in numbers]
+
+
+def main():
+    """Print how many stacks differ, and the worst of them."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
+    parser.add_argument('--stacks', type=int, default=200)
+    parser.add_argument('--cycles', type=int, default=20)
+    given = parser.parse_args()
+    jobs = [range(first, min(first + TOGETHER, given.stacks))
+            for first in range(0, given.stacks, TOGETHER)]
+    results = []
+    with ProcessPoolExecutor() as pool:
+        for some in pool.map(compare_some, jobs, [given.cycles] * len(jobs)):
+            results += some
+    cycles, together = (sum(result[place] for result in results) for place in (2, 3))
+    failed = [result for result in results if np.isnan(result[1])]
+    counts = Counter({level: sum(result[1] > level for result in results) for level in LEVELS})
+    print(f'{len(results)} stacks, {cycles} cycles, {together} in one call, {len(failed)} failed; '
+          + ', '.join(f'{count} differ by more than {level:g}' for level, count in counts.items()))
+    for number, worst, *_, name in sorted(results, key=lambda result: -result[1])[:5]:
+        print(f'{number:6d}  {worst:.1e}  {name}')
+
+
+if __name__ == '__main__':
+    main()

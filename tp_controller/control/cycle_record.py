@@ -1,0 +1,209 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""
+Records of cycles: all of a cycle as a row of doubles, as the compiled core writes it.
+
+It begins with the memory that the next cycle gets; the rest is for reports. step_object.h writes
+it.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+import math
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from tp_controller.control.cycle import Cycle, Outcome
+from tp_controller.control.cycle_options import CycleOptions
+from tp_controller.control.cycle_time import CycleTime
+from tp_controller.control.error_minimum import Place
+from tp_controller.control.escape import Escape
+from tp_controller.control.joint_limits import JointMotion
+from tp_controller.control.step import CycleMemory
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
+from tp_controller.solver.compiled import Record
+from tp_controller.solver.level import Level
+from tp_controller.solver.solution import Solution
+from tp_controller.tasks.stack import Groups, levels_of
+from tp_controller.tasks.task import Evaluation, Task
+from tp_controller.tasks.twin import Twin
+
+# Numbers of a memory that precede its arrays: time of the last command, those of `CycleTime`,
+# tries and nudges of `Escape`, and the time since which the robot is at rest.
+MEMORY_HEAD = 8
+# Numbers between the memory and the arrays of a cycle.
+CYCLE_HEAD = 3
+# The twins of the tasks of each level; None for a task that Python evaluates.
+Twins: TypeAlias = tuple[tuple[Twin | None, ...], ...]
+
+
+class Layout(NamedTuple):
+    """
+    Places of the numbers in the records of a stack.
+
+    Attributes
+    ----------
+    options : CycleOptions
+    active : tuple of tuple of Task
+        Tasks of each level.
+    twins : tuple of tuple of Twin or None
+        Their twins.
+
+    """
+
+    options: CycleOptions
+    active: Groups
+    twins: Twins
+
+    def memory(self, record: bytes) -> CycleMemory:
+        """Return the memory after a cycle."""
+        n, delay = self.options.n, self.options.delay
+        numbers = np.frombuffer(record)
+        (commanded, now, mean, usual, commands, tries, nudges,
+         still_since) = numbers[:MEMORY_HEAD].tolist()
+        first = MEMORY_HEAD + n
+        return CycleMemory(
+            numbers[MEMORY_HEAD:first],
+            tuple(numbers[first:first + delay * n].reshape(delay, n)),
+            None if math.isnan(commanded) else commanded,
+            CycleTime(now, mean, usual, int(commands)),
+            tuple(numbers[first + delay * n:][:len(self.active)].tolist()),
+            escape=Escape(int(tries), int(nudges),
+                          None if math.isnan(still_since) else still_since))
+
+    def pack(self, memory: CycleMemory) -> bytes | None:
+        """Return a memory as the beginning of a record; None during a transition or a nudge."""
+        if memory.transition.fades or memory.escape.upper:
+            return None
+        escape, count = memory.escape, len(self.active)
+        head = (memory.commanded, *memory.time, escape.tries, escape.nudges, escape.still_since)
+        return np.concatenate((
+            [math.nan if number is None else number for number in head], memory.velocity,
+            *memory.pending, (*memory.damping, *(0.0,) * count)[:count])).tobytes()
+
+
+class CycleRecord:
+    """
+    One cycle of the compiled core; everything is read on access.
+
+    Parameters
+    ----------
+    layout : Layout
+    numbers, before : bytes
+        Records of this cycle and the one before.
+    velocity : ndarray (n,)
+        Command [rad/s or m/s].
+    given : sequence of Evaluation
+        Evaluations of the tasks without a twin, in order.
+    place : tuple
+        See `Place`; the configuration is None where it equals the positions.
+
+    """
+
+    def __init__(self, layout: Layout, numbers: bytes, before: bytes, velocity: Array,
+                 given: Sequence[Evaluation], place: tuple[Array | None, Array | None, float,
+                                                           RobotState]) -> None:
+        self.layout, self.numbers, self.velocity = layout, numbers, velocity
+        self._before, self._given, self._place = before, given, place
+
+    @cached_property
+    def memory(self) -> CycleMemory:
+        """Return the memory for the next cycle."""
+        return self.layout.memory(self.numbers)
+
+    @property
+    def place(self) -> Place:
+        """Return the configuration of the robot."""
+        q, passive, now, spare = self._place
+        return Place(self._positions if q is None else q, passive, now, spare)
+
+    @cached_property
+    def evaluations(self) -> list[list[Evaluation]]:
+        """Return the evaluations of the tasks, level by level."""
+        given, self._at = iter(self._given), self._first + 3 * self._n
+        return [[next(given) if twin is None else self._evaluation(task, twin)
+                 for task, twin in zip(*group)]
+                for group in zip(self.layout.active, self.layout.twins)]
+
+    @cached_property
+    def cycle(self) -> Cycle:
+        """Return the problem of the cycle."""
+        options, before, n = self.layout.options, self.layout.memory(self._before), self._n
+        time = self.memory.time
+        motion = JointMotion(self._positions, before.velocity, self._head[2], before.pending,
+                             time.longest_hold(options.period))
+        box = self._numbers[self._first + n:self._first + 3 * n].reshape(2, n)
+        return Cycle(levels_of(self.evaluations),
+                     options.limits.bounds(motion, (box[0], box[1]), time.mean), options.solver,
+                     before.damping)
+
+    @cached_property
+    def outcome(self) -> Outcome:
+        """Return the outcome of the cycle."""
+        slowed, has_steps, _ = self._head
+        levels, memory = self.cycle.levels, self.memory.damping
+        if not has_steps:
+            solution = Solution(self.velocity, levels, memory)
+            return Outcome(solution, solution)
+        steps = memoryview(self.numbers)[8 * self._at:]
+        whole = np.frombuffer(steps, count=self._n) if slowed < 1.0 else None
+        solution = Solution(self.velocity, levels, memory, Record(steps, self._n, len(levels)),
+                            whole, slowed)
+        return Outcome(solution, solution)
+
+    @cached_property
+    def _numbers(self) -> Array:
+        """Return the record as an array of doubles."""
+        return np.frombuffer(self.numbers)
+
+    @property
+    def _n(self) -> int:
+        """Return the number of joints."""
+        return self.layout.options.n
+
+    @cached_property
+    def _first(self) -> int:
+        """Return the index of the first number after memory and head."""
+        options = self.layout.options
+        return MEMORY_HEAD + (1 + options.delay) * self._n + len(self.layout.active) + CYCLE_HEAD
+
+    @cached_property
+    def _head(self) -> tuple[float, bool, float]:
+        """Return the uniform scaling, whether there are steps, and the time since a command."""
+        slowed, has_steps, elapsed = self._numbers[self._first - CYCLE_HEAD:self._first].tolist()
+        return slowed, bool(has_steps), elapsed
+
+    @property
+    def _positions(self) -> Array:
+        """Return the positions (n,) [rad or m]."""
+        return self._numbers[self._first:self._first + self._n]
+
+    def _evaluation(self, task: Task, twin: Twin) -> Evaluation:
+        """Return the next evaluation."""
+        m, n = twin.rows, self._n
+        error, v = self._take(m), self._take(m)
+        upper = self._take(m) if task.bounded else None
+        J = self._take(m * n).reshape(m, n) if twin.J is None else twin.J
+        level = Level(J, v, twin.mode, is_identity=task.every_joint) if upper is None else \
+            Level(J, lower=v, upper=upper)
+        return Evaluation(task, level, error, task.row_names)
+
+    def _take(self, size: int) -> Array:
+        """Return the next numbers (size,)."""
+        begin = self._at
+        self._at = begin + size
+        return self._numbers[begin:self._at]

@@ -1,0 +1,192 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// One cycle of a stack: positions and the memory of the cycle before in, velocity and memory out.
+// Transitions, nudges and faults are left to the reference.
+// Reference: tp_controller/control/step.py
+
+#pragma once
+
+#include "cycle_time.h"
+#include "escape.h"
+#include "solve.h"
+#include "task.h"
+#include "velocity_limits.h"
+
+namespace {
+
+// What a cycle leaves to the next one: numbers in a row.
+class CycleMemory {
+ public:
+  CycleMemory(int n, int delay) : n_(n), delay_(delay) { set_levels(0); }
+
+  void set_levels(size_t count) { numbers_.resize(HEAD + size_t(n_) * (1 + delay_) + count); }
+
+  size_t size() const { return numbers_.size(); }
+  double *data() { return numbers_.data(); }
+
+  // When the last command was given, on the clock of the caller; not a number before the first.
+  double &commanded() { return numbers_[0]; }
+  CycleTime time() const { return {numbers_[1], numbers_[2], numbers_[3], numbers_[4]}; }
+  Escape escape() const { return {numbers_[5], numbers_[6], numbers_[7]}; }
+  double *velocity() { return &numbers_[HEAD]; }
+  double *pending(int i) { return velocity() + size_t(n_) * (1 + i); }
+  double *damping() { return pending(delay_); }
+
+  void put(const CycleTime &time) {
+    const double its[4] = {time.now, time.mean, time.usual, time.commands};
+    std::copy(its, its + 4, &numbers_[1]);
+  }
+
+  void put(const Escape &escape) {
+    const double its[3] = {escape.tries, escape.nudges, escape.still_since};
+    std::copy(its, its + 3, &numbers_[5]);
+  }
+
+  void command(const double *x) {
+    for (int i = delay_ - 1; i > 0; --i) std::copy(pending(i - 1), pending(i), pending(i));
+    if (delay_) std::copy(x, x + n_, pending(0));
+    std::copy(x, x + n_, velocity());
+  }
+
+ private:
+  static constexpr size_t HEAD = 8;
+
+  int n_, delay_;
+  std::vector<double> numbers_;
+};
+
+class ControlCycle {
+ public:
+  // Of the tasks of a level; none for one that Python evaluates.
+  using Group = std::vector<Task *>;
+
+  ControlCycle(const Options &options, const Limits &limits, std::vector<double> cap, double period,
+       int delay)
+      : solver(options), memory(options.n, delay), limits_(limits), cap_(std::move(cap)),
+        period_(period), delay_(delay) {}
+
+  Solver solver;
+  CycleMemory memory;
+  std::vector<Level> given;              // levels of the tasks that Python evaluates, in order
+  std::vector<Rows> evaluations;         // of the other tasks, in order
+  double elapsed = 0.0, *lower = nullptr, *upper = nullptr;
+
+  const std::vector<Group> &groups() const { return groups_; }
+
+  void set_groups(std::vector<Group> groups) {
+    memory.set_levels(groups.size());
+    groups_ = std::move(groups);
+  }
+
+  // Compute the cycle at positions where the robot is; `measured`: time since the last command.
+  // False where the reference has to.
+  bool run(const Situation &at, double measured) {
+    if (!evaluate(at)) return false;
+    CycleTime time = memory.time();
+    elapsed = time.advance(
+        std::isnan(memory.commanded()) ? period_
+            : std::isnan(measured) ? at.now - memory.commanded() : measured, period_);
+    bound(at.positions, time);
+    std::copy(memory.damping(), memory.damping() + groups_.size(),
+              std::back_inserter(solver.memory));
+    solver.solve(lower, upper, time.mean, cap_.empty() ? nullptr : cap_.data());
+    Escape escape = memory.escape();
+    if (escape.is_due(solver.arena, solver.levels, solver.x, solver.n(), time.now)) return false;
+    memory.commanded() = at.now;
+    memory.put(time);
+    memory.put(escape);
+    memory.command(solver.x);
+    std::copy(solver.memory.begin(), solver.memory.end(), memory.damping());
+    return true;
+  }
+
+ private:
+  bool evaluate(const Situation &at) {
+    size_t next = 0;
+    evaluations.clear();
+    for (const Group &group : groups_)
+      if (!(group.size() == 1 && !group[0] ? take(given[next++]) : join(at, group, next)))
+        return false;
+    return true;
+  }
+
+  bool take(const Level &level) {
+    solver.levels.push_back(level);
+    return true;
+  }
+
+  // The level of a group of tasks, their rows one below the other.
+  bool join(const Situation &at, const Group &group, size_t &next) {
+    const int n = solver.n();
+    size_t m = 0, one = next;
+    for (const Task *task : group) m += size_t(task ? task->rows() : given[one++].m);
+    const Task *first = group[0];
+    const Level *other = first ? nullptr : &given[next];
+    const bool bounded = first ? first->bounded() : other->bounded;
+    const bool identity = group.size() == 1 && first->is_identity();
+    Arena &arena = solver.arena;
+    double *J = identity ? nullptr : arena.take(m * n), *error = arena.take(m);
+    double *v = arena.take(m), *most = bounded ? arena.take(m) : nullptr;
+    solver.levels.push_back({int(m), n, bounded, first ? first->scale() : other->scale, identity,
+                             J, bounded ? nullptr : v, bounded ? v : nullptr, most});
+    for (Task *task : group) {
+      size_t rows;
+      if (task) {
+        const Rows out = {error, J, v, v, most};
+        if (!task->evaluate(at, out)) return false;
+        evaluations.push_back(out);
+        rows = size_t(task->rows());
+      } else {
+        rows = copy(given[next++], J, v, most);
+      }
+      if (J) J += rows * n;
+      error += rows;
+      v += rows;
+      if (most) most += rows;
+    }
+    return true;
+  }
+
+  static size_t copy(const Level &from, double *J, double *v, double *most) {
+    if (from.is_identity)
+      for (int i = 0; i < from.n; ++i)
+        for (int j = 0; j < from.n; ++j) J[size_t(i) * from.n + j] = i == j ? 1.0 : 0.0;
+    else
+      std::copy(from.J, from.J + size_t(from.m) * from.n, J);
+    const double *least = from.bounded ? from.lower : from.v;
+    std::copy(least, least + from.m, v);
+    if (from.bounded) std::copy(from.upper, from.upper + from.m, most);
+    return size_t(from.m);
+  }
+
+  void bound(const double *positions, const CycleTime &time) {
+    const int n = solver.n();
+    Arena &arena = solver.arena;
+    double *upwards = arena.zeros(n), *downwards = arena.zeros(n);
+    for (int i = 0; i < delay_; ++i) add_pending(memory.pending(i), n, upwards, downwards);
+    lower = arena.take(n);
+    upper = arena.take(n);
+    limits_.box({positions, memory.velocity(), elapsed, time.longest_hold(period_), delay_, upwards,
+                 downwards}, false, lower, upper);
+  }
+
+  std::vector<Group> groups_;
+  const Limits limits_;
+  const std::vector<double> cap_;
+  const double period_;
+  const int delay_;
+};
+
+}  // namespace

@@ -1,0 +1,220 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// `Step` as Python has it: a stack of tasks, and its cycles as rows of numbers.
+// Reference: tp_controller/control/compiled_step.py
+
+#pragma once
+
+#include "solver_object.h"
+#include "step.h"
+#include "task_object.h"
+
+namespace {
+
+// A cycle of a stack, and the tasks that Python holds.
+struct StackCycle {
+  std::unique_ptr<ControlCycle> cycle;
+  std::vector<PyObject *> held;
+
+  StackCycle() = default;
+  StackCycle(StackCycle &&) = default;
+  ~StackCycle() { for (PyObject *each : held) Py_DECREF(each); }
+};
+
+// ((Task or None, …), …), all of this robot; false where they are not.
+bool read_groups(PyObject *object, const Motion &motion, std::vector<ControlCycle::Group> &groups,
+                 std::vector<PyObject *> &held) {
+  for (Py_ssize_t l = 0; l < PyTuple_Size(object); ++l) {
+    PyObject *group = PyTuple_GetItem(object, l);
+    if (!PyTuple_Check(group) || PyTuple_Size(group) < 1) return false;
+    groups.emplace_back();
+    for (Py_ssize_t i = 0; i < PyTuple_Size(group); ++i) {
+      PyObject *each = PyTuple_GetItem(group, i);
+      TaskTwin *twin = find<TaskTwin>(each);
+      if (each != Py_None && !(twin && twin->task->fits(motion))) return false;
+      groups.back().push_back(twin ? twin->task.get() : nullptr);
+      if (twin) held.push_back(Py_NewRef(each));
+    }
+    for (const Task *task : groups.back())
+      if (task && groups.back()[0] && task->bounded() != groups.back()[0]->bounded()) return false;
+  }
+  return true;
+}
+
+// Step(solver, limits, cap or None, period, delay)
+PyObject *make_step(PyTypeObject *type, PyObject *given, PyObject *) {
+  PyObject *solver, *limits, *cap;
+  double period;
+  int delay;
+  if (!PyArg_ParseTuple(given, "O!O!Odi", TYPE_OF<Solver>, &solver, TYPE_OF<Limits>, &limits, &cap,
+                        &period, &delay))
+    return nullptr;
+  try {
+    const Options &options = of<Solver>(solver).options();
+    std::vector<double> capped;
+    StackCycle its;
+    if (delay >= 0 && delay <= MOST && of<Limits>(limits).size() == options.n
+        && (cap == Py_None || (read_all(cap, capped) && capped.size() == size_t(options.n)))) {
+      its.cycle.reset(new ControlCycle(options, of<Limits>(limits), std::move(capped), period,
+                                       delay));
+      return keep<StackCycle>(type, std::move(its));
+    }
+  } catch (const std::bad_alloc &) {
+    return PyErr_NoMemory();
+  }
+  return refuse("solver, limits and cap do not fit together");
+}
+
+// set_tasks(motion, ((Task or None, …), …)): ValueError, and nothing has changed, where they are
+// not of this robot.
+PyObject *step_set_tasks(PyObject *self, PyObject *const *given, Py_ssize_t count) {
+  StackCycle &its = of<StackCycle>(self);
+  const Motion *motion = count == 2 ? find<Motion>(given[0]) : nullptr;
+  if (!motion || motion->n != its.cycle->solver.n() || !PyTuple_Check(given[1])
+      || its.cycle->solver.busy) return refuse("set_tasks(motion, tasks)");
+  try {
+    StackCycle others;
+    std::vector<ControlCycle::Group> groups;
+    if (!read_groups(given[1], *motion, groups, others.held))
+      return refuse("the tasks are not those of this robot");
+    its.cycle->set_groups(std::move(groups));
+    std::swap(its.held, others.held);
+  } catch (const std::bad_alloc &) {
+    return PyErr_NoMemory();
+  }
+  return Py_NewRef(Py_None);
+}
+
+// Whether a group with several tasks has bounds.
+bool is_bounded(const ControlCycle::Group &group, size_t first, const ControlCycle &cycle) {
+  for (const Task *task : group)
+    if (task) return task->bounded();
+  return cycle.given[first].bounded;
+}
+
+// Read what a cycle gets from Python.
+void read_cycle(ControlCycle &cycle, PyObject *memory, PyObject *levels) {
+  char *numbers;
+  Py_ssize_t size;
+  const Py_ssize_t needed = Py_ssize_t(cycle.memory.size() * sizeof(double));
+  need(PyBytes_Check(memory) && PyBytes_AsStringAndSize(memory, &numbers, &size) == 0
+       && size >= needed && PyTuple_Check(levels));
+  std::memcpy(cycle.memory.data(), numbers, size_t(needed));
+  cycle.given.clear();
+  for (Py_ssize_t l = 0; l < PyTuple_Size(levels); ++l)
+    cycle.given.push_back(read_level(cycle.solver.arena, PyTuple_GetItem(levels, l),
+                                     cycle.solver.n()));
+  size_t next = 0;
+  for (const ControlCycle::Group &group : cycle.groups()) {
+    const size_t first = next;
+    for (Task *task : group)
+      if (task) task->begin();
+      else need(next++ < cycle.given.size());
+    // Either all tasks of a level have bounds or none has.
+    for (size_t l = first; l < next; ++l)
+      need(cycle.given[l].bounded == is_bounded(group, first, cycle));
+  }
+  need(next == cycle.given.size());
+}
+
+// One cycle as a row of doubles, which `CycleRecord` of the reference reads: memory, factor of
+// uniform scaling, whether there are steps, time since the last command, positions, bounds of the
+// joints, evaluations of the tasks, and the steps of the solver.
+PyObject *write_cycle(ControlCycle &cycle, const double *positions) {
+  Solver &solver = cycle.solver;
+  const size_t n = size_t(solver.n());
+  Record steps(solver);
+  size_t size = cycle.memory.size() + 3 + 3 * n + (solver.looped ? steps.size() : 0);
+  const auto parts = [&](auto put) {
+    size_t next = 0;
+    for (const ControlCycle::Group &group : cycle.groups())
+      for (const Task *task : group) {
+        if (!task) continue;
+        const Rows &its = cycle.evaluations[next++];
+        const size_t m = size_t(task->rows());
+        put(its.error, m);
+        put(its.v, m);
+        if (task->bounded()) put(its.upper, m);
+        if (!task->is_constant()) put(its.J, m * n);
+      }
+  };
+  parts([&size](const double *, size_t count) { size += count; });
+  PyObject *bytes = PyBytes_FromStringAndSize(nullptr, Py_ssize_t(size * sizeof(double)));
+  if (!bytes) return nullptr;
+  char *at = PyBytes_AsString(bytes);
+  const auto put = [&at](const double *from, size_t count) {
+    std::memcpy(at, from, count * sizeof(double));
+    at += count * sizeof(double);
+  };
+  const double head[3] = {solver.slowed, solver.looped ? 1.0 : 0.0, cycle.elapsed};
+  put(cycle.memory.data(), cycle.memory.size());
+  put(head, 3);
+  put(positions, n);
+  put(cycle.lower, n);
+  put(cycle.upper, n);
+  parts(put);
+  if (solver.looped) steps.write(at);
+  return bytes;
+}
+
+// run(memory, motion, moved, positions, now, elapsed, levels, velocity): fill in the velocity (n,)
+// and return the record of the cycle; None where the reference is needed. `moved`: the motion is at
+// these positions; `elapsed`: not a number for the time since the last command; `levels`: those of
+// the tasks that are None, in order.
+PyObject *step_run(PyObject *self, PyObject *const *given, Py_ssize_t count) {
+  if (count != 8)
+    return refuse("run(memory, motion, moved, positions, now, elapsed, levels, velocity)");
+  ControlCycle &cycle = *of<StackCycle>(self).cycle;
+  Solver &solver = cycle.solver;
+  Motion *motion = find<Motion>(given[1]);
+  try {
+    need(motion && motion->n == solver.n());
+    const Running running(solver);
+    read_cycle(cycle, given[0], given[6]);
+    const bool moved = is_true(given[2]);
+    double *positions = solver.arena.take(size_t(solver.n()));
+    need(read(given[3], solver.n(), LARGEST, positions));
+    const double now = number(given[4]), elapsed = PyFloat_AsDouble(given[5]);
+    const Buffer velocity(given[7], PyBUF_STRIDES | PyBUF_FORMAT | PyBUF_WRITABLE);
+    need(velocity.is(solver.n()) && !PyErr_Occurred()
+         && (moved || (motion->base.empty() && motion->columns() == solver.n())));
+    {
+      const WithoutPython meanwhile;
+      if (!moved) {
+        std::copy(positions, positions + solver.n(), motion->q().data() + motion->first_row);
+        motion->move(nullptr);
+      }
+      need(cycle.run({motion, positions, now}, elapsed));
+    }
+    PyObject *record = write_cycle(cycle, positions);
+    if (!record) return nullptr;
+    velocity.fill(solver.x);
+    for (const ControlCycle::Group &group : cycle.groups())
+      for (const Task *task : group)
+        if (task) task->keep();
+    return record;
+  } catch (const Unsolved &) {
+  } catch (const std::bad_alloc &) {
+  }
+  PyErr_Clear();
+  return Py_NewRef(Py_None);
+}
+
+PyMethodDef STEP_METHODS[] = {
+    method("set_tasks", step_set_tasks, "Set the tasks of each level."),
+    method("run", step_run, "Compute one cycle."),
+    {nullptr, nullptr, 0, nullptr}};
+
+}  // namespace

@@ -1,0 +1,78 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// A task: error, Jacobian, and the control law from error to velocity.
+// Reference: tp_controller/tasks/task.py
+
+#pragma once
+
+#include "kinematics.h"
+
+namespace {
+
+// State of the robot in a cycle.
+struct Situation {
+  Motion *motion;
+  const double *positions;
+  double now;
+};
+
+// Where a task writes its rows; a demand has v, bounds have lower and upper. J is not written
+// where it is the identity.
+struct Rows {
+  double *error, *J, *v, *lower, *upper;
+};
+
+// The part of the demand that all types of tasks have.
+struct Law {
+  int rows = 0;
+  bool scale = false;
+  std::vector<double> gain;              // one for each row
+  std::vector<double> feed_forward;      // none where empty
+  double fed = 0.0, timeout = 0.0;       // time of arrival of the feed-forward velocity
+
+  // v = K error + feed-forward; false where that has timed out: the reference drops it.
+  bool demand(double now, const double *error, double *v) const {
+    for (int i = 0; i < rows; ++i) v[i] = gain[i] * error[i];
+    if (feed_forward.empty()) return true;
+    for (int i = 0; i < rows; ++i) v[i] += feed_forward[i];
+    return std::fabs(now - fed) <= timeout;
+  }
+};
+
+class Task {
+ public:
+  explicit Task(Law law) : law_(std::move(law)) {}
+  virtual ~Task() = default;
+
+  int rows() const { return law_.rows; }
+  bool scale() const { return law_.scale; }
+  virtual bool bounded() const { return false; }
+  virtual bool is_identity() const { return false; }
+  // Whether J is the same in all cycles, so that a record leaves it out.
+  virtual bool is_constant() const { return false; }
+
+  // Whether the task is one of this robot.
+  virtual bool fits(const Motion &motion) const = 0;
+  // Read what the cycle before left, and keep what the next one needs; Python holds both.
+  virtual void begin() {}
+  virtual void keep() const {}
+  // Evaluate the task; false where the reference has to.
+  virtual bool evaluate(const Situation &at, const Rows &out) = 0;
+
+ protected:
+  Law law_;
+};
+
+}  // namespace

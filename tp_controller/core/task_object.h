@@ -1,0 +1,179 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// `Task` as Python has it: the inputs of a task, which it evaluates.
+// Reference: tp_controller/tasks/twin.py
+
+#pragma once
+
+#include "frame_task.h"
+#include "joint_limits_task.h"
+#include "motion_object.h"
+
+namespace {
+
+// A task, and the array of Python that remembers its direction of rotation.
+struct TaskTwin {
+  std::unique_ptr<Task> task;
+  std::unique_ptr<Output> turn;
+};
+
+// A number for each row, or one for all.
+bool read_rows_of(PyObject *object, int rows, std::vector<double> &found) {
+  const Buffer buffer(object);
+  if (!buffer.is_number() && !buffer.is(rows)) return false;
+  for (int i = 0; i < rows; ++i) found.push_back(buffer.is_number() ? buffer.number() : buffer.at(i));
+  return true;
+}
+
+// (rows, scale, gain, feed_forward or None, fed, timeout)
+bool read_law(PyObject *object, Law &law) {
+  int scale;
+  PyObject *gain, *feed_forward;
+  if (!PyArg_ParseTuple(object, "ipOOdd", &law.rows, &scale, &gain, &feed_forward, &law.fed,
+                        &law.timeout)) return false;
+  law.scale = scale;
+  return law.rows >= 1 && law.rows <= MOST && read_rows_of(gain, law.rows, law.gain)
+      && (feed_forward == Py_None || read_rows_of(feed_forward, law.rows, law.feed_forward));
+}
+
+// A position (3,), a rotation (3, 3), a pose (4, 4), or None.
+bool read_goal(PyObject *object, FrameGoal &goal) {
+  if (object == Py_None) return true;
+  double T[16];
+  const Buffer given(object);
+  goal.is_position = given.is(3) || given.is(4, 4);
+  goal.is_rotation = given.is(3, 3) || given.is(4, 4);
+  if (given.is(3)) given.copy(goal.p);
+  if (given.is(3, 3)) given.copy_rows(goal.R);
+  if (given.is(4, 4)) {
+    given.copy_rows(T);
+    for (int i = 0; i < 3; ++i) {
+      std::copy(T + 4 * i, T + 4 * i + 3, goal.R + 3 * i);
+      goal.p[i] = T[4 * i + 3];
+    }
+  }
+  return goal.is_position || goal.is_rotation;
+}
+
+// (frame, reference, rows, goal or None, turn or None); reference −1: the root
+bool read_frame_task(PyObject *object, Law law, TaskTwin &twin) {
+  int frame, reference;
+  const char *rows;
+  Py_ssize_t m;
+  PyObject *goal, *turn;
+  FrameGoal its;
+  if (!PyArg_ParseTuple(object, "iiy#OO", &frame, &reference, &rows, &m, &goal, &turn)
+      || m != law.rows || m > 6 || frame < 0 || reference < -1 || !read_goal(goal, its))
+    return false;
+  for (Py_ssize_t i = 0; i < m; ++i)
+    if (rows[i] < 0 || rows[i] > 5
+        || (goal != Py_None && !(rows[i] < 3 ? its.is_position : its.is_rotation))) return false;
+  if (its.is_rotation) {
+    twin.turn.reset(new Output(turn));
+    if (!twin.turn->is(4)) return false;
+  }
+  twin.task.reset(new FrameTask(std::move(law), frame, reference, rows, its,
+                                its.is_rotation ? twin.turn->p() : nullptr));
+  return true;
+}
+
+// Indices of velocities, as numbers, and whether these are all in their order.
+bool read_columns(PyObject *object, int rows, bool all, JointColumns &columns) {
+  std::vector<double> numbers;
+  if (!read_all(object, numbers) || numbers.size() != size_t(rows)) return false;
+  columns.all = all;
+  columns.at.resize(numbers.size());
+  for (size_t i = 0; i < numbers.size(); ++i)
+    if (!whole(numbers[i], 0, int(MOST) - 1, columns.at[i])) return false;
+  return true;
+}
+
+// (columns, all, goal or None, wraps)
+bool read_joint_task(PyObject *object, Law law, TaskTwin &twin) {
+  PyObject *indices, *given, *turns;
+  int all;
+  JointColumns columns;
+  std::vector<double> goal, wraps;
+  if (!PyArg_ParseTuple(object, "OpOO", &indices, &all, &given, &turns)
+      || !read_columns(indices, law.rows, all, columns)
+      || (given != Py_None && !read_rows_of(given, law.rows, goal))
+      || !read_rows_of(turns, law.rows, wraps)) return false;
+  twin.task.reset(new JointTask(std::move(law), std::move(columns), std::move(goal),
+                                std::vector<bool>(wraps.begin(), wraps.end())));
+  return true;
+}
+
+// (columns, lower, upper, return_speed)
+bool read_joint_limits_task(PyObject *object, Law law, TaskTwin &twin) {
+  PyObject *indices, *low, *high;
+  double return_speed;
+  JointColumns columns;
+  std::vector<double> lower, upper;
+  if (!PyArg_ParseTuple(object, "OOOd", &indices, &low, &high, &return_speed)
+      || !read_columns(indices, law.rows, false, columns) || !read_rows_of(low, law.rows, lower)
+      || !read_rows_of(high, law.rows, upper)) return false;
+  twin.task.reset(new JointLimitsTask(std::move(law), std::move(columns), std::move(lower),
+                                      std::move(upper), return_speed));
+  return true;
+}
+
+// Task(kind, law, inputs): ValueError where they do not fit.
+PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
+  using Reader = bool (*)(PyObject *, Law, TaskTwin &);
+  // In the order of `KINDS` of the reference.
+  const Reader readers[] = {read_frame_task, read_joint_task, read_joint_limits_task};
+  int kind;
+  PyObject *law, *inputs;
+  if (!PyArg_ParseTuple(given, "iO!O!", &kind, &PyTuple_Type, &law, &PyTuple_Type, &inputs))
+    return nullptr;
+  try {
+    TaskTwin twin;
+    Law its;
+    if (kind >= 0 && kind < int(std::size(readers)) && read_law(law, its)
+        && readers[kind](inputs, std::move(its), twin)) return keep<TaskTwin>(type, std::move(twin));
+  } catch (const std::bad_alloc &) {
+    return PyErr_NoMemory();
+  }
+  PyErr_Clear();
+  return refuse("these are no inputs of a task");
+}
+
+// evaluate(motion, positions, now, error, J, v): fill in error (m,), J (m, n) and v (m,) of a
+// demand; False where something does not fit.
+PyObject *task_evaluate(PyObject *self, PyObject *const *given, Py_ssize_t count) {
+  if (count != 6) return refuse("evaluate(motion, positions, now, error, J, v)");
+  Task &task = *of<TaskTwin>(self).task;
+  const Buffer positions(given[1]);
+  const double now = PyFloat_AsDouble(given[2]);
+  PyErr_Clear();
+  const Output error(given[3]), J(given[4]), v(given[5]);
+  Motion *motion = find<Motion>(given[0]);
+  if (!motion || task.bounded() || !positions.is(motion->n) || !error.is(task.rows())
+      || !J.is(task.rows(), motion->n) || !v.is(task.rows()) || !task.fits(*motion))
+    return Py_NewRef(Py_False);
+  std::vector<double> at(size_t(motion->n));
+  positions.copy(at.data());
+  task.begin();
+  if (!task.evaluate({motion, at.data(), now}, {error.p(), J.p(), v.p(), nullptr, nullptr}))
+    return Py_NewRef(Py_False);
+  task.keep();
+  return Py_NewRef(Py_True);
+}
+
+PyMethodDef TASK_METHODS[] = {
+    method("evaluate", task_evaluate, "Return error, Jacobian and demand."),
+    {nullptr, nullptr, 0, nullptr}};
+
+}  // namespace

@@ -1,0 +1,97 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Twins of tasks: their inputs, as the compiled core evaluates them.
+
+A task has a twin until one of its attributes is set; the next evaluation makes a new one. Types
+that override a method of the evaluation have none.
+"""
+
+from typing import Any, NamedTuple, Protocol, TypeAlias
+
+from tp_controller.model.compiled import Motion
+from tp_controller.model.spatial import Array
+from tp_controller.solver.compiled import core
+
+# Kinds of twins, in the order of the readers in task_object.h.
+FRAME, JOINTS, JOINT_LIMITS = KINDS = range(3)
+# rows, whether the mode is ``scale``, gain, feed-forward velocity, its time of arrival, timeout
+Law: TypeAlias = tuple[int, bool, Array, Array | None, float, float]
+
+
+class CompiledTask(Protocol):
+    """A task in the compiled core; immutable."""
+
+    def evaluate(self, motion: Motion, positions: Array, now: float, error: Array, J: Array,
+                 v: Array) -> bool:
+        """
+        Fill in error (m,), J (m, n) and v (m,) of a task with a demand.
+
+        Return False if arguments do not fit, or the feed-forward velocity has timed out: the
+        reference then evaluates the task.
+        """
+
+
+class Watch:
+    """
+    Watcher of tasks.
+
+    Attributes
+    ----------
+    changed : bool
+        Whether an input of a task has changed since this was last reset.
+
+    """
+
+    def __init__(self) -> None:
+        self.changed = True
+
+
+class Twin(NamedTuple):
+    """
+    Inputs of a task in the compiled core.
+
+    Attributes
+    ----------
+    task : CompiledTask
+    rows : int
+    mode : str
+        Mode of its level.
+    J : ndarray (m, n) or None
+        Jacobian; None if it depends on the positions.
+
+    """
+
+    task: CompiledTask
+    rows: int
+    mode: str
+    J: Array | None = None
+
+
+def frozen(array: Array) -> Array:
+    """Return an array that can no longer be changed in place, which no twin would notice."""
+    array.setflags(write=False)
+    return array
+
+
+def make_twin(kind: int, law: Law, inputs: tuple[Any, ...], mode: str,
+              J: Array | None = None) -> Twin | None:
+    """Return the twin of a task; None if there is no core, or it does not support the inputs."""
+    if core is None:
+        return None
+    try:
+        return Twin(core.Task(kind, law, inputs), law[0], mode, J)
+    except ValueError:
+        return None
