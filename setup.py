@@ -100,7 +100,7 @@ def shims():
 
 setup(
     name=package_name,
-    version='0.1.0',
+    version='0.2.0',
     packages=find_packages(exclude=['test*']),
     package_data={package_name: ['py.typed']},
     ext_modules=extensions,
