@@ -107,15 +107,16 @@ class CompiledStep:
         self.given: tuple[Task, ...] = ()
         for group in active:
             for task in group:
-                task.watch(self._watch)
+                if has_twin(task):
+                    # Others may set attributes in every cycle.
+                    task.watch(self._watch)
 
     def refresh(self) -> None:
         """Read inputs of tasks that have changed."""
         if not self._watch.changed:
             return
         self._watch.changed, active = False, self.layout.active
-        # Python evaluates and checks tasks of other packages.
-        twins = tuple([tuple([None if is_foreign(task) else task.twin for task in group])
+        twins = tuple([tuple([task.twin if has_twin(task) else None for task in group])
                        for group in active])
         self._compiled.set_tasks(self._motion, tuple([
             tuple([None if twin is None else twin.task for twin in group]) for group in twins]))
@@ -151,6 +152,11 @@ class CompiledStep:
             memory, motion, state is not None, q if state is None else state.positions, now,
             math.nan if elapsed is None else elapsed,
             tuple([each.level for each in given]) if given else (), velocity)
+
+
+def has_twin(task: Task) -> bool:
+    """Return whether a task may have a twin; Python evaluates and checks those of others."""
+    return type(task).make_twin is not Task.make_twin and not is_foreign(task)
 
 
 def compiled_step(robot: Robot, options: CycleOptions, active: Groups) -> CompiledStep | None:

@@ -72,8 +72,8 @@ class ControlCycle {
   // Of the tasks of a level; none for one that Python evaluates.
   using Group = std::vector<Task *>;
 
-  ControlCycle(const Options &options, const Limits &limits, std::vector<double> cap, double period,
-       int delay)
+  ControlCycle(const Options &options, const Limits &limits, std::vector<double> cap,
+               double period, int delay)
       : solver(options), memory(options.n, delay), limits_(limits), cap_(std::move(cap)),
         period_(period), delay_(delay) {}
 

@@ -360,6 +360,20 @@ def test_task_of_python_that_fails_is_treated_as_by_step(faults):
     assert found[0] == found[1]
 
 
+def test_tasks_of_python_that_remember_cycles_do_not_make_twins_anew():
+    controller = Controller(panda(), Stack.from_yaml(STACKS['Python between'], panda()),
+                            Settings(period=0.01))
+    for cycle in range(3):
+        controller.update(READY, 0.01 * cycle)
+    twins = controller._core._step.layout.twins
+    controller.update(READY, 0.03)
+    assert controller._core._step.layout.twins is twins
+    controller.set_gain('tool', 3.0)
+    for cycle in range(4, 40):
+        controller.update(READY, 0.01 * cycle)
+    assert controller._core._step.layout.twins is not twins
+
+
 def cycle_of_core():
     """Return what `run` of the core gets in a cycle."""
     controller = Controller(panda(), Stack.from_yaml(STACKS['Python between'], panda()),
