@@ -72,11 +72,11 @@ def test_a_pose_goal_is_reached_without_exceeding_any_limit(any_harness, rate):
                                atol=1e-2)
     assert (np.abs(loop.commands) <= panda().velocity).all()
     q = np.array([message.position for message in loop.states])
-    # While a busy machine holds up the controller, the simulated robot goes on with the last
-    # command: five times as fast, for up to half a second.
+    # While a busy machine delays the controller, the simulated robot goes on with the last
+    # command, five times as fast, for up to half a second.
     beyond = np.maximum(panda().lower - q, q - panda().upper).max(axis=0)
-    held_up = len(loop.commands) < 0.95 * len(loop.states)
-    assert (beyond < (0.5 * panda().velocity if held_up else 0.0)).all()
+    delayed = len(loop.commands) < 0.95 * len(loop.states)
+    assert (beyond < (0.5 * panda().velocity if delayed else 0.0)).all()
 
 
 def test_the_error_of_the_tool_decays_with_its_gain(harness):
