@@ -85,7 +85,7 @@ def test_comparison_without_other_packages_shows_this_one_and_what_it_skipped(al
     assert lines[:5] == [f'skipped: {name} is not installed (hidden by a test)'
                          for name in PEERS]
     rows = [line for line in lines if line.startswith('| tp_controller')]
-    # Whole and in part in both tables of times, whole in that of steps and one for each stack.
+    # In both tables of times, in that of steps and in one for each stack.
     assert len(rows) == 6
     widths = {len(row.split('|')) for row in rows}
     heads = {len(line.split('|')) for line in lines if line.startswith('| ---')}
