@@ -27,6 +27,7 @@ namespace {
 struct StackCycle {
   std::unique_ptr<ControlCycle> cycle;
   std::vector<PyObject *> held;
+  size_t frames = 0;                     // of the robot whose tasks they are
 
   StackCycle() = default;
   StackCycle(StackCycle &&) = default;
@@ -90,6 +91,7 @@ PyObject *step_set_tasks(PyObject *self, PyObject *const *given, Py_ssize_t coun
     if (!read_groups(given[1], *motion, groups, others.held))
       return refuse("the tasks are not those of this robot");
     its.cycle->set_groups(std::move(groups));
+    its.frames = motion->frames.size();
     std::swap(its.held, others.held);
   } catch (const std::bad_alloc &) {
     return PyErr_NoMemory();
@@ -176,11 +178,12 @@ PyObject *write_cycle(ControlCycle &cycle, const double *positions) {
 PyObject *step_run(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   if (count != 8)
     return refuse("run(memory, motion, moved, positions, now, elapsed, levels, velocity)");
-  ControlCycle &cycle = *of<StackCycle>(self).cycle;
+  const StackCycle &its = of<StackCycle>(self);
+  ControlCycle &cycle = *its.cycle;
   Solver &solver = cycle.solver;
   Motion *motion = find<Motion>(given[1]);
   try {
-    need(motion && motion->n == solver.n());
+    need(motion && motion->n == solver.n() && motion->frames.size() == its.frames);
     const Running running(solver);
     read_cycle(cycle, given[0], given[6]);
     const bool moved = is_true(given[2]);

@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 import robots
 from robots import REPOSITORY
-from tp_controller import Controller, RobotError, Settings, Stack
+from tp_controller import Controller, Robot, RobotError, Settings, Stack
 from tp_controller.control.cycle_record import CycleRecord
 from tp_controller.solver.compiled import core
 from tp_controller.tasks.position import Position
@@ -391,13 +391,21 @@ def cycle_of_core():
                             levels, np.empty(7)]
 
 
+def snake():
+    """Return a robot with as many joints as a Panda, and fewer frames."""
+    joint = {'a': 0.1, 'alpha': 0.0, 'd': 0.0, 'theta': 0.0, 'type': 'revolute', 'lower': -1.0,
+             'upper': 1.0, 'velocity': 1.0}
+    return Robot.from_dh([{'name': f'joint{number}', **joint} for number in range(7)])
+
+
 def test_cycles_that_do_not_fit_are_left_to_step():
     compiled, fits = cycle_of_core()
     level = fits[6][0]
     assert isinstance(compiled.run(*fits), bytes)
     for place, wrong in (
             (0, b''), (0, fits[0][:64]), (0, None), (0, bytearray(fits[0])), (1, None),
-            (1, compiled), (1, robots.planar().state(np.zeros(3)).motion), (3, READY[1:]),
+            (1, compiled), (1, robots.planar().state(np.zeros(3)).motion),
+            (1, snake().state(np.zeros(7)).motion), (3, READY[1:]),
             (3, READY * math.nan), (3, READY + 1e10), (3, None), (4, None), (4, math.nan),
             (5, 'x'), (6, ()), (6, (level, level)), (6, [level]), (6, None), (6, (None,)),
             (6, (replace(level, J=level.J[:, 1:]),)), (6, (replace(level, lower=None),)),
