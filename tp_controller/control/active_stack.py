@@ -14,6 +14,7 @@
 
 """Stack in force: its tasks are started, evaluated, enabled and replaced."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from tp_controller.control.changes import Changes
@@ -125,6 +126,15 @@ class ActiveStack:
                 return self.stack.evaluate(state, now)
             except EvaluationError as error:
                 self._switch_off(error)
+
+    def evaluate_some(self, tasks: Sequence[Task], state: RobotState, now: float
+                      ) -> list[Evaluation] | None:
+        """Return the evaluations of some tasks; None if one fails and is switched off."""
+        try:
+            return self.stack.evaluate_tasks(tasks, state, now)
+        except EvaluationError as error:
+            self._switch_off(error)
+            return None
 
     def _switch_off(self, error: EvaluationError) -> None:
         """Switch off a task that fails, or raise."""

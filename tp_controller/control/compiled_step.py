@@ -26,12 +26,12 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
+from tp_controller.control.active_stack import ActiveStack
 from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.cycle_record import CycleRecord, Layout
 from tp_controller.control.report import SolvedCycle
 from tp_controller.control.state_buffer import StateBuffer
 from tp_controller.control.step import Commanded
-from tp_controller.errors import EvaluationError
 from tp_controller.model.compiled import Motion
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
@@ -39,7 +39,7 @@ from tp_controller.model.state import RobotState
 from tp_controller.solver.compiled import core
 from tp_controller.solver.level import Level
 from tp_controller.solver.solve import PrioritySolver
-from tp_controller.tasks.stack import Groups, Stack
+from tp_controller.tasks.stack import Groups
 from tp_controller.tasks.task import Evaluation, Task
 from tp_controller.tasks.task_errors import is_foreign
 from tp_controller.tasks.twin import CompiledTask, Watch
@@ -190,7 +190,7 @@ class CoreCycles:
         self._step: CompiledStep | None = None
         self._made_for: tuple[CycleOptions, Groups] | None = None
 
-    def solve(self, options: CycleOptions, stack: Stack, last: SolvedCycle | Commanded,
+    def solve(self, options: CycleOptions, tasks: ActiveStack, last: SolvedCycle | Commanded,
               q: ArrayLike, now: float, passive: ArrayLike | None, elapsed: float | None
               ) -> CycleRecord | None:
         """
@@ -200,8 +200,8 @@ class CoreCycles:
         ----------
         options : CycleOptions
             Options in force.
-        stack : Stack
-            Stack without changes since the last cycle.
+        tasks : ActiveStack
+            Stack in force, without changes since the last cycle.
         last : SolvedCycle or Commanded
             The last cycle.
         q, now, passive, elapsed
@@ -209,11 +209,11 @@ class CoreCycles:
 
         Raises
         ------
-        RobotError
+        RobotError, EvaluationError
             See `Controller.update`.
 
         """
-        step = self._step_of(options, stack.active)
+        step = self._step_of(options, tasks.stack.active)
         memory = None if step is None else self._memory_of(last, step.layout)
         if step is None or memory is None:
             return None
@@ -222,10 +222,10 @@ class CoreCycles:
         if step.given or self._moving_base or passive is not None or states.passive is not None:
             state = states.update(q, passive)
             state.velocity, place = last.velocity, state.q
-            try:
-                given = stack.evaluate_tasks(step.given, state, now)
-            except EvaluationError:
+            evaluated = tasks.evaluate_some(step.given, state, now)
+            if evaluated is None:
                 return None
+            given = evaluated
         velocity = np.empty(options.n)
         numbers = step.run(memory, state, q, now, elapsed, given, velocity)
         if numbers is None:

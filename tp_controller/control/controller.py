@@ -314,7 +314,7 @@ class Controller(TaskInputs):
             elapsed = check_time(elapsed, 'elapsed', TimeError)
         tasks, solved = self._tasks, None
         if self._changes.shared is None and tasks.started:
-            solved = self._core.solve(self._options, tasks.stack, self._last, q, now, passive,
+            solved = self._core.solve(self._options, tasks, self._last, q, now, passive,
                                       elapsed)
         self._last = solved or self._step(q, now, passive, elapsed)
         return Command(self._last.velocity, Report(self.robot, tasks.stack.inactive,
