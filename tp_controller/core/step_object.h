@@ -48,8 +48,11 @@ bool read_groups(PyObject *object, const Motion &motion, std::vector<ControlCycl
       groups.back().push_back(twin ? twin->task.get() : nullptr);
       if (twin) held.push_back(Py_NewRef(each));
     }
-    for (const Task *task : groups.back())
-      if (task && groups.back()[0] && task->bounded() != groups.back()[0]->bounded()) return false;
+    const Task *first = nullptr;
+    for (const Task *task : groups.back()) {
+      if (!first) first = task;
+      if (task && task->bounded() != first->bounded()) return false;
+    }
   }
   return true;
 }

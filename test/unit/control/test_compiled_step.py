@@ -29,7 +29,7 @@ from tp_controller import Controller, Robot, RobotError, Settings, Stack
 from tp_controller.control.cycle_record import CycleRecord
 from tp_controller.solver.compiled import core
 from tp_controller.tasks.position import Position
-from tp_controller.tasks.twin import FRAME
+from tp_controller.tasks.twin import FRAME, JOINT_LIMITS, JOINTS
 
 pytestmark = pytest.mark.skipif(core is None, reason='the package was built without a compiler')
 READY = np.array(robots.PANDA_READY)
@@ -431,7 +431,12 @@ def test_tasks_that_do_not_fit_are_refused_and_nothing_changes():
     before, motion = compiled.run(*fits), fits[1]
     far = core.Task(FRAME, (6, False, np.array(2.0), None, 0.0, 1.0),
                     (10 ** 6, -1, bytes(range(6)), None, None))
-    for given in ((motion, ((far,),)), (motion, ((),)), (motion, (far,)), (motion, [(None,)]),
+    law = (1, False, np.array(2.0), None, 0.0, 1.0)
+    demand = core.Task(JOINTS, law, (np.zeros(1), False, None, np.zeros(1)))
+    bounds = core.Task(JOINT_LIMITS, law, (np.zeros(1), -np.ones(1), np.ones(1), 0.2))
+    for given in ((motion, ((demand, bounds),)), (motion, ((None, demand, bounds),)),
+                  (motion, ((None, bounds, demand),)), (motion, ((far,),)), (motion, ((),)),
+                  (motion, (far,)), (motion, [(None,)]),
                   (motion, (('x',),)), (None, ((None,),)), (motion,),
                   (robots.planar().state(np.zeros(3)).motion, ((None,),))):
         with pytest.raises(ValueError, match='task'):
