@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """
 Cycles in one call of the compiled core: `step`, and the evaluation of its tasks.
 
@@ -83,7 +82,6 @@ class CompiledStep:
 
     Parameters
     ----------
-    robot : Robot
     options : CycleOptions
     active : tuple of tuple of Task
         Enabled tasks of each level.
@@ -99,9 +97,9 @@ class CompiledStep:
 
     """
 
-    def __init__(self, robot: Robot, options: CycleOptions, active: Groups,
-                 compiled: CompiledCycle, motion: Motion) -> None:
-        self._robot, self._compiled, self._motion = robot, compiled, motion
+    def __init__(self, options: CycleOptions, active: Groups, compiled: CompiledCycle,
+                 motion: Motion) -> None:
+        self._compiled, self._motion = compiled, motion
         self._watch = Watch()
         self.layout = Layout(options, active, ())
         self.given: tuple[Task, ...] = ()
@@ -169,7 +167,7 @@ def compiled_step(robot: Robot, options: CycleOptions, active: Groups) -> Compil
                                         options.period, options.delay)
     if not robot.kinematics.base.moves:
         motion.move(robot.neutral(), robot.kinematics.offset, None)
-    return CompiledStep(robot, options, active, compiled, motion)
+    return CompiledStep(options, active, compiled, motion)
 
 
 class CoreCycles:

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """
 Records of cycles: all of a cycle as a row of doubles, as the compiled core writes it.
 
@@ -194,7 +193,7 @@ class CycleRecord:
 
     def _evaluation(self, task: Task, twin: Twin) -> Evaluation:
         """Return the next evaluation."""
-        m, n = twin.rows, self._n
+        m, n = task.rows, self._n
         error, v = self._take(m), self._take(m)
         upper = self._take(m) if task.bounded else None
         J = self._take(m * n).reshape(m, n) if twin.J is None else twin.J

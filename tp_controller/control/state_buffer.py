@@ -14,25 +14,15 @@
 
 """States of the robot in the present and the previous cycle, and frames at the present one."""
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller.control.error_minimum import Place
+from tp_controller.control.report import SolvedCycle
 from tp_controller.errors import GoalError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.pose import parse_pose
 from tp_controller.tasks.task import Task
-
-
-class Placed(Protocol):
-    """Cycle with the configuration of the robot."""
-
-    @property
-    def place(self) -> Place:
-        """Return the configuration."""
 
 
 class StateBuffer:
@@ -58,7 +48,7 @@ class StateBuffer:
         self._robot = robot
         self._present: RobotState | None = None
         # A cycle that needed no state, and the velocity before it.
-        self._pending: tuple[Placed, Array] | None = None
+        self._pending: tuple[SolvedCycle, Array] | None = None
         self._next, self._other, self.spare = [robot.state(robot.neutral()) for _ in range(3)]
         self.passive: Array | None = None
 
@@ -91,7 +81,7 @@ class StateBuffer:
             return pending[0].place.q, self.passive
         return None if present is None else (present.q, self.passive)
 
-    def pass_by(self, cycle: Placed, velocity: Array) -> None:
+    def pass_by(self, cycle: SolvedCycle, velocity: Array) -> None:
         """Note a cycle, after a velocity (n,), that needed no state."""
         self._pending = cycle, velocity
 

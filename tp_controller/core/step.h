@@ -117,13 +117,8 @@ class ControlCycle {
     size_t next = 0;
     evaluations.clear();
     for (const Group &group : groups_)
-      if (!(group.size() == 1 && !group[0] ? take(given[next++]) : join(at, group, next)))
-        return false;
-    return true;
-  }
-
-  bool take(const Level &level) {
-    solver.levels.push_back(level);
+      if (group.size() == 1 && !group[0]) solver.levels.push_back(given[next++]);
+      else if (!join(at, group, next)) return false;
     return true;
   }
 

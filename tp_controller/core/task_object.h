@@ -132,7 +132,7 @@ bool read_joint_limits_task(PyObject *object, Law law, TaskTwin &twin) {
 // Task(kind, law, inputs): ValueError where they do not fit.
 PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
   using Reader = bool (*)(PyObject *, Law, TaskTwin &);
-  // In the order of `KINDS` of the reference.
+  // In the order of the kinds of the reference.
   const Reader readers[] = {read_frame_task, read_joint_task, read_joint_limits_task};
   int kind;
   PyObject *law, *inputs;

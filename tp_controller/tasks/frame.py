@@ -20,12 +20,12 @@ from typing import Any, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import Array, skew
+from tp_controller.model.spatial import Array, read_only, skew
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
 from tp_controller.tasks.keys import finite_vector, has_shape, Keys
 from tp_controller.tasks.task import Evaluation, Task
-from tp_controller.tasks.twin import FRAME, frozen, make_twin, Twin
+from tp_controller.tasks.twin import FRAME, make_twin, Twin
 from tp_controller.tasks.yaml_keys import yaml_key
 
 Axes: TypeAlias = str | Sequence[str]
@@ -224,7 +224,7 @@ class FrameTask(MovingGoalTask):
         """Return the twin of a type whose error is the way from the frame to its goal."""
         if not isinstance(self.goal, np.ndarray):
             return None
-        return make_twin(FRAME, self._law(), (*self._place, frozen(self.goal), self._turned()),
+        return make_twin(FRAME, self._law(), (*self._place, read_only(self.goal), self._turned()),
                          self.mode)
 
     def twin_of_velocity(self) -> Twin | None:

@@ -22,13 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError, unknown
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import Array, wrap_angle
+from tp_controller.model.spatial import Array, read_only, wrap_angle
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import identity
 from tp_controller.tasks.goal_remarks import looks_like_degrees
 from tp_controller.tasks.keys import finite_vector, Keys
 from tp_controller.tasks.task import Task
-from tp_controller.tasks.twin import frozen, JOINTS, make_twin, Twin
+from tp_controller.tasks.twin import JOINTS, make_twin, Twin
 from tp_controller.tasks.velocity import VelocityTask
 from tp_controller.tasks.yaml_keys import REQUIRED, yaml_key
 
@@ -237,7 +237,7 @@ class Joint(JointTask):
         """Return the inputs in the compiled core; see `Task`."""
         if not isinstance(self.goal, np.ndarray):
             return None
-        return self.joints_twin(frozen(self.goal), self._wrapped)
+        return self.joints_twin(read_only(self.goal), self._wrapped)
 
     def parse_goal(self, goal: ByJoint) -> Array:
         """

@@ -22,14 +22,14 @@ import math
 from typing import Any, ClassVar, TypeGuard, TypeVar
 
 import numpy as np
-from tp_controller.model.spatial import Array
+from tp_controller.model.spatial import Array, read_only
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
 from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.key_holder import KeyHolder
 from tp_controller.tasks.keys import DEFAULT_TOLERANCE, finite_vector, Keys, positive
 from tp_controller.tasks.sketch import arrow, frame_and_goal, Sketch
-from tp_controller.tasks.twin import frozen, Law, Twin, Watch
+from tp_controller.tasks.twin import Law, Twin, Watch
 from tp_controller.tasks.yaml_keys import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
 
 # Types of other packages may import `Keys` and the like from here.
@@ -185,8 +185,8 @@ class Task(KeyHolder):
     def _law(self) -> Law:
         """Return the part of the twin's inputs that all types share."""
         added = self._feed_forward
-        return (self.rows, self.mode == 'scale', frozen(self.gain),
-                None if added is None else frozen(self.in_rows(added)),
+        return (self.rows, self.mode == 'scale', read_only(self.gain),
+                None if added is None else read_only(self.in_rows(added)),
                 self._feed_forward_time, self.timeout)
 
     # Sketches

@@ -15,8 +15,9 @@
 """
 Twins of tasks: their inputs, as the compiled core evaluates them.
 
-A task has a twin until one of its attributes is set; the next evaluation makes a new one. Types
-that override a method of the evaluation have none.
+A task has a twin until one of its attributes is set; the next evaluation makes a new one. Arrays
+among the inputs become read-only: no twin would notice a change in place. Types that override a
+method of the evaluation have no twin.
 """
 
 from typing import Any, NamedTuple, Protocol, TypeAlias
@@ -26,7 +27,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.solver.compiled import core
 
 # Kinds of twins, in the order of the readers in task_object.h.
-FRAME, JOINTS, JOINT_LIMITS = KINDS = range(3)
+FRAME, JOINTS, JOINT_LIMITS = range(3)
 # rows, whether the mode is ``scale``, gain, feed-forward velocity, its time of arrival, timeout
 Law: TypeAlias = tuple[int, bool, Array, Array | None, float, float]
 
@@ -66,7 +67,6 @@ class Twin(NamedTuple):
     Attributes
     ----------
     task : CompiledTask
-    rows : int
     mode : str
         Mode of its level.
     J : ndarray (m, n) or None
@@ -75,15 +75,8 @@ class Twin(NamedTuple):
     """
 
     task: CompiledTask
-    rows: int
     mode: str
     J: Array | None = None
-
-
-def frozen(array: Array) -> Array:
-    """Return an array that can no longer be changed in place, which no twin would notice."""
-    array.setflags(write=False)
-    return array
 
 
 def make_twin(kind: int, law: Law, inputs: tuple[Any, ...], mode: str,
@@ -92,6 +85,6 @@ def make_twin(kind: int, law: Law, inputs: tuple[Any, ...], mode: str,
     if core is None:
         return None
     try:
-        return Twin(core.Task(kind, law, inputs), law[0], mode, J)
+        return Twin(core.Task(kind, law, inputs), mode, J)
     except ValueError:
         return None
