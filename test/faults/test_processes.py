@@ -58,13 +58,14 @@ switch = Path({switch!r})
 {patch}
 sys.exit(main())
 """
-TASK = ('from tp_controller.tasks.joint import JointTask', """
-evaluate = JointTask.evaluate
-def at_fault(self, *arguments):
-    if switch.exists():
-        {act}
-    return evaluate(self, *arguments)
-JointTask.evaluate = at_fault
+# A type of the same name, as of another package, which Python evaluates.
+TASK = ('from tp_controller.tasks.joint import Joint', """
+class AtFault(Joint):
+    type_name = Joint.type_name
+    def evaluate(self, *arguments):
+        if switch.exists():
+            {act}
+        return super().evaluate(*arguments)
 """)
 CYCLE = ('from tp_controller.ros.loop.control_loop import ControlLoop', """
 cycle = ControlLoop._cycle
