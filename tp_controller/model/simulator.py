@@ -127,7 +127,8 @@ class KinematicSimulator:
         self.velocity = np.zeros(self.robot.n)
         self.now = now
         self._target = np.zeros(self.robot.n)
-        self._expiry = np.full(self.robot.n, -math.inf)
+        # When the present command of each joint times out; infinite without one.
+        self._expiry = np.full(self.robot.n, math.inf)
         self._queue: deque[tuple[float, slice, Array]] = deque()
 
     def command(self, velocity: ArrayLike, columns: slice = slice(None)) -> bool:
@@ -160,7 +161,8 @@ class KinematicSimulator:
                              f'got an array of shape {target.shape}')
         if self._lost() or not np.isfinite(target[columns]).all():
             return False
-        clipped = np.clip(target, -self.robot.velocity, self.robot.velocity)
+        limit = self.robot.velocity
+        clipped = np.minimum(np.maximum(target, -limit), limit)
         self._queue.append((self.now + self.noise.delay, columns, clipped))
         return True
 
@@ -176,9 +178,13 @@ class KinematicSimulator:
                 _, columns, target = self._queue.popleft()
                 self._target[columns] = target[columns]
                 self._expiry[columns] = self.now + self.timeout
-            self._target[self.now >= self._expiry] = 0.0
-            until = min([end, *(entry[0] for entry in list(self._queue)[:1]),
-                         *self._expiry[self._expiry > self.now].tolist()])
+            until = float(self._expiry.min(initial=end))
+            if until <= self.now:
+                expired = self._expiry <= self.now
+                self._target[expired], self._expiry[expired] = 0.0, math.inf
+                until = float(self._expiry.min(initial=end))
+            if self._queue:
+                until = min(until, self._queue[0][0])
             self._move(until - self.now)
             self.now = until
 
@@ -216,10 +222,13 @@ class KinematicSimulator:
             mean = self._target + away * (lag / dt) * (1.0 - decay)
             self.velocity = self._target + away * decay
         else:
-            mean = self.velocity = self._target
+            mean = self.velocity = self._target.copy()
         robot = self.robot
         moved = robot.integrate(self.q, mean, dt)
         before, after = robot.positions(self.q), robot.positions(moved)
+        if ((robot.lower <= after) & (after <= robot.upper)).all():
+            self.q = moved
+            return
         # A robot that starts outside its limits does not jump back, but moves no further out.
         lower, upper = np.minimum(robot.lower, before), np.maximum(robot.upper, before)
         stopped = (after < lower) | (after > upper)

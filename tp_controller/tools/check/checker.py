@@ -39,7 +39,6 @@ from tp_controller.tasks.task import Task
 from tp_controller.tools.check.closed_loop import (
     AT_REST,
     closed_loop,
-    EXTREMES,
     FAILED,
     REACHED,
     Run,
@@ -51,6 +50,7 @@ from tp_controller.tools.check.configuration_sample import (
     sample_configuration,
 )
 from tp_controller.tools.check.cycle_times import cycle_times
+from tp_controller.tools.check.extremes import EXTREMES
 from tp_controller.tools.check.findings import (
     about_bounds,
     about_gains,

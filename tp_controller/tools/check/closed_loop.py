@@ -18,17 +18,16 @@ from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, field
 import math
-from typing import TypeAlias
 
 import numpy as np
 from tp_controller.control.controller import Command, Controller
 from tp_controller.control.report import TaskReport
 from tp_controller.errors import GoalError, in_words, TpControllerError
-from tp_controller.model.limits import BASE_LIMIT_KEYS
 from tp_controller.model.simulator import KinematicSimulator
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.stack import Stack
-from tp_controller.tools.check.results import JUMP, POSITION, STILL_MOVING
+from tp_controller.tools.check.extremes import Extremes, Worst
+from tp_controller.tools.check.results import STILL_MOVING
 from tp_controller.tools.check.sampling import random_configuration
 from tp_controller.tools.check.setup import Setup
 
@@ -42,38 +41,8 @@ ROBOT_REST_SPEED, REST_SECONDS = 3e-4, 1.0
 SETTLE_SECONDS = 10.0
 # Time for which all tasks have to be at their goals before a run ends [s].
 REACHED_SECONDS = 0.2
-# Extremes of the commands: shares of the limits of absolute values, with changes over the time
-# between two commands, −∞ without a limit; the distance by which a command would have moved a
-# joint past its position limit, or farther outside if it was already, negative where it is kept
-# from the limit [rad or m]; and the change between two cycles, as a share of the velocity limit,
-# without such a limit [rad/s or m/s].
-EXTREMES = (BASE_LIMIT_KEYS[0], POSITION, *BASE_LIMIT_KEYS[1:], JUMP)
 # Outcomes of a run.
 REACHED, AT_REST, TIME_UP, FAILED = 'reached', 'at rest', 'time is up', 'failed'
-
-
-@dataclass(frozen=True)
-class Worst:
-    """
-    Largest of some values, with its location.
-
-    Attributes
-    ----------
-    value : float
-    name : str
-        Joint or velocity of the base; empty without a value.
-    run : int
-        Number of the run, from 0.
-
-    """
-
-    value: float = -math.inf
-    name: str = ''
-    run: int = -1
-
-
-# {one of `EXTREMES`: the worst of its values}
-Extremes: TypeAlias = dict[str, Worst]
 
 
 @dataclass(frozen=True)
@@ -136,7 +105,7 @@ class Run:
     far: float
     tasks: dict[str, TaskRun]
     active: dict[str, float]
-    extremes: Extremes
+    extremes: dict[str, Worst]
     fault: tuple[str, ...] = ()
 
 
@@ -147,25 +116,20 @@ class Loop:
 
     Attributes
     ----------
-    commands : ndarray (k, n)
-        Velocities of the last cycles, those of the last one first, one for each limit of a
-        command and its changes.
     since : dict
         {task: time since which it is at its goal [s]}.
     active : Counter
         Number of reports in which bounds were active.
     reads : int
         Number of reports read.
-    extremes : dict or None
-        {one of `EXTREMES`: Worst}, if recorded.
+    extremes : Extremes or None
+        Extremes of the commands, if recorded.
 
     """
 
     setup: Setup
     controller: Controller
     simulator: KinematicSimulator
-    commands: Array
-    number: int = -1
     extremes: Extremes | None = None
     since: dict[str, float] = field(default_factory=dict)
     reports: tuple[TaskReport, ...] = ()
@@ -177,8 +141,7 @@ class Loop:
     def at(cls, setup: Setup, q: Array, stack: Stack) -> 'Loop':
         """Return a loop at a configuration."""
         return cls(setup, Controller(setup.robot, stack, setup.settings),
-                   KinematicSimulator(setup.robot, q, timeout=max(0.1, 2.0 * setup.period)),
-                   np.zeros((len(BASE_LIMIT_KEYS), setup.robot.n)))
+                   KinematicSimulator(setup.robot, q, timeout=max(0.1, 2.0 * setup.period)))
 
     @property
     def now(self) -> float:
@@ -188,15 +151,13 @@ class Loop:
     def step(self) -> Command:
         """Run one cycle."""
         command = self.controller.update(self.simulator.q, self.now)
-        q = self.simulator.q.copy()
-        self.follow(command)
         if self.extremes is not None:
-            watch(self.extremes, self.setup, q, self.commands, self.number)
+            self.extremes.add(self.simulator.q, command.velocity)
+        self.follow(command)
         return command
 
     def follow(self, command: Command) -> None:
         """Move the robot with a command for one period."""
-        self.commands = np.vstack((command.velocity, self.commands[:-1]))
         self.simulator.command(command.velocity)
         self.simulator.step(self.setup.period)
         self.cycles += 1
@@ -279,7 +240,8 @@ def closed_loop(setup: Setup, numbered: tuple[int, np.random.SeedSequence]) -> R
         return _run(setup, number, start, goals, far, possible)
     except TpControllerError as error:
         fault = (getattr(error, 'task', ''), getattr(error, 'reason', in_words(error)))
-        return Run(FAILED, 0.0, 0, 0.0, {}, {}, no_extremes(), fault)
+        return Run(FAILED, 0.0, 0, 0.0, {}, {},
+                   Extremes(setup.robot, setup.period, number).worst(), fault)
 
 
 def _valid_configuration(setup: Setup, random: np.random.Generator, around: Array,
@@ -315,14 +277,14 @@ def _run(setup: Setup, number: int, start: Array, goals: Array, far: float,
          possible: dict[str, bool]) -> Run:
     """Return the result of a closed loop from a configuration to the goals of another one."""
     loop = start_loop(setup, start, goals)
-    loop.number, loop.extremes = number, no_extremes()
+    loop.extremes = Extremes(setup.robot, setup.period, number)
     ended = loop.run(setup.seconds)
     tasks = {task.name: _task_run(task, loop.since[task.name], possible.get(task.name, True))
              for task in loop.reports}
     active = {name: loop.active[name] / loop.reads
               for name, task in loop.controller.stack.tasks.items() if task.bounded}
     fault = next(iter(loop.controller.stack.faults.items()), ())
-    return Run(ended, loop.now, loop.cycles, far, tasks, active, loop.extremes, fault)
+    return Run(ended, loop.now, loop.cycles, far, tasks, active, loop.extremes.worst(), fault)
 
 
 def start_loop(setup: Setup, start: Array, goals: Array) -> Loop:
@@ -354,35 +316,3 @@ def _task_run(task: TaskReport, since: float, possible: bool) -> TaskRun:
     if not task.reason:
         causes = ((STILL_MOVING, ''),)
     return TaskRun(possible, False, math.nan, causes, task.reason)
-
-
-def no_extremes() -> Extremes:
-    """Return the extremes before the first command."""
-    return {kind: Worst() for kind in EXTREMES}
-
-
-def watch(extremes: Extremes, setup: Setup, q: Array, commands: Array, number: int) -> None:
-    """Record the extremes of a command, the first of the last ones (k, n), at positions q."""
-    robot, period, velocity = setup.robot, setup.period, commands[0]
-    changes = [np.abs(np.diff(commands[:order + 1], order, axis=0)[0])
-               for order in range(len(commands))]
-    limit = np.where(np.isfinite(robot.velocity), robot.velocity, 1.0)
-    here = robot.positions(q)
-    moved = robot.positions(robot.integrate(q, velocity, period))
-    # A joint that starts outside must not move farther out.
-    allowed = np.maximum(np.maximum(robot.lower - here, here - robot.upper), 0.0)
-    found = {key: _share(change, robot.limits[key] * period ** order)
-             for order, (key, change) in enumerate(zip(BASE_LIMIT_KEYS, changes))}
-    found[POSITION] = np.maximum(robot.lower - moved, moved - robot.upper) - allowed
-    found[JUMP] = _share(changes[1], limit)
-    for kind, values in found.items():
-        worst = int(np.argmax(values))
-        if values[worst] > extremes[kind].value:
-            extremes[kind] = Worst(float(values[worst]), robot.velocity_names[worst], number)
-
-
-def _share(values: Array, limits: Array) -> Array:
-    """Return values as shares of their limits (n,); 0 for 0 of 0, −∞ without a limit."""
-    shares = np.divide(values, limits, out=np.where(values > 0.0, np.inf, 0.0),
-                       where=limits > 0.0)
-    return np.where(np.isfinite(limits), shares, -np.inf)

@@ -27,14 +27,9 @@ from tp_controller.model.simulator import start_configuration
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.task import Task
 from tp_controller.tools.check import check, CheckReport
-from tp_controller.tools.check.closed_loop import (
-    closed_loop,
-    no_extremes,
-    start_loop,
-    watch,
-    Worst,
-)
+from tp_controller.tools.check.closed_loop import closed_loop, start_loop
 from tp_controller.tools.check.configuration_sample import angles_between, smallest_singular_value
+from tp_controller.tools.check.extremes import Extremes
 from tp_controller.tools.check.findings import about_bounds, about_goals
 from tp_controller.tools.check.results import CauseCount, DOUBTFUL, FINE, schema, WRONG
 from tp_controller.tools.check.sampling import random_configuration
@@ -319,34 +314,14 @@ def test_what_tasks_above_prevent_is_only_doubtful():
         assert finding.change
 
 
-def test_limits_are_watched():
-    setup = setup_of(panda(), 'tool: {type: position, frame: panda_hand_tcp}')
-    robot, extremes = setup.robot, no_extremes()
-    q = start_configuration(robot)
-    q[0] = robot.upper[0] - 0.01
-    velocity = np.zeros(7)
-    velocity[0], velocity[5] = 2.0, -3.0 * robot.velocity[5]
-    commands = np.array([velocity, np.zeros(7)])
-    watch(extremes, setup, q, commands, 4)
-    assert extremes['velocity'].value == pytest.approx(3.0)
-    assert (extremes['velocity'].name, extremes['velocity'].run) == ('panda_joint6', 4)
-    assert extremes['jump'].value == pytest.approx(3.0)
-    assert extremes['position'].name == 'panda_joint1'
-    assert extremes['position'].value == pytest.approx(0.01)
-    # No joint has an acceleration limit.
-    assert extremes['acceleration'] == Worst()
-    limited = Robot.from_urdf(robot.urdf, limits={'panda_joint1': {'acceleration': 10.0}})
-    watch(extremes, replace(setup, robot=limited), q, commands, 5)
-    assert extremes['acceleration'].value == pytest.approx(2.0 / (10.0 * 0.01))
-    assert extremes['velocity'].run == 4
-
-
 def test_a_violation_is_wrong_and_a_jump_doubtful(monkeypatch):
-    def rough(extremes, setup, q, commands, number):
-        watch(extremes, setup, q, np.array([5.0 * np.sign(commands[1] + 0.5), -np.ones(3)]),
-              number)
+    add = Extremes.add
 
-    monkeypatch.setattr('tp_controller.tools.check.closed_loop.watch', rough)
+    def rough(extremes, q, velocity):
+        add(extremes, q, -np.ones(3))
+        add(extremes, q, 5.0 * np.ones(3))
+
+    monkeypatch.setattr(Extremes, 'add', rough)
     kinds = found(planar(), [TIP], samples=2, runs=1, seconds=0.2)
     assert kinds['violation', 'joint1'] == WRONG and kinds['jump', 'joint1'] == DOUBTFUL
     assert ('limits', '') not in kinds
