@@ -41,7 +41,7 @@ SomeTask = TypeVar('SomeTask', bound='Task')
 # Methods that a twin replaces; a type that overrides one of them has no twin of its base class.
 EVALUATION_METHODS = {
     'error', 'evaluate', 'feed_forward', 'in_rows', 'jacobian', 'level', 'make_evaluation',
-    'observe', 'position', 'positions', 'rotation', 'velocity'}
+    'observe', 'position', 'positions', 'rotation', 'value', 'velocity'}
 
 
 @dataclass(slots=True, eq=False)
