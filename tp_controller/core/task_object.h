@@ -17,9 +17,11 @@
 
 #pragma once
 
+#include "center_of_mass_task.h"
 #include "frame_task.h"
 #include "joint_limits_task.h"
 #include "motion_object.h"
+#include "pointing_task.h"
 
 namespace {
 
@@ -45,7 +47,12 @@ bool read_law(PyObject *object, Law &law) {
                         &law.timeout)) return false;
   law.scale = scale;
   return law.rows >= 1 && law.rows <= MOST && read_rows_of(gain, law.rows, law.gain)
-      && (feed_forward == Py_None || read_rows_of(feed_forward, law.rows, law.feed_forward));
+      && (feed_forward == Py_None || read_all(feed_forward, law.feed_forward));
+}
+
+bool read_turn(PyObject *object, TaskTwin &twin) {
+  twin.turn.reset(new Output(object));
+  return twin.turn->is(4);
 }
 
 // A position (3,), a rotation (3, 3), a pose (4, 4), or None.
@@ -80,10 +87,7 @@ bool read_frame_task(PyObject *object, Law law, TaskTwin &twin) {
   for (Py_ssize_t i = 0; i < m; ++i)
     if (rows[i] < 0 || rows[i] > 5
         || (goal != Py_None && !(rows[i] < 3 ? its.is_position : its.is_rotation))) return false;
-  if (its.is_rotation) {
-    twin.turn.reset(new Output(turn));
-    if (!twin.turn->is(4)) return false;
-  }
+  if (its.is_rotation && !read_turn(turn, twin)) return false;
   twin.task.reset(new FrameTask(std::move(law), frame, reference, rows, its,
                                 its.is_rotation ? twin.turn->p() : nullptr));
   return true;
@@ -129,11 +133,52 @@ bool read_joint_limits_task(PyObject *object, Law law, TaskTwin &twin) {
   return true;
 }
 
+bool read_vectors(PyObject *object, Py_ssize_t rows, double *found) {
+  const Buffer buffer(object);
+  if (!buffer.is(rows, 3)) return false;
+  buffer.copy_rows(found);
+  return true;
+}
+
+// (frame, reference, whether the goal is a point, goal, axis, across, upright or None, turn)
+bool read_axis_task(PyObject *object, Law law, TaskTwin &twin) {
+  PointingAxis axis;
+  Aim aim;
+  int is_point;
+  PyObject *goal, *its, *across, *upright, *turn;
+  if (!PyArg_ParseTuple(object, "iipOOOOO", &axis.frame, &aim.reference, &is_point, &goal, &its,
+                        &across, &upright, &turn)
+      || axis.frame < 0 || aim.reference < -1 || !read(goal, 3, HUGE_VAL, aim.goal)
+      || !read(its, 3, HUGE_VAL, axis.its) || !read_vectors(across, 2, axis.across)
+      || !read_turn(turn, twin)) return false;
+  aim.is_point = is_point;
+  axis.is_upright = upright != Py_None;
+  if (law.rows != 2 + axis.is_upright
+      || (axis.is_upright && !read_vectors(upright, 2, axis.upright))) return false;
+  twin.task.reset(new AxisTask(std::move(law), axis, aim, twin.turn->p()));
+  return true;
+}
+
+// (axes, goal, scale)
+bool read_center_of_mass_task(PyObject *object, Law law, TaskTwin &twin) {
+  const char *axes;
+  Py_ssize_t m;
+  PyObject *given;
+  double goal[3], scale;
+  if (!PyArg_ParseTuple(object, "y#Od", &axes, &m, &given, &scale) || m != law.rows || m > 3
+      || !read(given, 3, HUGE_VAL, goal)) return false;
+  for (Py_ssize_t i = 0; i < m; ++i)
+    if (axes[i] < 0 || axes[i] > 2) return false;
+  twin.task.reset(new CenterOfMassTask(std::move(law), axes, goal, scale));
+  return true;
+}
+
 // Task(kind, law, inputs): ValueError where they do not fit.
 PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
   using Reader = bool (*)(PyObject *, Law, TaskTwin &);
   // In the order of the kinds of the reference.
-  const Reader readers[] = {read_frame_task, read_joint_task, read_joint_limits_task};
+  const Reader readers[] = {read_frame_task, read_joint_task, read_joint_limits_task,
+                            read_axis_task, read_center_of_mass_task};
   int kind;
   PyObject *law, *inputs;
   if (!PyArg_ParseTuple(given, "iO!O!", &kind, &PyTuple_Type, &law, &PyTuple_Type, &inputs))
@@ -141,8 +186,13 @@ PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
   try {
     TaskTwin twin;
     Law its;
-    if (kind >= 0 && kind < int(std::size(readers)) && read_law(law, its)
-        && readers[kind](inputs, std::move(its), twin)) return keep<TaskTwin>(type, std::move(twin));
+    if (kind >= 0 && kind < int(std::size(readers)) && read_law(law, its)) {
+      // An axis gets the twist of its goal.
+      const int fed = readers[kind] == read_axis_task ? 6 : its.rows;
+      if ((its.feed_forward.empty() || int(its.feed_forward.size()) == fed)
+          && readers[kind](inputs, std::move(its), twin))
+        return keep<TaskTwin>(type, std::move(twin));
+    }
   } catch (const std::bad_alloc &) {
     return PyErr_NoMemory();
   }

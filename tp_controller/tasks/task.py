@@ -41,7 +41,7 @@ SomeTask = TypeVar('SomeTask', bound='Task')
 # Methods that a twin replaces; a type that overrides one of them has no twin of its base class.
 EVALUATION_METHODS = {
     'error', 'evaluate', 'feed_forward', 'in_rows', 'jacobian', 'level', 'make_evaluation',
-    'observe', 'position', 'positions', 'rotation', 'velocity'}
+    'observe', 'position', 'positions', 'rotation', 'value', 'velocity'}
 
 
 @dataclass(slots=True, eq=False)
@@ -264,7 +264,18 @@ class Task(KeyHolder):
         Evaluation
 
         """
-        return self.make_evaluation(state, now)
+        return self._evaluation_by_twin(state, now) or self.make_evaluation(state, now)
+
+    def _evaluation_by_twin(self, state: RobotState, now: float) -> Evaluation | None:
+        """Return the `Evaluation` by one compiled call; None where the reference is needed."""
+        motion, twin = state.motion, None if self.bounded else self.twin
+        if motion is None or twin is None or twin.J is not None:
+            return None
+        error, v = np.empty(self.rows), np.empty(self.rows)
+        J = np.empty((self.rows, self.robot.n))
+        if not twin.task.evaluate(motion, state.positions, now, error, J, v):
+            return None
+        return Evaluation(self, Level(J, v, self.mode), error, self.row_names)
 
     def level(self, state: RobotState, now: float) -> Level:
         """Return the `Level` alone; a type may override this in place of `make_evaluation`."""

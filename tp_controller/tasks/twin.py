@@ -27,8 +27,9 @@ from tp_controller.model.spatial import Array
 from tp_controller.solver.compiled import core
 
 # Kinds of twins, in the order of the readers in task_object.h.
-FRAME, JOINTS, JOINT_LIMITS = range(3)
-# rows, whether the mode is ``scale``, gain, feed-forward velocity, its time of arrival, timeout
+FRAME, JOINTS, JOINT_LIMITS, AXIS, CENTER_OF_MASS = range(5)
+# rows, whether the mode is ``scale``, gain, feed-forward velocity (for an axis a twist), its time
+# of arrival, timeout
 Law: TypeAlias = tuple[int, bool, Array, Array | None, float, float]
 
 

@@ -47,9 +47,12 @@ STACKS = {
                       'b: {type: joint, joints: panda_joint3}]\n',
     'Python between': STACK.replace('- elbow', '- keep: {type: keep_out, frame: panda_link4, '
                                     'shape: {sphere: 0.2}}\n- elbow'),
-    'Python beside': f'- [look: {{type: pointing, frame: {TOOL}, axis: x}}, '
+    'Python beside': f'- [most: {{type: manipulability, frame: {TOOL}}}, '
                      f'tool: {{type: position, frame: {TOOL}}}]\n- [posture: {{type: posture}}, '
                      'more: {type: joint, joints: panda_joint2}]\n',
+    'directions': f'- [look: {{type: pointing, frame: {TOOL}, axis: x}}, '
+                  f'tool: {{type: position, frame: {TOOL}}}]\n- camera: {{type: look_at, frame: '
+                  'panda_link5, target: panda_hand_tcp, up: x}\n- posture: {type: posture}\n',
     'velocities': f'- move: {{type: twist, frame: {TOOL}}}\n'
                   '- turn: {type: joint_velocity, joints: panda_joint1}\n',
     'nothing': '- posture: {type: posture}\n',
