@@ -15,6 +15,7 @@
 // The compiled core, one extension module. Each header names the Python file that is its reference:
 // read that first. Checks, and the objects that users see, stay in Python.
 
+#include "collision.h"
 #include "step_object.h"
 
 namespace {
@@ -49,6 +50,7 @@ PyObject *constants() {
 
 PyMethodDef FUNCTIONS[] = {
     method("bound", bounded::bound, "Find the bounds of an inequality task."),
+    method("parting", parting, "Find the rows of distances between solids."),
     {nullptr, nullptr, 0, nullptr}};
 PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "extension", "The compiled core.", -1, FUNCTIONS,
                       nullptr, nullptr, nullptr, nullptr};
