@@ -28,7 +28,8 @@ HEADERS = {path.name: path.read_text(encoding='utf-8') for path in sorted(FOLDER
 REFERENCES = {
     'active_set.h': 'solver/active_set.py', 'arena.h': '',
     'bounded_hierarchy.h': 'solver/bounded_hierarchy.py', 'bounded_rows.h': 'tasks/bounded.py',
-    'collision.h': 'tasks/collision.py', 'cycle_time.h': 'control/cycle_time.py',
+    'clearance.h': 'model/clearance.py', 'collision.h': 'tasks/collision.py',
+    'cycle_time.h': 'control/cycle_time.py',
     'damping.h': 'solver/damping.py', 'escape.h': 'control/escape.py',
     'frame_task.h': 'tasks/frame.py',
     'joint_limits.h': 'control/joint_limits.py',

@@ -15,6 +15,7 @@
 // The compiled core, one extension module. Each header names the Python file that is its reference:
 // read that first. Checks, and the objects that users see, stay in Python.
 
+#include "clearance.h"
 #include "collision.h"
 #include "step_object.h"
 
@@ -25,7 +26,8 @@ PyObject *constants() {
   return Py_BuildValue(
       "{s:{s:n}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d}, s:{s:(dddd),s:(dd)},"
       " s:{s:d,s:d}, s:{s:d,s:d}, s:{s:d}, s:{s:d}, s:{s:d,s:d,s:d,s:d},"
-      " s:{s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:i}, s:{s:d,s:d,s:d,s:d,s:d,s:d}}",
+      " s:{s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:i}, s:{s:d,s:d,s:d,s:d,s:d,s:d},"
+      " s:{s:d,s:d,s:d,s:d,s:d}}",
       "solver.compiled", "MOST", MOST,
       "solver.level", "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
       "solver.damping", "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING,
@@ -45,7 +47,9 @@ PyObject *constants() {
       "SINGULAR_RATIO", SINGULAR_RATIO, "STUCK_SECONDS", STUCK_SECONDS, "MOST_NUDGES", MOST_NUDGES,
       "tasks.bounded", "RETURN_JOINT_SPEED", bounded::RETURN_JOINT_SPEED, "FAR", bounded::FAR,
       "STILL", bounded::STILL, "LOOSE", bounded::LOOSE, "DRIFT", bounded::DRIFT,
-      "TINY", bounded::TINY);
+      "TINY", bounded::TINY,
+      "model.clearance", "PATCH_TOLERANCE", PATCH_TOLERANCE, "BOUND_MARGIN", BOUND_MARGIN,
+      "LEAST_ANGLE", LEAST_ANGLE, "LEAST_GAP", LEAST_GAP, "LEAST_RISE", LEAST_RISE);
 }
 
 PyMethodDef FUNCTIONS[] = {
@@ -64,6 +68,8 @@ PyMODINIT_FUNC PyInit_extension(void) {
                                    SOLVER_METHODS)},
       {"Motion", make_type<Motion>("tp_controller.core.extension.Motion", make_motion,
                                    MOTION_METHODS)},
+      {"Clearance", make_type<Clearance>("tp_controller.core.extension.Clearance", make_clearance,
+                                         CLEARANCE_METHODS)},
       {"Limits", make_type<Limits>("tp_controller.core.extension.Limits", make_limits,
                                    LIMITS_METHODS)},
       {"Task", make_type<TaskTwin>("tp_controller.core.extension.Task", make_task, TASK_METHODS)},
