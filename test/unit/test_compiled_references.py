@@ -29,6 +29,7 @@ REFERENCES = {
     'active_set.h': 'solver/active_set.py', 'aim.h': 'tasks/aim.py', 'arena.h': '',
     'bounded_hierarchy.h': 'solver/bounded_hierarchy.py', 'bounded_rows.h': 'tasks/bounded.py',
     'center_of_mass_task.h': 'tasks/center_of_mass.py',
+    'clearance.h': 'model/clearance.py', 'collision.h': 'tasks/collision.py',
     'cycle_time.h': 'control/cycle_time.py',
     'damping.h': 'solver/damping.py', 'escape.h': 'control/escape.py',
     'frame_task.h': 'tasks/frame.py',

@@ -15,6 +15,8 @@
 // The compiled core, one extension module. Each header names the Python file that is its reference:
 // read that first. Checks, and the objects that users see, stay in Python.
 
+#include "clearance.h"
+#include "collision.h"
 #include "step_object.h"
 
 namespace {
@@ -25,7 +27,7 @@ PyObject *constants() {
       "{s:{s:n}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d}, s:{s:(dddd),s:(dd)},"
       " s:{s:d,s:d}, s:{s:d,s:d}, s:{s:d}, s:{s:d}, s:{s:d,s:d,s:d,s:d},"
       " s:{s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:i}, s:{s:d,s:d}, s:{s:d,s:d},"
-      " s:{s:d,s:d,s:d,s:d,s:d,s:d}}",
+      " s:{s:d,s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}}",
       "solver.compiled", "MOST", MOST,
       "solver.level", "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
       "solver.damping", "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING,
@@ -47,11 +49,14 @@ PyObject *constants() {
       "tasks.pointing", "MIN_VERTICAL_SINE", MIN_VERTICAL_SINE, "MIN_SQUARED_SINE", MIN_SQUARED_SINE,
       "tasks.bounded", "RETURN_JOINT_SPEED", bounded::RETURN_JOINT_SPEED, "FAR", bounded::FAR,
       "STILL", bounded::STILL, "LOOSE", bounded::LOOSE, "DRIFT", bounded::DRIFT,
-      "TINY", bounded::TINY);
+      "TINY", bounded::TINY,
+      "model.clearance", "PATCH_TOLERANCE", PATCH_TOLERANCE, "BOUND_MARGIN", BOUND_MARGIN,
+      "LEAST_ANGLE", LEAST_ANGLE, "LEAST_GAP", LEAST_GAP, "LEAST_RISE", LEAST_RISE);
 }
 
 PyMethodDef FUNCTIONS[] = {
     method("bound", bounded::bound, "Find the bounds of an inequality task."),
+    method("parting", parting, "Find the rows of distances between solids."),
     {nullptr, nullptr, 0, nullptr}};
 PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "extension", "The compiled core.", -1, FUNCTIONS,
                       nullptr, nullptr, nullptr, nullptr};
@@ -65,6 +70,8 @@ PyMODINIT_FUNC PyInit_extension(void) {
                                    SOLVER_METHODS)},
       {"Motion", make_type<Motion>("tp_controller.core.extension.Motion", make_motion,
                                    MOTION_METHODS)},
+      {"Clearance", make_type<Clearance>("tp_controller.core.extension.Clearance", make_clearance,
+                                         CLEARANCE_METHODS)},
       {"Limits", make_type<Limits>("tp_controller.core.extension.Limits", make_limits,
                                    LIMITS_METHODS)},
       {"Task", make_type<TaskTwin>("tp_controller.core.extension.Task", make_task, TASK_METHODS)},

@@ -19,7 +19,7 @@ A mesh counts as its convex hull.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 import math
 from pathlib import Path
 from typing import TypeAlias
@@ -31,6 +31,10 @@ from tp_controller.model.shapes import Box, Cylinder, Shape, Sphere
 from tp_controller.model.spatial import Array, pose
 
 Geometry: TypeAlias = coal.CollisionGeometry
+# Shapes in the compiled core, numbered as in clearance.h: a line is a capsule or a sphere.
+OTHER, LINE, PLANE = range(3)
+# Shortest line [m]: Coal takes shorter ones for points.
+LEAST_LENGTH = 1e-5
 
 
 @dataclass(eq=False)
@@ -52,6 +56,22 @@ class Solid:
     frame: str
     pose: Array
     geometry: Geometry
+
+    def __post_init__(self) -> None:
+        """Compute the box around the geometry, which counts when Coal compares two of them."""
+        self.geometry.computeLocalAABB()
+
+    @cached_property
+    def numbers(self) -> list[float]:
+        """Return shape, halves of the box around it, and placement of the box on the frame."""
+        kind, pose = self.geometry, self.pose
+        if isinstance(kind, coal.Halfspace):
+            return [PLANE, 0.0, 0.0, 0.0, *pose[:3, :3].ravel(), *pose[:3, 3]]
+        low, high = kind.aabb_local.min_, kind.aabb_local.max_
+        line = isinstance(kind, coal.Sphere) or (
+            isinstance(kind, coal.Capsule) and kind.halfLength > LEAST_LENGTH)
+        return [LINE if line else OTHER, *(0.5 * (high - low)), *pose[:3, :3].ravel(),
+                *(pose[:3, :3] @ (0.5 * (low + high)) + pose[:3, 3])]
 
 
 def capsule(name: str, frame: str, start: Array, end: Array, radius: float) -> Solid:

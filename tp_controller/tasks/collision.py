@@ -23,6 +23,7 @@ from tp_controller.model.solids import Solid
 from tp_controller.model.spatial import Array, cross, skews
 from tp_controller.model.state import RobotState
 from tp_controller.model.urdf_solids import urdf_solids
+from tp_controller.solver.compiled import core
 from tp_controller.tasks.bounded import BoundedTask, Observation
 from tp_controller.tasks.capsules import parse_capsules
 from tp_controller.tasks.keys import Keys, non_negative, positive, UnitRows
@@ -88,6 +89,7 @@ class CollisionTask(BoundedTask):
         # The number of rows is the number of near pairs.
         self.groups = tuple(UnitRows(slice(None), unit, limit) for _, unit, limit in self.groups)
         self._clearance = Clearance(self.robot.kinematics, [], [], self.within)
+        self._ends: list[tuple[int, int]] = []
         # Distances of the last cycle, for sketches: only cycles may use the clearance.
         self._near: Distances | None = None
 
@@ -113,6 +115,10 @@ class CollisionTask(BoundedTask):
         """Set the pairs of solids."""
         self._clearance = Clearance(self.robot.kinematics, solids, pairs, self.within,
                                     self._clearance)
+        indices = [self.robot.kinematics.frame_index(frame) for frame in self._clearance.frames]
+        # Indices of the frames of both solids of each pair, for the compiled core.
+        self._ends = [(indices[one], indices[other]) for one, other in zip(
+            self._clearance.first.tolist(), self._clearance.second.tolist())]
 
     def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return the distances of the near pairs (m,) [m], and their Jacobian (m, n)."""
@@ -125,17 +131,11 @@ class CollisionTask(BoundedTask):
         near = self._near = clearance.nearest(state, self.distance + CORNER_MARGIN)
         names = [clearance.names[pair] for pair in near.pairs]
         keys = list(zip(names, near.corners))
-        if not near.pairs:
-            return Observation(near.distances, np.zeros((0, self.robot.n)), names, keys)
-        jacobians = np.array([state.jacobian(frame) for frame in clearance.frames])
-        origins = np.array([state.position(frame) for frame in clearance.frames])
-        # Velocity of the point of each frame at the origin of the root: v₀ = v − ω × o. It gives
-        # nᵀ (v₀ + ω × p) = nᵀ v₀ + (p × n)ᵀ ω for every frame.
-        jacobians[:, :3] += skews(origins) @ jacobians[:, 3:]
-        relative = jacobians[clearance.first[near.pairs]] \
-            - jacobians[clearance.second[near.pairs]]
-        twists = np.concatenate([near.normals, cross(near.points, near.normals)], axis=1)
-        return Observation(near.distances, (twists[:, np.newaxis] @ relative)[:, 0], names, keys)
+        J = np.empty((len(keys), self.robot.n))
+        if core is None or state.motion is None or not core.parting(
+                state.motion, self._ends, near.pairs, near.normals, near.points, J):
+            J = rows_of(state, clearance, near)
+        return Observation(near.distances, J, names, keys)
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
         """Return the distances of the last cycle, smallest first."""
@@ -155,6 +155,21 @@ class CollisionTask(BoundedTask):
         super().inherit_goal(other)
         if self._near is None and self.is_compatible(other):
             self._near = other._near
+
+
+def rows_of(state: RobotState, clearance: Clearance, near: Distances) -> Array:
+    """Return the Jacobian (m, n) of the distances of near pairs; collision.h computes the same."""
+    if not near.pairs:
+        return np.zeros((0, len(state.velocity)))
+    jacobians = np.array([state.jacobian(frame) for frame in clearance.frames])
+    origins = np.array([state.position(frame) for frame in clearance.frames])
+    # Velocity of the point of each frame at the origin of the root: v₀ = v − ω × o. It gives
+    # nᵀ (v₀ + ω × p) = nᵀ v₀ + (p × n)ᵀ ω for every frame.
+    jacobians[:, :3] += skews(origins) @ jacobians[:, 3:]
+    relative = jacobians[clearance.first[near.pairs]] - jacobians[clearance.second[near.pairs]]
+    twists = np.concatenate([near.normals, cross(near.points, near.normals)], axis=1)
+    rows: Array = (twists[:, np.newaxis] @ relative)[:, 0]
+    return rows
 
 
 def _links(robot: Robot, links: str | Sequence[str] | None) -> list[str] | None:

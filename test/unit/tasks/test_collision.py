@@ -155,6 +155,12 @@ PAIRS = [(one, other) for one in solids('a') for other in solids('b') if one != 
 class Loose:
     """Two frames a and b that no joint connects, and their poses: a robot and its state."""
 
+    motion = None
+
+    def frame_index(self, frame):
+        """Return the index of a frame."""
+        return 'ab'.index(frame)
+
     def attachment(self, frame):
         """Return the joint that moves a frame, and where on it the frame is."""
         return 'ab'.index(frame), pinocchio.SE3.Identity()
