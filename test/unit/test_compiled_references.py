@@ -27,7 +27,7 @@ HEADERS = {path.name: path.read_text(encoding='utf-8') for path in sorted(FOLDER
 # {header: its reference below tp_controller}; empty for what only the core needs.
 REFERENCES = {
     'active_set.h': 'solver/active_set.py', 'arena.h': '',
-    'bounded_hierarchy.h': 'solver/bounded_hierarchy.py', 'bounded_rows.h': 'tasks/bounded.py',
+    'bounded_hierarchy.h': 'solver/bounded_hierarchy.py', 'bounded_task.h': 'tasks/bounded.py',
     'cycle_time.h': 'control/cycle_time.py',
     'damping.h': 'solver/damping.py', 'escape.h': 'control/escape.py',
     'frame_task.h': 'tasks/frame.py',
@@ -38,8 +38,10 @@ REFERENCES = {
     'min_norm.h': 'solver/min_norm.py',
     'motion_object.h': 'model/compiled.py', 'null_space.h': 'solver/null_space.py',
     'polytope.h': 'solver/polytope.py', 'python_buffers.h': '', 'qp.h': 'solver/qp.py',
-    'scaling.h': 'solver/scaling.py', 'solve.h': 'solver/solve.py',
+    'region_task.h': 'tasks/region.py',
+    'scaling.h': 'solver/scaling.py', 'shapes.h': 'model/shapes.py', 'solve.h': 'solver/solve.py',
     'solver_object.h': 'solver/compiled.py', 'spatial.h': 'model/spatial.py',
+    'speed_limit_task.h': 'tasks/speed_limit.py',
     'step.h': 'control/step.py', 'step_object.h': 'control/compiled_step.py',
     'task.h': 'tasks/task.py', 'task_object.h': 'tasks/twin.py',
     'velocity_limits.h': 'control/velocity_limits.py',

@@ -24,7 +24,7 @@ PyObject *constants() {
   return Py_BuildValue(
       "{s:{s:n}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d}, s:{s:(dddd),s:(dd)},"
       " s:{s:d,s:d}, s:{s:d,s:d}, s:{s:d}, s:{s:d}, s:{s:d,s:d,s:d,s:d},"
-      " s:{s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:i}, s:{s:d,s:d,s:d,s:d,s:d,s:d}}",
+      " s:{s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:i}, s:{s:d,s:d,s:d,s:d,s:d,s:d}, s:{s:d}}",
       "solver.compiled", "MOST", MOST,
       "solver.level", "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
       "solver.damping", "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING,
@@ -44,7 +44,8 @@ PyObject *constants() {
       "SINGULAR_RATIO", SINGULAR_RATIO, "STUCK_SECONDS", STUCK_SECONDS, "MOST_NUDGES", MOST_NUDGES,
       "tasks.bounded", "RETURN_JOINT_SPEED", bounded::RETURN_JOINT_SPEED, "FAR", bounded::FAR,
       "STILL", bounded::STILL, "LOOSE", bounded::LOOSE, "DRIFT", bounded::DRIFT,
-      "TINY", bounded::TINY);
+      "TINY", bounded::TINY,
+      "model.shapes", "CENTRE_RADIUS", CENTRE_RADIUS);
 }
 
 PyMethodDef FUNCTIONS[] = {

@@ -24,7 +24,7 @@ namespace {
 // State of the robot in a cycle.
 struct Situation {
   Motion *motion;
-  const double *positions;
+  const double *positions, *velocity;    // velocity: commanded since the cycle before
   double now;
 };
 
@@ -39,7 +39,7 @@ struct Law {
   int rows = 0;
   bool scale = false;
   std::vector<double> gain;              // one for each row
-  std::vector<double> feed_forward;      // none where empty
+  std::vector<double> feed_forward;      // of each row, or a twist of the goal; none where empty
   double fed = 0.0, timeout = 0.0;       // time of arrival of the feed-forward velocity
 
   // v = K error + feed-forward; false where that has timed out: the reference drops it.
@@ -47,8 +47,11 @@ struct Law {
     for (int i = 0; i < rows; ++i) v[i] = gain[i] * error[i];
     if (feed_forward.empty()) return true;
     for (int i = 0; i < rows; ++i) v[i] += feed_forward[i];
-    return std::fabs(now - fed) <= timeout;
+    return feeds(now);
   }
+
+  // Whether the feed-forward velocity is in force.
+  bool feeds(double now) const { return std::fabs(now - fed) <= timeout; }
 };
 
 class Task {

@@ -22,9 +22,8 @@ import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, read_only, skew
 from tp_controller.model.state import RobotState
-from tp_controller.solver.level import Level
 from tp_controller.tasks.keys import finite_vector, has_shape, Keys
-from tp_controller.tasks.task import Evaluation, Task
+from tp_controller.tasks.task import Task
 from tp_controller.tasks.twin import FRAME, make_twin, Twin
 from tp_controller.tasks.yaml_keys import yaml_key
 
@@ -47,6 +46,12 @@ def reference_key(text: str) -> Any:
 def parse_reference(robot: Robot, reference: str | None) -> str:
     """Return the frame named by a key `reference`, the root for None, or raise `RobotError`."""
     return robot.check_frame(robot.root if reference is None else reference)
+
+
+def frame_and_reference(robot: Robot, frame: str, reference: str) -> tuple[int, int]:
+    """Return the indices of two frames as inputs of a twin; −1 for the root as reference."""
+    index = robot.kinematics.frame_index
+    return index(frame), -1 if reference == robot.root else index(reference)
 
 
 class RelativeFrame:
@@ -182,9 +187,8 @@ class FrameTask(MovingGoalTask):
     @cached_property
     def _place(self) -> tuple[int, int, bytes]:
         """Return frame, reference and rows as inputs of a twin."""
-        index = self.robot.kinematics.frame_index
-        return (index(self.frame), -1 if self.reference == self.robot.root
-                else index(self.reference), bytes(np.flatnonzero(self.counts).tolist()))
+        return (*frame_and_reference(self.robot, self.frame, self.reference),
+                bytes(np.flatnonzero(self.counts).tolist()))
 
     @cached_property
     def reach(self) -> float:
@@ -206,19 +210,6 @@ class FrameTask(MovingGoalTask):
     def jacobian(self, state: RobotState) -> Array:
         """Return J (rows, n) of the twist of the frame relative to the reference frame."""
         return self._motion.jacobian(state)[self._twist_rows]
-
-    def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
-        """Return the `Evaluation` at a state, by one compiled call if type and robot allow it."""
-        if self._feed_forward is not None:
-            # Drop a velocity that has timed out.
-            self.feed_forward(now)
-        twin = self.twin
-        if twin is not None and state.motion is not None:
-            error, v = np.empty(self.rows), np.empty(self.rows)
-            J = np.empty((self.rows, self.robot.n))
-            if twin.task.evaluate(state.motion, state.positions, now, error, J, v):
-                return Evaluation(self, Level(J, v, self.mode), error, self.row_names)
-        return super().make_evaluation(state, now)
 
     def twin_with_goal(self) -> Twin | None:
         """Return the twin of a type whose error is the way from the frame to its goal."""
