@@ -18,7 +18,9 @@ from functools import lru_cache
 from importlib.metadata import files
 from pathlib import Path
 
+import numpy as np
 from tp_controller import Robot
+from tp_controller.model.spatial import pose, rotation_from_vector
 from tp_controller.tasks.needs import lacks
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -51,6 +53,31 @@ TOOLS = {
 PANDA_READY = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 PANDA_TOOL = 'panda_hand_tcp'
 PLANAR_START = (0.0, 0.6, 0.3)
+
+# Joints of all kinds: turning and sliding, about axes that are none of the frame, and mimics; some
+# links have masses.
+CHAIN = """
+<robot name="chain">
+<link name="l0"><inertial><origin xyz="0.1 0.2 -0.3"/><mass value="3"/></inertial></link>
+<link name="l1"/><link name="l3"/>
+<link name="l2"><inertial><origin xyz="0.3 0 0.1"/><mass value="0.5"/></inertial></link>
+<link name="l4"><inertial><origin xyz="0 0.4 0.2"/><mass value="2"/></inertial></link>
+<link name="l5"><inertial><origin xyz="0.5 0.4 0"/><mass value="1"/></inertial></link>
+<joint name="a" type="continuous"><parent link="l0"/><child link="l1"/>
+  <origin xyz="1 0 0.5" rpy="0.3 -0.2 1"/><axis xyz="1 2 -0.5"/></joint>
+<joint name="b" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="1 0 0"/>
+  <axis xyz="0 0 1"/><limit lower="-9" upper="9" velocity="9" effort="0"/>
+  <mimic joint="a" multiplier="-2" offset="0.1"/></joint>
+<joint name="c" type="prismatic"><parent link="l2"/><child link="l3"/>
+  <origin xyz="1 0 0" rpy="1 0.5 0"/><axis xyz="0.5 -1 0.25"/>
+  <limit lower="0.2" upper="1" velocity="1" effort="0"/></joint>
+<joint name="d" type="fixed"><parent link="l1"/><child link="l4"/>
+  <origin xyz="0.2 -0.3 0" rpy="0 2 0"/></joint>
+<joint name="e" type="prismatic"><parent link="l3"/><child link="l5"/>
+  <origin xyz="0 0.3 0" rpy="0 -1 0.4"/><axis xyz="0 2 1"/>
+  <limit lower="-1" upper="1" velocity="1" effort="0"/>
+  <mimic joint="c" multiplier="-0.5" offset="0.2"/></joint></robot>""".replace(
+    '<mass', '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/><mass')
 
 
 @lru_cache(maxsize=None)
@@ -109,3 +136,32 @@ def mixed():
         {'name': 'roll', 'a': 0.2, 'alpha': 0.2, 'd': 0.15, 'theta': -0.5, 'type': 'continuous',
          'velocity': 3.0},
     ])
+
+
+# {name: function that returns a robot} of all that the core supports.
+EVERY = {
+    **{name: lambda name=name: urdf_robot(name) for name in URDFS},
+    'Panda': panda,
+    'DH arm': mixed,
+    'chain': lambda: Robot.from_urdf(CHAIN),
+    'a passive joint': lambda: Robot.from_urdf(CHAIN, joints=['c']),
+    **{base: lambda base=base: moving_panda(base)
+       for base in ('planar', 'differential', 'underwater', 'floating')},
+    'walker': lambda: Robot.from_urdf(urdf_path('talos'), base='floating'),
+    'rover': lambda: Robot.from_urdf(urdf_path('tiago'), base='planar'),
+}
+
+
+@lru_cache(maxsize=None)
+def named(name):
+    """Return one of `EVERY`."""
+    return EVERY[name]()
+
+
+def anywhere(robot, rng):
+    """Return q and the passive positions of a robot at random."""
+    rows = robot.joint_columns
+    joints = rng.uniform(np.maximum(robot.lower[rows], -3.0), np.minimum(robot.upper[rows], 3.0))
+    T = pose(rotation_from_vector(rng.normal(size=3)), rng.normal(size=3))
+    return (robot.configuration(joints, T) if robot.moves else joints,
+            rng.uniform(-1.0, 1.0, len(robot.passive_names)))

@@ -26,8 +26,9 @@ FOLDER = REPOSITORY / 'tp_controller' / 'core'
 HEADERS = {path.name: path.read_text(encoding='utf-8') for path in sorted(FOLDER.glob('*.h'))}
 # {header: its reference below tp_controller}; empty for what only the core needs.
 REFERENCES = {
-    'active_set.h': 'solver/active_set.py', 'arena.h': '',
+    'active_set.h': 'solver/active_set.py', 'aim.h': 'tasks/aim.py', 'arena.h': '',
     'bounded_hierarchy.h': 'solver/bounded_hierarchy.py', 'bounded_task.h': 'tasks/bounded.py',
+    'center_of_mass_task.h': 'tasks/center_of_mass.py',
     'cycle_time.h': 'control/cycle_time.py',
     'damping.h': 'solver/damping.py', 'escape.h': 'control/escape.py',
     'frame_task.h': 'tasks/frame.py',
@@ -37,6 +38,8 @@ REFERENCES = {
     'level.h': 'solver/level.py',
     'min_norm.h': 'solver/min_norm.py',
     'motion_object.h': 'model/compiled.py', 'null_space.h': 'solver/null_space.py',
+    'orientation.h': 'tasks/orientation.py',
+    'pointing_task.h': 'tasks/pointing.py',
     'polytope.h': 'solver/polytope.py', 'python_buffers.h': '', 'qp.h': 'solver/qp.py',
     'region_task.h': 'tasks/region.py',
     'scaling.h': 'solver/scaling.py', 'shapes.h': 'model/shapes.py', 'solve.h': 'solver/solve.py',

@@ -24,7 +24,8 @@ PyObject *constants() {
   return Py_BuildValue(
       "{s:{s:n}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d}, s:{s:(dddd),s:(dd)},"
       " s:{s:d,s:d}, s:{s:d,s:d}, s:{s:d}, s:{s:d}, s:{s:d,s:d,s:d,s:d},"
-      " s:{s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:i}, s:{s:d,s:d,s:d,s:d,s:d,s:d}, s:{s:d}}",
+      " s:{s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:i}, s:{s:d,s:d}, s:{s:d,s:d},"
+      " s:{s:d,s:d,s:d,s:d,s:d,s:d}, s:{s:d}}",
       "solver.compiled", "MOST", MOST,
       "solver.level", "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
       "solver.damping", "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING,
@@ -42,6 +43,8 @@ PyObject *constants() {
       "control.cycle_time", "SMOOTHING", SMOOTHING, "HOLD_RATIO", HOLD_RATIO,
       "control.escape", "STUCK_SPEED", STUCK_SPEED, "LEAST_DEMAND", LEAST_DEMAND,
       "SINGULAR_RATIO", SINGULAR_RATIO, "STUCK_SECONDS", STUCK_SECONDS, "MOST_NUDGES", MOST_NUDGES,
+      "tasks.aim", "MIN_POINT_DISTANCE", MIN_POINT_DISTANCE, "MIN_VECTOR_LENGTH", MIN_VECTOR_LENGTH,
+      "tasks.pointing", "MIN_VERTICAL_SINE", MIN_VERTICAL_SINE, "MIN_SQUARED_SINE", MIN_SQUARED_SINE,
       "tasks.bounded", "RETURN_JOINT_SPEED", bounded::RETURN_JOINT_SPEED, "FAR", bounded::FAR,
       "STILL", bounded::STILL, "LOOSE", bounded::LOOSE, "DRIFT", bounded::DRIFT,
       "TINY", bounded::TINY,

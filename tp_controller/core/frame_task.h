@@ -17,7 +17,7 @@
 
 #pragma once
 
-#include "task.h"
+#include "orientation.h"
 
 namespace {
 
@@ -66,24 +66,15 @@ struct FrameGoal {
 };
 
 // Pose, position and orientation; without a goal a velocity alone.
-class FrameTask : public Task {
+class FrameTask : public TurningTask {
  public:
-  // `turn`: the last rotation vector (3,), and whether there is one; none without a rotation.
   FrameTask(Law law, int frame, int reference, const char *rows, const FrameGoal &goal, double *turn)
-      : Task(std::move(law)), frame_(frame), reference_(reference), goal_(goal), turn_(turn) {
+      : TurningTask(std::move(law), turn), frame_(frame), reference_(reference), goal_(goal) {
     std::copy(rows, rows + Task::rows(), rows_);
   }
 
   bool fits(const Motion &motion) const override {
     return std::max(frame_, reference_) < int(motion.frames.size());
-  }
-
-  void begin() override {
-    if (turn_) std::copy(turn_, turn_ + 4, last_);
-  }
-
-  void keep() const override {
-    if (turn_) std::copy(last_, last_ + 4, turn_);
   }
 
   bool evaluate(const Situation &at, const Rows &out) override {
@@ -102,21 +93,18 @@ class FrameTask : public Task {
   }
 
  private:
-  // The rotation vector to the goal, in the direction of the one before.
+  // The rotation vector to the goal.
   void turn_left(const Placement &its, double *vector) {
     double turn[9];
     for (int i = 0; i < 3; ++i)
       for (int j = 0; j < 3; ++j) turn[3 * i + j] = dot(goal_.R + 3 * i, its.R + 3 * j);
     rotation_vector(turn, vector);
-    if (last_[3] != 0.0) follow(last_, vector);
-    std::copy(vector, vector + 3, last_);
-    last_[3] = 1.0;
+    follow(vector);
   }
 
   int frame_, reference_;                // −1: the root
   char rows_[6];
   FrameGoal goal_;
-  double *turn_, last_[4] = {};
 };
 
 }  // namespace

@@ -66,7 +66,7 @@ bool whole(double number, int least, int most, int &found) {
   return found == number;
 }
 
-constexpr int OF_BODY = 19, OF_FRAME = 13;
+constexpr int OF_BODY = 23, OF_FRAME = 13;
 
 bool read_base(const std::vector<double> &rows, Motion &motion) {
   motion.base.resize(rows.size());
@@ -92,6 +92,8 @@ bool read_bodies(const std::vector<double> &rows, Motion &motion) {
     std::copy(row + 4, row + 7, body.axis);
     std::copy(row + 7, row + 16, body.R);
     std::copy(row + 16, row + 19, body.p);
+    body.mass = row[19];
+    std::copy(row + 20, row + 23, body.center);
     motion.bodies.push_back(body);
   }
   return !motion.bodies.empty();

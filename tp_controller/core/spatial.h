@@ -107,8 +107,8 @@ void rotation_vector(const double *R, double *vector) {
   for (int k = 0; k < 3; ++k) vector[k] = sign * share * v[k];
 }
 
-// spatial.py: `shorter_rotation`, in place
-void follow(const double *previous, double *vector) {
+// In place.
+void shorter_rotation(const double *previous, double *vector) {
   if (dot(vector, previous) >= 0.0) return;
   const double angle = std::sqrt(dot(vector, vector));
   if (angle < PI - HALF_TURN_BAND) return;

@@ -39,15 +39,19 @@ struct Law {
   int rows = 0;
   bool scale = false;
   std::vector<double> gain;              // one for each row
-  std::vector<double> feed_forward;      // of each row, or a twist of the goal; none where empty
+  std::vector<double> feed_forward;      // one for each row, or a twist; none where empty
   double fed = 0.0, timeout = 0.0;       // time of arrival of the feed-forward velocity
 
-  // v = K error + feed-forward; false where that has timed out: the reference drops it.
-  bool demand(double now, const double *error, double *v) const {
+  // v = K error + feed-forward, here in rows; false where that has timed out: the reference drops it.
+  bool demand(double now, const double *error, const double *added, double *v) const {
     for (int i = 0; i < rows; ++i) v[i] = gain[i] * error[i];
     if (feed_forward.empty()) return true;
-    for (int i = 0; i < rows; ++i) v[i] += feed_forward[i];
+    for (int i = 0; i < rows; ++i) v[i] += added[i];
     return feeds(now);
+  }
+
+  bool demand(double now, const double *error, double *v) const {
+    return demand(now, error, feed_forward.data(), v);
   }
 
   // Whether the feed-forward velocity is in force.

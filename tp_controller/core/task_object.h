@@ -17,9 +17,11 @@
 
 #pragma once
 
+#include "center_of_mass_task.h"
 #include "frame_task.h"
 #include "joint_limits_task.h"
 #include "motion_object.h"
+#include "pointing_task.h"
 #include "region_task.h"
 #include "speed_limit_task.h"
 
@@ -48,6 +50,11 @@ bool read_law(PyObject *object, Law &law) {
   law.scale = scale;
   return law.rows >= 1 && law.rows <= MOST && read_rows_of(gain, law.rows, law.gain)
       && (feed_forward == Py_None || read_all(feed_forward, law.feed_forward));
+}
+
+bool read_turn(PyObject *object, TaskTwin &twin) {
+  twin.turn.reset(new Output(object));
+  return twin.turn->is(4);
 }
 
 // A position (3,), a rotation (3, 3), a pose (4, 4), or None.
@@ -82,10 +89,7 @@ bool read_frame_task(PyObject *object, Law law, TaskTwin &twin) {
   for (Py_ssize_t i = 0; i < m; ++i)
     if (rows[i] < 0 || rows[i] > 5
         || (goal != Py_None && !(rows[i] < 3 ? its.is_position : its.is_rotation))) return false;
-  if (its.is_rotation) {
-    twin.turn.reset(new Output(turn));
-    if (!twin.turn->is(4)) return false;
-  }
+  if (its.is_rotation && !read_turn(turn, twin)) return false;
   twin.task.reset(new FrameTask(std::move(law), frame, reference, rows, its,
                                 its.is_rotation ? twin.turn->p() : nullptr));
   return true;
@@ -128,6 +132,46 @@ bool read_joint_limits_task(PyObject *object, Law law, TaskTwin &twin) {
       || !read_rows_of(high, law.rows, upper)) return false;
   twin.task.reset(new JointLimitsTask(std::move(law), std::move(columns), std::move(lower),
                                       std::move(upper), return_speed));
+  return true;
+}
+
+bool read_vectors(PyObject *object, Py_ssize_t rows, double *found) {
+  const Buffer buffer(object);
+  if (!buffer.is(rows, 3)) return false;
+  buffer.copy_rows(found);
+  return true;
+}
+
+// (frame, reference, whether the goal is a point, goal, axis, across, upright or None, turn)
+bool read_axis_task(PyObject *object, Law law, TaskTwin &twin) {
+  PointingAxis axis;
+  Aim aim;
+  int is_point;
+  PyObject *goal, *its, *across, *upright, *turn;
+  if (!PyArg_ParseTuple(object, "iipOOOOO", &axis.frame, &aim.reference, &is_point, &goal, &its,
+                        &across, &upright, &turn)
+      || axis.frame < 0 || aim.reference < -1 || !read(goal, 3, HUGE_VAL, aim.goal)
+      || !read(its, 3, HUGE_VAL, axis.its) || !read_vectors(across, 2, axis.across)
+      || !read_turn(turn, twin)) return false;
+  aim.is_point = is_point;
+  axis.is_upright = upright != Py_None;
+  if (law.rows != 2 + axis.is_upright
+      || (axis.is_upright && !read_vectors(upright, 2, axis.upright))) return false;
+  twin.task.reset(new AxisTask(std::move(law), axis, aim, twin.turn->p()));
+  return true;
+}
+
+// (axes, goal, scale)
+bool read_center_of_mass_task(PyObject *object, Law law, TaskTwin &twin) {
+  const char *axes;
+  Py_ssize_t m;
+  PyObject *given;
+  double goal[3], scale;
+  if (!PyArg_ParseTuple(object, "y#Od", &axes, &m, &given, &scale) || m != law.rows || m > 3
+      || !read(given, 3, HUGE_VAL, goal)) return false;
+  for (Py_ssize_t i = 0; i < m; ++i)
+    if (axes[i] < 0 || axes[i] > 2) return false;
+  twin.task.reset(new CenterOfMassTask(std::move(law), axes, goal, scale));
   return true;
 }
 
@@ -192,7 +236,8 @@ PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
   using Reader = bool (*)(PyObject *, Law, TaskTwin &);
   // In the order of the kinds of the reference.
   const Reader readers[] = {read_frame_task, read_joint_task, read_joint_limits_task,
-                            read_speed_limit_task, read_region_task};
+                            read_axis_task, read_center_of_mass_task, read_speed_limit_task,
+                            read_region_task};
   int kind;
   PyObject *law, *inputs;
   if (!PyArg_ParseTuple(given, "iO!O!", &kind, &PyTuple_Type, &law, &PyTuple_Type, &inputs))
@@ -201,8 +246,9 @@ PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
     TaskTwin twin;
     Law its;
     if (kind >= 0 && kind < int(std::size(readers)) && read_law(law, its)) {
-      // A region gets the twist of its goal.
-      const size_t fed = readers[kind] == read_region_task ? 6 : size_t(its.rows);
+      // Axes and regions get the twist of the goal.
+      const bool has_twist = readers[kind] == read_axis_task || readers[kind] == read_region_task;
+      const size_t fed = has_twist ? 6 : size_t(its.rows);
       if ((its.feed_forward.empty() || its.feed_forward.size() == fed)
           && readers[kind](inputs, std::move(its), twin))
         return keep<TaskTwin>(type, std::move(twin));

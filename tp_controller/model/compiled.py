@@ -46,7 +46,7 @@ class Motion(Protocol):
 
 
 # Number of velocities, row where the driven joints begin in a configuration, rows of the twist of
-# the base that are velocities, bodies (b, 19) and frames (f, 13).
+# the base that are velocities, bodies (b, 23) and frames (f, 13).
 Numbers: TypeAlias = tuple[int, int, Array, Array, Array]
 
 
@@ -85,7 +85,7 @@ def make_motion(numbers: Numbers | None) -> Motion | None:
 
 
 def _bodies(model: pinocchio.Model, joint_map: Array) -> Array | None:
-    """Return kind, parent, axis and placement of each joint (b, 19); None if unsupported."""
+    """Return joint, placement, mass and centre of each body (b, 23); None if unsupported."""
     still = _numbers(pinocchio.SE3.Identity())
     bodies = [[STILL, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, *still]]
     shares, data = iter(joint_map), model.createData()
@@ -98,7 +98,9 @@ def _bodies(model: pinocchio.Model, joint_map: Array) -> Array | None:
             bodies.append([*_joint(data.joints[index].S, parent, next(shares)), *placement])
         else:
             return None
-    return np.array(bodies, dtype=float)
+    inertias = list(model.inertias)
+    mass = sum(inertia.mass for inertia in inertias) or 1.0
+    return np.hstack((bodies, [[inertia.mass / mass, *inertia.lever] for inertia in inertias]))
 
 
 def _joint(subspace: Array, parent: int, shares: Array) -> list[float]:

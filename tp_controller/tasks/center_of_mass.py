@@ -17,7 +17,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from tp_controller.model.spatial import Array, pose
+from tp_controller.model.spatial import Array, pose, read_only
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
 from tp_controller.tasks.frame import parse_axes
@@ -25,6 +25,7 @@ from tp_controller.tasks.keys import Keys
 from tp_controller.tasks.position import PointTask
 from tp_controller.tasks.sketch import arrow, Dot, Sketch, Triad
 from tp_controller.tasks.task import Evaluation
+from tp_controller.tasks.twin import CENTER_OF_MASS, make_twin, Twin
 from tp_controller.tasks.yaml_keys import yaml_key
 
 AXES = ('x', 'y', 'z')
@@ -81,6 +82,13 @@ class CenterOfMass(PointTask):
         level = Level(self.row_scale * self.jacobian(state),
                       self.row_scale * self.velocity(error, now), self.mode)
         return Evaluation(self, level, error)
+
+    def make_twin(self) -> Twin | None:
+        """Return the inputs in the compiled core; see `Task`."""
+        if not isinstance(self.goal, np.ndarray):
+            return None
+        return make_twin(CENTER_OF_MASS, self._law(), (
+            bytes(self._rows), read_only(self.goal), self.row_scale), self.mode)
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
         """Return the centre of mass, the goal, and an arrow along the selected axes."""

@@ -49,7 +49,7 @@ def parse_reference(robot: Robot, reference: str | None) -> str:
 
 
 def frame_and_reference(robot: Robot, frame: str, reference: str) -> tuple[int, int]:
-    """Return the indices of two frames as inputs of a twin; −1 for the root as reference."""
+    """Return two frames as inputs of a twin: their indices, -1 for the root as reference."""
     index = robot.kinematics.frame_index
     return index(frame), -1 if reference == robot.root else index(reference)
 

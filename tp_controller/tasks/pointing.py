@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 from tp_controller.errors import unknown
-from tp_controller.model.spatial import Array, skew
+from tp_controller.model.spatial import Array, read_only, skew
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
 from tp_controller.tasks.aim import (
@@ -32,11 +32,12 @@ from tp_controller.tasks.aim import (
     parse_axis,
     turn_between,
 )
-from tp_controller.tasks.frame import frame_key
+from tp_controller.tasks.frame import frame_and_reference, frame_key
 from tp_controller.tasks.keys import Keys
 from tp_controller.tasks.orientation import TurningTask
 from tp_controller.tasks.sketch import arc, RAY_LENGTH, Sketch
 from tp_controller.tasks.task import Evaluation
+from tp_controller.tasks.twin import AXIS, make_twin, Twin
 from tp_controller.tasks.yaml_keys import yaml_key
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -68,6 +69,8 @@ class AxisTask(TurningTask, AimedTask):
                     'turn': False}
     example = {'frame': 'panda_hand_tcp'}
     units: tuple[str, ...] = ('rad', 'rad')
+    # Axes u and a × u (2, 3) of a row that keeps the frame upright.
+    _upright: Array | None = None
 
     def set_up(self) -> None:
         """Find the axes of the rows."""
@@ -90,6 +93,15 @@ class AxisTask(TurningTask, AimedTask):
         if twist is not None:
             desired = desired + about.dot(self.aim.turning(state, self.goal, twist))
         return Evaluation(self, Level(J, desired, self.mode), error)
+
+    def make_twin(self) -> Twin | None:
+        """Return the inputs in the compiled core, for an aim of this package; see `Task`."""
+        if not isinstance(self.goal, np.ndarray) or type(self.aim) not in AIMS.values():
+            return None
+        return make_twin(AXIS, self._law(), (
+            *frame_and_reference(self.robot, self.frame, self.reference),
+            self.goal_type == 'point', read_only(self.goal), self.axis, self._across,
+            self._upright, self._rotation_error.memory), self.mode)
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
         """Return the sketch, with an arc for the remaining turn."""
@@ -151,6 +163,7 @@ class LookAt(AxisTask):
     """
 
     type_name = 'look_at'
+    make_twin = AxisTask.make_twin
     goal_type = 'point'
 
     towards = 'point'
@@ -163,7 +176,6 @@ class LookAt(AxisTask):
     def check_keys(self, keys: Keys) -> None:
         """Add a row for the key `up`."""
         super().check_keys(keys)
-        self._upright: Array | None = None
         if self.up is not None:
             self.units = ('rad',) * 3
             if self.axis is not None:

@@ -269,8 +269,7 @@ class Task(KeyHolder):
 
     def _evaluation_by_twin(self, state: RobotState, now: float) -> Evaluation | None:
         """Return the `Evaluation` by one compiled call; None where the reference is needed."""
-        motion = state.motion
-        twin = None if motion is None else self.twin
+        motion, twin = state.motion, self.twin
         if motion is None or twin is None:
             return None
         m, n = self.rows, self.robot.n

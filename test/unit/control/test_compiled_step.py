@@ -52,9 +52,12 @@ STACKS = {
               'at: [0.55, 0.1, 0.3]}, cell: {type: keep_in, frame: panda_link4, '
               'shape: {box: [0.4, 0.4, 1.2]}, at: [0, 0, 0.4]}]\n'
               + STACK.partition('- posture')[0],
-    'Python beside': f'- [look: {{type: pointing, frame: {TOOL}, axis: x}}, '
+    'Python beside': f'- [most: {{type: manipulability, frame: {TOOL}}}, '
                      f'tool: {{type: position, frame: {TOOL}}}]\n- [posture: {{type: posture}}, '
                      'more: {type: joint, joints: panda_joint2}]\n',
+    'directions': f'- [look: {{type: pointing, frame: {TOOL}, axis: x}}, '
+                  f'tool: {{type: position, frame: {TOOL}}}]\n- camera: {{type: look_at, frame: '
+                  'panda_link5, target: panda_hand_tcp, up: x}\n- posture: {type: posture}\n',
     'velocities': f'- move: {{type: twist, frame: {TOOL}}}\n'
                   '- turn: {type: joint_velocity, joints: panda_joint1}\n',
     'nothing': '- posture: {type: posture}\n',

@@ -15,7 +15,6 @@
 """What is compiled of a robot does what Pinocchio and the reference in Python do."""
 
 from contextlib import nullcontext
-from functools import lru_cache
 import sys
 from types import SimpleNamespace
 
@@ -30,65 +29,23 @@ from tp_controller.control.joint_limits import JointMotion, LIMITS
 from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.model import compiled
 from tp_controller.model.limits import LIMIT_KEYS, POSITIVE_KEYS
-from tp_controller.model.spatial import pose, rotation_from_vector
+from tp_controller.model.spatial import rotation_from_vector
 from tp_controller.solver import compiled as solver
 from tp_controller.solver.compiled import core
 
 pytestmark = pytest.mark.skipif(core is None, reason='the package was built without a compiler')
 
-# Joints of all kinds: turning and sliding, about axes that are none of the frame, and mimics.
-CHAIN = """
-<robot name="chain"><link name="l0"/><link name="l1"/><link name="l2"/><link name="l3"/>
-<link name="l4"/><link name="l5"/>
-<joint name="a" type="continuous"><parent link="l0"/><child link="l1"/>
-  <origin xyz="1 0 0.5" rpy="0.3 -0.2 1"/><axis xyz="1 2 -0.5"/></joint>
-<joint name="b" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="1 0 0"/>
-  <axis xyz="0 0 1"/><limit lower="-9" upper="9" velocity="9" effort="0"/>
-  <mimic joint="a" multiplier="-2" offset="0.1"/></joint>
-<joint name="c" type="prismatic"><parent link="l2"/><child link="l3"/>
-  <origin xyz="1 0 0" rpy="1 0.5 0"/><axis xyz="0.5 -1 0.25"/>
-  <limit lower="0.2" upper="1" velocity="1" effort="0"/></joint>
-<joint name="d" type="fixed"><parent link="l1"/><child link="l4"/>
-  <origin xyz="0.2 -0.3 0" rpy="0 2 0"/></joint>
-<joint name="e" type="prismatic"><parent link="l3"/><child link="l5"/>
-  <origin xyz="0 0.3 0" rpy="0 -1 0.4"/><axis xyz="0 2 1"/>
-  <limit lower="-1" upper="1" velocity="1" effort="0"/>
-  <mimic joint="c" multiplier="-0.5" offset="0.2"/></joint></robot>"""
-MAKERS = {
-    **{name: lambda name=name: robots.urdf_robot(name) for name in robots.URDFS},
-    'Panda': robots.panda,
-    'DH arm': robots.mixed,
-    'chain': lambda: Robot.from_urdf(CHAIN),
-    'a passive joint': lambda: Robot.from_urdf(CHAIN, joints=['c']),
-    **{base: lambda base=base: robots.moving_panda(base)
-       for base in ('planar', 'differential', 'underwater', 'floating')},
-}
 seeds = st.integers(0, 2 ** 32 - 1)
 
 
-@lru_cache(maxsize=None)
-def robot(name):
-    """Return a robot by name."""
-    return MAKERS[name]()
-
-
-def anywhere(robot, rng):
-    """Return q and the passive positions of a robot at random."""
-    rows = robot.joint_columns
-    joints = rng.uniform(np.maximum(robot.lower[rows], -3.0), np.minimum(robot.upper[rows], 3.0))
-    T = pose(rotation_from_vector(rng.normal(size=3)), rng.normal(size=3))
-    return (robot.configuration(joints, T) if robot.moves else joints,
-            rng.uniform(-1.0, 1.0, len(robot.passive_names)))
-
-
-@pytest.mark.parametrize('name', MAKERS)
+@pytest.mark.parametrize('name', robots.EVERY)
 def test_frames_are_where_pinocchio_has_them_and_move_as_it_says(name):
-    rng, its = np.random.default_rng(0), robot(name)
+    rng, its = np.random.default_rng(0), robots.named(name)
     here, there = (its.state(its.neutral()) for _ in range(2))
     assert here.motion is not None
     there.motion = None
     for _ in range(5):
-        place = anywhere(its, rng)
+        place = robots.anywhere(its, rng)
         here.update(*place)
         there.update(*place)
         for frame in its.frame_names:
@@ -119,7 +76,7 @@ READY, ZEROS = np.array(robots.PANDA_READY), np.zeros(7)
     (READY + np.nan, ZEROS, None), (READY + 1e10, ZEROS, None), (None, ZEROS, None),
     (READY, ZEROS + np.nan, None), (READY, ZEROS, READY)])
 def test_positions_that_are_none_change_nothing(positions):
-    its = robot('Panda')
+    its = robots.named('Panda')
     here = its.state(its.neutral())
     before, after = np.empty((4, 4)), np.empty((4, 4))
     index = its.kinematics.frame_index(robots.PANDA_TOOL)
@@ -133,7 +90,7 @@ def test_positions_that_are_none_change_nothing(positions):
 @pytest.mark.parametrize('place', [
     None, np.ones(6), np.ones((7, 1)), np.ones(7, int), np.full(7, np.nan), [1.0] * 7])
 def test_places_of_a_base_that_are_none_change_nothing(place):
-    its = robot('floating')
+    its = robots.named('floating')
     here = its.state(its.neutral())
     q, offset = its.neutral(), np.zeros(len(its.kinematics.offset))
     before, after = np.empty((4, 4)), np.empty((4, 4))
@@ -153,7 +110,7 @@ def locked(array):
 
 
 def test_what_does_not_fit_is_refused():
-    its = robot('Panda')
+    its = robots.named('Panda')
     motion = its.state(its.neutral()).motion
     index, n = its.kinematics.frame_index(robots.PANDA_TOOL), its.n
     crooked = memoryview(bytearray(8 * 16 + 1))[1:].cast('d', (4, 4))
@@ -168,8 +125,8 @@ def test_what_does_not_fit_is_refused():
 
 def test_robots_that_do_not_fit_together_are_refused():
     hanging = [*np.ravel(np.eye(3)), *np.zeros(3)]
-    still = [0.0, 0.0, -1.0, *np.zeros(4), *hanging]
-    turns = [2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, *hanging]
+    still = [0.0, 0.0, -1.0, *np.zeros(4), *hanging, *np.zeros(4)]
+    turns = [2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, *hanging, *np.zeros(4)]
     fits = [2, 0, np.zeros(0), np.array([still, turns]), np.array([[1.0, *hanging]])]
     core.Motion(*fits)
 
@@ -262,8 +219,9 @@ def test_limits_of_more_joints_than_fit_are_those_of_the_reference():
 
 def test_all_objects_that_are_lent_are_given_back():
     hanging = [*np.ravel(np.eye(3)), *np.zeros(3)]
-    base, bodies = np.zeros(0), np.array([[0.0, 0.0, -1.0, *np.zeros(4), *hanging],
-                                          [2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, *hanging]])
+    base, bodies = np.zeros(0), np.array([
+        [0.0, 0.0, -1.0, *np.zeros(4), *hanging, *np.zeros(4)],
+        [2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, *hanging, *np.zeros(4)]])
     frames, one, two, T = np.array([[1.0, *hanging]]), np.ones(1), np.ones(2), np.eye(4)
     J, bounds, elapsed, index = np.empty((6, 1)), np.empty(2), np.pi * 1.0, 10 ** 6
     pending = two.copy(),
@@ -325,7 +283,7 @@ def test_limits_are_those_of_the_reference(seed, accelerated, endless, period, s
     ('Panda', [robots.PANDA_TOOL]), ('floating', [robots.PANDA_TOOL]),
     ('baxter', ['left_gripper', 'right_gripper'])])
 def test_a_robot_moves_as_with_pinocchio(name, frames, monkeypatch):
-    its = robot(name)
+    its = robots.named(name)
     text = ''.join(f'- tool{number}: {{type: pose, frame: {frame}, gain: 2.0}}\n'
                    for number, frame in enumerate(frames)) + '- rest: {type: posture, gain: 0.5}'
     ends = []
