@@ -25,7 +25,8 @@ PyObject *constants() {
       "{s:{s:n}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d}, s:{s:(dddd),s:(dd)},"
       " s:{s:d,s:d}, s:{s:d,s:d}, s:{s:d}, s:{s:d}, s:{s:d,s:d,s:d,s:d},"
       " s:{s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:i}, s:{s:d,s:d}, s:{s:d,s:d},"
-      " s:{s:d,s:d,s:d,s:d,s:d,s:d}, s:{s:d}}",
+      " s:{s:d,s:d,s:d,s:d,s:d,s:d}, s:{s:d},"
+      " s:{s:d,s:d}, s:{s:d}}",
       "solver.compiled", "MOST", MOST,
       "solver.level", "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
       "solver.damping", "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING,
@@ -48,7 +49,9 @@ PyObject *constants() {
       "tasks.bounded", "RETURN_JOINT_SPEED", bounded::RETURN_JOINT_SPEED, "FAR", bounded::FAR,
       "STILL", bounded::STILL, "LOOSE", bounded::LOOSE, "DRIFT", bounded::DRIFT,
       "TINY", bounded::TINY,
-      "model.shapes", "CENTRE_RADIUS", CENTRE_RADIUS);
+      "model.shapes", "CENTRE_RADIUS", CENTRE_RADIUS,
+      "tasks.joint_limit_distance", "MAX_CURVED", MAX_CURVED, "MAX_RATE", MAX_RATE,
+      "tasks.field_of_view", "MIN_ANGLE", MIN_ANGLE);
 }
 
 PyMethodDef FUNCTIONS[] = {

@@ -18,7 +18,9 @@
 #pragma once
 
 #include "center_of_mass_task.h"
+#include "field_of_view_task.h"
 #include "frame_task.h"
+#include "joint_limit_distance_task.h"
 #include "joint_limits_task.h"
 #include "motion_object.h"
 #include "pointing_task.h"
@@ -231,13 +233,45 @@ bool read_region_task(PyObject *object, Law law, TaskTwin &twin) {
   return true;
 }
 
+// (middle, half, max_speed)
+bool read_joint_limit_distance_task(PyObject *object, Law law, TaskTwin &twin) {
+  PyObject *centre, *range;
+  double max_speed;
+  std::vector<double> middle, half;
+  if (!PyArg_ParseTuple(object, "OOd", &centre, &range, &max_speed)
+      || !read_rows_of(centre, law.rows, middle) || !read_rows_of(range, law.rows, half))
+    return false;
+  twin.task.reset(new JointLimitDistanceTask(std::move(law), max_speed, std::move(middle),
+                                             std::move(half)));
+  return true;
+}
+
+// (frame, reference, goal, axis, bounds)
+bool read_field_of_view_task(PyObject *object, Law law, TaskTwin &twin) {
+  int frame;
+  double axis[3];
+  Aim aim;
+  aim.is_point = true;
+  PyObject *goal, *its, *limits;
+  ValueBounds bounds;
+  if (!PyArg_ParseTuple(object, "iiOOO!", &frame, &aim.reference, &goal, &its, &PyTuple_Type,
+                        &limits)
+      || law.rows != 1 || frame < 0 || aim.reference < -1 || !read(goal, 3, HUGE_VAL, aim.goal)
+      || !read(its, 3, HUGE_VAL, axis) || !read_bounds(limits, law.rows, bounds, twin))
+    return false;
+  twin.task.reset(new FieldOfViewTask(std::move(law), std::move(bounds), twin.history->p(),
+                                      size_t(twin.history->rows(1)), frame, axis, aim));
+  return true;
+}
+
 // Task(kind, law, inputs): ValueError where they do not fit.
 PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
   using Reader = bool (*)(PyObject *, Law, TaskTwin &);
   // In the order of the kinds of the reference.
   const Reader readers[] = {read_frame_task, read_joint_task, read_joint_limits_task,
                             read_axis_task, read_center_of_mass_task, read_speed_limit_task,
-                            read_region_task};
+                            read_region_task, read_joint_limit_distance_task,
+                            read_field_of_view_task};
   int kind;
   PyObject *law, *inputs;
   if (!PyArg_ParseTuple(given, "iO!O!", &kind, &PyTuple_Type, &law, &PyTuple_Type, &inputs))
@@ -246,8 +280,9 @@ PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
     TaskTwin twin;
     Law its;
     if (kind >= 0 && kind < int(std::size(readers)) && read_law(law, its)) {
-      // Axes and regions get the twist of the goal.
-      const bool has_twist = readers[kind] == read_axis_task || readers[kind] == read_region_task;
+      // The twist of the goal, or a velocity of each row.
+      const Reader twisted[] = {read_axis_task, read_region_task, read_field_of_view_task};
+      const bool has_twist = std::count(std::begin(twisted), std::end(twisted), readers[kind]);
       const size_t fed = has_twist ? 6 : size_t(its.rows);
       if ((its.feed_forward.empty() || its.feed_forward.size() == fed)
           && readers[kind](inputs, std::move(its), twin))

@@ -253,7 +253,8 @@ class BoundedTask(Task):
 
     def _limits(self) -> tuple[Any, ...]:
         """Return bounds and history as inputs of a twin."""
-        return self.lower, self.upper, self.return_speed, self.jump, self._history.numbers
+        lower, upper = (np.asarray(bound, dtype=float) for bound in (self.lower, self.upper))
+        return lower, upper, self.return_speed, self.jump, self._history.numbers
 
     def _distance_back(self, value: Array) -> Array:
         """Return the distance back to the bounds (m,), with its sign; zero inside."""

@@ -33,7 +33,9 @@ from tp_controller.tasks.position import Position
 from tp_controller.tasks.twin import (
     AXIS,
     CENTER_OF_MASS,
+    FIELD_OF_VIEW,
     FRAME,
+    JOINT_LIMIT_DISTANCE,
     JOINT_LIMITS,
     JOINTS,
     REGION,
@@ -99,6 +101,22 @@ def test_tasks_are_those_of_the_reference(kind, seed, name, some, gains, fed):
             np.testing.assert_allclose(this, that, rtol=tolerance, atol=tolerance)
 
 
+@given(seed=seeds, name=st.sampled_from(sorted(robots.EVERY)), gains=st.booleans(),
+       most=st.sampled_from([0.01, 100.0]))
+def test_distance_from_joint_limits_is_that_of_the_reference(seed, name, gains, most):
+    rng, its = np.random.default_rng(seed), robots.named(name)
+    kind = Task.types['joint_limit_distance']
+    assume(not lacks(kind.type_name, kind.needs, its, {}))
+    gain = rng.uniform(0.1, 9.0, its.n if gains else ())
+    task = kind(its, 'task', gain=gain, max_speed=most)
+    here = its.state(*robots.anywhere(its, rng))
+    found, expected = task._evaluation_by_twin(here, 0.0), task.make_evaluation(here, 0.0)
+    for this, that in ((found.error, expected.error), (found.level.v, expected.level.v),
+                       (found.level.J, expected.level.J)):
+        np.testing.assert_allclose(this, that, rtol=1e-12, atol=1e-12)
+    assert found.level.is_identity
+
+
 SHAPES = {'box': [0.3, 0.5, 0.2], 'sphere': 0.3, 'cylinder': [0.2, 0.6], 'half_space': []}
 
 
@@ -106,6 +124,7 @@ def bounded_pair(kind, robot, rng, moving):
     """Return two equal bounded tasks; the reference evaluates the second one."""
     frame, reference = (str(each) for each in rng.choice(robot.frame_names, 2))
     keys = {'speed_limit': {'frame': frame, 'linear': 0.3, **({'angular': 0.5} if moving else {})},
+            'field_of_view': {'frame': frame, 'half_angle': 0.5, 'axis': rng.normal(size=3)},
             'joint_limits': {'margin': 1e-3}}.get(kind)
     if keys is None:
         shape = str(rng.choice(list(SHAPES)))
@@ -126,7 +145,8 @@ def assert_same_bounds(found, expected):
         np.testing.assert_allclose(this, that, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize('kind', ['keep_in', 'keep_out', 'speed_limit', 'joint_limits'])
+@pytest.mark.parametrize('kind', [
+    'keep_in', 'keep_out', 'field_of_view', 'speed_limit', 'joint_limits'])
 @given(seed=seeds, name=st.sampled_from(sorted(robots.EVERY)), moving=st.booleans(),
        fed=st.booleans())
 def test_bounds_are_those_of_the_reference_whichever_way_evaluated_the_cycle_before(
@@ -136,11 +156,14 @@ def test_bounds_are_those_of_the_reference_whichever_way_evaluated_the_cycle_bef
     one, other = bounded_pair(kind, its, rng, moving)
     (q, passive), now = robots.anywhere(its, rng), 0.0
     here = its.state(q, passive)
-    if kind.startswith('keep'):
+    if one.goal_type:
         # The frame is near the surface.
-        place = one._motion.position(here) + rng.normal(size=3) * rng.choice([0.02, 0.3])
+        place = rng.normal(size=3) * rng.choice([0.02, 0.3])
+        if kind != 'field_of_view':
+            place = pose(rotation_from_vector(rng.normal(size=3)),
+                         one._motion.position(here) + place)
         for task in (one, other):
-            task.set_goal(pose(rotation_from_vector(np.arange(3.0) * seed), place), now)
+            task.set_goal(place, now)
             if fed:
                 task.set_feed_forward(np.arange(1.0, 7.0), now)
     assert one.twin is not None and other.twin is None
@@ -277,6 +300,7 @@ def test_twin_follows_every_input_and_none_is_changed_in_place():
 
 
 LAW = (6, False, np.array(2.0), None, 0.0, 1.0)
+BOUNDED = JOINT_LIMITS, SPEED_LIMIT, REGION, FIELD_OF_VIEW
 FITS = {
     FRAME: (LAW, (1, -1, bytes(range(6)), np.eye(4), np.zeros(4))),
     JOINTS: ((2, *LAW[1:]), (np.arange(2.0), False, np.zeros(2), np.zeros(2))),
@@ -287,6 +311,9 @@ FITS = {
     SPEED_LIMIT: ((2, *LAW[1:]), (1, -1, np.ones((2, 6)), np.ones(2))),
     REGION: ((1, *LAW[1:]), ((1, -1, False, 1, np.ones(1), np.eye(4)),
                              (np.zeros(1), np.ones(1), 0.2, 0.5, np.zeros(22)))),
+    JOINT_LIMIT_DISTANCE: ((4, *LAW[1:]), (np.zeros(4), np.ones(4), 0.5)),
+    FIELD_OF_VIEW: ((1, *LAW[1:]), (1, -1, np.zeros(3), np.eye(3)[2], (
+        np.array(-1.0), np.ones(1), 0.2, 0.5, np.zeros(22)))),
 }
 
 
@@ -325,7 +352,12 @@ def changed(inputs, place, value):
         (0, None), (1, ()), ((0, 0), -1), ((0, 1), -2), ((0, 3), -1), ((0, 3), 4), ((0, 3), 2),
         ((0, 4), np.ones(2)), ((0, 4), None), ((0, 5), np.eye(3)), ((0, 5), np.zeros(3)),
         ((0, 5), None), ((1, 0), np.zeros(2)), ((1, 1), None), ((1, 2), None), ((1, 3), 'x'),
-        ((1, 4), np.zeros((2, 2))), ((1, 4), None), ((1, 4), np.zeros(22, int))))])
+        ((1, 4), np.zeros((2, 2))), ((1, 4), None), ((1, 4), np.zeros(22, int)))),
+    *((JOINT_LIMIT_DISTANCE, 1, *each) for each in (
+        (0, np.zeros(6)), (0, None), (1, np.ones(8)), (1, 'x'), (2, None))),
+    *((FIELD_OF_VIEW, 1, *each) for each in (
+        (0, -1), (1, -2), (2, np.zeros(2)), (2, np.full(3, np.nan)), (2, None), (3, np.eye(3)),
+        (3, None), (4, None), ((4, 0), np.zeros(2)), ((4, 4), 'x')))])
 def test_inputs_that_do_not_fit_are_refused(kind, part, place, wrong):
     parts = [*FITS[kind]]
     core.Task(kind, *parts)
@@ -374,12 +406,16 @@ def test_arrays_that_do_not_fit_are_left_to_the_reference():
                               (REGION, FITS[REGION][0], changed(
                                   FITS[REGION][1], (0, 0), 10 ** 6)),
                               (REGION, FITS[REGION][0], changed(
-                                  FITS[REGION][1], (1, 4), np.zeros(23)))):
-        rows, bounded = law[0], kind in (SPEED_LIMIT, REGION)
+                                  FITS[REGION][1], (1, 4), np.zeros(23))),
+                              (FIELD_OF_VIEW, FITS[FIELD_OF_VIEW][0], changed(
+                                  FITS[FIELD_OF_VIEW][1], 0, 10 ** 6)),
+                              (JOINT_LIMIT_DISTANCE, (6, *LAW[1:]), (
+                                  np.zeros(6), np.ones(6), 0.5))):
+        rows, bounded = law[0], kind in BOUNDED
         assert core.Task(kind, law, inputs).evaluate(
             motion, *fits[1:4], np.empty(rows), np.empty((rows, n)), np.empty(rows),
             np.empty(rows) if bounded else None) is False
-    for kind in (JOINT_LIMITS, SPEED_LIMIT, REGION):
+    for kind in BOUNDED:
         rows = FITS[kind][0][0]
         outputs = (np.empty(rows), np.empty((rows, n)), np.empty(rows))
         one = core.Task(kind, *FITS[kind])
