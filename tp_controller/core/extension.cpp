@@ -27,7 +27,8 @@ PyObject *constants() {
       "{s:{s:n}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d}, s:{s:(dddd),s:(dd)},"
       " s:{s:d,s:d}, s:{s:d,s:d}, s:{s:d}, s:{s:d}, s:{s:d,s:d,s:d,s:d},"
       " s:{s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:i}, s:{s:d,s:d}, s:{s:d,s:d},"
-      " s:{s:d,s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}}",
+      " s:{s:d,s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d},"
+      " s:{s:d,s:d}, s:{s:d}}",
       "solver.compiled", "MOST", MOST,
       "solver.level", "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
       "solver.damping", "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING,
@@ -51,7 +52,10 @@ PyObject *constants() {
       "STILL", bounded::STILL, "LOOSE", bounded::LOOSE, "DRIFT", bounded::DRIFT,
       "TINY", bounded::TINY,
       "model.clearance", "PATCH_TOLERANCE", PATCH_TOLERANCE, "BOUND_MARGIN", BOUND_MARGIN,
-      "LEAST_ANGLE", LEAST_ANGLE, "LEAST_GAP", LEAST_GAP, "LEAST_RISE", LEAST_RISE);
+      "LEAST_ANGLE", LEAST_ANGLE, "LEAST_GAP", LEAST_GAP, "LEAST_RISE", LEAST_RISE,
+      "model.shapes", "CENTRE_RADIUS", CENTRE_RADIUS,
+      "tasks.joint_limit_distance", "MAX_CURVED", MAX_CURVED, "MAX_RATE", MAX_RATE,
+      "tasks.field_of_view", "MIN_ANGLE", MIN_ANGLE);
 }
 
 PyMethodDef FUNCTIONS[] = {

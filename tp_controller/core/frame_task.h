@@ -52,6 +52,13 @@ Placement seen_from(Motion &motion, const Placement &its, int reference, double 
   return found;
 }
 
+// A frame in its reference, −1 the root, with J (6, n).
+Placement placed(Motion &motion, int frame, int reference, double *J) {
+  const Placement its = motion.placement(frame);
+  motion.jacobian(frame, its.p, J);
+  return reference < 0 ? its : seen_from(motion, its, reference, J);
+}
+
 // The parts of a goal that there are: a position, a rotation, both, or neither.
 struct FrameGoal {
   bool is_position = false, is_rotation = false;
@@ -73,9 +80,7 @@ class FrameTask : public TurningTask {
   bool evaluate(const Situation &at, const Rows &out) override {
     Motion &motion = *at.motion;
     double *J = motion.jacobians(), error[6] = {};
-    Placement its = motion.placement(frame_);
-    motion.jacobian(frame_, its.p, J);
-    if (reference_ >= 0) its = seen_from(motion, its, reference_, J);
+    const Placement its = placed(motion, frame_, reference_, J);
     if (goal_.is_position) subtract(goal_.p, its.p, error);
     if (goal_.is_rotation) turn_left(its, error + 3);
     for (int i = 0; i < rows(); ++i) {

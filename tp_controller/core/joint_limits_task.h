@@ -17,7 +17,7 @@
 
 #pragma once
 
-#include "bounded_rows.h"
+#include "bounded_task.h"
 #include "joint_task.h"
 
 namespace {
@@ -38,7 +38,7 @@ class JointLimitsTask : public Task {
     for (int i = 0; i < rows(); ++i) {
       const bounded::RowBounds its = bounded::row_bounds(
           at.positions[columns_.at[i]], lower_[i], upper_[i], law_.gain[i], return_speed_, 0.0,
-          1.0, 0.0);
+          bounded::Row());
       out.error[i] = its.error;
       out.lower[i] = its.least;
       out.upper[i] = its.most;

@@ -70,6 +70,7 @@ class Motion {
 
   // Where arguments of `move` are read to.
   std::vector<double> &q() { return q_; }
+  const std::vector<double> &q() const { return q_; }
   std::vector<double> &offset() { return offset_; }
 
   // Move to q; `offset` is what is added to the position of each joint.

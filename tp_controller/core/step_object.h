@@ -202,7 +202,7 @@ PyObject *step_run(PyObject *self, PyObject *const *given, Py_ssize_t count) {
         std::copy(positions, positions + solver.n(), motion->q().data() + motion->first_row);
         motion->move(nullptr);
       }
-      need(cycle.run({motion, positions, now}, elapsed));
+      need(cycle.run({motion, positions, cycle.memory.velocity(), now}, elapsed));
     }
     PyObject *record = write_cycle(cycle, positions);
     if (!record) return nullptr;

@@ -24,7 +24,7 @@ namespace {
 // State of the robot in a cycle.
 struct Situation {
   Motion *motion;
-  const double *positions;
+  const double *positions, *velocity;    // velocity: commanded since the cycle before
   double now;
 };
 
@@ -47,12 +47,15 @@ struct Law {
     for (int i = 0; i < rows; ++i) v[i] = gain[i] * error[i];
     if (feed_forward.empty()) return true;
     for (int i = 0; i < rows; ++i) v[i] += added[i];
-    return std::fabs(now - fed) <= timeout;
+    return feeds(now);
   }
 
   bool demand(double now, const double *error, double *v) const {
     return demand(now, error, feed_forward.data(), v);
   }
+
+  // Whether the feed-forward velocity is in force.
+  bool feeds(double now) const { return std::fabs(now - fed) <= timeout; }
 };
 
 class Task {

@@ -18,17 +18,21 @@
 #pragma once
 
 #include "center_of_mass_task.h"
+#include "field_of_view_task.h"
 #include "frame_task.h"
+#include "joint_limit_distance_task.h"
 #include "joint_limits_task.h"
 #include "motion_object.h"
 #include "pointing_task.h"
+#include "region_task.h"
+#include "speed_limit_task.h"
 
 namespace {
 
-// A task, and the array of Python that remembers its direction of rotation.
+// A task, and the array of Python that remembers its direction of rotation, or its last cycle.
 struct TaskTwin {
   std::unique_ptr<Task> task;
-  std::unique_ptr<Output> turn;
+  std::unique_ptr<Output> turn, history;
 };
 
 // A number for each row, or one for all.
@@ -173,12 +177,101 @@ bool read_center_of_mass_task(PyObject *object, Law law, TaskTwin &twin) {
   return true;
 }
 
+// (frame, reference, along, most)
+bool read_speed_limit_task(PyObject *object, Law law, TaskTwin &twin) {
+  int frame, reference;
+  PyObject *along, *most;
+  std::vector<double> rows, limits;
+  if (!PyArg_ParseTuple(object, "iiOO", &frame, &reference, &along, &most)
+      || frame < 0 || reference < -1 || !read_rows(along, 6, rows)
+      || rows.size() != 6 * size_t(law.rows) || !read_rows_of(most, law.rows, limits)) return false;
+  twin.task.reset(new SpeedLimitTask(std::move(law), frame, reference, std::move(rows),
+                                     std::move(limits)));
+  return true;
+}
+
+// (frame, reference, inside, shape, sizes, place)
+bool read_region(PyObject *object, Region &region) {
+  int inside, shape;
+  PyObject *given, *place;
+  std::vector<double> sizes;
+  FrameGoal goal;
+  if (!PyArg_ParseTuple(object, "iipiOO", &region.frame, &region.reference, &inside, &shape, &given,
+                        &place)
+      || region.frame < 0 || region.reference < -1 || shape < Shape::BOX
+      || shape > Shape::HALF_SPACE || !read_all(given, sizes)
+      || int(sizes.size()) != Shape::size_count(shape) || !read_goal(place, goal)
+      || !goal.is_position || !goal.is_rotation) return false;
+  region.inside = inside;
+  region.shape.kind = Shape::Kind(shape);
+  std::copy(sizes.begin(), sizes.end(), region.shape.sizes);
+  std::copy(goal.R, goal.R + 9, region.R);
+  std::copy(goal.p, goal.p + 3, region.p);
+  return true;
+}
+
+// (lower, upper, return_speed, jump, history)
+bool read_bounds(PyObject *object, int rows, ValueBounds &bounds, TaskTwin &twin) {
+  PyObject *low, *high, *history;
+  if (!PyArg_ParseTuple(object, "OOddO", &low, &high, &bounds.return_speed, &bounds.jump, &history)
+      || !read_rows_of(low, rows, bounds.lower) || !read_rows_of(high, rows, bounds.upper))
+    return false;
+  twin.history.reset(new Output(history));
+  return twin.history->rows(1) >= 0;
+}
+
+// (region, bounds)
+bool read_region_task(PyObject *object, Law law, TaskTwin &twin) {
+  PyObject *given, *limits;
+  Region region;
+  ValueBounds bounds;
+  if (!PyArg_ParseTuple(object, "O!O!", &PyTuple_Type, &given, &PyTuple_Type, &limits)
+      || !read_region(given, region) || region.rows() != law.rows
+      || !read_bounds(limits, law.rows, bounds, twin)) return false;
+  twin.task.reset(new RegionTask(std::move(law), std::move(bounds), twin.history->p(),
+                                 size_t(twin.history->rows(1)), region));
+  return true;
+}
+
+// (middle, half, max_speed)
+bool read_joint_limit_distance_task(PyObject *object, Law law, TaskTwin &twin) {
+  PyObject *centre, *range;
+  double max_speed;
+  std::vector<double> middle, half;
+  if (!PyArg_ParseTuple(object, "OOd", &centre, &range, &max_speed)
+      || !read_rows_of(centre, law.rows, middle) || !read_rows_of(range, law.rows, half))
+    return false;
+  twin.task.reset(new JointLimitDistanceTask(std::move(law), max_speed, std::move(middle),
+                                             std::move(half)));
+  return true;
+}
+
+// (frame, reference, goal, axis, bounds)
+bool read_field_of_view_task(PyObject *object, Law law, TaskTwin &twin) {
+  int frame;
+  double axis[3];
+  Aim aim;
+  aim.is_point = true;
+  PyObject *goal, *its, *limits;
+  ValueBounds bounds;
+  if (!PyArg_ParseTuple(object, "iiOOO!", &frame, &aim.reference, &goal, &its, &PyTuple_Type,
+                        &limits)
+      || law.rows != 1 || frame < 0 || aim.reference < -1 || !read(goal, 3, HUGE_VAL, aim.goal)
+      || !read(its, 3, HUGE_VAL, axis) || !read_bounds(limits, law.rows, bounds, twin))
+    return false;
+  twin.task.reset(new FieldOfViewTask(std::move(law), std::move(bounds), twin.history->p(),
+                                      size_t(twin.history->rows(1)), frame, axis, aim));
+  return true;
+}
+
 // Task(kind, law, inputs): ValueError where they do not fit.
 PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
   using Reader = bool (*)(PyObject *, Law, TaskTwin &);
   // In the order of the kinds of the reference.
   const Reader readers[] = {read_frame_task, read_joint_task, read_joint_limits_task,
-                            read_axis_task, read_center_of_mass_task};
+                            read_axis_task, read_center_of_mass_task, read_speed_limit_task,
+                            read_region_task, read_joint_limit_distance_task,
+                            read_field_of_view_task};
   int kind;
   PyObject *law, *inputs;
   if (!PyArg_ParseTuple(given, "iO!O!", &kind, &PyTuple_Type, &law, &PyTuple_Type, &inputs))
@@ -187,9 +280,11 @@ PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
     TaskTwin twin;
     Law its;
     if (kind >= 0 && kind < int(std::size(readers)) && read_law(law, its)) {
-      // An axis gets the twist of its goal.
-      const int fed = readers[kind] == read_axis_task ? 6 : its.rows;
-      if ((its.feed_forward.empty() || int(its.feed_forward.size()) == fed)
+      // The twist of the goal, or a velocity of each row.
+      const Reader twisted[] = {read_axis_task, read_region_task, read_field_of_view_task};
+      const bool has_twist = std::count(std::begin(twisted), std::end(twisted), readers[kind]);
+      const size_t fed = has_twist ? 6 : size_t(its.rows);
+      if ((its.feed_forward.empty() || its.feed_forward.size() == fed)
           && readers[kind](inputs, std::move(its), twin))
         return keep<TaskTwin>(type, std::move(twin));
     }
@@ -200,23 +295,28 @@ PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
   return refuse("these are no inputs of a task");
 }
 
-// evaluate(motion, positions, now, error, J, v): fill in error (m,), J (m, n) and v (m,) of a
-// demand; False where something does not fit.
+// evaluate(motion, positions, velocity, now, error, J, v, upper): fill in error (m,), J (m, n) and
+// v (m,) of a demand, whose upper is None; of bounds v is the lower one. False where something does
+// not fit.
 PyObject *task_evaluate(PyObject *self, PyObject *const *given, Py_ssize_t count) {
-  if (count != 6) return refuse("evaluate(motion, positions, now, error, J, v)");
+  if (count != 8)
+    return refuse("evaluate(motion, positions, velocity, now, error, J, v, upper)");
   Task &task = *of<TaskTwin>(self).task;
-  const Buffer positions(given[1]);
-  const double now = PyFloat_AsDouble(given[2]);
+  const int m = task.rows();
+  const Buffer positions(given[1]), velocity(given[2]);
+  const double now = PyFloat_AsDouble(given[3]);
   PyErr_Clear();
-  const Output error(given[3]), J(given[4]), v(given[5]);
+  const Output error(given[4]), J(given[5]), v(given[6]), upper(task.bounded() ? given[7] : nullptr);
   Motion *motion = find<Motion>(given[0]);
-  if (!motion || task.bounded() || !positions.is(motion->n) || !error.is(task.rows())
-      || !J.is(task.rows(), motion->n) || !v.is(task.rows()) || !task.fits(*motion))
-    return Py_NewRef(Py_False);
-  std::vector<double> at(size_t(motion->n));
-  positions.copy(at.data());
+  if (!motion || !positions.is(motion->n) || !velocity.is(motion->n) || !error.is(m)
+      || !J.is(m, motion->n) || !v.is(m) || !(task.bounded() ? upper.is(m) : given[7] == Py_None)
+      || !task.fits(*motion)) return Py_NewRef(Py_False);
+  double at[MOST], moving[MOST];
+  positions.copy(at);
+  velocity.copy(moving);
   task.begin();
-  if (!task.evaluate({motion, at.data(), now}, {error.p(), J.p(), v.p(), nullptr, nullptr}))
+  if (!task.evaluate({motion, at, moving, now},
+                     {error.p(), J.p(), v.p(), v.p(), task.bounded() ? upper.p() : nullptr}))
     return Py_NewRef(Py_False);
   task.keep();
   return Py_NewRef(Py_True);

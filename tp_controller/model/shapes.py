@@ -16,7 +16,8 @@
 Shapes of regions and obstacles; geometry only, without a robot.
 
 Every shape is centred at its own origin. Points (3,) are in its axes [m]. `inner_radius` is the
-radius of the largest sphere inside the shape [m].
+radius of the largest sphere inside the shape [m], `sizes` are the radii and half lengths that
+shapes.h reads.
 """
 
 from collections.abc import Callable
@@ -39,6 +40,7 @@ class Sphere:
 
     def __init__(self, radius: float) -> None:
         self.radius = self.inner_radius = radius
+        self.sizes = np.array([radius])
 
     def within(self, point: Array) -> tuple[Array, Array]:
         """
@@ -79,6 +81,7 @@ class HalfSpace:
     """Half-space below the plane z = 0."""
 
     inner_radius = math.inf
+    sizes = np.empty(0)
 
     def within(self, point: Array) -> tuple[Array, Array]:
         """Return the bounded values and their gradients; see `Sphere.within`."""
@@ -97,7 +100,7 @@ class Box:
     """Box around the origin, with its faces perpendicular to the axes."""
 
     def __init__(self, x: float, y: float, z: float) -> None:
-        self.half = 0.5 * np.array([x, y, z])
+        self.half = self.sizes = 0.5 * np.array([x, y, z])
         self.inner_radius = float(self.half.min())
 
     def within(self, point: Array) -> tuple[Array, Array]:
@@ -117,7 +120,7 @@ class Cylinder:
     """Cylinder around the origin, with its axis along z."""
 
     def __init__(self, radius: float, length: float) -> None:
-        self.half = np.array([radius, 0.5 * length])
+        self.half = self.sizes = np.array([radius, 0.5 * length])
         self.inner_radius = float(self.half.min())
 
     def within(self, point: Array) -> tuple[Array, Array]:
@@ -132,7 +135,7 @@ class Cylinder:
     def distance(self, point: Array) -> tuple[float, Array]:
         """Return the signed distance and its gradient; see `Sphere.distance`."""
         values, gradients = self.within(point)
-        side = math.copysign(1.0, values[1])
+        side = -1.0 if values[1] < 0.0 else 1.0
         return _outside(np.array([values[0], side * values[1]]) - self.half,
                         np.array([gradients[0], side * gradients[1]]))
 
@@ -165,6 +168,8 @@ def _outside(excess: Array, directions: Array) -> tuple[float, Array]:
 
 
 Shape: TypeAlias = Box | Sphere | Cylinder | HalfSpace
+# In the order of shapes.h.
+KINDS: tuple[type[Shape], ...] = (Box, Sphere, Cylinder, HalfSpace)
 # {name: (class, names of its sizes)}
 SHAPES: dict[str, tuple[Callable[..., Shape], tuple[str, ...]]] = {
     'box': (Box, ('x', 'y', 'z')),

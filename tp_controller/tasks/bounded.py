@@ -16,7 +16,9 @@
 
 from abc import abstractmethod
 from collections.abc import Hashable, Sequence
+from copy import copy
 from dataclasses import dataclass
+import math
 from typing import Any, ClassVar
 
 import numpy as np
@@ -36,7 +38,7 @@ DEFAULT_BOUND_GAIN = 10.0
 DEFAULT_RETURN_SPEED = 0.2
 # Largest joint speed demanded to bring one row back, however short the row [rad/s or m/s].
 RETURN_JOINT_SPEED = 0.5
-# Constants of the relaxation, the same as in bounded_rows.h. A bound is out of reach if the joint
+# Constants of the relaxation, the same as in bounded_task.h. A bound is out of reach if the joint
 # motion to it along a constant row is longer than `FAR` [rad or m]. A row shorter than `STILL`
 # [unit/rad] is then relaxed: the joint speed that it demands falls linearly with its length, down
 # to the same speed the other way. A steeper fall overshoots where the length depends on the
@@ -71,13 +73,82 @@ class Observation:
     keys: Sequence[Hashable] | None = None
 
 
-@dataclass(slots=True, eq=False)
-class _Sample:
-    """Time, configuration and result of one observation of a bounded task."""
+class History:
+    """
+    Jacobian of a bounded task in the present cycle and in the one before.
 
-    now: float
-    q: Array
-    seen: Observation
+    Parameters
+    ----------
+    robot : Robot
+    rows : int
+        Number of rows at first.
+
+    Attributes
+    ----------
+    numbers : ndarray (1 + nq + 2 m n,)
+        Time [s] and configuration of the present cycle, J (m, n) there, and J of the cycle before
+        for the same rows; the time is NaN before the first cycle. Twins of the task write here.
+
+    """
+
+    def __init__(self, robot: Robot, rows: int) -> None:
+        self._place, self._n = 1 + robot.nq, robot.n
+        self.numbers = np.full(self._place + 2 * rows * robot.n, math.nan)
+        self._keys: Sequence[Hashable] | None = None
+
+    def copy(self) -> 'History':
+        """Return an independent copy."""
+        other = copy(self)
+        other.numbers = self.numbers.copy()
+        return other
+
+    def forget(self) -> None:
+        """Drop the previous cycles, so that the next one is the first."""
+        self.numbers[0] = math.nan
+
+    def inherit(self, other: 'History') -> None:
+        """Copy the cycles of a task that this one replaces, unless its rows are others."""
+        if other._keys is not None or len(other.numbers) == len(self.numbers):
+            self._set(other.numbers.copy(), other._keys)
+
+    def note(self, now: float, q: Array, seen: Observation) -> Array:
+        """
+        Record a cycle; a task may be evaluated twice in one.
+
+        Returns
+        -------
+        ndarray (m, n)
+            J of the cycle before; the present J for rows that are new.
+
+        """
+        place = self.numbers[:self._place]
+        latest, before = self.numbers[self._place:].reshape(2, -1, self._n)
+        if math.isnan(place[0]):
+            before = seen.J
+        else:
+            # The robot may move while the clock stands still.
+            is_same = place[0] == now and np.array_equal(place[1:], q)
+            before = self._matched(before if is_same else latest, seen)
+        self._set(np.concatenate(([now], q, seen.J.ravel(), before.ravel())), seen.keys)
+        return before
+
+    def _matched(self, before: Array, seen: Observation) -> Array:
+        """Return a J of earlier rows for the present ones (m, n); the present J for new rows."""
+        if seen.keys is None or self._keys is None or seen.keys == self._keys:
+            return before.copy()
+        J, places = seen.J.copy(), {key: row for row, key in enumerate(self._keys)}
+        for row, key in enumerate(seen.keys):
+            if key in places:
+                J[row] = before[places[key]]
+        return J
+
+    def _set(self, numbers: Array, keys: Sequence[Hashable] | None) -> None:
+        """Set numbers and keys, in the same array while the number of rows is the same."""
+        if len(numbers) == len(self.numbers):
+            self.numbers[:] = numbers
+        else:
+            self.numbers = numbers
+        self._keys = keys
 
 
 class BoundedTask(Task):
@@ -131,10 +202,8 @@ class BoundedTask(Task):
                  keys: Keys | None = None, lower: float | Array = -np.inf,
                  upper: float | Array = np.inf, **given: Any) -> None:
         self.lower, self.upper = lower, upper
-        # Observations of this cycle, and of the one before.
-        self._latest: _Sample | None = None
-        self._before: _Sample | None = None
         super().__init__(robot, name, units, keys, **given)
+        self._history = History(robot, self.rows)
 
     @abstractmethod
     def observe(self, state: RobotState) -> tuple[Array, Array]:
@@ -174,38 +243,26 @@ class BoundedTask(Task):
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
         seen = self.observe_rows(state)
-        self._remember(_Sample(now, state.q, seen))
-        given = (seen.value, seen.J, self._rows_before(seen), state.velocity, self.lower,
-                 self.upper, self.gain, self.return_speed, self.own_motion(state, now), self.jump)
+        given = (seen.value, seen.J, self._history.note(now, state.q, seen), state.velocity,
+                 self.lower, self.upper, self.gain, self.return_speed,
+                 self.own_motion(state, now), self.jump)
         error, least, most = (np.empty(len(seen.value)) for _ in range(3))
         if core is None or not core.bound(*given, error, least, most):
             error, least, most = bounds_of(*given)
         return Evaluation(self, Level(seen.J, lower=least, upper=most), error, seen.names)
 
+    def _limits(self) -> tuple[Any, ...]:
+        """Return bounds and history as inputs of a twin."""
+        lower, upper = (np.asarray(bound, dtype=float) for bound in (self.lower, self.upper))
+        return lower, upper, self.return_speed, self.jump, self._history.numbers
+
     def _distance_back(self, value: Array) -> Array:
         """Return the distance back to the bounds (m,), with its sign; zero inside."""
         return distance_back(value, self.lower, self.upper)
 
-    def _rows_before(self, seen: Observation) -> Array:
-        """Return J (m, n) of the last cycle; the current J for rows that are new."""
-        if self._before is None:
-            return seen.J
-        before = self._before.seen
-        if seen.keys is None or before.keys is None or seen.keys == before.keys:
-            return before.J
-        J, places = seen.J.copy(), {key: row for row, key in enumerate(before.keys)}
-        for row, key in enumerate(seen.keys):
-            if key in places:
-                J[row] = before.J[places[key]]
-        return J
-
-    def _remember(self, sample: _Sample) -> None:
-        """Store an observation for the next cycle; a task may be evaluated twice in one."""
-        latest = self._latest
-        # The robot may move while the clock stands still.
-        if latest is None or latest.now != sample.now or not np.array_equal(latest.q, sample.q):
-            self._before = latest
-        self._latest = sample
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the attributes for a copy, which has a history of its own."""
+        return {**super().__getstate__(), '_history': self._history.copy()}
 
     def start(self, state: RobotState) -> None:
         """Do nothing: there is no default goal."""
@@ -213,7 +270,7 @@ class BoundedTask(Task):
     def reset(self) -> None:
         """Drop the previous cycles, so that the next one has no history."""
         super().reset()
-        self._latest = self._before = None
+        self._history.forget()
 
     def forget_goal(self) -> None:
         """Keep the goal: the pose of a region does not depend on the robot."""
@@ -222,7 +279,7 @@ class BoundedTask(Task):
         """Inherit goal and previous cycles of a task that this one replaces."""
         super().inherit_goal(other)
         if self.is_compatible(other):
-            self._latest, self._before = other._latest, other._before
+            self._history.inherit(other._history)
 
     def parse_goal(self, goal: Any) -> Goal:
         """Raise `GoalError`: an inequality task has no goal, unless its type overrides this."""
@@ -241,7 +298,7 @@ def bounds_of(value: Array, J: Array, before: Array, velocity: Array, lower: flo
     """
     Return the velocity bounds of the rows of an inequality task; see `BoundedTask`.
 
-    bounded_rows.h computes the same in one call.
+    bounded_task.h computes the same in one call.
 
     Parameters
     ----------

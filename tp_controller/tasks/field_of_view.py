@@ -17,14 +17,15 @@
 import math
 
 import numpy as np
-from tp_controller.model.spatial import Array
+from tp_controller.model.spatial import Array, read_only
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.aim import AimedTask, axis_key, pose_along, turn_between
+from tp_controller.tasks.aim import AimedTask, axis_key, PointAim, pose_along, turn_between
 from tp_controller.tasks.bounded import BoundedTask
-from tp_controller.tasks.frame import frame_key
+from tp_controller.tasks.frame import frame_and_reference, frame_key
 from tp_controller.tasks.keys import Keys, Number, positive
 from tp_controller.tasks.sketch import Cone, Sketch
 from tp_controller.tasks.task import DEFAULT_TIMEOUT
+from tp_controller.tasks.twin import FIELD_OF_VIEW, make_twin, Twin
 from tp_controller.tasks.yaml_keys import yaml_key
 
 # Angle below which the direction out of the view is undefined [rad].
@@ -74,6 +75,14 @@ class FieldOfView(AimedTask, BoundedTask):
         angle, normal, J_direction = self._angle_and_axis(state)
         J = normal.dot(J_direction - state.jacobian(self.frame)[3:])
         return np.array([angle]), J[np.newaxis]
+
+    def make_twin(self) -> Twin | None:
+        """Return the inputs in the compiled core, for an aim of this package; see `Task`."""
+        if not isinstance(self.goal, np.ndarray) or type(self.aim) is not PointAim:
+            return None
+        return make_twin(FIELD_OF_VIEW, self._law(), (
+            *frame_and_reference(self.robot, self.frame, self.reference), read_only(self.goal),
+            self.axis, self._limits()), self.mode)
 
     def own_motion(self, state: RobotState, now: float) -> float | Array:
         """Return the rate of the angle due to the motion of the point, (1,) or 0 [rad/s]."""

@@ -57,6 +57,7 @@ class GradientTask(Task):
     """
 
     without = ('timeout',)
+    every_joint = True
 
     max_speed: float = yaml_key('largest norm of the desired joint velocities', positive,
                                 DEFAULT_SPEED, unit='rad/s or m/s')

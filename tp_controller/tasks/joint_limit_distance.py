@@ -17,7 +17,9 @@
 import numpy as np
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
+from tp_controller.solver.level import identity
 from tp_controller.tasks.gradient import GradientTask
+from tp_controller.tasks.twin import JOINT_LIMIT_DISTANCE, make_twin, Twin
 
 # Largest |x| of the formula of h. Beyond it h continues linearly; otherwise the gradient would be
 # unbounded, and the joint would oscillate about its optimum.
@@ -46,28 +48,32 @@ class JointLimitDistance(GradientTask):
     def set_up(self) -> None:
         """Find the joints with limits, and the middle of their ranges."""
         super().set_up()
-        robot = self.robot
-        self._limited = np.isfinite(robot.upper - robot.lower)
-        lower, upper = robot.lower[self._limited], robot.upper[self._limited]
-        self._middle, self._half = 0.5 * (upper + lower), 0.5 * (upper - lower)
+        lower, upper = self.robot.lower, self.robot.upper
+        limited = self._limited = np.isfinite(upper - lower)
+        # In an infinite range h has no slope.
+        self._half = np.where(limited, 0.5 * (upper - lower), np.inf)
+        self._middle = np.zeros(self.robot.n)
+        self._middle[limited] = 0.5 * (upper[limited] + lower[limited])
 
     def measure(self, state: RobotState) -> tuple[float, Array]:
         """Return h and its gradient (n,) [1/rad or 1/m]."""
         x, curved, gap = self._normalized_positions(state)
         slope = -2.0 * curved / (gap * gap)
-        gradient = np.zeros(self.robot.n)
-        gradient[self._limited] = slope / self._half
-        return float(np.sum(slope * (x - curved) - 1.0 / gap)), gradient
+        h = slope * (x - curved) - 1.0 / gap
+        return float(np.sum(h[self._limited])), slope / self._half
 
     def slowdown(self, state: RobotState) -> Array:
         """Return the factor ≥ 1 (n,) that limits the rate of approach of every joint."""
         gap = self._normalized_positions(state)[2]
-        factor = np.ones(self.robot.n)
-        factor[self._limited] += 2.0 * self.gain / (MAX_RATE * (gap * self._half) ** 2)
-        return factor
+        return 1.0 + 2.0 * self.gain / (MAX_RATE * (gap * self._half) ** 2)
+
+    def make_twin(self) -> Twin | None:
+        """Return the inputs in the compiled core; see `Task`."""
+        return make_twin(JOINT_LIMIT_DISTANCE, self._law(), (
+            self._middle, self._half, self.max_speed), self.mode, identity(self.robot.n))
 
     def _normalized_positions(self, state: RobotState) -> tuple[Array, Array, Array]:
-        """Return x and x clipped to ± MAX_CURVED, with its 1 − x², of the joints with limits."""
-        x = (state.positions[self._limited] - self._middle) / self._half
+        """Return x and x clipped to ± MAX_CURVED, with its 1 − x²; x = 0 without limits."""
+        x = (state.positions - self._middle) / self._half
         curved = np.clip(x, -MAX_CURVED, MAX_CURVED)
         return x, curved, 1.0 - curved * curved

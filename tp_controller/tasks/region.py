@@ -21,15 +21,22 @@ from typing import Any, ClassVar, TypeGuard, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
-from tp_controller.model.shapes import parse_shape, Sphere
-from tp_controller.model.spatial import Array, pose, skew
+from tp_controller.model.shapes import KINDS, parse_shape, Sphere
+from tp_controller.model.spatial import Array, pose, read_only, skew
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.bounded import BoundedTask
-from tp_controller.tasks.frame import frame_key, MovingGoalTask, reference_key, RelativeFrame
+from tp_controller.tasks.frame import (
+    frame_and_reference,
+    frame_key,
+    MovingGoalTask,
+    reference_key,
+    RelativeFrame,
+)
 from tp_controller.tasks.keys import finite_vector, has_shape, Keys, non_negative, positive
 from tp_controller.tasks.pose import parse_pose, PoseTask
 from tp_controller.tasks.sketch import arrow, Body, Sketch
 from tp_controller.tasks.task import Task
+from tp_controller.tasks.twin import make_twin, REGION, Twin
 from tp_controller.tasks.yaml_keys import DEFAULT_TIMEOUT, yaml_key
 
 SomeTask = TypeVar('SomeTask', bound='RegionTask')
@@ -90,6 +97,14 @@ class RegionTask(PoseTask, MovingGoalTask, BoundedTask):
         values, normals, _ = self._values_and_normals(state)
         return values, normals.dot(self._motion.jacobian(state)[:3])
 
+    def twin_of_shape(self) -> Twin | None:
+        """Return the twin of a type whose values are those of the shape."""
+        if not isinstance(self.goal, np.ndarray) or type(self.shape) not in KINDS:
+            return None
+        region = (*frame_and_reference(self.robot, self.frame, self.reference), self.inside,
+                  KINDS.index(type(self.shape)), self.shape.sizes, read_only(self.goal))
+        return make_twin(REGION, self._law(), (region, self._limits()), self.mode)
+
     def own_motion(self, state: RobotState, now: float) -> float | Array:
         """Return the velocity of the values due to the motion of the shape, (m,) or 0 [m/s]."""
         twist = self.feed_forward(now)
@@ -138,6 +153,7 @@ class KeepIn(RegionTask):
     """
 
     type_name = 'keep_in'
+    make_twin = RegionTask.twin_of_shape
     inside = True
     example = {'frame': 'panda_hand_tcp', 'shape': {'box': [0.6, 0.8, 0.5]},
                'at': [0.3, 0.0, 0.4], 'radius': 0.05}
@@ -163,6 +179,7 @@ class KeepOut(RegionTask):
     """
 
     type_name = 'keep_out'
+    make_twin = RegionTask.twin_of_shape
     inside = False
     example = {'frame': 'panda_hand_tcp', 'shape': {'sphere': 0.5}, 'at': [0.3, 0.0, 0.4],
                'radius': 0.05}

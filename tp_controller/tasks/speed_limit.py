@@ -19,9 +19,15 @@ from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
 from tp_controller.tasks.bounded import BoundedTask
-from tp_controller.tasks.frame import frame_key, reference_key, RelativeFrame
+from tp_controller.tasks.frame import (
+    frame_and_reference,
+    frame_key,
+    reference_key,
+    RelativeFrame,
+)
 from tp_controller.tasks.keys import Keys, optional, positive, UnitRows
 from tp_controller.tasks.task import Evaluation
+from tp_controller.tasks.twin import make_twin, SPEED_LIMIT, Twin
 from tp_controller.tasks.yaml_keys import tolerance_key, yaml_key
 
 GOLDEN = (1.0 + 5.0 ** 0.5) / 2.0
@@ -75,7 +81,9 @@ class SpeedLimit(BoundedTask):
         self.upper = self._most = INSCRIBED_RADIUS * np.array([
             limits[unit] for unit in self.units])
         self.lower = -self._most
-        self._parts = [slice(0, 3) if unit == 'm' else slice(3, 6) for unit in limits]
+        along = {'m': np.pad(DIRECTIONS, ((0, 0), (0, 3))),
+                 'rad': np.pad(DIRECTIONS, ((0, 0), (3, 0)))}
+        self._along = np.concatenate([np.empty((0, 6)), *(along[unit] for unit in limits)])
 
     def set_up(self) -> None:
         """Prepare the motion of the frame relative to the reference."""
@@ -86,9 +94,13 @@ class SpeedLimit(BoundedTask):
 
     def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return zeros (rows,), since there is no value to control, and J (rows, n)."""
-        J = self._motion.jacobian(state)
-        return np.zeros(self.rows), np.concatenate([DIRECTIONS.dot(J[part])
-                                                    for part in self._parts])
+        return np.zeros(self.rows), self._along.dot(self._motion.jacobian(state))
+
+    def make_twin(self) -> Twin | None:
+        """Return the inputs in the compiled core; see `Task`."""
+        return make_twin(SPEED_LIMIT, self._law(), (
+            *frame_and_reference(self.robot, self.frame, self.reference), self._along,
+            self._most), self.mode)
 
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""

@@ -41,7 +41,8 @@ SomeTask = TypeVar('SomeTask', bound='Task')
 # Methods that a twin replaces; a type that overrides one of them has no twin of its base class.
 EVALUATION_METHODS = {
     'error', 'evaluate', 'feed_forward', 'in_rows', 'jacobian', 'level', 'make_evaluation',
-    'observe', 'position', 'positions', 'rotation', 'value', 'velocity'}
+    'measure', 'observe', 'observe_rows', 'own_motion', 'position', 'positions', 'rotation',
+    'slowdown', 'value', 'velocity'}
 
 
 @dataclass(slots=True, eq=False)
@@ -268,14 +269,18 @@ class Task(KeyHolder):
 
     def _evaluation_by_twin(self, state: RobotState, now: float) -> Evaluation | None:
         """Return the `Evaluation` by one compiled call; None where the reference is needed."""
-        motion, twin = state.motion, None if self.bounded else self.twin
-        if motion is None or twin is None or twin.J is not None:
+        motion, twin = state.motion, self.twin
+        if motion is None or twin is None:
             return None
-        error, v = np.empty(self.rows), np.empty(self.rows)
-        J = np.empty((self.rows, self.robot.n))
-        if not twin.task.evaluate(motion, state.positions, now, error, J, v):
+        m, n = self.rows, self.robot.n
+        error, J, v = np.empty(m), np.empty((m, n)), np.empty(m)
+        upper = np.empty(m) if self.bounded else None
+        if not twin.task.evaluate(motion, state.positions, state.velocity, now, error, J, v,
+                                  upper):
             return None
-        return Evaluation(self, Level(J, v, self.mode), error, self.row_names)
+        level = Level(J, v, self.mode, is_identity=self.every_joint) if upper is None else \
+            Level(J, lower=v, upper=upper)
+        return Evaluation(self, level, error, self.row_names)
 
     def level(self, state: RobotState, now: float) -> Level:
         """Return the `Level` alone; a type may override this in place of `make_evaluation`."""

@@ -27,19 +27,20 @@ from tp_controller.model.spatial import Array
 from tp_controller.solver.compiled import core
 
 # Kinds of twins, in the order of the readers in task_object.h.
-FRAME, JOINTS, JOINT_LIMITS, AXIS, CENTER_OF_MASS = range(5)
-# rows, whether the mode is ``scale``, gain, feed-forward velocity (for an axis a twist), its time
-# of arrival, timeout
+(FRAME, JOINTS, JOINT_LIMITS, AXIS, CENTER_OF_MASS, SPEED_LIMIT, REGION, JOINT_LIMIT_DISTANCE,
+ FIELD_OF_VIEW) = range(9)
+# rows, whether the mode is ``scale``, gain, feed-forward velocity (or the twist of the
+# goal), its time of arrival, timeout
 Law: TypeAlias = tuple[int, bool, Array, Array | None, float, float]
 
 
 class CompiledTask(Protocol):
     """A task in the compiled core; immutable."""
 
-    def evaluate(self, motion: Motion, positions: Array, now: float, error: Array, J: Array,
-                 v: Array) -> bool:
+    def evaluate(self, motion: Motion, positions: Array, velocity: Array, now: float,
+                 error: Array, J: Array, v: Array, upper: Array | None) -> bool:
         """
-        Fill in error (m,), J (m, n) and v (m,) of a task with a demand.
+        Fill in error (m,), J (m, n) and demand v (m,), or lower and upper bounds (m,).
 
         Return False if arguments do not fit, or the feed-forward velocity has timed out: the
         reference then evaluates the task.

@@ -45,8 +45,15 @@ STACKS = {
                     .replace('scale}}]', 'least_squares}]')
                     + '- [a: {type: joint, joints: panda_joint1}, '
                       'b: {type: joint, joints: panda_joint3}]\n',
-    'Python between': STACK.replace('- elbow', '- keep: {type: keep_out, frame: panda_link4, '
-                                    'shape: {sphere: 0.2}}\n- elbow'),
+    'Python between': STACK.replace('- elbow', '- keep: {type: manipulability_above, frame: '
+                                    f'{TOOL}, minimum: 0.05}}\n- elbow'),
+    'bounds': f'- slow: {{type: speed_limit, frame: {TOOL}, linear: 0.2, angular: 0.5}}\n'
+              f'- [keep: {{type: keep_out, frame: {TOOL}, shape: {{cylinder: [0.3, 0.8]}}, '
+              'at: [0.55, 0.1, 0.3]}, cell: {type: keep_in, frame: panda_link4, '
+              'shape: {box: [0.4, 0.4, 1.2]}, at: [0, 0, 0.4]}]\n'
+              + STACK.partition('- posture')[0]
+              + f'- view: {{type: field_of_view, frame: {TOOL}, half_angle: 0.3, '
+              'target: [0.5, 0.3, 0.0]}\n- middle: {type: joint_limit_distance, gain: 0.1}\n',
     'Python beside': f'- [most: {{type: manipulability, frame: {TOOL}}}, '
                      f'tool: {{type: position, frame: {TOOL}}}]\n- [posture: {{type: posture}}, '
                      'more: {type: joint, joints: panda_joint2}]\n',
@@ -132,7 +139,7 @@ def assert_equal_memories(one, other):
     """Assert that two memories are the same."""
     close(one.velocity, other.velocity)
     close(one.pending, other.pending)
-    close(one.damping, other.damping)
+    np.testing.assert_allclose(one.damping, other.damping, rtol=1e-12, atol=1e-12)
     close(one.time, other.time)
     assert one.commanded == other.commanded
     for fade, same in zip(one.transition.fades, other.transition.fades, strict=True):

@@ -94,6 +94,8 @@ def test_a_robot_keeps_its_distance_as_with_the_reference(guard, monkeypatch):
     for rows in (core, None):
         monkeypatch.setattr(bounded, 'core', rows)
         controller = Controller(its, Stack.from_yaml(text, its), Settings(period=0.01))
+        # Python observes, as for types without a twin.
+        controller.stack.tasks['guard'].make_twin = lambda: None
         q = np.array(robots.PANDA_READY)
         controller.update(q, 0.0)
         controller.set_goal('tool', [0.5, 0.3, 0.5], 0.0)

@@ -16,6 +16,7 @@
 
 from functools import partial
 from inspect import Parameter
+import itertools
 import sys
 
 from hypothesis import assume, given
@@ -35,9 +36,13 @@ from tp_controller.tasks.position import Position
 from tp_controller.tasks.twin import (
     AXIS,
     CENTER_OF_MASS,
+    FIELD_OF_VIEW,
     FRAME,
+    JOINT_LIMIT_DISTANCE,
     JOINT_LIMITS,
     JOINTS,
+    REGION,
+    SPEED_LIMIT,
     Watch,
 )
 
@@ -97,6 +102,128 @@ def test_tasks_are_those_of_the_reference(kind, seed, name, some, gains, fed):
                 (found.error, expected.error, near), (found.level.J, expected.level.J, 1e-12),
                 (found.level.v, expected.level.v, near)):
             np.testing.assert_allclose(this, that, rtol=tolerance, atol=tolerance)
+
+
+@given(seed=seeds, name=st.sampled_from(sorted(robots.EVERY)), gains=st.booleans(),
+       most=st.sampled_from([0.01, 100.0]))
+def test_distance_from_joint_limits_is_that_of_the_reference(seed, name, gains, most):
+    rng, its = np.random.default_rng(seed), robots.named(name)
+    kind = Task.types['joint_limit_distance']
+    assume(not lacks(kind.type_name, kind.needs, its, {}))
+    gain = rng.uniform(0.1, 9.0, its.n if gains else ())
+    task = kind(its, 'task', gain=gain, max_speed=most)
+    here = its.state(*robots.anywhere(its, rng))
+    found, expected = task._evaluation_by_twin(here, 0.0), task.make_evaluation(here, 0.0)
+    for this, that in ((found.error, expected.error), (found.level.v, expected.level.v),
+                       (found.level.J, expected.level.J)):
+        np.testing.assert_allclose(this, that, rtol=1e-12, atol=1e-12)
+    assert found.level.is_identity
+
+
+SHAPES = {'box': [0.3, 0.5, 0.2], 'sphere': 0.3, 'cylinder': [0.2, 0.6], 'half_space': []}
+
+
+def bounded_pair(kind, robot, rng, moving):
+    """Return two equal bounded tasks; the reference evaluates the second one."""
+    frame, reference = (str(each) for each in rng.choice(robot.frame_names, 2))
+    keys = {'speed_limit': {'frame': frame, 'linear': 0.3, **({'angular': 0.5} if moving else {})},
+            'field_of_view': {'frame': frame, 'half_angle': 0.5, 'axis': rng.normal(size=3)},
+            'joint_limits': {'margin': 1e-3}}.get(kind)
+    if keys is None:
+        shape = str(rng.choice(list(SHAPES)))
+        keys = {'frame': frame, 'shape': {shape: SHAPES[shape]}, 'radius': rng.uniform(0.0, 0.05),
+                'gain': rng.uniform(1.0, 9.0), 'return_speed': rng.uniform(0.1, 0.5)}
+    if moving and kind != 'joint_limits':
+        keys['reference'] = reference
+    one, other = (Task.types[kind](robot, 'task', **keys) for _ in range(2))
+    other.make_twin = lambda: None
+    return one, other
+
+
+def assert_same_bounds(found, expected):
+    """Assert that two evaluations of a bounded task agree."""
+    for this, that in ((found.error, expected.error), (found.level.J, expected.level.J),
+                       (found.level.lower, expected.level.lower),
+                       (found.level.upper, expected.level.upper)):
+        np.testing.assert_allclose(this, that, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize('kind', [
+    'keep_in', 'keep_out', 'field_of_view', 'speed_limit', 'joint_limits'])
+@given(seed=seeds, name=st.sampled_from(sorted(robots.EVERY)), moving=st.booleans(),
+       fed=st.booleans())
+def test_bounds_are_those_of_the_reference_whichever_way_evaluated_the_cycle_before(
+        kind, seed, name, moving, fed):
+    rng, its = np.random.default_rng(seed), robots.named(name)
+    assume(not lacks(kind, Task.types[kind].needs, its, {}))
+    one, other = bounded_pair(kind, its, rng, moving)
+    (q, passive), now = robots.anywhere(its, rng), 0.0
+    here = its.state(q, passive)
+    if one.goal_type:
+        # The frame is near the surface.
+        place = rng.normal(size=3) * rng.choice([0.02, 0.3])
+        if kind != 'field_of_view':
+            place = pose(rotation_from_vector(rng.normal(size=3)),
+                         one._motion.position(here) + place)
+        for task in (one, other):
+            task.set_goal(place, now)
+            if fed:
+                task.set_feed_forward(np.arange(1.0, 7.0), now)
+    assert one.twin is not None and other.twin is None
+    for _ in range(8):
+        by_twin, step, tick = rng.choice([True, False]), rng.choice([0.0, 0.01, 1.0]), \
+            rng.choice([0.0, 0.01])
+        here.velocity = rng.normal(size=its.n)
+        found = (one._evaluation_by_twin if by_twin else one.make_evaluation)(here, now)
+        assert_same_bounds(found, other.evaluate(here, now))
+        # The robot may rest, jump, and move while the clock stands still.
+        q, now = its.integrate(q, step * rng.normal(size=its.n), 1.0), now + tick
+        here.update(q)
+
+
+@pytest.mark.parametrize('shape', SHAPES)
+@pytest.mark.parametrize('kind', ['keep_in', 'keep_out'])
+def test_distances_from_faces_edges_and_corners_are_those_of_the_reference(kind, shape):
+    its = robots.panda()
+    here = its.state(its.neutral())
+    one, other = (Task.types[kind](its, 'task', frame=robots.PANDA_TOOL,
+                                   shape={shape: SHAPES[shape]}) for _ in range(2))
+    other.make_twin = lambda: None
+    for point in itertools.product((-0.3, -0.1, 0.0, 0.1, 0.25, 0.4), repeat=3):
+        T = pose(np.eye(3), here.position(robots.PANDA_TOOL) - point)
+        for task in (one, other):
+            task.set_goal(T, 0.0)
+        assert one.twin is not None
+        assert_same_bounds(one.evaluate(here, 0.0), other.evaluate(here, 0.0))
+
+
+def test_copy_of_a_bounded_task_has_a_history_of_its_own():
+    its = robots.panda()
+    here, there = its.state(its.neutral()), its.state(its.neutral() + 0.05)
+    one, other = bounded_pair('keep_out', its, np.random.default_rng(0), False)
+    for task in (one, other):
+        task.start(here)
+        task.evaluate(here, 0.0)
+    one.probe().evaluate(its.state(its.neutral() + 0.1), 0.005)
+    there.velocity = np.ones(its.n)
+    assert_same_bounds(one.evaluate(there, 0.01), other.evaluate(there, 0.01))
+    # Without the cycle before, the bounds would be others.
+    other.reset()
+    assert np.abs(one.evaluate(there, 0.01).level.lower
+                  - other.evaluate(there, 0.01).level.lower).max() > 1e-4
+
+
+def test_velocity_of_a_region_that_has_timed_out_is_left_to_the_reference():
+    its = robots.panda()
+    here = its.state(its.neutral())
+    task, still = (Task.types['keep_out'](its, 'task', frame=robots.PANDA_TOOL, timeout=0.1,
+                                          shape={'sphere': 0.3}) for _ in range(2))
+    for each in (task, still):
+        each.start(here)
+    task.set_feed_forward(np.arange(1.0, 7.0), 0.0)
+    assert task.evaluate(here, 0.05).level.lower != still.evaluate(here, 0.05).level.lower
+    assert task.evaluate(here, 0.2).level.lower == still.evaluate(here, 0.2).level.lower
+    assert task.feed_forward(0.0) is None
 
 
 # About all axes, those of the frame and ones next to them, too.
@@ -196,6 +323,7 @@ def test_twin_follows_every_input_and_none_is_changed_in_place():
 
 
 LAW = (6, False, np.array(2.0), None, 0.0, 1.0)
+BOUNDED = JOINT_LIMITS, SPEED_LIMIT, REGION, FIELD_OF_VIEW
 FITS = {
     FRAME: (LAW, (1, -1, bytes(range(6)), np.eye(4), np.zeros(4))),
     JOINTS: ((2, *LAW[1:]), (np.arange(2.0), False, np.zeros(2), np.zeros(2))),
@@ -203,7 +331,20 @@ FITS = {
     AXIS: ((3, *LAW[1:]), (1, -1, True, np.zeros(3), np.eye(3)[2], np.eye(3)[:2], np.eye(3)[:2],
                            np.zeros(4))),
     CENTER_OF_MASS: ((2, *LAW[1:]), (bytes(range(2)), np.zeros(3), 2.0)),
+    SPEED_LIMIT: ((2, *LAW[1:]), (1, -1, np.ones((2, 6)), np.ones(2))),
+    REGION: ((1, *LAW[1:]), ((1, -1, False, 1, np.ones(1), np.eye(4)),
+                             (np.zeros(1), np.ones(1), 0.2, 0.5, np.zeros(22)))),
+    JOINT_LIMIT_DISTANCE: ((4, *LAW[1:]), (np.zeros(4), np.ones(4), 0.5)),
+    FIELD_OF_VIEW: ((1, *LAW[1:]), (1, -1, np.zeros(3), np.eye(3)[2], (
+        np.array(-1.0), np.ones(1), 0.2, 0.5, np.zeros(22)))),
 }
+
+
+def changed(inputs, place, value):
+    """Return nested inputs with another value at a place, an index or several."""
+    first, *rest = place if isinstance(place, tuple) else (place,)
+    return tuple((changed(each, tuple(rest), value) if rest else value) if index == first else each
+                 for index, each in enumerate(inputs))
 
 
 @pytest.mark.parametrize('kind, part, place, wrong', [
@@ -226,16 +367,29 @@ FITS = {
         (6, None), (7, np.zeros(3)), (7, None))),
     *((CENTER_OF_MASS, 1, *each) for each in (
         (0, b''), (0, bytes(3)), (0, bytes([0, 3])), (0, 'x'), (1, np.zeros(2)), (1, None),
-        (2, 'x')))])
+        (2, 'x'))),
+    *((SPEED_LIMIT, 1, *each) for each in (
+        (0, -1), (1, -2), (1, None), (2, np.ones((3, 6))), (2, np.ones((2, 3))), (2, None),
+        (3, np.ones(3)), (3, 'x'))),
+    *((REGION, 1, *each) for each in (
+        (0, None), (1, ()), ((0, 0), -1), ((0, 1), -2), ((0, 3), -1), ((0, 3), 4), ((0, 3), 2),
+        ((0, 4), np.ones(2)), ((0, 4), None), ((0, 5), np.eye(3)), ((0, 5), np.zeros(3)),
+        ((0, 5), None), ((1, 0), np.zeros(2)), ((1, 1), None), ((1, 2), None), ((1, 3), 'x'),
+        ((1, 4), np.zeros((2, 2))), ((1, 4), None), ((1, 4), np.zeros(22, int)))),
+    *((JOINT_LIMIT_DISTANCE, 1, *each) for each in (
+        (0, np.zeros(6)), (0, None), (1, np.ones(8)), (1, 'x'), (2, None))),
+    *((FIELD_OF_VIEW, 1, *each) for each in (
+        (0, -1), (1, -2), (2, np.zeros(2)), (2, np.full(3, np.nan)), (2, None), (3, np.eye(3)),
+        (3, None), (4, None), ((4, 0), np.zeros(2)), ((4, 4), 'x')))])
 def test_inputs_that_do_not_fit_are_refused(kind, part, place, wrong):
-    parts = [list(each) for each in FITS[kind]]
-    core.Task(kind, *map(tuple, parts))
-    parts[part][place] = wrong
+    parts = [*FITS[kind]]
+    core.Task(kind, *parts)
+    parts[part] = changed(parts[part], place, wrong)
     with pytest.raises(ValueError, match='inputs'):
-        core.Task(kind, *map(tuple, parts))
-    for short in (parts[0][:-1], [*parts[0], 0.0]):
+        core.Task(kind, *parts)
+    for short in (parts[0][:-1], (*parts[0], 0.0)):
         with pytest.raises(ValueError, match='inputs'):
-            core.Task(kind, tuple(short), FITS[kind][1])
+            core.Task(kind, short, FITS[kind][1])
     for number in (-1, len(FITS)):
         with pytest.raises(ValueError, match='inputs'):
             core.Task(number, *FITS[kind])
@@ -250,46 +404,66 @@ def locked(array):
 def test_arrays_that_do_not_fit_are_left_to_the_reference():
     motion, n, m = robots.panda().state(robots.panda().neutral()).motion, 7, 6
     task, J = core.Task(FRAME, *FITS[FRAME]), np.empty((m, n))
-    fits = [motion, np.zeros(n), 0.0, np.empty(m), J, np.empty(m)]
+    fits = [motion, np.zeros(n), np.zeros(n), 0.0, np.empty(m), J, np.empty(m), None]
     assert task.evaluate(*fits) is True
     for place, wrong in (
-            (0, None), (0, task), (1, np.zeros(6)), (1, None), (3, np.empty(5)),
-            (3, np.empty((m, 1))), (3, np.empty(m, int)), (3, locked(np.empty(m))), (3, None),
-            (4, np.empty((m, n + 1))), (4, J.T), (4, J[::-1]), (4, J[0]), (4, J.astype(int)),
-            (4, None), (5, np.empty(7)), (5, None), (5, locked(np.empty(m)))):
+            (0, None), (0, task), (1, np.zeros(6)), (1, None), (2, np.zeros(6)), (2, None),
+            (4, np.empty(5)), (4, np.empty((m, 1))), (4, np.empty(m, int)),
+            (4, locked(np.empty(m))), (4, None), (5, np.empty((m, n + 1))), (5, J.T),
+            (5, J[::-1]), (5, J[0]), (5, J.astype(int)), (5, None), (6, np.empty(7)), (6, None),
+            (6, locked(np.empty(m))), (7, np.empty(m))):
         given_ = [*fits]
         given_[place] = wrong
         # Called like this, Python notices an exception that is left behind, too.
         assert partial(task.evaluate, *given_)() is False, (place, wrong)
     with pytest.raises(ValueError, match='evaluate'):
         task.evaluate(*fits[1:])
-    # A frame, and a joint, that the robot does not have; bounds.
+    # A frame, and a joint, that the robot does not have; a history of another size.
     for kind, law, inputs in ((FRAME, LAW, (10 ** 6, *FITS[FRAME][1][1:])),
                               (FRAME, LAW, (1, 10 ** 6, *FITS[FRAME][1][2:])),
                               (AXIS, FITS[AXIS][0], (10 ** 6, *FITS[AXIS][1][1:])),
                               (AXIS, FITS[AXIS][0], (1, 10 ** 6, *FITS[AXIS][1][2:])),
                               (JOINTS, (1, *LAW[1:]), (np.array([7.0]), False, None, np.zeros(1))),
-                              (JOINT_LIMITS, *FITS[JOINT_LIMITS])):
-        rows = law[0]
-        other = core.Task(kind, law, inputs)
-        assert other.evaluate(motion, np.zeros(n), 0.0, np.empty(rows), np.empty((rows, n)),
-                              np.empty(rows)) is False
+                              (SPEED_LIMIT, FITS[SPEED_LIMIT][0], changed(
+                                  FITS[SPEED_LIMIT][1], 1, 10 ** 6)),
+                              (REGION, FITS[REGION][0], changed(
+                                  FITS[REGION][1], (0, 0), 10 ** 6)),
+                              (REGION, FITS[REGION][0], changed(
+                                  FITS[REGION][1], (1, 4), np.zeros(23))),
+                              (FIELD_OF_VIEW, FITS[FIELD_OF_VIEW][0], changed(
+                                  FITS[FIELD_OF_VIEW][1], 0, 10 ** 6)),
+                              (JOINT_LIMIT_DISTANCE, (6, *LAW[1:]), (
+                                  np.zeros(6), np.ones(6), 0.5))):
+        rows, bounded = law[0], kind in BOUNDED
+        assert core.Task(kind, law, inputs).evaluate(
+            motion, *fits[1:4], np.empty(rows), np.empty((rows, n)), np.empty(rows),
+            np.empty(rows) if bounded else None) is False
+    for kind in BOUNDED:
+        rows = FITS[kind][0][0]
+        outputs = (np.empty(rows), np.empty((rows, n)), np.empty(rows))
+        one = core.Task(kind, *FITS[kind])
+        assert one.evaluate(motion, *fits[1:4], *outputs, np.empty(rows)) is True
+        for upper in (None, np.empty(rows + 1), locked(np.empty(rows))):
+            assert one.evaluate(motion, *fits[1:4], *outputs, upper) is False
 
 
 def test_objects_that_are_lent_are_given_back():
     motion = robots.panda().state(robots.panda().neutral()).motion
     arrays = (np.zeros(7), np.empty(6), np.empty((6, 7)), np.empty(6))
-    inputs = [each for _, its in FITS.values() for each in its if isinstance(each, np.ndarray)]
-    objects = (motion, *arrays, *LAW[2:4], *inputs, core.Task)
+    its_inputs = [each for _, its in FITS.values() for part in (its, *its)
+                  for each in (part if isinstance(part, tuple) else ())]
+    objects = (motion, *arrays, *LAW[2:4], *its_inputs, core.Task)
 
     def use():
         task = core.Task(FRAME, *FITS[FRAME])
-        assert task.evaluate(motion, arrays[0], 0.0, *arrays[1:])
-        assert not task.evaluate(motion, arrays[0], 0.0, *arrays[1:3], arrays[0])
+        assert task.evaluate(motion, arrays[0], arrays[0], 0.0, *arrays[1:], None)
+        assert not task.evaluate(motion, arrays[0], arrays[0], 0.0, *arrays[1:3], arrays[0], None)
         for kind, (law, its) in FITS.items():
             core.Task(kind, law, its)
             with pytest.raises(ValueError):
                 core.Task(kind, law, FITS[(kind + 1) % len(FITS)][1])
+        with pytest.raises(ValueError):
+            core.Task(REGION, FITS[REGION][0], changed(FITS[REGION][1], (1, 3), 'x'))
 
     use()
     before = [sys.getrefcount(each) for each in objects]

@@ -1,0 +1,74 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// Field of view of a camera.
+// Reference: tp_controller/tasks/field_of_view.py
+
+#pragma once
+
+#include "aim.h"
+#include "bounded_task.h"
+
+namespace {
+
+// Constant of the reference.
+constexpr double MIN_ANGLE = 1e-9;
+
+class FieldOfViewTask : public BoundedTask {
+ public:
+  // `axis`: of the frame.
+  FieldOfViewTask(Law law, ValueBounds bounds, double *history, size_t size, int frame,
+                  const double *axis, const Aim &aim)
+      : BoundedTask(std::move(law), std::move(bounds), history, size), frame_(frame), aim_(aim) {
+    std::copy(axis, axis + 3, axis_);
+  }
+
+  bool fits(const Motion &motion) const override {
+    return BoundedTask::fits(motion)
+        && std::max(frame_, aim_.reference) < int(motion.frames.size());
+  }
+
+  bool evaluate(const Situation &at, const Rows &out) override {
+    const bool moves = !law_.feed_forward.empty();
+    if (moves && !law_.feeds(at.now)) return false;
+    Motion &motion = *at.motion;
+    const size_t n = size_t(motion.n);
+    double *J = motion.jacobians(), axis[3], normal[3], w[3], rate = 0.0;
+    const Placement its = motion.placement(frame_);
+    motion.jacobian(frame_, its.p, J);
+    const Sight sight(aim_, motion, its.p, J);
+    apply(its.R, axis_, axis);
+    turn_between(axis, sight.direction, normal);
+    const double angle = std::sqrt(dot(normal, normal));
+    for (int i = 0; i < 3; ++i) normal[i] = angle > MIN_ANGLE ? normal[i] / angle : 0.0;
+    for (size_t c = 0; c < n; ++c) {
+      sight.turning(int(c), w);
+      for (int i = 0; i < 3; ++i) w[i] -= J[(3 + i) * n + c];
+      out.J[c] = dot(normal, w);
+    }
+    if (moves) {
+      sight.turning(law_.feed_forward.data(), w);
+      rate = dot(normal, w);
+    }
+    bound(at, &angle, &rate, out);
+    return true;
+  }
+
+ private:
+  int frame_;
+  double axis_[3];
+  Aim aim_;
+};
+
+}  // namespace
