@@ -42,7 +42,7 @@ SomeTask = TypeVar('SomeTask', bound='Task')
 EVALUATION_METHODS = {
     'error', 'evaluate', 'feed_forward', 'in_rows', 'jacobian', 'level', 'make_evaluation',
     'measure', 'observe', 'observe_rows', 'own_motion', 'position', 'positions', 'rotation',
-    'slowdown', 'velocity'}
+    'slowdown', 'value', 'velocity'}
 
 
 @dataclass(slots=True, eq=False)

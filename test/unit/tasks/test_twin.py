@@ -27,7 +27,10 @@ import robots
 from tp_controller.model.spatial import pose, rotation_from_vector, shorter_rotation
 from tp_controller.solver.compiled import core
 from tp_controller.tasks import Task
+from tp_controller.tasks.aim import DirectionAim
+from tp_controller.tasks.center_of_mass import CenterOfMass
 from tp_controller.tasks.needs import lacks
+from tp_controller.tasks.pointing import Pointing
 from tp_controller.tasks.pose import Pose
 from tp_controller.tasks.position import Position
 from tp_controller.tasks.twin import (
@@ -264,6 +267,26 @@ def test_type_that_evaluates_in_its_own_way_has_no_twin():
     assert task.twin is None and renamed.twin is not None
     renamed.error = lambda state: np.ones(6)
     assert renamed.twin is None
+
+    class Higher(CenterOfMass):
+
+        def value(self, state):
+            return super().value(state) + 1.0
+
+    class Behind(DirectionAim):
+
+        def sight(self, state, goal):
+            direction, J = super().sight(state, goal)
+            return -direction, J
+
+    heavy = robots.named('chain')
+    higher, pointing = Higher(heavy, 'task'), Pointing(its, 'task', frame=robots.PANDA_TOOL)
+    higher.start(heavy.state(heavy.neutral()))
+    pointing.start(here)
+    assert higher.twin is None and pointing.twin is not None
+    pointing.aim = Behind(robots.PANDA_TOOL, its.root)
+    assert pointing.twin is None
+    assert np.linalg.norm(pointing.evaluate(here, 0.0).error) == pytest.approx(np.pi)
 
 
 def test_twin_follows_every_input_and_none_is_changed_in_place():
