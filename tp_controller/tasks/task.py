@@ -269,6 +269,9 @@ class Task(KeyHolder):
 
     def _evaluation_by_twin(self, state: RobotState, now: float) -> Evaluation | None:
         """Return the `Evaluation` by one compiled call; None where the reference is needed."""
+        if self._feed_forward is not None:
+            # Drop a velocity that has timed out.
+            self.feed_forward(now)
         motion, twin = state.motion, self.twin
         if motion is None or twin is None:
             return None

@@ -213,7 +213,7 @@ def test_copy_of_a_bounded_task_has_a_history_of_its_own():
                   - other.evaluate(there, 0.01).level.lower).max() > 1e-4
 
 
-def test_velocity_of_a_region_that_has_timed_out_is_left_to_the_reference():
+def test_velocity_of_a_region_times_out():
     its = robots.panda()
     here = its.state(its.neutral())
     task, still = (Task.types['keep_out'](its, 'task', frame=robots.PANDA_TOOL, timeout=0.1,
