@@ -16,6 +16,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
+from itertools import count
 import math
 from typing import NamedTuple, Protocol
 from warnings import warn
@@ -36,20 +37,13 @@ from tp_controller.control.step import CycleMemory
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.solver.solution import Solution
-from tp_controller.tasks.stack import Stack
+from tp_controller.tasks.stack import Groups, Stack
 from tp_controller.tasks.task import Evaluation, norm, Task
 from tp_controller.tasks.task_errors import raised
 from tp_controller.untrusted.calls import foreign
 
-
-class Measures(NamedTuple):
-    """Measures of a task in a cycle; see `TaskReport`."""
-
-    errors: tuple[tuple[float, str, float], ...]
-    reached: bool = False
-    demanded_speed: float = 0.0
-    achieved_speed: float = 0.0
-    fault: str = ''
+# Residual for tasks that do not report it.
+NOTHING = np.zeros(0)
 
 
 class TaskReport:
@@ -76,54 +70,61 @@ class TaskReport:
 
     """
 
-    def __init__(self, task: Task, evaluation: Evaluation | None = None,
-                 level: int | None = None, velocity: Array | None = None,
-                 causes: Causes | None = None, fault: str = '') -> None:
+    def __init__(self, task: Task, level: int | None = None, fault: str = '',
+                 cycle: 'ReportedCycle | None' = None, index: int = 0) -> None:
         self.name, self.type_name, self.bounded = task.name, task.type_name, task.bounded
-        self.level, self._evaluation, self._causes = level, evaluation, causes
-        self._task, self._velocity, self._known_fault = task, velocity, fault
+        self.level, self._task, self._known_fault = level, task, fault
+        # Of a task that is carried out, and its index among these.
+        self._cycle, self._index = cycle, index
 
     @cached_property
-    def _measures(self) -> Measures:
-        """Return the measures of the task."""
-        task = self._task
+    def _evaluation(self) -> Evaluation | None:
+        """Return the evaluation of the task; None while it does not run."""
+        return None if self._cycle is None else self._cycle.evaluations[self._index]
+
+    @cached_property
+    def _errors(self) -> tuple[tuple[tuple[float, str, float], ...], str]:
+        """Return the errors, and the reason why the task failed or an empty text."""
+        task, cycle = self._task, self._cycle
         try:
             with foreign:
-                return self._measure(task)
+                if cycle is None:
+                    unknown = np.full(task.rows, np.nan)
+                    found = task.reported_errors(unknown, unknown)
+                elif reports_its_error(task):
+                    return task.reported_errors(cycle.errors[self._index], NOTHING), ''
+                else:
+                    found = task.reported_errors(cycle.errors[self._index], self._motion[1])
+                return _as_numbers(found), self._known_fault
         except Exception as error:
             # A task type of another package failed in its report; the task still runs.
-            return Measures(
-                tuple((math.nan, unit, tolerance) for _, unit, tolerance in task.groups),
-                fault=self._known_fault or raised(task.reported_errors, error))
+            return (tuple((math.nan, unit, tolerance) for _, unit, tolerance in task.groups),
+                    self._known_fault or raised(task.reported_errors, error))
 
-    def _measure(self, task: Task) -> Measures:
-        """Return the measures of the task; its type may raise any exception."""
-        evaluation, velocity = self._evaluation, self._velocity
-        if evaluation is None or velocity is None:
-            # A task that does not run has no measures.
-            unknown = np.full(task.rows, np.nan)
-            return Measures(_as_numbers(task.reported_errors(unknown, unknown)),
-                            fault=self._known_fault)
-        residual = residual_of(evaluation.level, velocity) / task.row_scale
-        achieved = evaluation.level.J.dot(velocity) / task.row_scale
-        errors = _as_numbers(task.reported_errors(evaluation.error, residual))
-        return Measures(errors, all(value <= tolerance for value, _, tolerance in errors),
-                        norm(achieved + residual), norm(achieved), self._known_fault)
+    @cached_property
+    def _motion(self) -> tuple[Array, Array]:
+        """Return the achieved velocity of a task that is carried out, and the residual."""
+        assert self._evaluation is not None and self._cycle is not None
+        level, velocity = self._evaluation.level, self._cycle.velocity
+        return (level.J.dot(velocity) / self._task.row_scale,
+                residual_of(level, velocity) / self._task.row_scale)
 
     @property
     def errors(self) -> tuple[tuple[float, str, float], ...]:
         """Return the norm of the error, its unit and the tolerance, for each unit."""
-        return self._measures.errors
+        return self._errors[0]
 
-    @property
+    @cached_property
     def reached(self) -> bool:
         """Return whether every error is within its tolerance."""
-        return self._measures.reached
+        errors, fault = self._errors
+        return self.carried_out and not fault and all(
+            value <= tolerance for value, _, tolerance in errors)
 
     @property
     def demanded_speed(self) -> float:
         """Return the norm of the demanded task velocity."""
-        return self._measures.demanded_speed
+        return norm(np.add(*self._motion)) if self._moves else 0.0
 
     @property
     def wanted_speed(self) -> float:
@@ -134,33 +135,38 @@ class TaskReport:
     @property
     def achieved_speed(self) -> float:
         """Return the norm of the achieved part of the demanded task velocity."""
-        return self._measures.achieved_speed
+        return norm(self._motion[0]) if self._moves else 0.0
+
+    @property
+    def _moves(self) -> bool:
+        """Return whether the task is carried out, and its report did not fail."""
+        return self.carried_out and not self.fault
 
     @property
     def fault(self) -> str:
         """Return the reason why the task failed, as a sentence; else empty."""
-        return self._measures.fault
+        return self._errors[1]
 
     @property
     def carried_out(self) -> bool:
         """Return whether the report is from a cycle with the task enabled, not from a stop."""
-        return self._evaluation is not None
+        return self._cycle is not None
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """Return the causes that limit the task, the largest share first; () if it is reached."""
-        if self._causes is None or self._evaluation is None or self.level is None or self.reached:
+        if self._cycle is None or self.reached:
             return ()
-        return self._causes.of(self._evaluation)
+        return self._cycle.causes(self._index)
 
     @cached_property
     def _statements(self) -> list[Statement]:
         """Return the parts of the reason."""
         if self.fault:
             return [Statement(self.fault, (self.fault,))]
-        if self._causes is None or self._evaluation is None or self.level is None or self.reached:
+        if self._cycle is None or self._evaluation is None or self.reached:
             return []
-        found = list(statements(self._evaluation, self.errors, self.causes, self._causes))
+        found = list(statements(self._evaluation, self.errors, self.causes, self._cycle.search))
         if any(OUT_OF_REACH in each.sentence for each in found) or not self._unreachable:
             return found
         return [Statement(self._unreachable, (OUT_OF_REACH,)), *found]
@@ -196,10 +202,10 @@ class TaskReport:
         """Return the suggested change, as a sentence; empty if none is needed."""
         if self.fault:
             return 'correct its code, then enable the task again'
-        if self._causes is None or self._evaluation is None or not self.reason:
+        if self._cycle is None or self._evaluation is None or not self.reason:
             return ''
         return CHOOSE_ANOTHER if self._unreachable else \
-            hint_of(self._evaluation, self.causes, self._causes)
+            hint_of(self._evaluation, self.causes, self._cycle.search)
 
     @property
     def status(self) -> str:
@@ -213,7 +219,7 @@ class TaskReport:
             return 'failed'
         if self.level is None:
             return 'disabled'
-        if self._evaluation is None:
+        if self._cycle is None:
             return 'stopped'
         if self.reached:
             return 'satisfied' if self.bounded else 'reached'
@@ -237,7 +243,7 @@ def active_bounds(evaluations: Sequence[Sequence[Evaluation]],
 
 def stopped_reports(stack: Stack) -> tuple[TaskReport, ...]:
     """Return a `TaskReport` for every task while the robot is stopped, as `Report.tasks`."""
-    return (*(TaskReport(task, level=number)
+    return (*(TaskReport(task, number)
               for number, group in enumerate(stack.active, 1) for task in group),
             *_disabled_reports(stack.inactive, stack.faults))
 
@@ -245,6 +251,11 @@ def stopped_reports(stack: Stack) -> tuple[TaskReport, ...]:
 def _disabled_reports(tasks: Sequence[Task], faults: Mapping[str, str]) -> list[TaskReport]:
     """Return a `TaskReport` for each disabled task; some of them may have failed."""
     return [TaskReport(task, fault=faults.get(task.name, '')) for task in tasks]
+
+
+def reports_its_error(task: Task) -> bool:
+    """Return whether a task reports its error alone, as most types do."""
+    return getattr(task.reported_errors, '__func__', None) is Task.reported_errors
 
 
 def _as_numbers(errors: Iterable[tuple[float, str, float]]
@@ -265,8 +276,16 @@ class SolvedCycle(Protocol):
         """Return the memory for the next cycle."""
 
     @property
+    def tasks(self) -> Groups:
+        """Return the enabled tasks, level by level."""
+
+    @property
+    def errors(self) -> Sequence[Array]:
+        """Return the error of each task."""
+
+    @property
     def evaluations(self) -> Sequence[Sequence[Evaluation]]:
-        """Return the evaluations of the enabled tasks, level by level."""
+        """Return the evaluations of the tasks, level by level."""
 
     @property
     def cycle(self) -> Cycle:
@@ -291,9 +310,54 @@ class Solved(NamedTuple):
     place: Place
 
     @property
+    def tasks(self) -> Groups:
+        """Return the enabled tasks, level by level."""
+        return tuple([tuple([each.task for each in group]) for group in self.evaluations])
+
+    @property
+    def errors(self) -> Sequence[Array]:
+        """Return the error of each task."""
+        return [each.error for group in self.evaluations for each in group]
+
+    @property
     def velocity(self) -> Array:
         """Return the command (n,) [rad/s or m/s]."""
         return self.memory.velocity
+
+
+class ReportedCycle:
+    """
+    Cycle of the tasks that are carried out, as they report it; computed on access.
+
+    Parameters
+    ----------
+    robot : Robot
+    solved : SolvedCycle
+
+    """
+
+    def __init__(self, robot: Robot, solved: SolvedCycle) -> None:
+        self._robot, self._solved, self.velocity = robot, solved, solved.velocity
+
+    @cached_property
+    def errors(self) -> Sequence[Array]:
+        """Return the error of each task."""
+        return self._solved.errors
+
+    @cached_property
+    def evaluations(self) -> list[Evaluation]:
+        """Return the evaluation of each task."""
+        return [each for group in self._solved.evaluations for each in group]
+
+    @cached_property
+    def search(self) -> Causes:
+        """Return the search for causes that limit tasks."""
+        solved = self._solved
+        return Causes(self._robot, solved.evaluations, solved.cycle, solved.outcome, solved.place)
+
+    def causes(self, index: int) -> tuple[Cause, ...]:
+        """Return the causes that limit a task, the largest share first."""
+        return self.search.of(self.evaluations[index])
 
 
 class Report:
@@ -322,19 +386,17 @@ class Report:
         return outcome.solution.moved_to(outcome.velocity)
 
     @cached_property
-    def _causes(self) -> Causes:
-        """Return the search for causes that limit tasks."""
-        solved = self._solved
-        return Causes(self._robot, solved.evaluations, solved.cycle, solved.outcome, solved.place)
+    def _cycle(self) -> ReportedCycle:
+        """Return the cycle as its tasks report it."""
+        return ReportedCycle(self._robot, self._solved)
 
     @cached_property
     def tasks(self) -> tuple[TaskReport, ...]:
         """Return a `TaskReport` for every task, in order of priority, the disabled ones last."""
-        velocity, causes = self._solved.outcome.velocity, self._causes
-        reports = [TaskReport(evaluation.task, evaluation, number, velocity, causes)
-                   for number, group in enumerate(self._solved.evaluations, 1)
-                   for evaluation in group]
-        return (*reports, *_disabled_reports(self._disabled, self._faults))
+        cycle, index = self._cycle, count()
+        return (*[TaskReport(task, level, '', cycle, next(index))
+                  for level, group in enumerate(self._solved.tasks, 1) for task in group],
+                *_disabled_reports(self._disabled, self._faults))
 
     @property
     def scale(self) -> float:
@@ -358,5 +420,5 @@ class Report:
         if joint is None:
             return ''
         level = next(level for level in self._solution.levels if level.limited_by)
-        return phrase(self._causes.limits_at(level, joint)[0],
+        return phrase(self._cycle.search.limits_at(level, joint)[0],
                       self._robot.velocity_names[joint])
