@@ -22,9 +22,10 @@ it.
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 import math
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
+from tp_controller.control.causes import FoundCauses
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.cycle_time import CycleTime
@@ -50,6 +51,23 @@ CYCLE_HEAD = 5
 Twins: TypeAlias = tuple[tuple[Twin | None, ...], ...]
 
 
+class CompiledCauses(Protocol):
+    """Search for causes in the compiled core."""
+
+    def causes(self, record: bytes, before: bytes, least: Array) -> FoundCauses | None:
+        """
+        Return the causes that limit each task in a cycle; None if the reference is needed.
+
+        Parameters
+        ----------
+        record, before : bytes
+            Records of the cycle and the one before.
+        least : ndarray (t,)
+            Residual of each task up to which it is not limited.
+
+        """
+
+
 class Layout(NamedTuple):
     """
     Places of the numbers in the records of a stack.
@@ -61,12 +79,14 @@ class Layout(NamedTuple):
         Tasks of each level.
     twins : tuple of tuple of Twin or None
         Their twins.
+    search : CompiledCauses
 
     """
 
     options: CycleOptions
     active: Groups
     twins: Twins
+    search: CompiledCauses
 
     def memory(self, record: bytes) -> CycleMemory:
         """Return the memory after a cycle."""
@@ -176,6 +196,10 @@ class CycleRecord:
         solution = Solution(self.velocity, levels, memory, Record(steps, self._n, len(levels)),
                             whole, slowed)
         return Outcome(solution, solution)
+
+    def causes(self, least: Array) -> FoundCauses | None:
+        """Return the causes that limit each task; see `CompiledCauses`."""
+        return self.layout.search.causes(self.numbers, self._before, least)
 
     @cached_property
     def _numbers(self) -> Array:

@@ -14,7 +14,7 @@
 
 """Report of a cycle: the error of every task, and the causes that limit it."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from itertools import count
 import math
@@ -22,7 +22,16 @@ from typing import NamedTuple, Protocol
 from warnings import warn
 
 import numpy as np
-from tp_controller.control.causes import Cause, Causes, residual_of
+from tp_controller.control.causes import (
+    BOUNDS,
+    Cause,
+    Causes,
+    DEMAND_ROUNDING,
+    FoundCauses,
+    KINDS,
+    residual_of,
+    TASK,
+)
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.error_minimum import Place
 from tp_controller.control.reasons import (
@@ -44,6 +53,14 @@ from tp_controller.untrusted.calls import foreign
 
 # Residual for tasks that do not report it.
 NOTHING = np.zeros(0)
+
+
+class Measures(NamedTuple):
+    """Measures of a task in a cycle; see `TaskReport`."""
+
+    errors: tuple[tuple[float, str, float], ...]
+    reached: bool
+    fault: str
 
 
 class TaskReport:
@@ -83,48 +100,27 @@ class TaskReport:
         return None if self._cycle is None else self._cycle.evaluations[self._index]
 
     @cached_property
-    def _errors(self) -> tuple[tuple[tuple[float, str, float], ...], str]:
-        """Return the errors, and the reason why the task failed or an empty text."""
-        task, cycle = self._task, self._cycle
-        try:
-            with foreign:
-                if cycle is None:
-                    unknown = np.full(task.rows, np.nan)
-                    found = task.reported_errors(unknown, unknown)
-                elif reports_its_error(task):
-                    return task.reported_errors(cycle.errors[self._index], NOTHING), ''
-                else:
-                    found = task.reported_errors(cycle.errors[self._index], self._motion[1])
-                return _as_numbers(found), self._known_fault
-        except Exception as error:
-            # A task type of another package failed in its report; the task still runs.
-            return (tuple((math.nan, unit, tolerance) for _, unit, tolerance in task.groups),
-                    self._known_fault or raised(task.reported_errors, error))
-
-    @cached_property
-    def _motion(self) -> tuple[Array, Array]:
-        """Return the achieved velocity of a task that is carried out, and the residual."""
-        assert self._evaluation is not None and self._cycle is not None
-        level, velocity = self._evaluation.level, self._cycle.velocity
-        return (level.J.dot(velocity) / self._task.row_scale,
-                residual_of(level, velocity) / self._task.row_scale)
+    def _measures(self) -> Measures:
+        """Return the measures of the task."""
+        if self._cycle is not None:
+            return self._cycle.measures(self._index)
+        unknown = np.full(self._task.rows, np.nan)
+        return _measures(self._task, lambda: (unknown, unknown), self._known_fault)
 
     @property
     def errors(self) -> tuple[tuple[float, str, float], ...]:
         """Return the norm of the error, its unit and the tolerance, for each unit."""
-        return self._errors[0]
+        return self._measures.errors
 
-    @cached_property
+    @property
     def reached(self) -> bool:
         """Return whether every error is within its tolerance."""
-        errors, fault = self._errors
-        return self.carried_out and not fault and all(
-            value <= tolerance for value, _, tolerance in errors)
+        return self.carried_out and self._measures.reached
 
     @property
     def demanded_speed(self) -> float:
         """Return the norm of the demanded task velocity."""
-        return norm(np.add(*self._motion)) if self._moves else 0.0
+        return norm(np.add(*self._speeds))
 
     @property
     def wanted_speed(self) -> float:
@@ -135,17 +131,19 @@ class TaskReport:
     @property
     def achieved_speed(self) -> float:
         """Return the norm of the achieved part of the demanded task velocity."""
-        return norm(self._motion[0]) if self._moves else 0.0
+        return norm(self._speeds[0])
 
     @property
-    def _moves(self) -> bool:
-        """Return whether the task is carried out, and its report did not fail."""
-        return self.carried_out and not self.fault
+    def _speeds(self) -> tuple[Array, Array]:
+        """Return the achieved velocity of the task and its residual; nothing unless it runs."""
+        if self._cycle is None or self.fault:
+            return NOTHING, NOTHING
+        return self._cycle.speeds(self._index)
 
     @property
     def fault(self) -> str:
         """Return the reason why the task failed, as a sentence; else empty."""
-        return self._errors[1]
+        return self._measures.fault
 
     @property
     def carried_out(self) -> bool:
@@ -253,7 +251,20 @@ def _disabled_reports(tasks: Sequence[Task], faults: Mapping[str, str]) -> list[
     return [TaskReport(task, fault=faults.get(task.name, '')) for task in tasks]
 
 
-def reports_its_error(task: Task) -> bool:
+def _measures(task: Task, inputs: Callable[[], tuple[Array, Array]], fault: str = '') -> Measures:
+    """Return the measures of a task with the inputs of `reported_errors`."""
+    try:
+        with foreign:
+            errors = _as_numbers(task.reported_errors(*inputs()))
+    except Exception as error:
+        # A task type of another package failed in its report; the task still runs.
+        return Measures(
+            tuple((math.nan, unit, tolerance) for _, unit, tolerance in task.groups),
+            False, fault or raised(task.reported_errors, error))
+    return Measures(errors, all(value <= tolerance for value, _, tolerance in errors), fault)
+
+
+def _reports_its_error(task: Task) -> bool:
     """Return whether a task reports its error alone, as most types do."""
     return getattr(task.reported_errors, '__func__', None) is Task.reported_errors
 
@@ -299,6 +310,9 @@ class SolvedCycle(Protocol):
     def place(self) -> Place:
         """Return the configuration."""
 
+    def causes(self, least: Array) -> FoundCauses | None:
+        """Return the causes that limit each task; None if they are not found by the core."""
+
 
 class Solved(NamedTuple):
     """Cycle that `step` computed; see `SolvedCycle`."""
@@ -324,6 +338,9 @@ class Solved(NamedTuple):
         """Return the command (n,) [rad/s or m/s]."""
         return self.memory.velocity
 
+    def causes(self, least: Array) -> None:
+        """Leave the search for causes to the reference."""
+
 
 class ReportedCycle:
     """
@@ -337,17 +354,28 @@ class ReportedCycle:
     """
 
     def __init__(self, robot: Robot, solved: SolvedCycle) -> None:
-        self._robot, self._solved, self.velocity = robot, solved, solved.velocity
-
-    @cached_property
-    def errors(self) -> Sequence[Array]:
-        """Return the error of each task."""
-        return self._solved.errors
+        self._robot, self._solved = robot, solved
+        self._tasks = [task for group in solved.tasks for task in group]
+        self._measured: dict[int, Measures] = {}
 
     @cached_property
     def evaluations(self) -> list[Evaluation]:
         """Return the evaluation of each task."""
         return [each for group in self._solved.evaluations for each in group]
+
+    def measures(self, index: int) -> Measures:
+        """Return the measures of the task at an index."""
+        if index not in self._measured:
+            task, error = self._tasks[index], self._solved.errors[index]
+            self._measured[index] = _measures(task, lambda: (
+                error, NOTHING if _reports_its_error(task) else self.speeds(index)[1]))
+        return self._measured[index]
+
+    def speeds(self, index: int) -> tuple[Array, Array]:
+        """Return the achieved velocity of the task at an index, and its residual."""
+        level, velocity = self.evaluations[index].level, self._solved.velocity
+        scale = self._tasks[index].row_scale
+        return level.J.dot(velocity) / scale, residual_of(level, velocity) / scale
 
     @cached_property
     def search(self) -> Causes:
@@ -356,8 +384,25 @@ class ReportedCycle:
         return Causes(self._robot, solved.evaluations, solved.cycle, solved.outcome, solved.place)
 
     def causes(self, index: int) -> tuple[Cause, ...]:
-        """Return the causes that limit a task, the largest share first."""
-        return self.search.of(self.evaluations[index])
+        """Return the causes that limit the task at an index, the largest share first."""
+        if self._found is None:
+            return self.search.of(self.evaluations[index])
+        return tuple([Cause(KINDS[kind], self._name(KINDS[kind], place), share)
+                      for kind, place, share in self._found[index]])
+
+    @cached_property
+    def _found(self) -> FoundCauses | None:
+        """Return the causes that the compiled core finds; none of tasks that are reached."""
+        return self._solved.causes(np.array([
+            math.inf if self.measures(index).reached else DEMAND_ROUNDING * task.row_scale
+            for index, task in enumerate(self._tasks)]))
+
+    def _name(self, kind: str, place: int) -> str:
+        """Return the name of a task or joint; empty where a cause has none."""
+        if place < 0:
+            return ''
+        return self._tasks[place].name if kind in (TASK, BOUNDS) \
+            else self._robot.velocity_names[place]
 
 
 class Report:

@@ -24,6 +24,7 @@ PyObject *constants() {
   return Py_BuildValue(
       "{s:{s:n}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d}, s:{s:(dddd),s:(dd)},"
       " s:{s:d,s:d}, s:{s:d,s:d}, s:{s:d}, s:{s:d}, s:{s:d,s:d,s:d,s:d},"
+      " s:{s:d}, s:{s:d,s:d},"
       " s:{s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:i}, s:{s:d,s:d,s:d,s:d,s:d,s:d}}",
       "solver.compiled", "MOST", MOST,
       "solver.level", "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
@@ -39,6 +40,8 @@ PyObject *constants() {
       "control.joint_limits", "RETURN_SHARE", RETURN_SHARE, "RETURN_SPEED", RETURN_SPEED,
       "LARGEST_DISTANCE", LARGEST_DISTANCE,
       "UNLIMITED_ACCELERATION", UNLIMITED_ACCELERATION,
+      "control.velocity_limits", "SAME_VELOCITY", SAME_VELOCITY,
+      "control.causes", "SIGNIFICANT_SHARE", SIGNIFICANT_SHARE, "NEAR_SINGULAR", NEAR_SINGULAR,
       "control.cycle_time", "SMOOTHING", SMOOTHING, "HOLD_RATIO", HOLD_RATIO,
       "control.escape", "STUCK_SPEED", STUCK_SPEED, "LEAST_DEMAND", LEAST_DEMAND,
       "SINGULAR_RATIO", SINGULAR_RATIO, "STUCK_SECONDS", STUCK_SECONDS, "MOST_NUDGES", MOST_NUDGES,

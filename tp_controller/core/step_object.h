@@ -17,18 +17,15 @@
 
 #pragma once
 
-#include "solver_object.h"
-#include "step.h"
+#include "causes_object.h"
 #include "task_object.h"
 
 namespace {
 
-// Numbers between the memory and the arrays of a cycle.
-constexpr size_t CYCLE_HEAD = 5;
-
 // A cycle of a stack, and the tasks that Python holds.
 struct StackCycle {
   std::unique_ptr<ControlCycle> cycle;
+  std::unique_ptr<CauseSearch> search;
   std::vector<PyObject *> held;
   size_t frames = 0;                     // of the robot whose tasks they are
 
@@ -76,6 +73,7 @@ PyObject *make_step(PyTypeObject *type, PyObject *given, PyObject *) {
         && (cap == Py_None || (read_all(cap, capped) && capped.size() == size_t(options.n)))) {
       its.cycle.reset(new ControlCycle(options, of<Limits>(limits), std::move(capped), period,
                                        delay));
+      its.search.reset(new CauseSearch(options));
       return keep<StackCycle>(type, std::move(its));
     }
   } catch (const std::bad_alloc &) {
@@ -246,9 +244,35 @@ PyObject *step_run(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   return Py_NewRef(Py_None);
 }
 
+// causes(record, before, least): (kind, index, share) of the causes of each task in a cycle, from its
+// record and that of the cycle before; None where the reference is needed. `least`: residuals (t,) up
+// to which tasks are not limited.
+PyObject *step_causes(PyObject *self, PyObject *const *given, Py_ssize_t count) {
+  if (count != 3) return refuse("causes(record, before, least)");
+  const StackCycle &its = of<StackCycle>(self);
+  CauseSearch &search = *its.search;
+  try {
+    const Running running(search.solver);
+    std::vector<double> least;
+    need(read_all(given[2], least));
+    RecordReader record(search.solver.arena, given[0]), before(search.solver.arena, given[1]);
+    {
+      const size_t levels = its.cycle->groups().size();
+      const WithoutPython meanwhile;
+      search.run(*its.cycle, levels, record, before, least);
+    }
+    return as_tuples(search.found);
+  } catch (const Unsolved &) {
+  } catch (const std::bad_alloc &) {
+  }
+  PyErr_Clear();
+  return Py_NewRef(Py_None);
+}
+
 PyMethodDef STEP_METHODS[] = {
     method("set_tasks", step_set_tasks, "Set the tasks of each level."),
     method("run", step_run, "Compute one cycle."),
+    method("causes", step_causes, "Find the causes that limit the tasks of a cycle."),
     {nullptr, nullptr, 0, nullptr}};
 
 }  // namespace
