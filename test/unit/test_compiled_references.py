@@ -28,6 +28,7 @@ HEADERS = {path.name: path.read_text(encoding='utf-8') for path in sorted(FOLDER
 REFERENCES = {
     'active_set.h': 'solver/active_set.py', 'arena.h': '',
     'bounded_hierarchy.h': 'solver/bounded_hierarchy.py', 'bounded_rows.h': 'tasks/bounded.py',
+    'causes.h': 'control/causes.py', 'causes_object.h': 'control/cycle_record.py',
     'cycle_time.h': 'control/cycle_time.py',
     'damping.h': 'solver/damping.py', 'escape.h': 'control/escape.py',
     'frame_task.h': 'tasks/frame.py',
@@ -42,7 +43,7 @@ REFERENCES = {
     'solver_object.h': 'solver/compiled.py', 'spatial.h': 'model/spatial.py',
     'step.h': 'control/step.py', 'step_object.h': 'control/compiled_step.py',
     'task.h': 'tasks/task.py', 'task_object.h': 'tasks/twin.py',
-    'velocity_limits.h': 'control/velocity_limits.py',
+    'variants.h': 'control/variants.py', 'velocity_limits.h': 'control/velocity_limits.py',
 }
 # Of a reference, the lowest first: a header includes none whose reference is above its own.
 LIBRARY = ('', 'solver', 'model', 'tasks', 'control')

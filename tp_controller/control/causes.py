@@ -39,7 +39,8 @@ NEAR_SINGULAR = 0.1
 TASK, BOUNDS = 'task', 'bounds'
 SINGULARITY, IMPOSSIBLE, DAMPING = 'singularity', 'impossible', 'damping'
 # Kinds of causes, in the order of causes.h.
-KINDS = (*[limit.name for limit in LIMITS], RESERVE, TASK, BOUNDS, SINGULARITY, IMPOSSIBLE, DAMPING)
+KINDS = (*[limit.name for limit in LIMITS], RESERVE, TASK, BOUNDS, SINGULARITY, IMPOSSIBLE,
+         DAMPING)
 # Kind, index of the joint or task or −1, and share of the causes of each task.
 FoundCauses: TypeAlias = tuple[tuple[tuple[int, int, float], ...], ...]
 

@@ -22,6 +22,7 @@ it.
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 import math
+from struct import Struct
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -46,7 +47,7 @@ from tp_controller.tasks.twin import Twin
 # tries and nudges of `Escape`, and the time since which the robot is at rest.
 MEMORY_HEAD = 8
 # Numbers between the memory and the arrays of a cycle.
-CYCLE_HEAD = 5
+CYCLE_HEAD = Struct('5d')
 # The twins of the tasks of each level; None for a task that Python evaluates.
 Twins: TypeAlias = tuple[tuple[Twin | None, ...], ...]
 
@@ -158,10 +159,15 @@ class CycleRecord:
     @cached_property
     def errors(self) -> list[Array]:
         """Return the error of each task."""
-        given, self._at = iter(self._given), int(self._head[3])
-        return [next(given).error if twin is None else self._take(task.rows)
-                for group in zip(self.layout.active, self.layout.twins)
-                for task, twin in zip(*group)]
+        given, at, found = iter(self._given), int(self._head[3]), []
+        for group in zip(self.layout.active, self.layout.twins):
+            for task, twin in zip(*group):
+                if twin is None:
+                    found.append(next(given).error)
+                    continue
+                begin, at = at, at + task.rows
+                found.append(self._numbers[begin:at])
+        return found
 
     @cached_property
     def evaluations(self) -> list[list[Evaluation]]:
@@ -215,18 +221,18 @@ class CycleRecord:
     def _first(self) -> int:
         """Return the index of the first number after memory and head."""
         options = self.layout.options
-        return MEMORY_HEAD + (1 + options.delay) * self._n + len(self.layout.active) + CYCLE_HEAD
+        return MEMORY_HEAD + (1 + options.delay) * options.n + len(self.layout.active) \
+            + CYCLE_HEAD.size // 8
 
     @cached_property
-    def _head(self) -> list[float]:
+    def _head(self) -> tuple[float, ...]:
         """
         Return the numbers between memory and arrays.
 
         The uniform scaling, whether there are steps, the time since a command, and the indices at
         which errors and steps begin.
         """
-        found: list[float] = self._numbers[self._first - CYCLE_HEAD:self._first].tolist()
-        return found
+        return CYCLE_HEAD.unpack_from(self.numbers, 8 * self._first - CYCLE_HEAD.size)
 
     @property
     def _positions(self) -> Array:

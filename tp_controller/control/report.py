@@ -266,7 +266,8 @@ def _measures(task: Task, inputs: Callable[[], tuple[Array, Array]], fault: str 
 
 def _reports_its_error(task: Task) -> bool:
     """Return whether a task reports its error alone, as most types do."""
-    return getattr(task.reported_errors, '__func__', None) is Task.reported_errors
+    return type(task).reported_errors is Task.reported_errors \
+        and 'reported_errors' not in task.__dict__
 
 
 def _as_numbers(errors: Iterable[tuple[float, str, float]]

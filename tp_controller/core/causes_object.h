@@ -64,6 +64,7 @@ class RecordReader {
     its.rank = rank;
     its.size = head[6];
     its.Q = {nullptr, n, count(head[2])};
+    need(rank <= std::min(its.m, its.Q.k) && its.Q.k <= n);
     found.level = &level;
     found.is_relaxed = head[3] >= 0.0;
     found.bend = head[7];
@@ -87,7 +88,7 @@ class RecordReader {
       const double *part = take(2);
       cycle.parts.push_back({cycle.levels.size(), its.m, count(part[0]), part[1] != 0.0});
       its.m += count(part[0]);
-      need(its.m <= MOST_ROWS);
+      need(its.m <= MOST_ROWS && (part[1] == 0.0 || (part[0] == n && !its.bounded)));
     }
     its.is_identity = tasks == 1 && cycle.parts.back().is_identity;
     if (!its.is_identity) its.J = take(size_t(its.m) * n);

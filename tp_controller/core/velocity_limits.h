@@ -25,7 +25,7 @@ namespace {
 constexpr double SAME_VELOCITY = 1e-9;
 
 // Bits of limits, in the order of `LIMITS`; the reserve follows them.
-enum : unsigned { VELOCITY = 1, UPPER = 2, LOWER = 4, TRANSIENT = 8, RESERVE = 16 };
+constexpr unsigned VELOCITY = 1, UPPER = 2, LOWER = 4, TRANSIENT = 8, RESERVE = 16;
 
 class Limits {
  public:
