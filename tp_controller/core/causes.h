@@ -130,8 +130,7 @@ class Causes {
     const double bound = (up ? cycle_.upper : cycle_.lower)[j];
     if (cycle_.cap && std::isfinite(cycle_.cap[j])
         && (up ? bound - velocity : velocity - bound) > SAME_VELOCITY) return RESERVE;
-    return limits_.holding(cycle_.motion, limits_.limits.position.gain_of(cycle_.motion), j, up,
-                           bound);
+    return limits_.holding(cycle_.motion, cycle_.gain, j, up, bound);
   }
 
   // Whether a level, or one above it, is damped or relaxed.

@@ -130,6 +130,7 @@ struct CauseSearch {
     const double *head = record.take(CYCLE_HEAD), *positions = record.take(n);
     SolvedCycle cycle;
     cycle.motion = kind.motion(solver.arena, positions, memory, head[2], after.time());
+    cycle.gain = kind.limits.limits.position.gain_of(cycle.motion);
     cycle.hold = after.time().mean;
     cycle.slowed = head[0];
     cycle.x = after.velocity();

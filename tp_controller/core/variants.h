@@ -46,7 +46,7 @@ struct SolvedCycle {
   std::vector<Step> steps;               // none where the fast path solved it
   JointMotion motion;
   const double *lower, *upper, *cap, *x;
-  double hold, slowed;
+  double gain, hold, slowed;             // gain: of position limits
 
   // The level of a task alone.
   Level of(const Part &part) const {
@@ -80,8 +80,7 @@ class Variants {
     for (const auto &each : limited_) if (each.first == removed) return each.second;
     Variant variant = unchanged();
     const size_t j = size_t(removed.joint);
-    const Interval box = limits_.at(cycle_.motion, limits_.limits.position.gain_of(cycle_.motion),
-                                    j, removed.limits);
+    const Interval box = limits_.at(cycle_.motion, cycle_.gain, j, removed.limits);
     variant.lower = with(cycle_.lower, j, box.least);
     variant.upper = with(cycle_.upper, j, box.most);
     if (removed.limits & RESERVE && cycle_.cap) variant.cap = with(cycle_.cap, j, INF);
