@@ -153,7 +153,7 @@ class Variants {
     Level &level = change(variant, removed.level);
     std::vector<Part> left;
     for (const Part &each : cycle_.parts)
-      if (each.level == removed.level && each.first != removed.first) left.push_back(each);
+      if (each.level == removed.level && &each != &removed) left.push_back(each);
     if (left.empty()) {
       variant.levels.erase(variant.levels.begin() + long(removed.level));
       variant.kept.erase(variant.kept.begin() + long(removed.level));
