@@ -30,6 +30,7 @@ REFERENCES = {
     'bounded_hierarchy.h': 'solver/bounded_hierarchy.py', 'bounded_task.h': 'tasks/bounded.py',
     'center_of_mass_task.h': 'tasks/center_of_mass.py',
     'clearance.h': 'model/clearance.py', 'collision.h': 'tasks/collision.py',
+    'causes.h': 'control/causes.py', 'causes_object.h': 'control/cycle_record.py',
     'cycle_time.h': 'control/cycle_time.py',
     'damping.h': 'solver/damping.py', 'escape.h': 'control/escape.py',
     'field_of_view_task.h': 'tasks/field_of_view.py', 'frame_task.h': 'tasks/frame.py',
@@ -50,7 +51,7 @@ REFERENCES = {
     'speed_limit_task.h': 'tasks/speed_limit.py',
     'step.h': 'control/step.py', 'step_object.h': 'control/compiled_step.py',
     'task.h': 'tasks/task.py', 'task_object.h': 'tasks/twin.py',
-    'velocity_limits.h': 'control/velocity_limits.py',
+    'variants.h': 'control/variants.py', 'velocity_limits.h': 'control/velocity_limits.py',
 }
 # Of a reference, the lowest first: a header includes none whose reference is above its own.
 LIBRARY = ('', 'solver', 'model', 'tasks', 'control')
@@ -103,7 +104,7 @@ def test_constants_are_those_of_the_references():
     for module, constants in core.CONSTANTS.items():
         reference = importlib.import_module(f'tp_controller.{module}')
         for name, value in constants.items():
-            assert np.array_equal(getattr(reference, name), value), (module, name)
+            assert np.array_equal(np.ravel(getattr(reference, name)), value), (module, name)
     # Every constant that a header writes down is among them, but for those without a reference.
     for name, text in HEADERS.items():
         module = REFERENCES[name].removesuffix('.py').replace('/', '.')

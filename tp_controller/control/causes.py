@@ -16,12 +16,14 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
 from tp_controller.control.error_minimum import is_at_minimum, Place, SIGNIFICANT_SHARE
+from tp_controller.control.joint_limits import LIMITS
 from tp_controller.control.variants import ActiveLimits, Removable, Variants
-from tp_controller.control.velocity_limits import SAME_VELOCITY, VelocityBounds
+from tp_controller.control.velocity_limits import RESERVE, SAME_VELOCITY, VelocityBounds
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level
@@ -36,6 +38,11 @@ NEAR_SINGULAR = 0.1
 
 TASK, BOUNDS = 'task', 'bounds'
 SINGULARITY, IMPOSSIBLE, DAMPING = 'singularity', 'impossible', 'damping'
+# Kinds of causes, in the order of causes.h.
+KINDS = (*[limit.name for limit in LIMITS], RESERVE, TASK, BOUNDS, SINGULARITY, IMPOSSIBLE,
+         DAMPING)
+# Kind, index of the joint or task or −1, and share of the causes of each task.
+FoundCauses: TypeAlias = tuple[tuple[tuple[int, int, float], ...], ...]
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.control.active_stack import ActiveStack
 from tp_controller.control.cycle_options import CycleOptions
-from tp_controller.control.cycle_record import CycleRecord, Layout
+from tp_controller.control.cycle_record import CompiledCauses, CycleRecord, Layout
 from tp_controller.control.report import SolvedCycle
 from tp_controller.control.state_buffer import StateBuffer
 from tp_controller.control.step import Commanded
@@ -44,7 +44,7 @@ from tp_controller.tasks.task_errors import is_foreign
 from tp_controller.tasks.twin import CompiledTask, Watch
 
 
-class CompiledCycle(Protocol):
+class CompiledCycle(CompiledCauses, Protocol):
     """Cycle of a stack in the compiled core."""
 
     def set_tasks(self, motion: Motion,
@@ -101,7 +101,7 @@ class CompiledStep:
                  motion: Motion) -> None:
         self._compiled, self._motion = compiled, motion
         self._watch = Watch()
-        self.layout = Layout(options, active, ())
+        self.layout = Layout(options, active, (), compiled)
         self.given: tuple[Task, ...] = ()
         for group in active:
             for task in group:

@@ -19,12 +19,14 @@ It begins with the memory that the next cycle gets; the rest is for reports. ste
 it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 import math
-from typing import NamedTuple, TypeAlias
+from struct import Struct
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
+from tp_controller.control.causes import FoundCauses
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.cycle_time import CycleTime
@@ -35,7 +37,7 @@ from tp_controller.control.step import CycleMemory
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.compiled import Record
-from tp_controller.solver.level import Level
+from tp_controller.solver.level import identity, Level
 from tp_controller.solver.solution import Solution
 from tp_controller.tasks.stack import Groups, levels_of
 from tp_controller.tasks.task import Evaluation, Task
@@ -45,9 +47,26 @@ from tp_controller.tasks.twin import Twin
 # tries and nudges of `Escape`, and the time since which the robot is at rest.
 MEMORY_HEAD = 8
 # Numbers between the memory and the arrays of a cycle.
-CYCLE_HEAD = 3
+CYCLE_HEAD = Struct('5d')
 # The twins of the tasks of each level; None for a task that Python evaluates.
 Twins: TypeAlias = tuple[tuple[Twin | None, ...], ...]
+
+
+class CompiledCauses(Protocol):
+    """Search for causes in the compiled core."""
+
+    def causes(self, record: bytes, before: bytes, least: Array) -> FoundCauses | None:
+        """
+        Return the causes that limit each task in a cycle; None if the reference is needed.
+
+        Parameters
+        ----------
+        record, before : bytes
+            Records of the cycle and the one before.
+        least : ndarray (t,)
+            Residual of each task up to which it is not limited.
+
+        """
 
 
 class Layout(NamedTuple):
@@ -61,12 +80,14 @@ class Layout(NamedTuple):
         Tasks of each level.
     twins : tuple of tuple of Twin or None
         Their twins.
+    search : CompiledCauses
 
     """
 
     options: CycleOptions
     active: Groups
     twins: Twins
+    search: CompiledCauses
 
     def memory(self, record: bytes) -> CycleMemory:
         """Return the memory after a cycle."""
@@ -130,12 +151,30 @@ class CycleRecord:
         q, passive, now, spare = self._place
         return Place(self._positions if q is None else q, passive, now, spare)
 
+    @property
+    def tasks(self) -> Groups:
+        """Return the enabled tasks, level by level."""
+        return self.layout.active
+
+    @cached_property
+    def errors(self) -> list[Array]:
+        """Return the error of each task."""
+        given, at, found = iter(self._given), int(self._head[3]), []
+        for group in zip(self.layout.active, self.layout.twins):
+            for task, twin in zip(*group):
+                if twin is None:
+                    found.append(next(given).error)
+                    continue
+                begin, at = at, at + task.rows
+                found.append(self._numbers[begin:at])
+        return found
+
     @cached_property
     def evaluations(self) -> list[list[Evaluation]]:
-        """Return the evaluations of the tasks, level by level."""
-        given, self._at = iter(self._given), self._first + 3 * self._n
-        return [[next(given) if twin is None else self._evaluation(task, twin)
-                 for task, twin in zip(*group)]
+        """Return the evaluations of the enabled tasks, level by level."""
+        given, errors = iter(self._given), iter(self.errors)
+        self._at = self._first + 3 * self._n
+        return [self._group(list(zip(*group)), given, errors)
                 for group in zip(self.layout.active, self.layout.twins)]
 
     @cached_property
@@ -153,16 +192,20 @@ class CycleRecord:
     @cached_property
     def outcome(self) -> Outcome:
         """Return the outcome of the cycle."""
-        slowed, has_steps, _ = self._head
+        slowed, has_steps, *_, steps_at = self._head
         levels, memory = self.cycle.levels, self.memory.damping
         if not has_steps:
             solution = Solution(self.velocity, levels, memory)
             return Outcome(solution, solution)
-        steps = memoryview(self.numbers)[8 * self._at:]
+        steps = memoryview(self.numbers)[8 * int(steps_at):]
         whole = np.frombuffer(steps, count=self._n) if slowed < 1.0 else None
         solution = Solution(self.velocity, levels, memory, Record(steps, self._n, len(levels)),
                             whole, slowed)
         return Outcome(solution, solution)
+
+    def causes(self, least: Array) -> FoundCauses | None:
+        """Return the causes that limit each task; see `CompiledCauses`."""
+        return self.layout.search.causes(self.numbers, self._before, least)
 
     @cached_property
     def _numbers(self) -> Array:
@@ -178,28 +221,43 @@ class CycleRecord:
     def _first(self) -> int:
         """Return the index of the first number after memory and head."""
         options = self.layout.options
-        return MEMORY_HEAD + (1 + options.delay) * self._n + len(self.layout.active) + CYCLE_HEAD
+        return MEMORY_HEAD + (1 + options.delay) * options.n + len(self.layout.active) \
+            + CYCLE_HEAD.size // 8
 
     @cached_property
-    def _head(self) -> tuple[float, bool, float]:
-        """Return the uniform scaling, whether there are steps, and the time since a command."""
-        slowed, has_steps, elapsed = self._numbers[self._first - CYCLE_HEAD:self._first].tolist()
-        return slowed, bool(has_steps), elapsed
+    def _head(self) -> tuple[float, ...]:
+        """
+        Return the numbers between memory and arrays.
+
+        The uniform scaling, whether there are steps, the time since a command, and the indices at
+        which errors and steps begin.
+        """
+        return CYCLE_HEAD.unpack_from(self.numbers, 8 * self._first - CYCLE_HEAD.size)
 
     @property
     def _positions(self) -> Array:
         """Return the positions (n,) [rad or m]."""
         return self._numbers[self._first:self._first + self._n]
 
-    def _evaluation(self, task: Task, twin: Twin) -> Evaluation:
-        """Return the next evaluation."""
-        m, n = task.rows, self._n
-        error, v = self._take(m), self._take(m)
-        upper = self._take(m) if task.bounded else None
-        J = self._take(m * n).reshape(m, n) if twin.J is None else twin.J
-        level = Level(J, v, twin.mode, is_identity=task.every_joint) if upper is None else \
-            Level(J, lower=v, upper=upper)
-        return Evaluation(task, level, error, task.row_names)
+    def _group(self, tasks: list[tuple[Task, Twin | None]], given: Iterator[Evaluation],
+               errors: Iterator[Array]) -> list[Evaluation]:
+        """Return the evaluations of the tasks of the next level."""
+        count, bounded, _ = map(int, self._take(3).tolist())
+        parts = self._take(2 * count).astype(int).reshape(count, 2).tolist()
+        m, is_identity = sum(rows for rows, _ in parts), count == 1 and parts[0][1]
+        J = identity(self._n) if is_identity else self._take(m * self._n).reshape(m, self._n)
+        v, upper = self._take(m), self._take(m) if bounded else None
+        found, first = [], 0
+        for (task, twin), (rows, every_joint), error in zip(tasks, parts, errors):
+            if twin is None:
+                found.append(next(given))
+            else:
+                its = slice(first, first + rows)
+                level = Level(J[its], v[its], twin.mode, is_identity=bool(every_joint)) \
+                    if upper is None else Level(J[its], lower=v[its], upper=upper[its])
+                found.append(Evaluation(task, level, error, task.row_names))
+            first += rows
+        return found
 
     def _take(self, size: int) -> Array:
         """Return the next numbers (size,)."""

@@ -14,14 +14,24 @@
 
 """Report of a cycle: the error of every task, and the causes that limit it."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
+from itertools import count
 import math
 from typing import NamedTuple, Protocol
 from warnings import warn
 
 import numpy as np
-from tp_controller.control.causes import Cause, Causes, residual_of
+from tp_controller.control.causes import (
+    BOUNDS,
+    Cause,
+    Causes,
+    DEMAND_ROUNDING,
+    FoundCauses,
+    KINDS,
+    residual_of,
+    TASK,
+)
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.error_minimum import Place
 from tp_controller.control.reasons import (
@@ -36,20 +46,21 @@ from tp_controller.control.step import CycleMemory
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.solver.solution import Solution
-from tp_controller.tasks.stack import Stack
+from tp_controller.tasks.stack import Groups, Stack
 from tp_controller.tasks.task import Evaluation, norm, Task
 from tp_controller.tasks.task_errors import raised
 from tp_controller.untrusted.calls import foreign
+
+# Residual for tasks that do not report it.
+NOTHING = np.zeros(0)
 
 
 class Measures(NamedTuple):
     """Measures of a task in a cycle; see `TaskReport`."""
 
     errors: tuple[tuple[float, str, float], ...]
-    reached: bool = False
-    demanded_speed: float = 0.0
-    achieved_speed: float = 0.0
-    fault: str = ''
+    reached: bool
+    fault: str
 
 
 class TaskReport:
@@ -76,39 +87,25 @@ class TaskReport:
 
     """
 
-    def __init__(self, task: Task, evaluation: Evaluation | None = None,
-                 level: int | None = None, velocity: Array | None = None,
-                 causes: Causes | None = None, fault: str = '') -> None:
+    def __init__(self, task: Task, level: int | None = None, fault: str = '',
+                 cycle: 'ReportedCycle | None' = None, index: int = 0) -> None:
         self.name, self.type_name, self.bounded = task.name, task.type_name, task.bounded
-        self.level, self._evaluation, self._causes = level, evaluation, causes
-        self._task, self._velocity, self._known_fault = task, velocity, fault
+        self.level, self._task, self._known_fault = level, task, fault
+        # Of a task that is carried out, and its index among these.
+        self._cycle, self._index = cycle, index
+
+    @cached_property
+    def _evaluation(self) -> Evaluation | None:
+        """Return the evaluation of the task; None while it does not run."""
+        return None if self._cycle is None else self._cycle.evaluations[self._index]
 
     @cached_property
     def _measures(self) -> Measures:
         """Return the measures of the task."""
-        task = self._task
-        try:
-            with foreign:
-                return self._measure(task)
-        except Exception as error:
-            # A task type of another package failed in its report; the task still runs.
-            return Measures(
-                tuple((math.nan, unit, tolerance) for _, unit, tolerance in task.groups),
-                fault=self._known_fault or raised(task.reported_errors, error))
-
-    def _measure(self, task: Task) -> Measures:
-        """Return the measures of the task; its type may raise any exception."""
-        evaluation, velocity = self._evaluation, self._velocity
-        if evaluation is None or velocity is None:
-            # A task that does not run has no measures.
-            unknown = np.full(task.rows, np.nan)
-            return Measures(_as_numbers(task.reported_errors(unknown, unknown)),
-                            fault=self._known_fault)
-        residual = residual_of(evaluation.level, velocity) / task.row_scale
-        achieved = evaluation.level.J.dot(velocity) / task.row_scale
-        errors = _as_numbers(task.reported_errors(evaluation.error, residual))
-        return Measures(errors, all(value <= tolerance for value, _, tolerance in errors),
-                        norm(achieved + residual), norm(achieved), self._known_fault)
+        if self._cycle is not None:
+            return self._cycle.measures(self._index)
+        unknown = np.full(self._task.rows, np.nan)
+        return _measures(self._task, lambda: (unknown, unknown), self._known_fault)
 
     @property
     def errors(self) -> tuple[tuple[float, str, float], ...]:
@@ -118,12 +115,12 @@ class TaskReport:
     @property
     def reached(self) -> bool:
         """Return whether every error is within its tolerance."""
-        return self._measures.reached
+        return self.carried_out and self._measures.reached
 
     @property
     def demanded_speed(self) -> float:
         """Return the norm of the demanded task velocity."""
-        return self._measures.demanded_speed
+        return norm(np.add(*self._speeds))
 
     @property
     def wanted_speed(self) -> float:
@@ -134,7 +131,14 @@ class TaskReport:
     @property
     def achieved_speed(self) -> float:
         """Return the norm of the achieved part of the demanded task velocity."""
-        return self._measures.achieved_speed
+        return norm(self._speeds[0])
+
+    @property
+    def _speeds(self) -> tuple[Array, Array]:
+        """Return the achieved velocity of the task and its residual; nothing unless it runs."""
+        if self._cycle is None or self.fault:
+            return NOTHING, NOTHING
+        return self._cycle.speeds(self._index)
 
     @property
     def fault(self) -> str:
@@ -144,23 +148,23 @@ class TaskReport:
     @property
     def carried_out(self) -> bool:
         """Return whether the report is from a cycle with the task enabled, not from a stop."""
-        return self._evaluation is not None
+        return self._cycle is not None
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """Return the causes that limit the task, the largest share first; () if it is reached."""
-        if self._causes is None or self._evaluation is None or self.level is None or self.reached:
+        if self._cycle is None or self.reached:
             return ()
-        return self._causes.of(self._evaluation)
+        return self._cycle.causes(self._index)
 
     @cached_property
     def _statements(self) -> list[Statement]:
         """Return the parts of the reason."""
         if self.fault:
             return [Statement(self.fault, (self.fault,))]
-        if self._causes is None or self._evaluation is None or self.level is None or self.reached:
+        if self._cycle is None or self._evaluation is None or self.reached:
             return []
-        found = list(statements(self._evaluation, self.errors, self.causes, self._causes))
+        found = list(statements(self._evaluation, self.errors, self.causes, self._cycle.search))
         if any(OUT_OF_REACH in each.sentence for each in found) or not self._unreachable:
             return found
         return [Statement(self._unreachable, (OUT_OF_REACH,)), *found]
@@ -196,10 +200,10 @@ class TaskReport:
         """Return the suggested change, as a sentence; empty if none is needed."""
         if self.fault:
             return 'correct its code, then enable the task again'
-        if self._causes is None or self._evaluation is None or not self.reason:
+        if self._cycle is None or self._evaluation is None or not self.reason:
             return ''
         return CHOOSE_ANOTHER if self._unreachable else \
-            hint_of(self._evaluation, self.causes, self._causes)
+            hint_of(self._evaluation, self.causes, self._cycle.search)
 
     @property
     def status(self) -> str:
@@ -213,7 +217,7 @@ class TaskReport:
             return 'failed'
         if self.level is None:
             return 'disabled'
-        if self._evaluation is None:
+        if self._cycle is None:
             return 'stopped'
         if self.reached:
             return 'satisfied' if self.bounded else 'reached'
@@ -237,7 +241,7 @@ def active_bounds(evaluations: Sequence[Sequence[Evaluation]],
 
 def stopped_reports(stack: Stack) -> tuple[TaskReport, ...]:
     """Return a `TaskReport` for every task while the robot is stopped, as `Report.tasks`."""
-    return (*(TaskReport(task, level=number)
+    return (*(TaskReport(task, number)
               for number, group in enumerate(stack.active, 1) for task in group),
             *_disabled_reports(stack.inactive, stack.faults))
 
@@ -245,6 +249,25 @@ def stopped_reports(stack: Stack) -> tuple[TaskReport, ...]:
 def _disabled_reports(tasks: Sequence[Task], faults: Mapping[str, str]) -> list[TaskReport]:
     """Return a `TaskReport` for each disabled task; some of them may have failed."""
     return [TaskReport(task, fault=faults.get(task.name, '')) for task in tasks]
+
+
+def _measures(task: Task, inputs: Callable[[], tuple[Array, Array]], fault: str = '') -> Measures:
+    """Return the measures of a task with the inputs of `reported_errors`."""
+    try:
+        with foreign:
+            errors = _as_numbers(task.reported_errors(*inputs()))
+    except Exception as error:
+        # A task type of another package failed in its report; the task still runs.
+        return Measures(
+            tuple((math.nan, unit, tolerance) for _, unit, tolerance in task.groups),
+            False, fault or raised(task.reported_errors, error))
+    return Measures(errors, all(value <= tolerance for value, _, tolerance in errors), fault)
+
+
+def _reports_its_error(task: Task) -> bool:
+    """Return whether a task reports its error alone, as most types do."""
+    return type(task).reported_errors is Task.reported_errors \
+        and 'reported_errors' not in task.__dict__
 
 
 def _as_numbers(errors: Iterable[tuple[float, str, float]]
@@ -265,8 +288,16 @@ class SolvedCycle(Protocol):
         """Return the memory for the next cycle."""
 
     @property
+    def tasks(self) -> Groups:
+        """Return the enabled tasks, level by level."""
+
+    @property
+    def errors(self) -> Sequence[Array]:
+        """Return the error of each task."""
+
+    @property
     def evaluations(self) -> Sequence[Sequence[Evaluation]]:
-        """Return the evaluations of the enabled tasks, level by level."""
+        """Return the evaluations of the tasks, level by level."""
 
     @property
     def cycle(self) -> Cycle:
@@ -280,6 +311,9 @@ class SolvedCycle(Protocol):
     def place(self) -> Place:
         """Return the configuration."""
 
+    def causes(self, least: Array) -> FoundCauses | None:
+        """Return the causes that limit each task; None if they are not found by the core."""
+
 
 class Solved(NamedTuple):
     """Cycle that `step` computed; see `SolvedCycle`."""
@@ -291,9 +325,85 @@ class Solved(NamedTuple):
     place: Place
 
     @property
+    def tasks(self) -> Groups:
+        """Return the enabled tasks, level by level."""
+        return tuple([tuple([each.task for each in group]) for group in self.evaluations])
+
+    @property
+    def errors(self) -> Sequence[Array]:
+        """Return the error of each task."""
+        return [each.error for group in self.evaluations for each in group]
+
+    @property
     def velocity(self) -> Array:
         """Return the command (n,) [rad/s or m/s]."""
         return self.memory.velocity
+
+    def causes(self, least: Array) -> None:
+        """Leave the search for causes to the reference."""
+
+
+class ReportedCycle:
+    """
+    Cycle of the tasks that are carried out, as they report it; computed on access.
+
+    Parameters
+    ----------
+    robot : Robot
+    solved : SolvedCycle
+
+    """
+
+    def __init__(self, robot: Robot, solved: SolvedCycle) -> None:
+        self._robot, self._solved = robot, solved
+        self._tasks = [task for group in solved.tasks for task in group]
+        self._measured: dict[int, Measures] = {}
+
+    @cached_property
+    def evaluations(self) -> list[Evaluation]:
+        """Return the evaluation of each task."""
+        return [each for group in self._solved.evaluations for each in group]
+
+    def measures(self, index: int) -> Measures:
+        """Return the measures of the task at an index."""
+        if index not in self._measured:
+            task, error = self._tasks[index], self._solved.errors[index]
+            self._measured[index] = _measures(task, lambda: (
+                error, NOTHING if _reports_its_error(task) else self.speeds(index)[1]))
+        return self._measured[index]
+
+    def speeds(self, index: int) -> tuple[Array, Array]:
+        """Return the achieved velocity of the task at an index, and its residual."""
+        level, velocity = self.evaluations[index].level, self._solved.velocity
+        scale = self._tasks[index].row_scale
+        return level.J.dot(velocity) / scale, residual_of(level, velocity) / scale
+
+    @cached_property
+    def search(self) -> Causes:
+        """Return the search for causes that limit tasks."""
+        solved = self._solved
+        return Causes(self._robot, solved.evaluations, solved.cycle, solved.outcome, solved.place)
+
+    def causes(self, index: int) -> tuple[Cause, ...]:
+        """Return the causes that limit the task at an index, the largest share first."""
+        if self._found is None:
+            return self.search.of(self.evaluations[index])
+        return tuple([Cause(KINDS[kind], self._name(KINDS[kind], place), share)
+                      for kind, place, share in self._found[index]])
+
+    @cached_property
+    def _found(self) -> FoundCauses | None:
+        """Return the causes that the compiled core finds; none of tasks that are reached."""
+        return self._solved.causes(np.array([
+            math.inf if self.measures(index).reached else DEMAND_ROUNDING * task.row_scale
+            for index, task in enumerate(self._tasks)]))
+
+    def _name(self, kind: str, place: int) -> str:
+        """Return the name of a task or joint; empty where a cause has none."""
+        if place < 0:
+            return ''
+        return self._tasks[place].name if kind in (TASK, BOUNDS) \
+            else self._robot.velocity_names[place]
 
 
 class Report:
@@ -322,19 +432,17 @@ class Report:
         return outcome.solution.moved_to(outcome.velocity)
 
     @cached_property
-    def _causes(self) -> Causes:
-        """Return the search for causes that limit tasks."""
-        solved = self._solved
-        return Causes(self._robot, solved.evaluations, solved.cycle, solved.outcome, solved.place)
+    def _cycle(self) -> ReportedCycle:
+        """Return the cycle as its tasks report it."""
+        return ReportedCycle(self._robot, self._solved)
 
     @cached_property
     def tasks(self) -> tuple[TaskReport, ...]:
         """Return a `TaskReport` for every task, in order of priority, the disabled ones last."""
-        velocity, causes = self._solved.outcome.velocity, self._causes
-        reports = [TaskReport(evaluation.task, evaluation, number, velocity, causes)
-                   for number, group in enumerate(self._solved.evaluations, 1)
-                   for evaluation in group]
-        return (*reports, *_disabled_reports(self._disabled, self._faults))
+        cycle, index = self._cycle, count()
+        return (*[TaskReport(task, level, '', cycle, next(index))
+                  for level, group in enumerate(self._solved.tasks, 1) for task in group],
+                *_disabled_reports(self._disabled, self._faults))
 
     @property
     def scale(self) -> float:
@@ -358,5 +466,5 @@ class Report:
         if joint is None:
             return ''
         level = next(level for level in self._solution.levels if level.limited_by)
-        return phrase(self._causes.limits_at(level, joint)[0],
+        return phrase(self._cycle.search.limits_at(level, joint)[0],
                       self._robot.velocity_names[joint])

@@ -44,11 +44,17 @@ struct Above {
   Directions its;
 };
 
+// What the first levels with a demand can move, where they were solved before.
+struct Shared {
+  std::vector<Directions> directions;
+  size_t count = 0;
+};
+
 class BoundedHierarchy {
  public:
   BoundedHierarchy(Arena &arena, Polytope &allowed, const Damping &damping,
-                   std::vector<Above> &above)
-      : arena_(arena), allowed_(allowed), n_(allowed.n), damping_(damping),
+                   std::vector<Above> &above, const Shared &shared)
+      : arena_(arena), shared_(shared), allowed_(allowed), n_(allowed.n), damping_(damping),
         first_(damping.first()), rest_(arena.zeros(n_)), x_(arena.take(n_)), above_(above) {
     above_.clear();
     allowed.clip(rest_, x_);
@@ -60,7 +66,8 @@ class BoundedHierarchy {
   double *x() { return x_; }
 
   Step carry_out(const Level &level, double c) {
-    const Directions its = Decomposition(arena_, level, Z_, above_.empty(), !relaxed_).found();
+    const Directions its = above_.size() < shared_.count ? shared_.directions[above_.size()]
+        : Decomposition(arena_, level, Z_, above_.empty(), !relaxed_).found();
     const int rank = its.rank;
     double *gains = arena_.take(rank), *step = arena_.take(rank), *missing = arena_.take(level.m);
     damping().gains(its.s, rank, c, gains);
@@ -395,6 +402,7 @@ class BoundedHierarchy {
   }
 
   Arena &arena_;
+  const Shared &shared_;
   Polytope &allowed_;
   int n_;
   Damping damping_, first_;

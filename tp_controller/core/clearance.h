@@ -32,11 +32,11 @@ constexpr double AT_THE_MARGIN = 1e-12;
 
 // A line: all points within a distance of a line along z, of length zero for a ball. A plane:
 // what is below z = 0.
-enum Shape { OTHER, LINE, PLANE };
+enum SolidKind { OTHER, LINE, PLANE };
 
 struct Solid {
   int frame;
-  Shape shape;
+  SolidKind shape;
   double half[3];                        // of the box around it, in its axes
   Placement on;                          // the frame
 
@@ -210,7 +210,7 @@ bool read_solids(const std::vector<double> &rows, Clearance &its) {
     int shape;
     if (!whole(row[0], 0, int(MOST) - 1, solid.frame) || !whole(row[1], OTHER, PLANE, shape))
       return false;
-    solid.shape = Shape(shape);
+    solid.shape = SolidKind(shape);
     std::copy(row + 2, row + 5, solid.half);
     std::copy(row + 5, row + 14, solid.on.R);
     std::copy(row + 14, row + 17, solid.on.p);

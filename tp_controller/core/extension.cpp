@@ -23,39 +23,55 @@ namespace {
 
 // {module of the reference: {name: value}}; a test holds them equal.
 PyObject *constants() {
-  return Py_BuildValue(
-      "{s:{s:n}, s:{s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d}, s:{s:(dddd),s:(dd)},"
-      " s:{s:d,s:d}, s:{s:d,s:d}, s:{s:d}, s:{s:d}, s:{s:d,s:d,s:d,s:d},"
-      " s:{s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:i}, s:{s:d,s:d}, s:{s:d,s:d},"
-      " s:{s:d,s:d,s:d,s:d,s:d,s:d}, s:{s:d,s:d,s:d,s:d,s:d}, s:{s:d},"
-      " s:{s:d,s:d}, s:{s:d}}",
-      "solver.compiled", "MOST", MOST,
-      "solver.level", "NEGLIGIBLE", NEGLIGIBLE, "ROUNDING", ROUNDING, "FEASIBLE", FEASIBLE,
-      "solver.damping", "CURVATURE", CURVATURE, "TURNING", TURNING, "ROW_TURNING", ROW_TURNING,
-      "FIRST", FIRST, "MEMORY", MEMORY,
-      "solver.active_set", "DEPENDENT", DEPENDENT, "LAST_DIGIT", LAST_DIGIT,
-      "solver.qp", "TOLERANCES", TOLERANCES[0], TOLERANCES[1], TOLERANCES[2], TOLERANCES[3],
-      "EXACT", EXACT[0], EXACT[1],
-      "solver.bounded_hierarchy", "ROW_DAMPING", ROW_DAMPING, "SOFTEST", SOFTEST,
-      "solver.min_norm", "WELL_CONDITIONED", WELL_CONDITIONED, "WELL_WEIGHTED", WELL_WEIGHTED,
-      "model.state", "LARGEST", LARGEST,
-      "model.spatial", "HALF_TURN_BAND", HALF_TURN_BAND,
-      "control.joint_limits", "RETURN_SHARE", RETURN_SHARE, "RETURN_SPEED", RETURN_SPEED,
-      "LARGEST_DISTANCE", LARGEST_DISTANCE,
-      "UNLIMITED_ACCELERATION", UNLIMITED_ACCELERATION,
-      "control.cycle_time", "SMOOTHING", SMOOTHING, "HOLD_RATIO", HOLD_RATIO,
-      "control.escape", "STUCK_SPEED", STUCK_SPEED, "LEAST_DEMAND", LEAST_DEMAND,
-      "SINGULAR_RATIO", SINGULAR_RATIO, "STUCK_SECONDS", STUCK_SECONDS, "MOST_NUDGES", MOST_NUDGES,
-      "tasks.aim", "MIN_POINT_DISTANCE", MIN_POINT_DISTANCE, "MIN_VECTOR_LENGTH", MIN_VECTOR_LENGTH,
-      "tasks.pointing", "MIN_VERTICAL_SINE", MIN_VERTICAL_SINE, "MIN_SQUARED_SINE", MIN_SQUARED_SINE,
-      "tasks.bounded", "RETURN_JOINT_SPEED", bounded::RETURN_JOINT_SPEED, "FAR", bounded::FAR,
-      "STILL", bounded::STILL, "LOOSE", bounded::LOOSE, "DRIFT", bounded::DRIFT,
-      "TINY", bounded::TINY,
-      "model.clearance", "PATCH_TOLERANCE", PATCH_TOLERANCE, "BOUND_MARGIN", BOUND_MARGIN,
-      "LEAST_ANGLE", LEAST_ANGLE, "LEAST_GAP", LEAST_GAP, "LEAST_RISE", LEAST_RISE,
-      "model.shapes", "CENTRE_RADIUS", CENTRE_RADIUS,
-      "tasks.joint_limit_distance", "MAX_CURVED", MAX_CURVED, "MAX_RATE", MAX_RATE,
-      "tasks.field_of_view", "MIN_ANGLE", MIN_ANGLE);
+#define VALUE(name) {#name, {double(name)}}
+#define BOUNDED(name) {#name, {bounded::name}}
+#define VALUES(name) {#name, {std::begin(name), std::end(name)}}
+  struct Constant { const char *name; std::vector<double> values; };
+  const std::pair<const char *, std::vector<Constant>> modules[] = {
+      {"solver.compiled", {VALUE(MOST)}},
+      {"solver.level", {VALUE(NEGLIGIBLE), VALUE(ROUNDING), VALUE(FEASIBLE)}},
+      {"solver.damping", {VALUE(CURVATURE), VALUE(TURNING), VALUE(ROW_TURNING),
+          VALUE(FIRST), VALUE(MEMORY)}},
+      {"solver.active_set", {VALUE(DEPENDENT), VALUE(LAST_DIGIT)}},
+      {"solver.qp", {VALUES(TOLERANCES), VALUES(EXACT)}},
+      {"solver.bounded_hierarchy", {VALUE(ROW_DAMPING), VALUE(SOFTEST)}},
+      {"solver.min_norm", {VALUE(WELL_CONDITIONED), VALUE(WELL_WEIGHTED)}},
+      {"model.state", {VALUE(LARGEST)}},
+      {"model.spatial", {VALUE(HALF_TURN_BAND)}},
+      {"model.shapes", {VALUE(CENTRE_RADIUS)}},
+      {"model.clearance", {VALUE(PATCH_TOLERANCE), VALUE(BOUND_MARGIN), VALUE(LEAST_ANGLE),
+          VALUE(LEAST_GAP), VALUE(LEAST_RISE)}},
+      {"tasks.aim", {VALUE(MIN_POINT_DISTANCE), VALUE(MIN_VECTOR_LENGTH)}},
+      {"tasks.pointing", {VALUE(MIN_VERTICAL_SINE), VALUE(MIN_SQUARED_SINE)}},
+      {"tasks.bounded", {BOUNDED(RETURN_JOINT_SPEED), BOUNDED(FAR), BOUNDED(STILL), BOUNDED(LOOSE),
+          BOUNDED(DRIFT), BOUNDED(TINY)}},
+      {"tasks.field_of_view", {VALUE(MIN_ANGLE)}},
+      {"tasks.joint_limit_distance", {VALUE(MAX_CURVED), VALUE(MAX_RATE)}},
+      {"control.joint_limits", {VALUE(RETURN_SHARE), VALUE(RETURN_SPEED),
+          VALUE(LARGEST_DISTANCE), VALUE(UNLIMITED_ACCELERATION)}},
+      {"control.velocity_limits", {VALUE(SAME_VELOCITY)}},
+      {"control.causes", {VALUE(SIGNIFICANT_SHARE), VALUE(NEAR_SINGULAR)}},
+      {"control.cycle_time", {VALUE(SMOOTHING), VALUE(HOLD_RATIO)}},
+      {"control.escape", {VALUE(STUCK_SPEED), VALUE(LEAST_DEMAND), VALUE(SINGULAR_RATIO),
+          VALUE(STUCK_SECONDS), VALUE(MOST_NUDGES)}},
+  };
+#undef VALUE
+#undef BOUNDED
+#undef VALUES
+  PyObject *found = PyDict_New();
+  for (const auto &[module, given] : modules) {
+    PyObject *its = PyDict_New();
+    for (const Constant &constant : given) {
+      PyObject *value = PyTuple_New(Py_ssize_t(constant.values.size()));
+      for (size_t i = 0; i < constant.values.size(); ++i)
+        PyTuple_SetItem(value, Py_ssize_t(i), PyFloat_FromDouble(constant.values[i]));
+      PyDict_SetItemString(its, constant.name, value);
+      Py_DECREF(value);
+    }
+    PyDict_SetItemString(found, module, its);
+    Py_DECREF(its);
+  }
+  return found;
 }
 
 PyMethodDef FUNCTIONS[] = {

@@ -26,7 +26,6 @@ class GradientTask : public Task {
   GradientTask(Law law, double max_speed) : Task(std::move(law)), max_speed_(max_speed) {}
 
   bool is_identity() const override { return true; }
-  bool is_constant() const override { return true; }
 
   bool evaluate(const Situation &at, const Rows &out) override {
     const int n = rows();

@@ -30,7 +30,6 @@ class JointLimitsTask : public Task {
         upper_(std::move(upper)), return_speed_(return_speed) {}
 
   bool bounded() const override { return true; }
-  bool is_constant() const override { return true; }
 
   bool fits(const Motion &motion) const override { return columns_.fit(motion); }
 

@@ -51,7 +51,6 @@ class JointTask : public Task {
         wraps_(std::move(wraps)) {}
 
   bool is_identity() const override { return columns_.all; }
-  bool is_constant() const override { return true; }
 
   bool fits(const Motion &motion) const override { return columns_.fit(motion); }
 

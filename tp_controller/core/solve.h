@@ -40,17 +40,35 @@ class Solver {
   std::vector<Step> steps;
   double *x = nullptr, *whole = nullptr, slowed = 1.0;
   bool looped = false, busy = false;     // not looped: the fast path did it
+  // What is known of levels that are solved again; and whether their demands are those of
+  // `remember_free`.
+  Shared shared;
+  bool same = false;
 
   const Options &options() const { return options_; }
   int n() const { return options_.n; }
 
   void begin() {
     arena.reset();
+    shared = Shared();
+    same = false;
+    clear();
+  }
+
+  void clear() {
     levels.clear();
     memory.clear();
     steps.clear();
     slowed = 1.0;
     looped = false;
+  }
+
+  // Remember the velocity of the fast path without bounds and curvature: where there is none, or it
+  // is not within the bounds, the fast path fails for the same demands.
+  void remember_free(double period) {
+    curved_.assign(levels.size(), 0.0);
+    double *free = arena.take(options_.n);
+    free_ = find_free(period, free) ? free : nullptr;
   }
 
   // Solve the levels; no bounds and no cap where they are null.
@@ -82,7 +100,12 @@ class Solver {
 
  private:
   bool fast(const double *lower, const double *upper, double period, const double *cap) {
-    const int n = options_.n;
+    if (same && !(free_ && fits(free_, lower, upper, cap))) return false;
+    double *free = arena.take(options_.n);
+    return find_free(period, free) && fits(free, lower, upper, cap);
+  }
+
+  bool find_free(double period, double *free) {
     demands_.clear();
     demands_curved_.clear();
     for (size_t l = 0; l < levels.size(); ++l) {
@@ -90,12 +113,17 @@ class Solver {
       demands_.push_back(&levels[l]);
       demands_curved_.push_back(curved_[l]);
     }
-    MinNorm method(arena, n, options_.damping, period);
-    double *free = arena.take(n);
-    if (!method.solve(demands_, demands_curved_, weights(), free)) return false;
-    if (!std::isfinite(dot(free, free, n))) return false;
+    return MinNorm(arena, options_.n, options_.damping, period)
+               .solve(demands_, demands_curved_, weights(), free)
+        && std::isfinite(dot(free, free, options_.n));
+  }
+
+  // Whether velocities are within all bounds; x is them then.
+  bool fits(const double *free, const double *lower, const double *upper, const double *cap) {
+    const int n = options_.n;
     Polytope allowed(arena, n, lower, upper, 0);
-    if (cap && demands_.size() > 1)
+    if (cap && std::count_if(levels.begin(), levels.end(),
+                             [](const Level &l) { return !l.bounded; }) > 1)
       for (int j = 0; j < n; ++j) {
         allowed.lower[j] = clip(-cap[j], lower[j], upper[j]);
         allowed.upper[j] = clip(cap[j], lower[j], upper[j]);
@@ -112,7 +140,7 @@ class Solver {
     int rows = 0;
     for (const Level &level : levels) rows += level.bounded ? level.m : 0;
     Polytope allowed(arena, n, lower, upper, rows);
-    BoundedHierarchy hierarchy(arena, allowed, options_.damping, above_);
+    BoundedHierarchy hierarchy(arena, allowed, options_.damping, above_, shared);
     steps.clear();
     for (size_t l = 0; l < levels.size(); ++l) {
       if (levels[l].bounded) {
@@ -165,6 +193,7 @@ class Solver {
   }
 
   Options options_;
+  const double *free_ = nullptr;
   std::vector<double> curved_, demands_curved_;
   std::vector<const Level *> demands_;
   std::vector<Above> above_;

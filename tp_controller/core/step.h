@@ -74,9 +74,13 @@ class ControlCycle {
 
   ControlCycle(const Options &options, const Limits &limits, std::vector<double> cap,
                double period, int delay)
-      : solver(options), memory(options.n, delay), limits_(limits), cap_(std::move(cap)),
-        period_(period), delay_(delay) {}
+      : limits(limits), cap(std::move(cap)), period(period), delay(delay), solver(options),
+        memory(options.n, delay) {}
 
+  const Limits limits;
+  const std::vector<double> cap;
+  const double period;
+  const int delay;
   Solver solver;
   CycleMemory memory;
   std::vector<Level> given;              // levels of the tasks that Python evaluates, in order
@@ -90,18 +94,28 @@ class ControlCycle {
     groups_ = std::move(groups);
   }
 
+  // The motion of the joints, as their limits see it, after the cycle that left `before`.
+  JointMotion motion(Arena &arena, const double *positions, CycleMemory &before,
+                     double since, const CycleTime &time) const {
+    const int n = solver.n();
+    double *upwards = arena.zeros(n), *downwards = arena.zeros(n);
+    for (int i = 0; i < delay; ++i) add_pending(before.pending(i), n, upwards, downwards);
+    return {positions, before.velocity(), since, time.longest_hold(period), delay, upwards,
+            downwards};
+  }
+
   // Compute the cycle at positions where the robot is; `measured`: time since the last command.
   // False where the reference has to.
   bool run(const Situation &at, double measured) {
     if (!evaluate(at)) return false;
     CycleTime time = memory.time();
     elapsed = time.advance(
-        std::isnan(memory.commanded()) ? period_
-            : std::isnan(measured) ? at.now - memory.commanded() : measured, period_);
+        std::isnan(memory.commanded()) ? period
+            : std::isnan(measured) ? at.now - memory.commanded() : measured, period);
     bound(at.positions, time);
     std::copy(memory.damping(), memory.damping() + groups_.size(),
               std::back_inserter(solver.memory));
-    solver.solve(lower, upper, time.mean, cap_.empty() ? nullptr : cap_.data());
+    solver.solve(lower, upper, time.mean, cap.empty() ? nullptr : cap.data());
     Escape escape = memory.escape();
     if (escape.is_due(solver.arena, solver.levels, solver.x, solver.n(), time.now)) return false;
     memory.commanded() = at.now;
@@ -167,21 +181,12 @@ class ControlCycle {
   }
 
   void bound(const double *positions, const CycleTime &time) {
-    const int n = solver.n();
-    Arena &arena = solver.arena;
-    double *upwards = arena.zeros(n), *downwards = arena.zeros(n);
-    for (int i = 0; i < delay_; ++i) add_pending(memory.pending(i), n, upwards, downwards);
-    lower = arena.take(n);
-    upper = arena.take(n);
-    limits_.box({positions, memory.velocity(), elapsed, time.longest_hold(period_), delay_, upwards,
-                 downwards}, false, lower, upper);
+    lower = solver.arena.take(solver.n());
+    upper = solver.arena.take(solver.n());
+    limits.box(motion(solver.arena, positions, memory, elapsed, time), false, lower, upper);
   }
 
   std::vector<Group> groups_;
-  const Limits limits_;
-  const std::vector<double> cap_;
-  const double period_;
-  const int delay_;
 };
 
 }  // namespace

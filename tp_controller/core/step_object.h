@@ -17,8 +17,7 @@
 
 #pragma once
 
-#include "solver_object.h"
-#include "step.h"
+#include "causes_object.h"
 #include "task_object.h"
 
 namespace {
@@ -26,6 +25,7 @@ namespace {
 // A cycle of a stack, and the tasks that Python holds.
 struct StackCycle {
   std::unique_ptr<ControlCycle> cycle;
+  std::unique_ptr<CauseSearch> search;
   std::vector<PyObject *> held;
   size_t frames = 0;                     // of the robot whose tasks they are
 
@@ -73,6 +73,7 @@ PyObject *make_step(PyTypeObject *type, PyObject *given, PyObject *) {
         && (cap == Py_None || (read_all(cap, capped) && capped.size() == size_t(options.n)))) {
       its.cycle.reset(new ControlCycle(options, of<Limits>(limits), std::move(capped), period,
                                        delay));
+      its.search.reset(new CauseSearch(options));
       return keep<StackCycle>(type, std::move(its));
     }
   } catch (const std::bad_alloc &) {
@@ -134,42 +135,67 @@ void read_cycle(ControlCycle &cycle, PyObject *memory, PyObject *levels) {
   need(next == cycle.given.size());
 }
 
+// Call with the numbers of each level: how many tasks, whether it has bounds, whether it is scaled;
+// rows of each task, and whether its J is the identity; J, unless it is the identity; v, or bounds.
+// Then with the error of each task that has a twin.
+template <typename Put>
+void put_levels(const ControlCycle &cycle, Put put) {
+  auto level = cycle.solver.levels.begin();
+  auto given = cycle.given.begin();
+  for (const ControlCycle::Group &group : cycle.groups()) {
+    const double head[3] = {double(group.size()), double(level->bounded), double(level->scale)};
+    put(head, 3);
+    for (const Task *task : group) {
+      const double its[2] = {double(task ? task->rows() : given->m),
+                             double(task ? task->is_identity() : given->is_identity)};
+      put(its, 2);
+      if (!task) ++given;
+    }
+    const size_t m = size_t(level->m);
+    if (!level->is_identity) put(level->J, m * level->n);
+    put(level->bounded ? level->lower : level->v, m);
+    if (level->bounded) put(level->upper, m);
+    ++level;
+  }
+}
+
+template <typename Put>
+void put_errors(const ControlCycle &cycle, Put put) {
+  auto evaluation = cycle.evaluations.begin();
+  for (const ControlCycle::Group &group : cycle.groups())
+    for (const Task *task : group)
+      if (task) put((evaluation++)->error, size_t(task->rows()));
+}
+
 // One cycle as a row of doubles, which `CycleRecord` of the reference reads: memory, factor of
-// uniform scaling, whether there are steps, time since the last command, positions, bounds of the
-// joints, evaluations of the tasks, and the steps of the solver.
+// uniform scaling, whether there are steps, time since the last command, where errors and steps
+// begin, positions, bounds of the joints, levels, errors, and the steps of the solver.
 PyObject *write_cycle(ControlCycle &cycle, const double *positions) {
   Solver &solver = cycle.solver;
   const size_t n = size_t(solver.n());
   Record steps(solver);
-  size_t size = cycle.memory.size() + 3 + 3 * n + (solver.looped ? steps.size() : 0);
-  const auto parts = [&](auto put) {
-    size_t next = 0;
-    for (const ControlCycle::Group &group : cycle.groups())
-      for (const Task *task : group) {
-        if (!task) continue;
-        const Rows &its = cycle.evaluations[next++];
-        const size_t m = size_t(task->rows());
-        put(its.error, m);
-        put(its.v, m);
-        if (task->bounded()) put(its.upper, m);
-        if (!task->is_constant()) put(its.J, m * n);
-      }
-  };
-  parts([&size](const double *, size_t count) { size += count; });
+  size_t size = cycle.memory.size() + CYCLE_HEAD + 3 * n;
+  const auto count = [&size](const double *, size_t more) { size += more; };
+  put_levels(cycle, count);
+  const double errors_at = double(size);
+  put_errors(cycle, count);
+  const double head[CYCLE_HEAD] = {solver.slowed, solver.looped ? 1.0 : 0.0, cycle.elapsed,
+                                   errors_at, double(size)};
+  if (solver.looped) size += steps.size();
   PyObject *bytes = PyBytes_FromStringAndSize(nullptr, Py_ssize_t(size * sizeof(double)));
   if (!bytes) return nullptr;
   char *at = PyBytes_AsString(bytes);
-  const auto put = [&at](const double *from, size_t count) {
-    std::memcpy(at, from, count * sizeof(double));
-    at += count * sizeof(double);
+  const auto put = [&at](const double *from, size_t numbers) {
+    if (numbers) std::memcpy(at, from, numbers * sizeof(double));
+    at += numbers * sizeof(double);
   };
-  const double head[3] = {solver.slowed, solver.looped ? 1.0 : 0.0, cycle.elapsed};
   put(cycle.memory.data(), cycle.memory.size());
-  put(head, 3);
+  put(head, CYCLE_HEAD);
   put(positions, n);
   put(cycle.lower, n);
   put(cycle.upper, n);
-  parts(put);
+  put_levels(cycle, put);
+  put_errors(cycle, put);
   if (solver.looped) steps.write(at);
   return bytes;
 }
@@ -218,9 +244,35 @@ PyObject *step_run(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   return Py_NewRef(Py_None);
 }
 
+// causes(record, before, least): (kind, index, share) of the causes of each task in a cycle, from its
+// record and that of the cycle before; None where the reference is needed. `least`: residuals (t,) up
+// to which tasks are not limited.
+PyObject *step_causes(PyObject *self, PyObject *const *given, Py_ssize_t count) {
+  if (count != 3) return refuse("causes(record, before, least)");
+  const StackCycle &its = of<StackCycle>(self);
+  CauseSearch &search = *its.search;
+  try {
+    const Running running(search.solver);
+    std::vector<double> least;
+    need(read_all(given[2], least));
+    RecordReader record(search.solver.arena, given[0]), before(search.solver.arena, given[1]);
+    {
+      const size_t levels = its.cycle->groups().size();
+      const WithoutPython meanwhile;
+      search.run(*its.cycle, levels, record, before, least);
+    }
+    return as_tuples(search.found);
+  } catch (const Unsolved &) {
+  } catch (const std::bad_alloc &) {
+  }
+  PyErr_Clear();
+  return Py_NewRef(Py_None);
+}
+
 PyMethodDef STEP_METHODS[] = {
     method("set_tasks", step_set_tasks, "Set the tasks of each level."),
     method("run", step_run, "Compute one cycle."),
+    method("causes", step_causes, "Find the causes that limit the tasks of a cycle."),
     {nullptr, nullptr, 0, nullptr}};
 
 }  // namespace

@@ -67,8 +67,6 @@ class Task {
   bool scale() const { return law_.scale; }
   virtual bool bounded() const { return false; }
   virtual bool is_identity() const { return false; }
-  // Whether J is the same in all cycles, so that a record leaves it out.
-  virtual bool is_constant() const { return false; }
 
   // Whether the task is one of this robot.
   virtual bool fits(const Motion &motion) const = 0;

@@ -21,32 +21,67 @@
 
 namespace {
 
+// Constants of the reference.
+constexpr double SAME_VELOCITY = 1e-9;
+
+// Bits of limits, in the order of `LIMITS`; the reserve follows them.
+constexpr unsigned VELOCITY = 1, UPPER = 2, LOWER = 4, TRANSIENT = 8, RESERVE = 16;
+
 class Limits {
  public:
   JointLimits limits;
 
   Py_ssize_t size() const { return Py_ssize_t(limits.size()); }
 
+  // What `bounded` returns of one joint, without some limits (bits of their places in `LIMITS`).
+  Interval at(const JointMotion &motion, double gain, size_t j, unsigned without = 0) const {
+    const Interval speed = limits.velocity.at(j), braking = limits.position.at(motion, gain, j);
+    Interval box = {-INF, INF};
+    if (!(without & VELOCITY)) box = speed;
+    if (!(without & LOWER)) box.least = std::max(box.least, braking.least);
+    if (!(without & UPPER)) box.most = std::min(box.most, braking.most);
+    if (box.most < box.least) {
+      // A joint must not return so fast that it cannot stop at the other end of its range.
+      box.most = std::max(box.most, std::min(box.least, 0.0));
+      box.least = std::min(box.least, box.most);
+    }
+    // Clamp to the reachable velocities, even if all of them are too fast.
+    unsigned bit = TRANSIENT;
+    limits.transient(motion, j, [&](const Interval &reachable) {
+      if (!(without & bit)) {
+        box.least = std::min(std::max(box.least, reachable.least), reachable.most);
+        box.most = std::min(std::max(box.most, reachable.least), reachable.most);
+      }
+      bit <<= 1;
+    });
+    return box;
+  }
+
   // Fill in what `bounded` returns, without transient limits where `settled`.
   void box(const JointMotion &motion, bool settled, double *lower, double *upper) const {
     const double gain = limits.position.gain_of(motion);
     for (size_t j = 0; j < limits.size(); ++j) {
-      const Interval speed = limits.velocity.at(j), braking = limits.position.at(motion, gain, j);
-      Interval box = {std::max(speed.least, braking.least), std::min(speed.most, braking.most)};
-      if (box.most < box.least) {
-        // A joint must not return so fast that it cannot stop at the other end of its range.
-        box.most = std::max(box.most, std::min(box.least, 0.0));
-        box.least = std::min(box.least, box.most);
-      }
-      // Clamp to the reachable velocities, even if all of them are too fast.
-      if (!settled)
-        limits.transient(motion, j, [&box](const Interval &reachable) {
-          box.least = std::min(std::max(box.least, reachable.least), reachable.most);
-          box.most = std::min(std::max(box.most, reachable.least), reachable.most);
-        });
+      const Interval box = at(motion, gain, j, settled ? ~(TRANSIENT - 1) : 0);
       lower[j] = box.least;
       upper[j] = box.most;
     }
+  }
+
+  // Bits of the limits that hold the bound of a joint from above, or from below.
+  unsigned holding(const JointMotion &motion, double gain, size_t j, bool up, double bound) const {
+    const auto holds = [bound](double end) { return std::fabs(end - bound) <= SAME_VELOCITY; };
+    const Interval speed = limits.velocity.at(j), braking = limits.position.at(motion, gain, j);
+    unsigned found = holds(up ? speed.most : speed.least) ? VELOCITY : 0;
+    if (holds(up ? braking.most : -INF)) found |= UPPER;
+    if (holds(up ? INF : braking.least)) found |= LOWER;
+    unsigned bit = TRANSIENT;
+    // If all reachable velocities are too fast, the nearer end of them is the bound.
+    limits.transient(motion, j, [&](const Interval &reachable) {
+      if (holds(reachable.least) || holds(reachable.most)) found |= bit;
+      bit <<= 1;
+    });
+    // Otherwise the bound is the speed of return from outside of the range.
+    return found ? found : up ? UPPER : LOWER;
   }
 };
 

@@ -1,0 +1,173 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// The search for causes as Python has it: the record of a cycle in, causes of its tasks out.
+// Reference: tp_controller/control/cycle_record.py
+
+#pragma once
+
+#include "causes.h"
+#include "solver_object.h"
+#include "step.h"
+
+namespace {
+
+// Numbers between the memory and the arrays of a cycle.
+constexpr size_t CYCLE_HEAD = 5;
+// More rows of a level than any has.
+constexpr int MOST_ROWS = 1 << 20;
+
+// Reads a record from its begin to its end; `Unsolved` where it is none.
+class RecordReader {
+ public:
+  RecordReader(Arena &arena, PyObject *record) {
+    char *bytes;
+    Py_ssize_t size;
+    need(PyBytes_Check(record) && PyBytes_AsStringAndSize(record, &bytes, &size) == 0);
+    left_ = size_t(size) / sizeof(double);
+    at_ = arena.take(left_);
+    std::memcpy(at_, bytes, left_ * sizeof(double));
+  }
+
+  double *take(size_t count) {
+    need(count <= left_);
+    double *found = at_;
+    at_ += count;
+    left_ -= count;
+    return found;
+  }
+
+  int count(double number) const {
+    int found;
+    need(whole(number, 0, MOST_ROWS, found));
+    return found;
+  }
+
+  // The next step, as `Record` writes it.
+  Step step(const Level &level) {
+    const double *head = take(8);
+    const int n = level.n, rank = count(head[1]);
+    Step found;
+    Directions &its = found.directions;
+    its.m = level.bounded ? 0 : level.m;
+    its.rank = rank;
+    its.size = head[6];
+    its.Q = {nullptr, n, count(head[2])};
+    need(rank <= std::min(its.m, its.Q.k) && its.Q.k <= n);
+    found.level = &level;
+    found.is_relaxed = head[3] >= 0.0;
+    found.bend = head[7];
+    found.velocity = take(n);
+    its.U = take(size_t(its.m) * rank);
+    its.s = take(rank);
+    its.Q.p = take(size_t(n) * its.Q.k);
+    found.followed = take(rank);
+    if (found.is_relaxed) found.relaxed = {take(size_t(n) * count(head[3])), n, count(head[3])};
+    if (head[4] != 0.0) found.multipliers = take(n);
+    if (head[5] >= 0.0) found.row_multipliers = take(found.rows = count(head[5]));
+    return found;
+  }
+
+  // The next level, and its tasks.
+  void level(int n, SolvedCycle &cycle) {
+    const double *head = take(3);
+    const int tasks = count(head[0]);
+    Level its = {0, n, head[1] != 0.0, head[2] != 0.0, false, nullptr, nullptr, nullptr, nullptr};
+    for (int i = 0; i < tasks; ++i) {
+      const double *part = take(2);
+      cycle.parts.push_back({cycle.levels.size(), its.m, count(part[0]), part[1] != 0.0});
+      its.m += count(part[0]);
+      need(its.m <= MOST_ROWS && (part[1] == 0.0 || (part[0] == n && !its.bounded)));
+    }
+    its.is_identity = tasks == 1 && cycle.parts.back().is_identity;
+    if (!its.is_identity) its.J = take(size_t(its.m) * n);
+    (its.bounded ? its.lower : its.v) = take(its.m);
+    if (its.bounded) its.upper = take(its.m);
+    cycle.levels.push_back(its);
+  }
+
+ private:
+  double *at_;
+  size_t left_;
+};
+
+// A solver with its options, but for damping.
+Options without_damping(Options options) {
+  options.damping = {0.0, INF, 0.0, options.damping.regularisation};
+  return options;
+}
+
+// The search for causes in cycles of a stack.
+struct CauseSearch {
+  explicit CauseSearch(const Options &options)
+      : solver(options), undamped(without_damping(options)) {}
+
+  Solver solver, undamped;
+  std::vector<std::vector<Cause>> found; // of each task
+
+  // Find the causes in a cycle that `kind` computed; tasks with a residual of at most `least` have
+  // none.
+  void run(const ControlCycle &kind, size_t levels, RecordReader &record, RecordReader &before,
+           const std::vector<double> &least) {
+    const int n = solver.n();
+    CycleMemory memory(n, kind.delay), after(n, kind.delay);
+    for (CycleMemory *each : {&memory, &after}) {
+      each->set_levels(levels);
+      const double *numbers = (each == &memory ? before : record).take(each->size());
+      std::copy(numbers, numbers + each->size(), each->data());
+    }
+    const double *head = record.take(CYCLE_HEAD), *positions = record.take(n);
+    SolvedCycle cycle;
+    cycle.motion = kind.motion(solver.arena, positions, memory, head[2], after.time());
+    cycle.gain = kind.limits.limits.position.gain_of(cycle.motion);
+    cycle.hold = after.time().mean;
+    cycle.slowed = head[0];
+    cycle.x = after.velocity();
+    cycle.lower = record.take(n);
+    cycle.upper = record.take(n);
+    cycle.cap = kind.cap.empty() ? nullptr : kind.cap.data();
+    cycle.memory.assign(memory.damping(), memory.damping() + levels);
+    for (size_t l = 0; l < levels; ++l) record.level(n, cycle);
+    need(least.size() == cycle.parts.size());
+    record.take(record.count(head[4] - head[3]));
+    if (head[1] != 0.0) {
+      record.take(n + 2 * levels);
+      for (const Level &level : cycle.levels) cycle.steps.push_back(record.step(level));
+    }
+    Variants variants(solver, undamped, kind.limits, cycle);
+    Causes causes(solver.arena, variants, kind.limits, cycle);
+    found.clear();
+    for (size_t task = 0; task < least.size(); ++task)
+      found.push_back(causes.of(task, least[task]));
+  }
+};
+
+// ((kind, index, share), …) of each task
+PyObject *as_tuples(const std::vector<std::vector<Cause>> &found) {
+  Held all(PyTuple_New(Py_ssize_t(found.size())));
+  if (!all) return nullptr;
+  for (size_t task = 0; task < found.size(); ++task) {
+    const std::vector<Cause> &its = found[task];
+    Held causes(PyTuple_New(Py_ssize_t(its.size())));
+    if (!causes) return nullptr;
+    for (size_t i = 0; i < its.size(); ++i) {
+      PyObject *cause = Py_BuildValue("(iid)", its[i].kind, its[i].index, its[i].share);
+      if (!cause || PyTuple_SetItem(causes, Py_ssize_t(i), cause) != 0) return nullptr;
+    }
+    if (PyTuple_SetItem(all, Py_ssize_t(task), causes.release()) != 0) return nullptr;
+  }
+  return all.release();
+}
+
+}  // namespace
