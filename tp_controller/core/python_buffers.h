@@ -20,6 +20,7 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
+#include <chrono>
 #include <cstdint>
 #include <cstring>
 #include <initializer_list>
@@ -180,14 +181,26 @@ PyObject *make_type(const char *name, newfunc make, PyMethodDef *methods) {
   return type;
 }
 
-// Lets other threads of Python run meanwhile.
+// Lets other threads of Python run meanwhile, if the work is long. After a short one, waiting for
+// their turn to end would take longer than the work: two threads would get less done than one.
 class WithoutPython {
  public:
-  WithoutPython() : state_(PyEval_SaveThread()) {}
+  using Clock = std::chrono::steady_clock;
+
+  // `took`: time of the same work when it was last done, and afterwards of this time.
+  explicit WithoutPython(Clock::duration &took)
+      : took_(took), state_(took > SHORT ? PyEval_SaveThread() : nullptr) {}
   WithoutPython(const WithoutPython &) = delete;
-  ~WithoutPython() { PyEval_RestoreThread(state_); }
+  ~WithoutPython() {
+    took_ = Clock::now() - began_;
+    if (state_) PyEval_RestoreThread(state_);
+  }
 
  private:
+  static constexpr std::chrono::microseconds SHORT{20};
+
+  Clock::duration &took_;
+  const Clock::time_point began_ = Clock::now();
   PyThreadState *state_;
 };
 

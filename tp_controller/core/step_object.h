@@ -28,6 +28,7 @@ struct StackCycle {
   std::unique_ptr<CauseSearch> search;
   std::vector<PyObject *> held;
   size_t frames = 0;                     // of the robot whose tasks they are
+  WithoutPython::Clock::duration cycle_took{}, search_took{};
 
   StackCycle() = default;
   StackCycle(StackCycle &&) = default;
@@ -207,7 +208,7 @@ PyObject *write_cycle(ControlCycle &cycle, const double *positions) {
 PyObject *step_run(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   if (count != 8)
     return refuse("run(memory, motion, moved, positions, now, elapsed, levels, velocity)");
-  const StackCycle &its = of<StackCycle>(self);
+  StackCycle &its = of<StackCycle>(self);
   ControlCycle &cycle = *its.cycle;
   Solver &solver = cycle.solver;
   Motion *motion = find<Motion>(given[1]);
@@ -223,7 +224,7 @@ PyObject *step_run(PyObject *self, PyObject *const *given, Py_ssize_t count) {
     need(velocity.is(solver.n()) && !PyErr_Occurred()
          && (moved || (motion->base.empty() && motion->columns() == solver.n())));
     {
-      const WithoutPython meanwhile;
+      const WithoutPython meanwhile(its.cycle_took);
       if (!moved) {
         std::copy(positions, positions + solver.n(), motion->q().data() + motion->first_row);
         motion->move(nullptr);
@@ -249,7 +250,7 @@ PyObject *step_run(PyObject *self, PyObject *const *given, Py_ssize_t count) {
 // to which tasks are not limited.
 PyObject *step_causes(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   if (count != 3) return refuse("causes(record, before, least)");
-  const StackCycle &its = of<StackCycle>(self);
+  StackCycle &its = of<StackCycle>(self);
   CauseSearch &search = *its.search;
   try {
     const Running running(search.solver);
@@ -258,7 +259,7 @@ PyObject *step_causes(PyObject *self, PyObject *const *given, Py_ssize_t count) 
     RecordReader record(search.solver.arena, given[0]), before(search.solver.arena, given[1]);
     {
       const size_t levels = its.cycle->groups().size();
-      const WithoutPython meanwhile;
+      const WithoutPython meanwhile(its.search_took);
       search.run(*its.cycle, levels, record, before, least);
     }
     return as_tuples(search.found);
