@@ -139,17 +139,14 @@ struct ValueBounds {
 class BoundedTask : public Task {
  public:
   // `history`: numbers of the last cycle, see `History`.
-  BoundedTask(Law law, ValueBounds bounds, double *history, size_t size)
-      : Task(std::move(law)), bounds_(std::move(bounds)), kept_(history), history_(size) {}
+  BoundedTask(Law law, ValueBounds bounds, Kept history)
+      : Task(std::move(law), history), bounds_(std::move(bounds)) {}
 
   bool bounded() const override { return true; }
 
   bool fits(const Motion &motion) const override {
-    return history_.size() == 1 + motion.q().size() + 2 * size_t(rows()) * motion.n;
+    return memory_.size() == 1 + motion.q().size() + 2 * size_t(rows()) * motion.n;
   }
-
-  void begin() override { std::copy(kept_, kept_ + history_.size(), history_.begin()); }
-  void keep() const override { std::copy(history_.begin(), history_.end(), kept_); }
 
  protected:
   // Error and bounds of values (m,) whose J is in `out`; `motion` (m,): their velocities for a
@@ -172,7 +169,7 @@ class BoundedTask : public Task {
   const double *note(const Situation &at, const double *J) {
     const std::vector<double> &q = at.motion->q();
     const size_t size = size_t(rows()) * at.motion->n;
-    double &now = history_[0], *place = &now + 1, *latest = place + q.size(), *before = latest + size;
+    double &now = memory_[0], *place = &now + 1, *latest = place + q.size(), *before = latest + size;
     if (std::isnan(now)) std::copy(J, J + size, before);
     else if (now != at.now || !std::equal(q.begin(), q.end(), place))
       std::copy(latest, latest + size, before);
@@ -183,8 +180,6 @@ class BoundedTask : public Task {
   }
 
   ValueBounds bounds_;
-  double *kept_;
-  std::vector<double> history_;
 };
 
 }  // namespace

@@ -28,9 +28,9 @@ constexpr double MIN_ANGLE = 1e-9;
 class FieldOfViewTask : public BoundedTask {
  public:
   // `axis`: of the frame.
-  FieldOfViewTask(Law law, ValueBounds bounds, double *history, size_t size, int frame,
-                  const double *axis, const Aim &aim)
-      : BoundedTask(std::move(law), std::move(bounds), history, size), frame_(frame), aim_(aim) {
+  FieldOfViewTask(Law law, ValueBounds bounds, Kept history, int frame, const double *axis,
+                  const Aim &aim)
+      : BoundedTask(std::move(law), std::move(bounds), history), frame_(frame), aim_(aim) {
     std::copy(axis, axis + 3, axis_);
   }
 

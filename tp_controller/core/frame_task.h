@@ -68,7 +68,7 @@ struct FrameGoal {
 // Pose, position and orientation; without a goal a velocity alone.
 class FrameTask : public TurningTask {
  public:
-  FrameTask(Law law, int frame, int reference, const char *rows, const FrameGoal &goal, double *turn)
+  FrameTask(Law law, int frame, int reference, const char *rows, const FrameGoal &goal, Kept turn)
       : TurningTask(std::move(law), turn), frame_(frame), reference_(reference), goal_(goal) {
     std::copy(rows, rows + Task::rows(), rows_);
   }

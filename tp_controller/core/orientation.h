@@ -23,27 +23,16 @@ namespace {
 
 class TurningTask : public Task {
  public:
-  // `memory`: the last rotation vector (3,), and whether there is one; none where nothing turns.
-  TurningTask(Law law, double *memory) : Task(std::move(law)), memory_(memory) {}
-
-  void begin() override {
-    if (memory_) std::copy(memory_, memory_ + 4, last_);
-  }
-
-  void keep() const override {
-    if (memory_) std::copy(last_, last_ + 4, memory_);
-  }
+  // `kept`: the last rotation vector (3,), and whether there is one; none where nothing turns.
+  TurningTask(Law law, Kept kept) : Task(std::move(law), kept) {}
 
  protected:
   // Keep to the direction of the turn before.
   void follow(double *vector) {
-    if (last_[3] != 0.0) shorter_rotation(last_, vector);
-    std::copy(vector, vector + 3, last_);
-    last_[3] = 1.0;
+    if (memory_[3] != 0.0) shorter_rotation(memory_.data(), vector);
+    std::copy(vector, vector + 3, memory_.begin());
+    memory_[3] = 1.0;
   }
-
- private:
-  double *memory_, last_[4] = {};
 };
 
 }  // namespace

@@ -35,7 +35,7 @@ struct PointingAxis {
 
 class AxisTask : public TurningTask {
  public:
-  AxisTask(Law law, const PointingAxis &axis, const Aim &aim, double *turn)
+  AxisTask(Law law, const PointingAxis &axis, const Aim &aim, Kept turn)
       : TurningTask(std::move(law), turn), axis_(axis), aim_(aim) {}
 
   bool fits(const Motion &motion) const override {

@@ -35,8 +35,8 @@ struct Region {
 
 class RegionTask : public BoundedTask {
  public:
-  RegionTask(Law law, ValueBounds bounds, double *history, size_t size, const Region &region)
-      : BoundedTask(std::move(law), std::move(bounds), history, size), region_(region) {}
+  RegionTask(Law law, ValueBounds bounds, Kept history, const Region &region)
+      : BoundedTask(std::move(law), std::move(bounds), history), region_(region) {}
 
   bool fits(const Motion &motion) const override {
     return BoundedTask::fits(motion)

@@ -58,9 +58,16 @@ struct Law {
   bool feeds(double now) const { return std::fabs(now - fed) <= timeout; }
 };
 
+// Numbers that a task leaves to its next cycle, where Python has them.
+struct Kept {
+  double *numbers = nullptr;
+  size_t size = 0;
+};
+
 class Task {
  public:
-  explicit Task(Law law) : law_(std::move(law)) {}
+  explicit Task(Law law, Kept kept = {})
+      : law_(std::move(law)), memory_(kept.size), kept_(kept.numbers) {}
   virtual ~Task() = default;
 
   int rows() const { return law_.rows; }
@@ -70,14 +77,18 @@ class Task {
 
   // Whether the task is one of this robot.
   virtual bool fits(const Motion &motion) const = 0;
-  // Read what the cycle before left, and keep what the next one needs; Python holds both.
-  virtual void begin() {}
-  virtual void keep() const {}
+  // Read what the cycle before left, and keep what the next one needs.
+  void begin() { if (kept_) std::copy(kept_, kept_ + memory_.size(), memory_.begin()); }
+  void keep() const { std::copy(memory_.begin(), memory_.end(), kept_); }
   // Evaluate the task; false where the reference has to.
   virtual bool evaluate(const Situation &at, const Rows &out) = 0;
 
  protected:
   Law law_;
+  std::vector<double> memory_;
+
+ private:
+  double *kept_;
 };
 
 }  // namespace

@@ -29,10 +29,17 @@
 
 namespace {
 
-// A task, and the array of Python that remembers its direction of rotation, or its last cycle.
+// A task, and the array of Python that has its memory.
 struct TaskTwin {
   std::unique_ptr<Task> task;
-  std::unique_ptr<Output> turn, history;
+  std::unique_ptr<Output> memory;
+
+  bool read_memory(PyObject *object) {
+    memory.reset(new Output(object));
+    return memory->rows(1) >= 0;
+  }
+
+  Kept kept() const { return memory ? Kept{memory->p(), size_t(memory->rows(1))} : Kept{}; }
 };
 
 // A number for each row, or one for all.
@@ -55,8 +62,7 @@ bool read_law(PyObject *object, Law &law) {
 }
 
 bool read_turn(PyObject *object, TaskTwin &twin) {
-  twin.turn.reset(new Output(object));
-  return twin.turn->is(4);
+  return twin.read_memory(object) && twin.kept().size == 4;
 }
 
 // A position (3,), a rotation (3, 3), a pose (4, 4), or None.
@@ -92,8 +98,7 @@ bool read_frame_task(PyObject *object, Law law, TaskTwin &twin) {
     if (rows[i] < 0 || rows[i] > 5
         || (goal != Py_None && !(rows[i] < 3 ? its.is_position : its.is_rotation))) return false;
   if (its.is_rotation && !read_turn(turn, twin)) return false;
-  twin.task.reset(new FrameTask(std::move(law), frame, reference, rows, its,
-                                its.is_rotation ? twin.turn->p() : nullptr));
+  twin.task.reset(new FrameTask(std::move(law), frame, reference, rows, its, twin.kept()));
   return true;
 }
 
@@ -159,7 +164,7 @@ bool read_axis_task(PyObject *object, Law law, TaskTwin &twin) {
   axis.is_upright = upright != Py_None;
   if (law.rows != 2 + axis.is_upright
       || (axis.is_upright && !read_vectors(upright, 2, axis.upright))) return false;
-  twin.task.reset(new AxisTask(std::move(law), axis, aim, twin.turn->p()));
+  twin.task.reset(new AxisTask(std::move(law), axis, aim, twin.kept()));
   return true;
 }
 
@@ -213,11 +218,9 @@ bool read_region(PyObject *object, Region &region) {
 // (lower, upper, return_speed, jump, history)
 bool read_bounds(PyObject *object, int rows, ValueBounds &bounds, TaskTwin &twin) {
   PyObject *low, *high, *history;
-  if (!PyArg_ParseTuple(object, "OOddO", &low, &high, &bounds.return_speed, &bounds.jump, &history)
-      || !read_rows_of(low, rows, bounds.lower) || !read_rows_of(high, rows, bounds.upper))
-    return false;
-  twin.history.reset(new Output(history));
-  return twin.history->rows(1) >= 0;
+  return PyArg_ParseTuple(object, "OOddO", &low, &high, &bounds.return_speed, &bounds.jump, &history)
+      && read_rows_of(low, rows, bounds.lower) && read_rows_of(high, rows, bounds.upper)
+      && twin.read_memory(history);
 }
 
 // (region, bounds)
@@ -228,8 +231,7 @@ bool read_region_task(PyObject *object, Law law, TaskTwin &twin) {
   if (!PyArg_ParseTuple(object, "O!O!", &PyTuple_Type, &given, &PyTuple_Type, &limits)
       || !read_region(given, region) || region.rows() != law.rows
       || !read_bounds(limits, law.rows, bounds, twin)) return false;
-  twin.task.reset(new RegionTask(std::move(law), std::move(bounds), twin.history->p(),
-                                 size_t(twin.history->rows(1)), region));
+  twin.task.reset(new RegionTask(std::move(law), std::move(bounds), twin.kept(), region));
   return true;
 }
 
@@ -259,8 +261,8 @@ bool read_field_of_view_task(PyObject *object, Law law, TaskTwin &twin) {
       || law.rows != 1 || frame < 0 || aim.reference < -1 || !read(goal, 3, HUGE_VAL, aim.goal)
       || !read(its, 3, HUGE_VAL, axis) || !read_bounds(limits, law.rows, bounds, twin))
     return false;
-  twin.task.reset(new FieldOfViewTask(std::move(law), std::move(bounds), twin.history->p(),
-                                      size_t(twin.history->rows(1)), frame, axis, aim));
+  twin.task.reset(new FieldOfViewTask(std::move(law), std::move(bounds), twin.kept(), frame, axis,
+                                      aim));
   return true;
 }
 

@@ -113,8 +113,7 @@ class JointTask(Task):
     def joints_twin(self, goal: Array | None, wraps: Array) -> Twin | None:
         """Return the twin with a goal (rows,), or a velocity alone, and joints that wrap."""
         return make_twin(JOINTS, self._law(), (
-            self._indices.astype(float), self.every_joint, goal, wraps.astype(float)), self.mode,
-            self._jacobian)
+            self._indices.astype(float), self.every_joint, goal, wraps.astype(float)), self.mode)
 
     def parse_feed_forward(self, velocity: ByJoint) -> Array:
         """Return joint velocities (rows,), or raise `GoalError`."""

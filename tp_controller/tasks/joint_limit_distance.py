@@ -17,7 +17,6 @@
 import numpy as np
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.solver.level import identity
 from tp_controller.tasks.gradient import GradientTask
 from tp_controller.tasks.twin import JOINT_LIMIT_DISTANCE, make_twin, Twin
 
@@ -70,7 +69,7 @@ class JointLimitDistance(GradientTask):
     def make_twin(self) -> Twin | None:
         """Return the inputs in the compiled core; see `Task`."""
         return make_twin(JOINT_LIMIT_DISTANCE, self._law(), (
-            self._middle, self._half, self.max_speed), self.mode, identity(self.robot.n))
+            self._middle, self._half, self.max_speed), self.mode)
 
     def _normalized_positions(self, state: RobotState) -> tuple[Array, Array, Array]:
         """Return x and x clipped to ± MAX_CURVED, with its 1 − x²; x = 0 without limits."""

@@ -59,8 +59,7 @@ class JointLimits(JointTask, BoundedTask):
     def make_twin(self) -> Twin | None:
         """Return the inputs in the compiled core; see `Task`."""
         return make_twin(JOINT_LIMITS, self._law(), (
-            self._indices.astype(float), self.lower, self.upper, self.return_speed), self.mode,
-            self._jacobian)
+            self._indices.astype(float), self.lower, self.upper, self.return_speed), self.mode)
 
     def _check_margin(self, ranges: Array) -> None:
         """Raise ValueError if the margin leaves a joint no range."""

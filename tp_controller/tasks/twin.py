@@ -71,22 +71,18 @@ class Twin(NamedTuple):
     task : CompiledTask
     mode : str
         Mode of its level.
-    J : ndarray (m, n) or None
-        Jacobian; None if it depends on the positions.
 
     """
 
     task: CompiledTask
     mode: str
-    J: Array | None = None
 
 
-def make_twin(kind: int, law: Law, inputs: tuple[Any, ...], mode: str,
-              J: Array | None = None) -> Twin | None:
+def make_twin(kind: int, law: Law, inputs: tuple[Any, ...], mode: str) -> Twin | None:
     """Return the twin of a task; None if there is no core, or it does not support the inputs."""
     if core is None:
         return None
     try:
-        return Twin(core.Task(kind, law, inputs), mode, J)
+        return Twin(core.Task(kind, law, inputs), mode)
     except ValueError:
         return None
