@@ -15,8 +15,8 @@
 """Causes of limited tasks, found by solving a cycle again without one candidate at a time."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from dataclasses import replace
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
@@ -45,8 +45,7 @@ KINDS = (*[limit.name for limit in LIMITS], RESERVE, TASK, BOUNDS, SINGULARITY, 
 FoundCauses: TypeAlias = tuple[tuple[tuple[int, int, float], ...], ...]
 
 
-@dataclass(frozen=True)
-class Cause:
+class Cause(NamedTuple):
     """
     One cause that limits a task.
 
