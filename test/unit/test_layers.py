@@ -59,6 +59,8 @@ SPEAK_ROS = ('ros', 'tools.view', 'tools.recording', 'tools.demos')
 # What the library may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'tp_controller'}
 OPTIONAL = {('resources', 'ament_index_python')}
+# Lines of a module, with its licence.
+LONGEST = 450
 
 
 def module_name(path):
@@ -68,6 +70,11 @@ def module_name(path):
 
 
 MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob('*.py'))}
+
+
+def test_no_module_is_longer_than_can_be_read():
+    assert max(len(path.read_text(encoding='utf-8').splitlines())
+               for path in MODULES.values()) <= LONGEST
 
 
 def part(module):

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from tp_controller.control.active_stack import ActiveStack
 from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.cycle_record import CompiledCauses, CycleRecord, Layout
-from tp_controller.control.report import SolvedCycle
+from tp_controller.control.solved_cycle import SolvedCycle
 from tp_controller.control.state_buffer import StateBuffer
 from tp_controller.control.step import Commanded
 from tp_controller.model.compiled import Motion

@@ -25,8 +25,9 @@ from tp_controller.control.cycle_time import check_time
 from tp_controller.control.error_minimum import Place
 from tp_controller.control.gains import gain_faults, gain_remark
 from tp_controller.control.ramp import ramp_down
-from tp_controller.control.report import Report, Solved, SolvedCycle
+from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
+from tp_controller.control.solved_cycle import Solved, SolvedCycle
 from tp_controller.control.step import Commanded, CycleMemory, Problem, Snapshot, step
 from tp_controller.control.task_inputs import TaskInputs
 from tp_controller.control.velocity_limits import lowered

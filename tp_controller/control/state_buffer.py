@@ -16,7 +16,7 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller.control.report import SolvedCycle
+from tp_controller.control.solved_cycle import SolvedCycle
 from tp_controller.errors import GoalError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose

@@ -21,8 +21,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from tp_controller.control.report import Report, TaskReport
+from tp_controller.control.report import Report
 from tp_controller.control.sketcher import Sketcher
+from tp_controller.control.task_report import TaskReport
 from tp_controller.errors import RobotError
 from tp_controller.ros.interface.interactive_goals import InteractiveGoals
 from tp_controller.ros.interface.markers import Markers

@@ -19,7 +19,8 @@ from collections.abc import Callable, Mapping, Sequence
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from tp_controller.control.controller import Controller
-from tp_controller.control.report import Report, stopped_reports, TaskReport
+from tp_controller.control.report import Report, stopped_reports
+from tp_controller.control.task_report import TaskReport
 from tp_controller.errors import GoalError
 from tp_controller.ros.interface.task_topics import GoalRecord
 

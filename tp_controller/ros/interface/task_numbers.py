@@ -20,7 +20,7 @@ import math
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
-from tp_controller.control.report import TaskReport
+from tp_controller.control.task_report import TaskReport
 
 NUMBERS_TOPIC = 'numbers'
 # Separator of the names of the numbers.

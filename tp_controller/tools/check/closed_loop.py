@@ -21,7 +21,7 @@ import math
 
 import numpy as np
 from tp_controller.control.controller import Command, Controller
-from tp_controller.control.report import TaskReport
+from tp_controller.control.task_report import TaskReport
 from tp_controller.errors import GoalError, in_words, TpControllerError
 from tp_controller.model.simulator import KinematicSimulator
 from tp_controller.model.spatial import Array

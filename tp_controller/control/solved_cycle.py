@@ -1,0 +1,93 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Cycles that were solved, as their reports read them."""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+from tp_controller.control.causes import FoundCauses
+from tp_controller.control.cycle import Cycle, Outcome
+from tp_controller.control.error_minimum import Place
+from tp_controller.control.step import CycleMemory
+from tp_controller.model.spatial import Array
+from tp_controller.tasks.stack import Groups
+from tp_controller.tasks.task import Evaluation
+
+
+class SolvedCycle(Protocol):
+    """Problem and outcome of a cycle, its memory, and the configuration of the robot in it."""
+
+    @property
+    def velocity(self) -> Array:
+        """Return the command (n,) [rad/s or m/s]."""
+
+    @property
+    def memory(self) -> CycleMemory:
+        """Return the memory for the next cycle."""
+
+    @property
+    def tasks(self) -> Groups:
+        """Return the enabled tasks, level by level."""
+
+    @property
+    def errors(self) -> Sequence[Array]:
+        """Return the error of each task."""
+
+    @property
+    def evaluations(self) -> Sequence[Sequence[Evaluation]]:
+        """Return the evaluations of the tasks, level by level."""
+
+    @property
+    def cycle(self) -> Cycle:
+        """Return the problem."""
+
+    @property
+    def outcome(self) -> Outcome:
+        """Return the outcome."""
+
+    @property
+    def place(self) -> Place:
+        """Return the configuration."""
+
+    def causes(self, least: Array) -> FoundCauses | None:
+        """Return the causes that limit each task; None if they are not found by the core."""
+
+
+class Solved(NamedTuple):
+    """Cycle that `step` computed; see `SolvedCycle`."""
+
+    evaluations: Sequence[Sequence[Evaluation]]
+    cycle: Cycle
+    outcome: Outcome
+    memory: CycleMemory
+    place: Place
+
+    @property
+    def tasks(self) -> Groups:
+        """Return the enabled tasks, level by level."""
+        return tuple([tuple([each.task for each in group]) for group in self.evaluations])
+
+    @property
+    def errors(self) -> Sequence[Array]:
+        """Return the error of each task."""
+        return [each.error for group in self.evaluations for each in group]
+
+    @property
+    def velocity(self) -> Array:
+        """Return the command (n,) [rad/s or m/s]."""
+        return self.memory.velocity
+
+    def causes(self, least: Array) -> None:
+        """Leave the search for causes to the reference."""

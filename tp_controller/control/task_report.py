@@ -1,0 +1,306 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Report of a task in a cycle: its error, and the causes that limit it."""
+
+from collections.abc import Callable, Iterable
+from functools import cached_property
+import math
+from typing import NamedTuple
+from warnings import warn
+
+import numpy as np
+from tp_controller.control.causes import (
+    BOUNDS,
+    Cause,
+    Causes,
+    DEMAND_ROUNDING,
+    FoundCauses,
+    KINDS,
+    residual_of,
+    TASK,
+)
+from tp_controller.control.reasons import (
+    CHOOSE_ANOTHER,
+    hint_of,
+    OUT_OF_REACH,
+    Statement,
+    statements,
+)
+from tp_controller.control.solved_cycle import SolvedCycle
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.tasks.task import Evaluation, norm, Task
+from tp_controller.tasks.task_errors import raised
+from tp_controller.untrusted.calls import foreign
+
+# Residual for tasks that do not report it.
+NOTHING = np.zeros(0)
+
+
+class Measures(NamedTuple):
+    """Measures of a task in a cycle; see `TaskReport`."""
+
+    errors: tuple[tuple[float, str, float], ...]
+    reached: bool
+    fault: str
+
+
+class TaskReport:
+    """
+    Report of one task in one cycle; computed on access.
+
+    Attributes
+    ----------
+    name, type_name : str
+    level : int or None
+        From 1, the highest priority; None while the task is disabled.
+    bounded : bool
+        The task is an inequality task: it has bounds instead of a demand.
+    errors : tuple of (float, str, float)
+        Norm of the error, its unit and the tolerance, for each unit; NaN while it is disabled or
+        stopped.
+    reached : bool
+        Every error is within its tolerance.
+    demanded_speed, achieved_speed : float
+        Norm of the demanded task velocity, and of its achieved part (over all rows;
+        m/s and rad/s are added up as they are).
+    fault : str
+        Reason why the task failed, as a sentence; else empty.
+
+    """
+
+    def __init__(self, task: Task, level: int | None = None, fault: str = '',
+                 cycle: 'ReportedCycle | None' = None, index: int = 0) -> None:
+        self.name, self.type_name, self.bounded = task.name, task.type_name, task.bounded
+        self.level, self._task, self._known_fault = level, task, fault
+        # Of a task that is carried out, and its index among these.
+        self._cycle, self._index = cycle, index
+
+    @cached_property
+    def _evaluation(self) -> Evaluation | None:
+        """Return the evaluation of the task; None while it does not run."""
+        return None if self._cycle is None else self._cycle.evaluations[self._index]
+
+    @cached_property
+    def _measures(self) -> Measures:
+        """Return the measures of the task."""
+        if self._cycle is not None:
+            return self._cycle.measures(self._index)
+        unknown = np.full(self._task.rows, np.nan)
+        return _measures(self._task, lambda: (unknown, unknown), self._known_fault)
+
+    @property
+    def errors(self) -> tuple[tuple[float, str, float], ...]:
+        """Return the norm of the error, its unit and the tolerance, for each unit."""
+        return self._measures.errors
+
+    @property
+    def reached(self) -> bool:
+        """Return whether every error is within its tolerance."""
+        return self.carried_out and self._measures.reached
+
+    @property
+    def demanded_speed(self) -> float:
+        """Return the norm of the demanded task velocity."""
+        return norm(np.add(*self._speeds))
+
+    @property
+    def wanted_speed(self) -> float:
+        """Return `demanded_speed`: the former name, deprecated."""
+        warn('TaskReport.wanted_speed is called demanded_speed', DeprecationWarning, stacklevel=2)
+        return self.demanded_speed
+
+    @property
+    def achieved_speed(self) -> float:
+        """Return the norm of the achieved part of the demanded task velocity."""
+        return norm(self._speeds[0])
+
+    @property
+    def _speeds(self) -> tuple[Array, Array]:
+        """Return the achieved velocity of the task and its residual; nothing unless it runs."""
+        if self._cycle is None or self.fault:
+            return NOTHING, NOTHING
+        return self._cycle.speeds(self._index)
+
+    @property
+    def fault(self) -> str:
+        """Return the reason why the task failed, as a sentence; else empty."""
+        return self._measures.fault
+
+    @property
+    def carried_out(self) -> bool:
+        """Return whether the report is from a cycle with the task enabled, not from a stop."""
+        return self._cycle is not None
+
+    @cached_property
+    def causes(self) -> tuple[Cause, ...]:
+        """Return the causes that limit the task, the largest share first; () if it is reached."""
+        if self._cycle is None or self.reached:
+            return ()
+        return self._cycle.causes(self._index)
+
+    @cached_property
+    def _statements(self) -> list[Statement]:
+        """Return the parts of the reason."""
+        if self.fault:
+            return [Statement(self.fault, (self.fault,))]
+        if self._cycle is None or self._evaluation is None or self.reached:
+            return []
+        found = list(statements(self._evaluation, self.errors, self.causes, self._cycle.search))
+        if any(OUT_OF_REACH in each.sentence for each in found) or not self._unreachable:
+            return found
+        return [Statement(self._unreachable, (OUT_OF_REACH,)), *found]
+
+    @property
+    def reason(self) -> str:
+        """Return the reason why the task is limited, as a sentence; empty if its demand is met."""
+        return '; '.join(each.sentence for each in self._statements if each.sentence)
+
+    @property
+    def phrases(self) -> tuple[str, ...]:
+        """
+        Return a short phrase without numbers for each cause, the largest share first.
+
+        Causes that limit the task only together, which `causes` lacks, have a phrase each.
+        """
+        return tuple(dict.fromkeys(
+            text for each in self._statements for text in each.phrases))
+
+    @cached_property
+    def _unreachable(self) -> str:
+        """Return the reason why no motion can reach the goal, even a distant one; else empty."""
+        task = self._task
+        try:
+            with foreign:
+                return '' if task.goal is None else str(task.out_of_reach(task.goal))
+        except Exception:
+            # A failing remark of another package's task type is not a fault.
+            return ''
+
+    @cached_property
+    def hint(self) -> str:
+        """Return the suggested change, as a sentence; empty if none is needed."""
+        if self.fault:
+            return 'correct its code, then enable the task again'
+        if self._cycle is None or self._evaluation is None or not self.reason:
+            return ''
+        return CHOOSE_ANOTHER if self._unreachable else \
+            hint_of(self._evaluation, self.causes, self._cycle.search)
+
+    @property
+    def status(self) -> str:
+        """
+        Return the state of the task as one word.
+
+        ``failed``, ``disabled``, ``reached``, ``satisfied`` (bounds), ``moving`` or ``limited``;
+        ``stopped`` without a cycle.
+        """
+        if self.fault:
+            return 'failed'
+        if self.level is None:
+            return 'disabled'
+        if self._cycle is None:
+            return 'stopped'
+        if self.reached:
+            return 'satisfied' if self.bounded else 'reached'
+        return 'limited' if self.reason else 'moving'
+
+
+class ReportedCycle:
+    """
+    Cycle of the tasks that are carried out, as they report it; computed on access.
+
+    Parameters
+    ----------
+    robot : Robot
+    solved : SolvedCycle
+
+    """
+
+    def __init__(self, robot: Robot, solved: SolvedCycle) -> None:
+        self._robot, self._solved = robot, solved
+        self._tasks = [task for group in solved.tasks for task in group]
+        self._measured: dict[int, Measures] = {}
+
+    @cached_property
+    def evaluations(self) -> list[Evaluation]:
+        """Return the evaluation of each task."""
+        return [each for group in self._solved.evaluations for each in group]
+
+    def measures(self, index: int) -> Measures:
+        """Return the measures of the task at an index."""
+        if index not in self._measured:
+            task, error = self._tasks[index], self._solved.errors[index]
+            self._measured[index] = _measures(task, lambda: (
+                error, NOTHING if _reports_its_error(task) else self.speeds(index)[1]))
+        return self._measured[index]
+
+    def speeds(self, index: int) -> tuple[Array, Array]:
+        """Return the achieved velocity of the task at an index, and its residual."""
+        level, velocity = self.evaluations[index].level, self._solved.velocity
+        scale = self._tasks[index].row_scale
+        return level.J.dot(velocity) / scale, residual_of(level, velocity) / scale
+
+    @cached_property
+    def search(self) -> Causes:
+        """Return the search for causes that limit tasks."""
+        solved = self._solved
+        return Causes(self._robot, solved.evaluations, solved.cycle, solved.outcome, solved.place)
+
+    def causes(self, index: int) -> tuple[Cause, ...]:
+        """Return the causes that limit the task at an index, the largest share first."""
+        if self._found is None:
+            return self.search.of(self.evaluations[index])
+        return tuple([Cause(KINDS[kind], self._name(KINDS[kind], place), share)
+                      for kind, place, share in self._found[index]])
+
+    @cached_property
+    def _found(self) -> FoundCauses | None:
+        """Return the causes that the compiled core finds; none of tasks that are reached."""
+        return self._solved.causes(np.array([
+            math.inf if self.measures(index).reached else DEMAND_ROUNDING * task.row_scale
+            for index, task in enumerate(self._tasks)]))
+
+    def _name(self, kind: str, place: int) -> str:
+        """Return the name of a task or joint; empty where a cause has none."""
+        if place < 0:
+            return ''
+        return self._tasks[place].name if kind in (TASK, BOUNDS) \
+            else self._robot.velocity_names[place]
+
+
+def _measures(task: Task, inputs: Callable[[], tuple[Array, Array]], fault: str = '') -> Measures:
+    """Return the measures of a task with the inputs of `reported_errors`."""
+    try:
+        with foreign:
+            errors = _as_numbers(task.reported_errors(*inputs()))
+    except Exception as error:
+        # A task type of another package failed in its report; the task still runs.
+        return Measures(
+            tuple((math.nan, unit, tolerance) for _, unit, tolerance in task.groups),
+            False, fault or raised(task.reported_errors, error))
+    return Measures(errors, all(value <= tolerance for value, _, tolerance in errors), fault)
+
+
+def _reports_its_error(task: Task) -> bool:
+    """Return whether a task reports its error alone, as most types do."""
+    return type(task).reported_errors is Task.reported_errors \
+        and 'reported_errors' not in task.__dict__
+
+
+def _as_numbers(errors: Iterable[tuple[float, str, float]]
+                ) -> tuple[tuple[float, str, float], ...]:
+    """Return errors as numbers; raise if they are not."""
+    return tuple([(float(value), unit, float(tolerance)) for value, unit, tolerance in errors])
