@@ -36,7 +36,8 @@ record = ['rosbags>=0.11,<0.12']
 view = ['viser>=1,<2', 'pycollada']
 docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
 # What benchmarks/peers.py compares with; not placo and tsid, which need other Pinocchios.
-peers = ['pin-pink', 'mink', 'daqp', 'embodik; python_version < "3.13"', 'example-robot-data']
+peers = ['pin-pink', 'mink', 'daqp', 'embodik; python_version < "3.13"', 'roboplan-oink',
+         'example-robot-data']
 
 # A quick linter, and those of ament_flake8 and ament_pep257 with their plugins.
 style = ['ruff<0.18', 'flake8<8', 'flake8-builtins<4', 'flake8-comprehensions<4',

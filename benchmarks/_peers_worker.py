@@ -333,6 +333,56 @@ class Embodik(Peer):
         return np.asarray(found.joint_velocities)[self.order]
 
 
+class Oink(Peer):
+    """
+    OInK of roboplan, with priorities and the values of the usage example in its documentation.
+
+    Version 0.7 projects lower tasks into the null space of those above and solves one quadratic
+    program, so priorities are strict until a limit is active. The example also limits the error
+    of positions, for barriers, which there are none of here. A frame task has no axes: an
+    orientation about some of them becomes one about all.
+    """
+
+    def load(self):
+        from roboplan import core, optimal_ik
+        self.optimal_ik = optimal_ik
+        self.scene = core.Scene('robot', core.loadUrdfSceneDescription(self.given['urdf']))
+        self.scene.addGroup('joints', self.joints)
+        self.target = core.CartesianConfiguration
+
+    def start(self, goals):
+        optimal_ik = self.optimal_ik
+        self.solver = optimal_ik.Oink(self.scene, 'joints')
+        self.order = self.solver.q_indices
+        self.step = np.zeros(len(self.joints))
+        self.made = [self._task(task, goal, priority)
+                     for priority, (task, goal) in enumerate(zip(self.tasks, goals), 1)]
+        self.limits = [optimal_ik.PositionLimit(self.solver, gain=1.0), optimal_ik.VelocityLimit(
+            self.solver, self.period, np.array(self.given['speed']))]
+
+    def _task(self, task, goal, priority):
+        """Return a task with its goal."""
+        optimal_ik, kind = self.optimal_ik, task['type']
+        if kind == 'posture':
+            return optimal_ik.ConfigurationTask(
+                self.solver, goal, np.full(len(goal), 0.05),
+                optimal_ik.ConfigurationTaskOptions(task_gain=self.share, priority=priority))
+        return optimal_ik.FrameTask(
+            self.solver, self.scene, self.target('', task['frame'], goal),
+            optimal_ik.FrameTaskOptions(
+                position_cost=0.0 if kind == 'orientation' else 1.0,
+                orientation_cost=0.0 if kind == 'position' else 0.1,
+                task_gain=self.share, lm_damping=0.01, priority=priority))
+
+    def velocity(self, q):
+        try:
+            self.solver.solveIk(self._full(q), self.made, self.limits, self.step,
+                                regularization=1e-6)
+        except RuntimeError:
+            return None
+        return self.step / self.period
+
+
 class Tsid(Peer):
     """
     TSID: a step of its inverse dynamics in every cycle, integrated to velocities.
@@ -475,6 +525,7 @@ class Recursion(Peer):
 PACKAGES = {'tp_controller': ('tp_controller', 'tp_controller', TpController),
             'pink': ('pin-pink', 'pink', Pink), 'mink': ('mink', 'mink', Mink),
             'placo': ('placo', 'placo', Placo), 'embodik': ('embodik', 'embodik', Embodik),
+            'oink': ('roboplan-oink', 'roboplan.optimal_ik', Oink),
             'tsid': ('tsid', 'tsid', Tsid), 'recursion': ('pin', 'pinocchio', Recursion)}
 
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Compare with other packages for inverse kinematics: pink, mink, placo, embodik, tsid.
+Compare with other packages for inverse kinematics: pink, mink, placo, embodik, OInK, tsid.
 
 Run as ``python benchmarks/peers.py``. What is not installed is skipped; ``pip install -e
 .[peers]`` installs what can live beside this package. placo 0.10 needs pinocchio 3 and this
@@ -43,6 +43,8 @@ What the others do better, by their own documentation:
   dynamics with contacts and torques with the same interface.
 - embodik: speed (C++), priorities as here, collision and centre-of-mass constraints with recovery,
   acceleration-level solver, batches on the GPU, teleoperation examples.
+- OInK: C++, priorities, barrier functions for positions and self-collision, acceleration limits
+  that brake in time; part of roboplan, which also plans motions around obstacles.
 - tsid: inverse dynamics (C++): contacts with friction cones, forces, torque limits, legged robots.
 
 This package has strict priorities of any number of tasks and inequality tasks at any level, says
@@ -87,13 +89,14 @@ CASES = {
 VARIANTS = {
     'tp_controller': ('',), 'pink': ('', 'first task hard'),
     'mink': ('', 'first task hard'), 'placo': ('', 'first task hard'),
-    'embodik': ('', 'MIN_ERROR'), 'tsid': ('',), 'recursion': ('', 'damped')}
+    'embodik': ('', 'MIN_ERROR'), 'oink': ('',), 'tsid': ('',), 'recursion': ('', 'damped')}
 # As the packages call them.
 SHOWN = {('pink', 'first task hard'): 'pink, first task as `constraints`',
          ('mink', 'first task hard'): 'mink, first task as `constraints`',
          ('placo', ''): 'placo, `soft`',
          ('placo', 'first task hard'): 'placo, first task `scaled`',
          ('embodik', ''): 'embodik', ('embodik', 'MIN_ERROR'): 'embodik, `MIN_ERROR`',
+         ('oink', ''): 'OInK',
          ('recursion', ''): 'plain recursion, `pinv`',
          ('recursion', 'damped'): 'plain recursion, damped'}
 # Times are those of a node at 1 kHz, motions those of one at 100 Hz.

@@ -84,6 +84,7 @@ THIRD_PARTY = {
     'mujoco': ('mink', None),
     'pink': ('pin-pink', None),
     'placo': (None, None),
+    'roboplan': ('roboplan-oink', None),
     'tsid': (None, None),
     'yaml': ('PyYAML', 'python3-yaml'),
     'zstandard': ('viser', None),
