@@ -61,8 +61,6 @@ napoleon_google_docstring = False
 napoleon_use_param = napoleon_use_rtype = False
 # Several attributes may share a line, as parameters do.
 napoleon_custom_sections = [('Attributes', 'params_style')]
-# Where the names of docstrings are looked for.
-MODULES = ('tp_controller', 'tp_controller.tasks', 'tp_controller.errors')
 
 
 def write_pages(app):
@@ -98,7 +96,9 @@ def look_up(app, env, node, contnode):
     if node['refdomain'] != 'py' or name.islower() and '.' not in name:
         return contnode  # a parameter, an attribute, or a type such as ndarray
     owner, _, attribute = name.rpartition('.')
-    for module in MODULES:
+    # The modules of the reference, whichever of them the docstring is in.
+    for module in dict.fromkeys(known.rpartition('.')[0] for known, entry in domain.objects.items()
+                                if entry.objtype in ('class', 'exception', 'function')):
         where = name
         if f'{module}.{name}' not in domain.objects and f'{module}.{owner}' in domain.objects \
                 and re.search(rf'\b{attribute}\b', locate(f'{module}.{owner}').__doc__):
