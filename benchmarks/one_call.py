@@ -30,6 +30,7 @@ from concurrent.futures import ProcessPoolExecutor
 from _random_stacks import Drawn
 import numpy as np
 from tp_controller import Controller, Settings, TpControllerError
+from tp_controller.control.step import Commanded
 from tp_controller.solver.level import Level
 
 # Differences that are counted.
@@ -93,7 +94,7 @@ def compare(number, cycles):
                     controller.set_goal(name, goal, now)
                 for name, velocity in drawn.leading.items():
                     controller.set_feed_forward(name, velocity, now)
-        other._memory = one._memory
+        other._last = Commanded(one._memory)
         try:
             found, expected = (each.update(q, now).velocity for each in (one, other))
         except TpControllerError as error:

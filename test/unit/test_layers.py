@@ -59,8 +59,8 @@ SPEAK_ROS = ('ros', 'tools.view', 'tools.recording', 'tools.demos')
 # What the library may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'tp_controller'}
 OPTIONAL = {('resources', 'ament_index_python')}
-# Lines of a module, with its licence.
-LONGEST = 450
+# Lines of a module, with its licence, and of a class, with its docstrings.
+LONGEST, LONGEST_CLASS = 450, 300
 
 
 def module_name(path):
@@ -75,6 +75,14 @@ MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob('*.py'))}
 def test_no_module_is_longer_than_can_be_read():
     assert max(len(path.read_text(encoding='utf-8').splitlines())
                for path in MODULES.values()) <= LONGEST
+
+
+def test_no_class_is_longer_than_can_be_read():
+    long = {node.name: node.end_lineno - node.lineno + 1 for path in MODULES.values()
+            for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+            if isinstance(node, ast.ClassDef)
+            and node.end_lineno - node.lineno >= LONGEST_CLASS}
+    assert not long
 
 
 def part(module):

@@ -20,10 +20,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.control.compiled_step import CoreCycles
-from tp_controller.control.cycle_options import CycleOptions, SolverFactory
+from tp_controller.control.cycle_options import CycleOptions, setting_faults, SolverFactory
 from tp_controller.control.cycle_time import check_time
 from tp_controller.control.error_minimum import Place
-from tp_controller.control.gains import gain_faults, gain_remark
+from tp_controller.control.gains import gain_remark
 from tp_controller.control.ramp import ramp_down
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
@@ -62,8 +62,7 @@ class Controller(TaskInputs):
     The tasks store goals and the state of cycles, so they belong to this controller from now on.
 
     Times (`now`) come from any clock of the caller, in seconds; calls without a time are refused.
-    The clock should not stand still or be set back, but the controller tolerates both; see
-    `update`.
+    The clock should not stand still or be set back, but both are tolerated; see `update`.
 
     Parameters
     ----------
@@ -173,9 +172,9 @@ class Controller(TaskInputs):
         last = self._memory.commanded
         if elapsed is None:
             elapsed = now - last if last is not None else 0.0
-        positions = self.robot.positions(np.asarray(q, dtype=float))
-        self._command(now, ramp_down(self._options, self._memory, positions, elapsed,
-                                     deceleration))
+        self._command(now, ramp_down(
+            self._options, self._memory, self.robot.positions(np.asarray(q, dtype=float)), elapsed,
+            deceleration))
         return self.velocity
 
     @property
@@ -195,7 +194,7 @@ class Controller(TaskInputs):
         self._settings = settings
         self._options = CycleOptions(self.robot, settings, self._velocity_limits,
                                      self._make_solver)
-        self._memory = self._memory.fit(self._options)
+        self._last = Commanded(self._memory.fit(self._options))
         self.stack.limit_time(settings.task_budget * settings.period)
         self._tasks.switches_off = settings.task_faults != STOP
         self._changes.duration = settings.blend
@@ -212,15 +211,7 @@ class Controller(TaskInputs):
 
         """
         stack = self.stack if stack is None else check_type(stack)
-        if not isinstance(settings, Settings):
-            raise SettingsError([f'settings must be made by Settings(…), got {settings!r}'])
-        faults = []
-        weights = settings.weights
-        if weights and len(weights) != self.robot.n:
-            faults.append(f'weights needs {self.robot.n} numbers, one for each of '
-                          f'{", ".join(self.robot.velocity_names)}, got {len(weights)}')
-        for task in stack.tasks.values():
-            faults += gain_faults(task, task.gain, settings.period)
+        faults = setting_faults(settings, self.robot, stack)
         if faults:
             raise SettingsError(faults)
 
@@ -325,7 +316,9 @@ class Controller(TaskInputs):
               elapsed: float | None) -> Solved:
         """Return the cycle that `step` computes."""
         tasks, changes = self._tasks, self._changes
-        before = self._moving_state() if changes.shared is not None else None
+        # Of the last command; nothing is blended in at rest.
+        moving = changes.shared is not None and self._settings.blend > 0.0 and self.velocity.any()
+        before = self._states.present if moving else None
         state = self._states.update(q, passive)
         state.velocity = self.velocity
         if not tasks.started:
@@ -333,9 +326,7 @@ class Controller(TaskInputs):
         # Evaluate the states in the order of time.
         snapshot = None if before is None else self._snapshot(before, now)
         evaluations, stack = tasks.evaluate(state, now), tasks.stack
-        memory = self._memory
-        if changes.groups is not None:
-            memory = memory.for_groups(changes.groups, stack.active)
+        memory = self._memory.for_groups(changes.groups, stack.active)
         problem = Problem(self._options, levels_of(evaluations), state.positions, now, elapsed,
                           changes.shared, snapshot)
         try:
@@ -344,8 +335,7 @@ class Controller(TaskInputs):
             # Name the task with faulty levels, if it is a single one.
             stack.check(evaluations, self.robot.n)
             raise
-        if changes.shared is not None:
-            changes.clear()
+        changes.clear()
         return Solved(evaluations, cycle, outcome, memory,
                       Place(state.q, self._states.passive, now, self._states.spare))
 
@@ -354,20 +344,11 @@ class Controller(TaskInputs):
         """Return the memory for the next cycle."""
         return self._last.memory
 
-    @_memory.setter
-    def _memory(self, memory: CycleMemory) -> None:
-        self._last = Commanded(memory)
-
     def _command(self, now: float | None, velocity: Array) -> None:
         """Command a velocity (n,) without tasks; motion that follows is blended in."""
         now = check_time(now, 'now', TimeError)
-        self._memory = self._memory.after_command(velocity, now, self._options)
+        self._last = Commanded(self._memory.after_command(velocity, now, self._options))
         self._changes.announce(0)
-
-    def _moving_state(self) -> RobotState | None:
-        """Return the state of the last command; None if no change is blended in, or at rest."""
-        blended = self._settings.blend > 0.0 and self.velocity.any()
-        return self._states.present if blended else None
 
     def _snapshot(self, state: RobotState, now: float) -> Snapshot:
         """Return the demand of the tasks at the state of the last command."""

@@ -17,11 +17,13 @@
 from collections.abc import Callable
 from typing import TypeAlias
 
+from tp_controller.control.gains import gain_faults
 from tp_controller.control.settings import Settings
 from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.solver.solution import Solver
+from tp_controller.tasks.stack import Stack
 
 # Makes the solver for settings and a number of joints.
 SolverFactory: TypeAlias = Callable[[Settings, int], Solver]
@@ -62,3 +64,15 @@ class CycleOptions:
         self.solver = make_solver(settings, robot.n)
         self.limits = VelocityLimits(robot, settings.period, settings.braking_gain, velocity,
                                      settings.speed_cap(robot, velocity))
+
+
+def setting_faults(settings: Settings, robot: Robot, stack: Stack) -> list[str]:
+    """Return the faults of settings for a robot and a stack."""
+    if not isinstance(settings, Settings):
+        return [f'settings must be made by Settings(…), got {settings!r}']
+    weights = settings.weights or ()
+    faults = [] if len(weights) in (0, robot.n) else [
+        f'weights needs {robot.n} numbers, one for each of {", ".join(robot.velocity_names)}, '
+        f'got {len(weights)}']
+    return faults + [fault for task in stack.tasks.values()
+                     for fault in gain_faults(task, task.gain, settings.period)]

@@ -129,9 +129,8 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
 
     def _prepare(self) -> None:
         """Prepare the thread of the loop, and log refused settings."""
-        values = self._values
-        for fault in prepare(values['realtime_priority'], values['processor'],
-                             values['lock_memory'], values['freeze_garbage']):
+        for fault in prepare(*[self._values[key] for key in (
+                'realtime_priority', 'processor', 'lock_memory', 'freeze_garbage')]):
             self._log.warning(fault)
 
     def halt(self, reason: str) -> None:

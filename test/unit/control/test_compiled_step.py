@@ -27,6 +27,7 @@ import robots
 from robots import REPOSITORY
 from tp_controller import Controller, Robot, RobotError, Settings, Stack
 from tp_controller.control.cycle_record import CycleRecord
+from tp_controller.control.step import Commanded
 from tp_controller.solver.compiled import core
 from tp_controller.tasks.position import Position
 from tp_controller.tasks.twin import FRAME, JOINT_LIMITS, JOINTS
@@ -171,7 +172,7 @@ def test_cycles_are_those_of_step(name, base, delay, scaling):
                 for controller in (one, other):
                     controller.set_goal(task.name, goal, now)
         # From the same memory: differences of rounding must not add up.
-        other._memory = one._memory
+        other._last = Commanded(one._memory)
         velocity = one.update(q, now).velocity
         other.update(q, now)
         if isinstance(one._last, CycleRecord):
@@ -196,7 +197,7 @@ def test_random_stacks_are_those_of_step(number, monkeypatch):
             for controller in (one, other):
                 for task, goal in drawn.goals.items():
                     controller.set_goal(task, goal, now)
-        other._memory = one._memory
+        other._last = Commanded(one._memory)
         velocity = one.update(q, now).velocity
         close(velocity, other.update(q, now).velocity, 1e-6)
         q = drawn.robot.integrate(q, velocity, 1.0 / drawn.rate)

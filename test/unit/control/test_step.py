@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 import robots
 from tp_controller import Controller, Settings, Stack
-from tp_controller.control.step import step
+from tp_controller.control.step import Commanded, step
 
 START = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 TEXT = ('- tool: {type: position, frame: panda_hand_tcp, gain: 2.0}\n'
@@ -101,9 +101,9 @@ def test_two_controllers_that_continue_from_one_memory_in_turn_agree(monkeypatch
         if cycle in (10, 50):
             for controller in (first, second):
                 controller.set_goal('tool', [0.4, 0.3 - 0.005 * cycle, 0.4], now)
-        second._memory = first._memory
+        second._last = Commanded(first._memory)
         commands = [controller.update(q, now).velocity for controller in (first, second)]
         assert commands[0].tobytes() == commands[1].tobytes()
-        first._memory = second._memory
+        first._last = Commanded(second._memory)
         q = q + 0.01 * commands[0]
     assert np.abs(q - START).max() > 0.1
