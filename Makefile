@@ -27,7 +27,8 @@ SIZE_docs := the site: Sphinx, MyST and a theme, 80 MB
 PYTEST := $(BIN)/python -m pytest
 # These need only processors. Of tests with nodes only two run at once, as each has processes of its
 # own, in a ROS domain of its own; those in a browser come one by one, as it draws with all there is.
-WITHOUT_NODES := test/unit test/faults/test_fuzz.py test/faults/test_task_faults.py
+WITHOUT_NODES := test/unit test/faults/test_fuzz.py test/faults/test_fuzz_core.py \
+  test/faults/test_task_faults.py
 IN_BROWSER := $(wildcard test/system/test_browser*.py) test/system/test_solid_film.py
 FOUR := -n auto --maxprocesses 4 --dist loadfile
 TWO := -n auto --maxprocesses 2 --dist loadfile
