@@ -59,8 +59,6 @@ STACKS = (
 - tool: {{type: position, frame: {TOOL}, mode: scale}}
 - posture: {{type: posture}}
 """))
-
-
 # Out of reach, so that limits are active.
 GOALS = {'pose': [0.9, 0.4, 0.2, 0.0, 0.0, 0.0, 1.0], 'position': [0.9, 0.4, 0.2],
          'pointing': [0.0, 1.0, 0.0]}

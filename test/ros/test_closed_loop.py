@@ -40,7 +40,8 @@ class Loop:
 
     def __init__(self, harness, speed=1.0, rate=50.0):
         self.harness = harness
-        # Simulated time is faster than a busy machine, so joint states would be old by stamps.
+        # Simulated time does not wait for a busy machine, so joint states would be old by stamps.
+        # At rate 0 the timeout counts as the period, which bounds the gains.
         harness.controller(robot=str(PANDA_DH), stack=STACK, use_sim_time=True, rate=rate,
                            status_rate=100.0, check_stamps=False,
                            state_timeout=0.3 if rate else 0.1)

@@ -122,6 +122,7 @@ def test_tool_reaches_a_goal_that_the_base_has_to_drive_to(any_harness, base, ra
     harness, robot = any_harness, Robot.from_file(FILE, base=base)
     options = {'robot': str(FILE), 'base': base}
     # Simulated time is faster than a busy machine, so joint states would be old by their stamps.
+    # At rate 0 the timeout counts as the period, which bounds the gains.
     harness.controller(**options, stack=TOOL, use_sim_time=True, rate=rate, status_rate=100.0,
                        check_stamps=False, state_timeout=0.3 if rate else 0.1)
     # Faster, on a busy machine it would swing around its goal.
