@@ -509,6 +509,28 @@ def test_after_a_stall_of_its_own_the_motion_begins_from_rest(monkeypatch, rate,
     check(world)
 
 
+@pytest.mark.parametrize('deceleration', [0.0, 0.5])
+@pytest.mark.parametrize('rate', [100.0, 0.0])
+def test_a_command_is_not_sent_after_a_stall_that_began_once_it_was_computed(
+        monkeypatch, rate, deceleration):
+    world = make_world(monkeypatch, np.random.default_rng(0), rate=rate,
+                       stop_deceleration=deceleration)
+    world.run(0.05)
+    assert world.moving()
+    if deceleration:
+        world.loop.hold = 'a ramp'
+    publish, count = world.loop.commands.publish, len(world.monitor.commands)
+
+    def late(*arguments):
+        world.now += 2.0
+        return publish(*arguments)
+
+    monkeypatch.setattr(world.loop.commands, 'publish', late)
+    world.run(0.03)
+    sent = [velocity for _, velocity, _ in world.monitor.commands[count:]]
+    assert sent and not np.any(sent)
+
+
 def at_once(world, ages):
     """Return joint states that arrive together, each so long after it was made."""
     return [world.state(stamp=world.now - age) for age in sorted(ages, reverse=True)]

@@ -31,6 +31,7 @@ from tp_controller import Stack
 from tp_controller.control.settings import Settings
 from tp_controller.ros.declarations.controller import PARAMETERS
 from tp_controller.ros.log import Log
+from tp_controller.ros.loop import commands
 from tp_controller.ros.loop import control_loop as loop_module
 from tp_controller.ros.loop.base_topics import fill_odometry, twist_of
 from tp_controller.ros.loop.control_loop import ControlLoop
@@ -110,7 +111,7 @@ class World:
     Parameters
     ----------
     patch : pytest.MonkeyPatch
-        Replaces the clock of the loop.
+        Replaces the clock of the loop and of its commands.
     robot : Robot
     stack : str
         YAML.
@@ -141,7 +142,8 @@ class World:
 
     def __init__(self, patch, robot, stack, q, **values):
         self.now, self.robot = 100.0, robot
-        patch.setattr(loop_module, 'boot_time', lambda: self.now)
+        for module in (loop_module, commands):
+            patch.setattr(module, 'boot_time', lambda: self.now)
         values = {**DEFAULTS, **values}
         self.values = values
         self.period = 1.0 / values['rate'] if values['rate'] else values['state_timeout']

@@ -25,6 +25,7 @@ from std_msgs.msg import Float64MultiArray
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.ros.loop.base_topics import FixedBase, MovingBase
+from tp_controller.ros.loop.clocks import boot_time
 from tp_controller.ros.loop.numbers_publisher import NumbersPublisher
 
 TOPIC = 'velocity_controller/commands'
@@ -78,14 +79,15 @@ class Commands:
         """Return the publishers of joints and base."""
         return [self.joints, *self._base.publishers]
 
-    def publish(self, velocity: Array, noted: int) -> bool:
+    def publish(self, velocity: Array, noted: int, latest: float) -> bool:
         """
         Publish velocities (n,) of a cycle that read `noted` interruptions when it began.
 
-        Returns whether they were published: after an interruption they are not.
+        Returns whether they were published: after an interruption, or the time `latest` [s], they
+        are not.
         """
         with self._gate:
-            if noted != self.interruptions:
+            if noted != self.interruptions or boot_time() > latest:
                 return False
             self._put(velocity)
             return True

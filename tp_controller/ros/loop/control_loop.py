@@ -274,14 +274,14 @@ class ControlLoop:
             self.stops.latch(in_words(error), abrupt=False)
             self._log.error(traceback.format_exc(), in_words(error))
             return self._find_stop_reason(now)
-        took = boot_time() - now
-        if took > self._stall:
-            self.stops.interrupt(f'a cycle took longer than {self._stall:g} s', now + took)
-        elif self.commands.publish(command.velocity, noted):
+        if self.commands.publish(command.velocity, noted, now + self._stall):
             self.report, self.reported, self._resting = command.report, now, False
             self.ramp.reset()
             self._check_motion(command.velocity, robot_time)
             return ''
+        took = boot_time() - now
+        if took > self._stall:
+            self.stops.interrupt(f'a cycle took longer than {self._stall:g} s', now + took)
         return self._find_stop_reason(now + took) or 'interrupted'
 
     def _slow_down(self, now: float, robot_time: float, elapsed: float, noted: int) -> bool:
@@ -290,10 +290,10 @@ class ControlLoop:
                 or self.measurements.missing(now):
             return False
         velocity = self.ramp.velocity(self.measurements.configuration(), now, elapsed)
-        published = bool(velocity.any()) and self.commands.publish(velocity, noted)
-        if published:
-            self._check_motion(velocity, robot_time)
-        return published
+        if not velocity.any() or not self.commands.publish(velocity, noted, now + self._stall):
+            return False
+        self._check_motion(velocity, robot_time)
+        return True
 
     def _check_motion(self, velocity: Array, now: float) -> None:
         """Stop until ~/start if the robot does not follow or passes a limit."""
