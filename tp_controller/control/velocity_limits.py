@@ -20,7 +20,13 @@ import math
 from typing import Protocol, TypeAlias
 
 import numpy as np
-from tp_controller.control.joint_limits import JointLimit, JointMotion, LIMITS, PositionLimit
+from tp_controller.control.joint_limits import (
+    JointLimit,
+    JointMotion,
+    LIMITS,
+    PositionLimit,
+    VelocityLimit,
+)
 from tp_controller.errors import SettingsError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
@@ -112,14 +118,14 @@ class VelocityBounds(Bounds):
         return found or [position]
 
     def without(self, joint: int, limits: Sequence[str]) -> 'VelocityBounds':
-        """Return the bounds without some limits of a joint."""
+        """Return the bounds without some limits of a joint; its velocity limit has the reserve."""
         intervals, cap = dict(self._intervals), self.cap
         for limit in intervals:
             if limit.name in limits:
                 least, most = (end.copy() for end in intervals[limit])
                 least[joint], most[joint] = -np.inf, np.inf
                 intervals[limit] = least, most
-        if RESERVE in limits and cap is not None:
+        if cap is not None and not {RESERVE, VelocityLimit.name}.isdisjoint(limits):
             cap = cap.copy()
             cap[joint] = np.inf
         return VelocityBounds(self._limits, self._motion, bounded(intervals), cap, self.hold,

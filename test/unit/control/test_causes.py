@@ -197,6 +197,15 @@ def test_reserve_is_a_cause_where_a_joint_is_kept_ready():
     assert tasks['second'].hint == 'lower the setting reserve'
 
 
+@pytest.mark.parametrize('reserve', [0.0, 0.4])
+def test_velocity_limit_below_the_first_level_is_a_cause_where_another_joint_accelerates(reserve):
+    tasks = first_report(cartesian({'slide_x': {'acceleration': 1000.0}}), """
+- first: {type: joint, joints: slide_x, target: [0.1]}
+- second: {type: joint, joints: [slide_y, slide_z], target: [1.9, 0.0]}
+""", [0.0, 0.0, 0.0], Settings(blend=0.0, reserve=reserve, period=0.01))
+    assert kinds(tasks['second']) == [('velocity limit', 'slide_y', 1.0)]
+
+
 def test_report_names_the_reserve_where_that_slows_the_command():
     robot = cartesian({'slide_x': {'acceleration': 1000.0}})
     controller = Controller(robot, Stack.from_yaml("""
