@@ -14,6 +14,7 @@
 
 """Texts of causes: the sentences of a report about a task."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -37,6 +38,9 @@ from tp_controller.tasks.task import Evaluation
 
 # Largest number of causes or rows that a reason names.
 NAMES_PER_REASON = 3
+# Share from which a cause alone is a reason.
+NOTABLE_SHARE = 0.1
+LIMIT_KINDS = frozenset(limit.name for limit in LIMITS)
 # {kind: sentence, with a placeholder for the joint or task}
 SENTENCES = {
     **{limit.name: limit.sentence for limit in LIMITS},
@@ -79,7 +83,8 @@ def statements(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]
     """
     Yield the parts of the reason why a task is limited; none if it is not.
 
-    Causes beyond the largest `NAMES_PER_REASON` have a phrase, but no sentence.
+    Causes beyond the largest `NAMES_PER_REASON`, and those below `NOTABLE_SHARE`, have a phrase,
+    but no sentence, unless there are no others.
 
     Parameters
     ----------
@@ -102,11 +107,15 @@ def statements(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]
         distance = ', '.join(with_unit(f'{value:.2g}', unit)
                              for value, unit, tolerance in errors if value > tolerance)
         yield Statement(f'{OUT_OF_REACH} by {distance}', (OUT_OF_REACH,))
+    elif _are_small(found):
+        yield Statement(_small(found[0].kind, found),
+                        tuple([phrase(cause.kind, cause.name) for cause in found]))
     elif found:
+        least = min(NOTABLE_SHARE, found[0].share)
         for index, cause in enumerate(found):
-            yield Statement(
-                _sentence(cause, evaluation, causes) if index < NAMES_PER_REASON else '',
-                (phrase(cause.kind, cause.name),))
+            named = index < NAMES_PER_REASON and cause.share >= least
+            yield Statement(_sentence(cause, evaluation, causes) if named else '',
+                            (phrase(cause.kind, cause.name),))
     else:
         names = causes.combined_causes(evaluation)
         sentence = _combined(names) if names or causes.override != TRANSITION \
@@ -161,9 +170,31 @@ def _combined(causes: Sequence[tuple[str, str]]) -> str:
     names = [name if kind in (TASK, BOUNDS) else f'the {kind} of {name}' for kind, name in causes]
     if not names:
         return 'blocked by several causes together'
-    if len(names) == 1:
-        return f'blocked by {names[0]}'
-    return f'blocked by {", ".join(names[:-1])} and {names[-1]} together'
+    kinds = Counter([kind for kind, _ in causes[NAMES_PER_REASON:]])
+    more = [f'{count} more {kind}' + 's' * (count > 1 and kind != BOUNDS)
+            for kind, count in kinds.items()]
+    text = _enumerated([*names[:NAMES_PER_REASON], *more])
+    return f'blocked by {text}' + ' together' * (len(names) > 1)
+
+
+def _are_small(found: Sequence[Cause]) -> bool:
+    """Return whether no cause is notable, and the largest is one of several limits of a kind."""
+    return bool(found) and found[0].share < NOTABLE_SHARE and found[0].kind in LIMIT_KINDS \
+        and sum(cause.kind == found[0].kind for cause in found) > 1
+
+
+def _small(kind: str, found: Sequence[Cause]) -> str:
+    """Return the sentence for limits of a kind each of which restores less than a tenth."""
+    # Their shares are much alike: in the order of the largest they would change places.
+    names = sorted(cause.name for cause in found if cause.kind == kind)
+    more = len(names) - NAMES_PER_REASON
+    text = _enumerated([*names[:NAMES_PER_REASON], *([f'{more} more'] if more > 0 else [])])
+    return f'{text} at their {kind}s'
+
+
+def _enumerated(names: Sequence[str]) -> str:
+    """Return names as text, with commas and "and"."""
+    return names[0] if len(names) == 1 else f'{", ".join(names[:-1])} and {names[-1]}'
 
 
 def _immovable_rows(evaluation: Evaluation) -> str:

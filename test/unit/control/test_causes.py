@@ -397,7 +397,37 @@ def test_reason_names_the_largest_causes_and_the_phrases_all():
         'rest']
     assert len(task.causes) > 3
     named = tuple(f'{cause.name} at its velocity limit' for cause in task.causes)
-    assert task.phrases == named and task.reason == '; '.join(named[:3])
+    notable = [cause for cause in task.causes if cause.share >= 0.1]
+    assert 0 < len(notable) < 3
+    assert task.phrases == named and task.reason == '; '.join(named[:len(notable)])
+
+
+@pytest.mark.parametrize('turned, count, reason', [
+    (0.5, 7, 'panda_joint1, panda_joint2, panda_joint3 and 4 more at their acceleration limits'),
+    ([0.5, *[0.0] * 6], 1, 'panda_joint1 at its acceleration limit')])
+def test_limits_that_each_cost_less_than_a_tenth_are_named_together(turned, count, reason):
+    robot = Robot.from_file(robots.PANDA_DH, limits={
+        f'panda_joint{number}': {'acceleration': 0.5} for number in range(1, 8)})
+    q = np.array(robots.PANDA_READY)
+    target = (q + turned).tolist()
+    task = first_report(robot, f'- rest: {{type: posture, target: {target}}}', q)['rest']
+    # Of seven joints that lack the same, each costs 1 − √(6 / 7) of it.
+    assert task.reason == reason and len(task.phrases) == len(task.causes) == count
+    assert 'panda_joint1 at its acceleration limit' in task.phrases
+
+
+def test_of_many_that_block_together_three_are_named_and_the_others_counted():
+    task = first_report(cartesian(), """
+- a: {type: joint, joints: slide_x, target: [2.0]}
+- b: {type: position, frame: z, axes: x}
+- c: {type: joint, joints: slide_x, target: [2.0]}
+- d: {type: position, frame: z, axes: x}
+- e: {type: joint, joints: slide_x, target: [2.0]}
+- f: {type: position, frame: z, axes: x}
+""", [2.0, 0.0, 0.0], goals={'f': [2.5, 0.0, 0.0]})['f']
+    assert task.reason == ('blocked by a, b, c, 2 more tasks and 1 more upper position limit '
+                           'together')
+    assert len(task.phrases) == 6
 
 
 def test_disabled_task_has_neither_cause_nor_reason():

@@ -587,7 +587,8 @@ def test_report_says_that_higher_levels_are_nearly_in_the_way():
         '- base: {type: joint, joints: joint1, target: [1.5]}\n', robots.planar(),
         Settings(reserve=0.0))
     task = controller.update([1.2, -1.18, 0.0], 0.0).report.tasks[1]
-    assert task.reason == 'blocked by tool; slowed by damping'
+    assert task.reason == 'blocked by tool'
+    assert [cause.kind for cause in task.causes] == ['task', 'damping']
 
 
 def test_report_says_that_a_singularity_is_near():
@@ -597,7 +598,8 @@ def test_report_says_that_a_singularity_is_near():
     controller.update(q, 0.0)
     controller.set_goal('tool', [0.2, 0.1, 0.0], 0.0)
     task = controller.update(q, 0.0).report.tasks[0]
-    assert task.reason == 'near a singularity; joint3 at its velocity limit'
+    assert task.reason == 'near a singularity'
+    assert [cause.kind for cause in task.causes] == ['singularity', 'velocity limit']
 
 
 def test_report_says_that_damping_costs_speed_elsewhere():

@@ -339,9 +339,10 @@ def test_the_report_names_the_limits_that_matter_most_first():
     loop.controller.set_goal('turn', robot.velocity + [0.8, 2.8, -1.0, 0.3, 6.4, -1.0, -1.0],
                              loop.now)
     loop.step()
-    # Without that of joint 1 less than 1 % of what is missing would come back.
-    assert loop.task('turn').reason == '; '.join(
-        f'panda_joint{number} at its velocity limit' for number in (5, 2))
+    # Without that of joint 1 less than 1 % of what is missing would come back, without that of
+    # joint 2 less than a tenth.
+    assert loop.task('turn').reason == 'panda_joint5 at its velocity limit'
+    assert [cause.name for cause in loop.task('turn').causes] == ['panda_joint5', 'panda_joint2']
 
 
 def test_the_report_names_the_limit_that_leads_a_task_astray():
