@@ -200,13 +200,13 @@ def test_a_process_that_was_stopped_begins_from_rest(limited, listener, heads, r
     assert since(listener, begin - 1.5) == []
     controller.process.send_signal(signal.SIGCONT)
 
-    def resumed():
+    def sent():
         """Return what was sent since, but for a command that it was sending when it stopped."""
         found = since(listener, begin)
         return found[1:] if found and found[0][1].any() else found
 
-    listener.wait(lambda: any(velocity.any() for _, velocity in resumed()), 'motion', [controller])
-    resumed = resumed()
+    listener.wait(lambda: any(velocity.any() for _, velocity in sent()), 'motion', [controller])
+    resumed = sent()
     first = next(index for index, (_, velocity) in enumerate(resumed) if velocity.any())
     # Until everything has been in order for a while, and then slowly.
     assert first > 0 and resumed[first][0] - resumed[0][0] > 0.2

@@ -42,7 +42,7 @@ def causes_in(reason: str) -> list[str]:
         return [cause for cause in reason.split('; ') if cause]
     first, *others = re.split(', | and ', together)
     named = [f'+ {other}' for other in others[:MOST_NAMED - 1]]
-    more = len(others) - len(named)
+    more = sum(map(_count, others[MOST_NAMED - 1:]))
     return [first, *named, *([f'+ {more} more'] if more else [])]
 
 
@@ -50,3 +50,9 @@ def brief_reason(reason: str) -> str:
     """Return a reason in one line, with its most important causes only."""
     causes = causes_in(reason)
     return ' '.join(causes) if reason.endswith(TOGETHER) else '; '.join(causes)
+
+
+def _count(cause: str) -> int:
+    """Return the number of causes of a part of a reason, such as ``2 more tasks``."""
+    counted = re.match(r'(\d+) more ', cause)
+    return int(counted[1]) if counted else 1

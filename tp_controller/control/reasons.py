@@ -40,6 +40,7 @@ from tp_controller.tasks.task import Evaluation
 NAMES_PER_REASON = 3
 # Share from which a cause alone is a reason.
 NOTABLE_SHARE = 0.1
+# Kinds of causes that are limits of a joint.
 LIMIT_KINDS = frozenset(limit.name for limit in LIMITS)
 # {kind: sentence, with a placeholder for the joint or task}
 SENTENCES = {
@@ -107,14 +108,10 @@ def statements(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]
         distance = ', '.join(with_unit(f'{value:.2g}', unit)
                              for value, unit, tolerance in errors if value > tolerance)
         yield Statement(f'{OUT_OF_REACH} by {distance}', (OUT_OF_REACH,))
-    elif _are_small(found):
-        yield Statement(_small(found[0].kind, found),
-                        tuple([phrase(cause.kind, cause.name) for cause in found]))
     elif found:
-        least = min(NOTABLE_SHARE, found[0].share)
+        sentences = _sentences(evaluation, found, causes)
         for index, cause in enumerate(found):
-            named = index < NAMES_PER_REASON and cause.share >= least
-            yield Statement(_sentence(cause, evaluation, causes) if named else '',
+            yield Statement(sentences[index] if index < len(sentences) else '',
                             (phrase(cause.kind, cause.name),))
     else:
         names = causes.combined_causes(evaluation)
@@ -158,6 +155,17 @@ def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Caus
         and causes.is_out_of_reach(evaluation)
 
 
+def _sentences(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> list[str]:
+    """Return the sentences for the largest causes; one for limits of a kind that are all small."""
+    largest = found[0]
+    alike = [cause.name for cause in found if cause.kind == largest.kind]
+    if largest.share < NOTABLE_SHARE and largest.kind in LIMIT_KINDS and len(alike) > 1:
+        return [_at_limits(largest.kind, alike)]
+    least = min(NOTABLE_SHARE, largest.share)
+    return [_sentence(cause, evaluation, causes) for cause in found[:NAMES_PER_REASON]
+            if cause.share >= least]
+
+
 def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
     """Return the sentence for a cause, with the blocking rows of a task that has several."""
     rows = causes.blocking_rows(evaluation, cause.name) if cause.kind == BOUNDS else []
@@ -170,24 +178,18 @@ def _combined(causes: Sequence[tuple[str, str]]) -> str:
     names = [name if kind in (TASK, BOUNDS) else f'the {kind} of {name}' for kind, name in causes]
     if not names:
         return 'blocked by several causes together'
+    if len(names) == 1:
+        return f'blocked by {names[0]}'
     kinds = Counter([kind for kind, _ in causes[NAMES_PER_REASON:]])
-    more = [f'{count} more {kind}' + 's' * (count > 1 and kind != BOUNDS)
+    more = [f'{count} more {kind if count == 1 or kind == BOUNDS else kind + "s"}'
             for kind, count in kinds.items()]
-    text = _enumerated([*names[:NAMES_PER_REASON], *more])
-    return f'blocked by {text}' + ' together' * (len(names) > 1)
+    return f'blocked by {_enumerated([*names[:NAMES_PER_REASON], *more])} together'
 
 
-def _are_small(found: Sequence[Cause]) -> bool:
-    """Return whether no cause is notable, and the largest is one of several limits of a kind."""
-    return bool(found) and found[0].share < NOTABLE_SHARE and found[0].kind in LIMIT_KINDS \
-        and sum(cause.kind == found[0].kind for cause in found) > 1
-
-
-def _small(kind: str, found: Sequence[Cause]) -> str:
-    """Return the sentence for limits of a kind each of which restores less than a tenth."""
+def _at_limits(kind: str, joints: Sequence[str]) -> str:
+    """Return the sentence for joints at limits of a kind."""
     # Their shares are much alike: in the order of the largest they would change places.
-    names = sorted(cause.name for cause in found if cause.kind == kind)
-    more = len(names) - NAMES_PER_REASON
+    names, more = sorted(joints), len(joints) - NAMES_PER_REASON
     text = _enumerated([*names[:NAMES_PER_REASON], *([f'{more} more'] if more > 0 else [])])
     return f'{text} at their {kind}s'
 

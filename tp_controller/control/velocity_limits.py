@@ -118,7 +118,7 @@ class VelocityBounds(Bounds):
         return found or [position]
 
     def without(self, joint: int, limits: Sequence[str]) -> 'VelocityBounds':
-        """Return the bounds without some limits of a joint; its velocity limit has the reserve."""
+        """Return the bounds without some limits of a joint; a velocity limit includes its cap."""
         intervals, cap = dict(self._intervals), self.cap
         for limit in intervals:
             if limit.name in limits:

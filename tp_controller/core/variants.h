@@ -83,7 +83,7 @@ class Variants {
     const Interval box = limits_.at(cycle_.motion, cycle_.gain, j, removed.limits);
     variant.lower = with(cycle_.lower, j, box.least);
     variant.upper = with(cycle_.upper, j, box.most);
-    // The reserve is a share of the velocity limit.
+    // A velocity limit includes its cap.
     if (removed.limits & (RESERVE | VELOCITY) && cycle_.cap)
       variant.cap = with(cycle_.cap, j, INF);
     limited_.push_back({removed, velocity(variant)});

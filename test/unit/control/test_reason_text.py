@@ -29,7 +29,10 @@ MANY = ('blocked by tool, elbow, the acceleration limit of panda_joint3, the acc
     ('blocked by tool and elbow together', ['blocked by tool', '+ elbow'],
      'blocked by tool + elbow'),
     (MANY, ['blocked by tool', '+ elbow', '+ the acceleration limit of panda_joint3', '+ 2 more'],
-     'blocked by tool + elbow + the acceleration limit of panda_joint3 + 2 more')])
+     'blocked by tool + elbow + the acceleration limit of panda_joint3 + 2 more'),
+    ('blocked by tool, elbow, wrist, 2 more tasks and 4 more velocity limits together',
+     ['blocked by tool', '+ elbow', '+ wrist', '+ 6 more'],
+     'blocked by tool + elbow + wrist + 6 more')])
 def test_a_reason_names_no_more_causes_than_can_be_read(reason, causes, brief):
     assert causes_in(reason) == causes
     assert brief_reason(reason) == brief
