@@ -21,6 +21,7 @@ A monitor hears every command. Tests that take seconds run with five seeds; with
 """
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -449,12 +450,14 @@ def test_a_killed_controller_is_replaced_by_zeros_of_the_watchdog(start, tireles
     listener.wait(lambda: 'no command on /velocity_controller/commands for 0.5 s'
                   in watchdog.output(), 'the warning', [simulator, watchdog])
     # A new one does not take it for somebody who commands the robot.
-    again = start('controller_node', '-p', f"stack:='{STACK}'")
-    begin = time.time()
+    nodes = [start('controller_node', '-p', f"stack:='{STACK}'"), simulator, watchdog]
+    begin, seen = time.time(), len(heads)
     listener.wait(lambda: any(velocity.any() for _, velocity in since(listener, begin)), 'motion',
-                  [again, simulator, watchdog])
-    wait_until(listener, time.time() + 2.0, [again, simulator, watchdog])
-    assert heads[-1] == 'running'
+                  nodes)
+    wait_until(listener, time.time() + 2.0, nodes)
+    # On a busy machine joint states may be late at any moment.
+    listener.wait(lambda: heads[-1] == 'running', 'the status', nodes)
+    assert not [head for head in heads[seen:] if re.search('publish.*, too', head)]
 
 
 def test_a_simulator_that_starts_in_degrees_is_warned_of_and_not_moved(start, listener, heads):
