@@ -456,7 +456,7 @@ def test_a_killed_controller_is_replaced_by_zeros_of_the_watchdog(start, tireles
                   nodes)
     wait_until(listener, time.time() + 2.0, nodes)
     # On a busy machine joint states may be late at any moment.
-    listener.wait(lambda: heads[-1] == 'running', 'the status', nodes)
+    listener.wait(lambda: heads[seen:] and heads[-1] == 'running', 'the status', nodes)
     assert not [head for head in heads[seen:] if re.search('publish.*, too', head)]
 
 
