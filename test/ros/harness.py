@@ -244,3 +244,7 @@ class Status:
             if status.name.endswith(f': {name}'):
                 return defaultdict(str, {value.key: value.value for value in status.values})
         return defaultdict(str)
+
+    def knows(self, name, key):
+        """Return if the value of a task is a number, and not the nan of late joint states."""
+        return math.isfinite(float(self.task(name)[key] or 'nan'))

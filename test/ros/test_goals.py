@@ -91,6 +91,7 @@ def test_a_point_goes_to_the_position_task(any_harness):
     goal = rig.state.position(PANDA_TOOL) + (0.01, -0.02, 0.03)
     assert rig.send(make_message('', PointStamped, {'xyz': goal})) is None
     np.testing.assert_allclose(rig.error(), (0.01, -0.02, 0.03), atol=1e-12)
+    rig.spin_until(lambda: rig.status.knows('place', 'error [m]'))
     assert float(rig.status.task('place')['error [m]']) == pytest.approx(0.0374166, abs=1e-6)
 
 
@@ -433,7 +434,8 @@ def test_the_answer_to_a_goal_never_reports_about_the_one_before(any_harness):
     for count in range(1, 11):
         publisher.publish(JointState(name=['joint1'], position=[count / 10.0]))
         any_harness.spin_until(
-            lambda count=count: status.task('swing')['goals accepted'] == str(count),
+            lambda count=count: (status.task('swing')['goals accepted'] == str(count)
+                                 and status.knows('swing', 'error [rad]')),
             meanwhile=arm.publish)
         assert float(status.task('swing')['error [rad]']) == pytest.approx(count / 10.0)
         assert status.task('swing')['status'] == 'moving'
